@@ -28,9 +28,14 @@ FIGURES = 20  # sessions; drawing every one's takes seconds each
 
 def run(checkout: Path, *arguments: object) -> tuple[float, float]:
     """Run a command of a checkout's; processor-seconds and MiB."""
+    return measure(checkout, "-m", "minihuman", *arguments)
+
+
+def measure(checkout: Path, *arguments: object) -> tuple[float, float]:
+    """Run Python with a checkout's software; processor-seconds and MiB."""
     code = (
-        "import resource, runpy, sys; sys.argv = ['minihuman', *sys.argv[1:]]\n"
-        "try: runpy.run_module('minihuman', run_name='__main__')\n"
+        "import resource, runpy, sys; kind, what = sys.argv[1:3]; sys.argv = sys.argv[2:]\n"
+        "try: runpy.run_module(what, run_name='__main__') if kind == '-m' else exec(what)\n"
         "finally: print(max(resource.getrusage(who).ru_maxrss for who in (0, -1)), file=sys.stderr)"
     )
     before = resource.getrusage(resource.RUSAGE_CHILDREN)

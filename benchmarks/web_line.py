@@ -1,10 +1,11 @@
-"""What a long line costs in the browser: key to picture, keys lost, bytes and CPU, with our look-ahead and without.
+"""What a long line costs in the browser: key to picture, keys lost, bytes and CPU, stepped in the page and not.
 
-Headless Chromium, through a TCP proxy that makes the line as long as asked. Three rules in turn: ours (several steps
-ahead, every key kept), one step ahead with keys ignored until the next pictures are there (the rule of NiceWebRL's
-client, commit c794269), and no look-ahead. Times are the log's own: the picture's flip minus the key's time stamp.
+Headless Chromium, through a TCP proxy that makes the line as long as asked. Four rules in turn: stepped and drawn in
+the page, one step ahead by the server with every key kept, the same with keys ignored until the next pictures are there
+(the rule of NiceWebRL's client, commit c794269), and no look-ahead. Times are the log's own: the picture's flip minus
+the key's time stamp.
 
-    python -m benchmarks.web_line [--keys 60] [--rtt 0 150 300] [--world grid first-person] [--rule ours one-step none]
+    python -m benchmarks.web_line [--keys 60] [--rtt 0 150 300] [--world grid first-person] [--rule page ahead none]
 """
 
 import argparse
@@ -30,7 +31,7 @@ from tests.web.protocols import FIRST_PERSON, GRID, study
 from tests.web.serving import line
 
 WORLDS = {"grid": (GRID, 6.0), "first-person": (FIRST_PERSON, 4.0)}
-DEEPEST = {"ours": 6, "one-step": 1, "none": 0}
+LOOKS_AHEAD = {"page": True, "ahead": True, "one-step": True, "none": False}
 IGNORED = """
 globalThis.ignored = 0;
 addEventListener('keydown', (event) => {
@@ -69,11 +70,11 @@ def main() -> None:
     parser.add_argument("--keys", type=int, default=60)
     parser.add_argument("--rtt", type=float, nargs="+", default=[0.0, 150.0, 300.0])
     parser.add_argument("--world", nargs="+", default=list(WORLDS), choices=WORLDS)
-    parser.add_argument("--rule", nargs="+", default=list(DEEPEST), choices=DEEPEST)
+    parser.add_argument("--rule", nargs="+", default=list(LOOKS_AHEAD), choices=LOOKS_AHEAD)
     parser.add_argument("--serve", nargs=3, help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.serve:
-        return serve(Path(asked.serve[0]), Path(asked.serve[1]), int(asked.serve[2]))
+        return serve(Path(asked.serve[0]), Path(asked.serve[1]), bool(int(asked.serve[2])))
     version = subprocess.run([chromium(), "--version"], capture_output=True, text=True).stdout.strip()
     print(f"minihuman {minihuman.__version__}, {version}, load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     print(" " * 32, " keys  lost  < 50 ms  median    95 %    99 %  kB/step   CPU ms")
@@ -82,7 +83,7 @@ def main() -> None:
         for rtt_ms in asked.rtt:
             for rule in asked.rule:
                 found = measure(world, keys_hz, rtt_ms, rule, asked.keys)
-                print(f"{name:12} {rtt_ms:4.0f} ms {keys_hz:.0f}/s {rule:9} {found.line()}", flush=True)
+                print(f"{name:12} {rtt_ms:4.0f} ms {keys_hz:.0f}/s {rule:8} {found.line()}", flush=True)
     return None
 
 
@@ -90,8 +91,10 @@ def measure(world: tuple[str, tuple[str, ...]], keys_hz: float, rtt_ms: float, r
     """Two episodes of one person."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        protocol = study(folder, world, episodes=2, max_steps=keys // 2, block='computed = "server"')
-        command = [sys.executable, "-m", "benchmarks.web_line", "--serve", str(protocol), name, str(DEEPEST[rule])]
+        block = f'computed = "{"page" if rule == "page" else "server"}"'
+        protocol = study(folder, world, episodes=2, max_steps=keys // 2, block=block)
+        own = ["--serve", str(protocol), name, str(int(LOOKS_AHEAD[rule]))]
+        command = [sys.executable, "-m", "benchmarks.web_line", *own]
         server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert server.stdout is not None
         url = server.stdout.readline().strip()
@@ -146,8 +149,8 @@ def cpu_of(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def serve(protocol: Path, data: Path, deepest: int) -> None:
-    """As `minihuman serve`, but with a look-ahead of so many steps at most."""
+def serve(protocol: Path, data: Path, looks_ahead: bool) -> None:
+    """As `minihuman serve`, but with look-ahead or without."""
     from dataclasses import replace
 
     from minihuman.admin.protocol_file import read_protocol
@@ -156,7 +159,7 @@ def serve(protocol: Path, data: Path, deepest: int) -> None:
     from minihuman.web.server.process import open_listening_socket, run_server
 
     made = connection.PageSettings
-    connection.PageSettings = lambda *parts: replace(made(*parts), deepest=deepest)  # type: ignore[misc,assignment]
+    connection.PageSettings = lambda *parts: replace(made(*parts), looks_ahead=looks_ahead)  # type: ignore[misc,assignment]
     read = read_protocol(protocol)
     warm_up(read)
     run_server(read, data, open_listening_socket(0), links=1, say=lambda said: print(said, flush=True))

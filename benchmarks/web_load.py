@@ -1,10 +1,11 @@
 """How many people one core serves in a browser: steps, bytes, latency and the server's CPU, worlds in turn in one run.
 
     python -m benchmarks.web_load --people 40 --seconds 60
+    python -m benchmarks.web_load turns ticks --people 40 --keys 3    # pairs in one kitchen; two people are a pair
 
 `grid` is computed in the pages, `ahead` is the same world sent ahead by the server. The people are pages without a
 browser in this process, over a line that is delayed here; the server is a process of its own, whose CPU is what counts.
-A core is taken as full at 70 %. Joins are timed with a list of 1,000 slots, 500 taken.
+A core is taken as full at 70 %. Joins are timed with 500 and 100,000 slots taken; `joins` alone runs nothing else.
 """
 
 import argparse
@@ -24,9 +25,11 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from minihuman.admin.recruitment import Recruitment
+from minihuman.admin.enrolment_entries import open_enrolment_log, read_enrolled
+from minihuman.admin.recruitment import ParticipantArrived, Recruitment, hash_link_token
+from minihuman.experiment.plan.expansion import format_participant_code
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
-from minihuman.web.arrivals import Arrival, Arrivals
+from minihuman.web.arrivals import Admission, Arrival, Arrivals
 from tests.web.typed_page import TypedPage
 
 FULL = 0.7  # of a core
@@ -53,11 +56,25 @@ final_frame_ms = 100
 actions = {actions}
 computed = "{computed}"
 """
+TEAM = """
+kind = "team"
+pace = {pace}
+view = "full"
+[blocks.team]
+seats = ["person", "person"]
+partner_disclosure = "debrief"
+late_ms = 100
+"""
+PACES = {"turns": '"on_key"', "ticks": '"real_time"\nstep_period_ms = 100'}
+COOK = '["up", "down", "left", "right", "interact"]'
 GRID, ROOMS = '["left", "right", "forward"]', '["turn_left", "turn_right", "move_forward"]'
 KINDS = {
     "grid": ("minihuman/MiniGrid-FourRooms-v0", "[400, 300]", GRID, "page"),
     "ahead": ("minihuman/MiniGrid-FourRooms-v0", "[400, 300]", GRID, "server"),
+    "turns": ("minihuman/Team-CrampedRoom-v0", "[400, 300]", COOK, "server"),
+    "ticks": ("minihuman/Team-CrampedRoom-v0", "[400, 300]", COOK, "server"),
     "80x60": ("minihuman/MiniWorld-FourRooms-v0", "[80, 60]", ROOMS, "server"),
+    "first-person": ("minihuman/MiniWorld-FourRooms-v0", "[400, 300]", ROOMS, "page"),
     "400x300": ("minihuman/MiniWorld-FourRooms-v0", "[400, 300]", ROOMS, "server"),
 }
 
@@ -128,7 +145,9 @@ def load(kind: str, *, people: int, seconds: float, rtt_s: float, settle_s: floa
     with tempfile.TemporaryDirectory(prefix="minihuman-") as name:
         folder = Path(name)
         tokens = Recruitment(folder / "load").issue(people)
-        with served(TOML.format(world=world, size=size, actions=actions, computed=computed), folder) as server:
+        toml = TOML.format(world=world, size=size, actions=actions, computed=computed)
+        toml += TEAM.format(pace=PACES[kind]) if kind in PACES else ""
+        with served(toml, folder) as server:
             pages = [
                 TypedPage(server.host, token, keys_per_s=keys_per_s, rtt_s=rtt_s, rng=rng, computes=computes)
                 for rng, token in zip(map(random.Random, range(people)), tokens, strict=True)
@@ -149,16 +168,24 @@ def load(kind: str, *, people: int, seconds: float, rtt_s: float, settle_s: floa
 
 
 def joins(protocol: Protocol, *, taken: int, times: int) -> str:
-    """What a join costs where many came before."""
+    """What a join costs where many came before; those are written down in one piece."""
     with tempfile.TemporaryDirectory(prefix="minihuman-") as name:
-        arrivals = Arrivals(protocol, Path(name))
+        arrivals, study_dir = Arrivals(protocol, Path(name)), Path(name) / protocol.study.name
         tokens = arrivals.recruits.issue(taken + times)
-        for token in tokens[:taken]:
-            arrivals.arrive(Arrival(token))
+        arrivals.arrive(Arrival(tokens[0]))
+        first = read_enrolled(study_dir)[0]
+        codes = [format_participant_code(index) for index in range(1, taken)]
+        with open_enrolment_log(study_dir).hold() as register:
+            slots = (msgspec.structs.replace(first, index=n, participant=code) for n, code in enumerate(codes, 1))
+            register.append(*slots)
+        with arrivals.recruits.exclusive() as file:
+            keys = map(hash_link_token, tokens[1:])
+            file.write(*(ParticipantArrived(key, code, first.at) for key, code in zip(keys, codes, strict=False)))
+        arrivals.arrive(Arrival(tokens[taken]))  # the first of a process reads them all
         cpu_ms = []
-        for token in tokens[taken:]:
+        for token in tokens[taken + 1 :]:
             began_s = time.process_time()
-            arrivals.arrive(Arrival(token))
+            assert isinstance(arrivals.arrive(Arrival(token)), Admission)
             cpu_ms.append((time.process_time() - began_s) * 1e3)
     median, p95 = np.percentile(cpu_ms, (50, 95))
     return (
@@ -168,13 +195,15 @@ def joins(protocol: Protocol, *, taken: int, times: int) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("kinds", nargs="*", default=list(KINDS), help=f"of {', '.join(KINDS)}")
+    parser.add_argument(
+        "kinds", nargs="*", choices=[*KINDS, "joins"], default=list(KINDS), help=f"of {', '.join(KINDS)}"
+    )
     parser.add_argument("--people", type=int, default=20)
     parser.add_argument("--keys", type=float, default=2.0, help="per second, of each")
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--settle", type=float, default=10.0)
     parser.add_argument("--rtt-ms", type=float, default=100.0)
-    parser.add_argument("--taken", type=int, default=500)
+    parser.add_argument("--taken", type=int, nargs="+", default=[500, 100_000], help="slots, when people join")
     asked = parser.parse_args()
     packages = ", ".join(f"{name} {version(name)}" for name in ("minihuman", "uvicorn", "starlette", "websockets"))
     print(f"{packages}; Python {sys.version.split()[0]}; {asked.keys:g} keys/s each, line {asked.rtt_ms:g} ms")
@@ -183,15 +212,15 @@ def main() -> None:
         "  broken",
         flush=True,
     )
-    for kind in asked.kinds:
+    for kind in [kind for kind in KINDS if kind in asked.kinds]:
         line_s, settle_s = asked.rtt_ms / 1e3, asked.settle
         times = {"seconds": asked.seconds, "rtt_s": line_s, "settle_s": settle_s, "keys_per_s": asked.keys}
         print(load(kind, people=asked.people, **times), flush=True)
     grid = {"world": KINDS["grid"][0], "size": "[400, 300]", "actions": GRID, "computed": "page"}
     protocol = decode_protocol(TOML.format(**grid).encode())
-    print(joins(protocol, taken=asked.taken, times=20))
-    longer = msgspec.structs.replace(protocol, study=msgspec.structs.replace(protocol.study, participants=5000))
-    print(joins(longer, taken=asked.taken, times=20))
+    for taken in asked.taken:
+        study = msgspec.structs.replace(protocol.study, participants=taken + 1_000)
+        print(joins(msgspec.structs.replace(protocol, study=study), taken=taken, times=40), flush=True)
 
 
 if __name__ == "__main__":

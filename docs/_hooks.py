@@ -7,6 +7,7 @@ written from the package itself.
 
 import inspect
 import re
+import sys
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from minihuman.cli.command_line import SECTIONS, make_command_line
 from minihuman.dataset.table_columns import TABLES
 from minihuman.experiment.activities.registry import list_built_in_kinds
 from minihuman.log.codec import list_activity_topics
-from minihuman.log.topics import TOPICS
+from minihuman.log.topics import RARE_TOPICS, TOPICS
 from minihuman.plugins import list_plugin_names
 
 _ROOT = Path(__file__).parents[1]
@@ -103,7 +104,7 @@ def list_topics(_: str) -> str:
     messages = _read_messages()
     lines: list[str] = []
     held = dict(_TOPIC_ROW.findall((_ROOT / "docs/log-format.md").read_text(encoding="utf-8")))
-    for topic in (*TOPICS, *list_activity_topics(list_built_in_kinds())):
+    for topic in (*TOPICS, *RARE_TOPICS, *list_activity_topics(list_built_in_kinds())):
         descriptor = topic.message.DESCRIPTOR
         lines += [f"## {topic.name}", "", f"`{descriptor.full_name}`: {held[topic.name]}.", ""]
         if topic.is_preview:
@@ -143,6 +144,7 @@ PORTS = {  # what a plug-in of each group registers, the port that this implemen
     "agents": ("a", "BaseAgent", "check_agent"),
     "players": ("a", "SimulatedParticipant", "check_participant"),
     "learners": ("a", "Learner", "check_learner"),
+    "designs": ("an adaptive", "Design", "check_design"),
     "devices": ("a", "Device", "check_device"),
     "exporters": ("a function of a source, a selection and a folder that returns an", "ExportResult", "check_exporter"),
 }
@@ -192,3 +194,13 @@ def _resolve_links(markdown: str, folder: Path) -> str:
         return text if name in text else f"{text} (`{name}`)"
 
     return _LINK.sub(resolve, markdown)
+
+
+def on_post_build(*, config: MkDocsConfig) -> None:
+    """Put the live gallery and the level editor beside the pages: `play/` is files alone."""
+    sys.path.insert(0, str(_ROOT / "docs"))
+    try:
+        write_gallery = import_module("gallery_live").write_gallery
+    finally:
+        sys.path.pop(0)
+    write_gallery(Path(config.site_dir) / "play", seeds=20)

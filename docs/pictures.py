@@ -10,13 +10,17 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from PIL import Image
 
 from minihuman.admin.protocol_file import read_protocol
+from minihuman.agents.team_agents import CookAgent
 from minihuman.display.drawing.screen import compose_screen
 from minihuman.display.windows.window import VirtualClock
 from minihuman.experiment.machine.screens import FilmScreen, PairScreen, PlayScreen, Screen, TextScreen
@@ -27,12 +31,15 @@ from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.session_loop import run_session
 from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.runtime.team_host import TeamTable
 from minihuman.simulation.participant import make_participant
 from minihuman.worlds.adapters.world import World
+from minihuman.worlds.grid.kitchen import Kitchen
 
 ROOT = Path(__file__).parents[1]
 STUDY = "fourrooms-transfer"
 WINDOW_PX = (800, 450)
+STEPS_COOKED = 60
 
 
 def figures(folder: Path, work: Path) -> None:
@@ -56,6 +63,13 @@ def windows(folder: Path, work: Path) -> None:
     for name, is_it in wanted.items():
         screen = next(screen for screen in screens if is_it(screen))
         Image.fromarray(compose_screen(screen, WINDOW_PX)).save(folder / f"{name}.png")
+    demo = (ROOT / "protocols/demo.toml").read_text(encoding="utf-8")
+    text = decode_protocol(demo.replace("max_steps = 100", 'max_steps = 100\nview = "text"', 1).encode())
+    first = [
+        one for one in _screens(text, "optimal", work / "text") if isinstance(one, PlayScreen) and one.episode == 0
+    ]
+    shown = sorted(first, key=lambda screen: screen.step)[-4]  # the goal is in sight
+    Image.fromarray(compose_screen(shown, WINDOW_PX)).save(folder / "window_text.png")
 
 
 def teaching(folder: Path, work: Path) -> None:
@@ -75,10 +89,49 @@ def teaching(folder: Path, work: Path) -> None:
         Image.fromarray(compose_screen(screen, WINDOW_PX)).save(folder / f"{name}.png")
 
 
-def _screens(protocol: Protocol, player: str, work: Path) -> list[Screen]:
+def kitchen(folder: Path) -> None:
+    """A kitchen in which both cooks have something to do."""
+    cooked = Kitchen(layout="counter_circuit_o_1order")
+    cooked.reset(0)
+    agents, rng = [CookAgent(""), CookAgent("")], np.random.default_rng(0)
+    for _ in range(STEPS_COOKED):
+        joint = []
+        for seat, agent in enumerate(agents):
+            view: Any = SimpleNamespace(
+                unwrapped=SimpleNamespace(team=cooked, seat=seat), action_names=cooked.action_names
+            )
+            joint.append(int(rng.choice(6, p=agent.action_probabilities(view).astype(np.float64))))
+        cooked.step(joint)
+    Image.fromarray(cooked.frame(0, 640, 400)).save(folder / "team_kitchen.png")
+
+
+def teams(folder: Path, work: Path) -> None:
+    """What two people see who are in one kitchen: protocols/team.toml, at the same step."""
+    toml = (ROOT / "protocols/team.toml").read_text()
+    for old, new in (('pairing = "drawn"', 'roles = ["cook 1", "cook 2"]'), ("max_steps = 200", "max_steps = 40")):
+        assert old in toml
+        toml = toml.replace(old, new)
+    protocol = decode_protocol(toml.replace("episodes = 4", "episodes = 1").encode())
+    table = TeamTable(protocol, work, lambda: 0.0, gather=2)
+    with ThreadPoolExecutor(2) as pool:
+        both = list(pool.map(lambda index: _screens(protocol, "random", work, index, "two-people", table), (0, 1)))
+    seen = [next(s for s in screens if isinstance(s, PlayScreen) and s.step == 30) for screens in both]
+    one, other = (compose_screen(screen, WINDOW_PX) for screen in seen)
+    gap = np.full((WINDOW_PX[1], 12, 3), 255, np.uint8)
+    Image.fromarray(np.hstack([one, gap, other])).save(folder / "teams.png", optimize=True)
+
+
+def _screens(
+    protocol: Protocol,
+    player: str,
+    work: Path,
+    index: int = 0,
+    group: str | None = None,
+    table: TeamTable | None = None,
+) -> list[Screen]:
     """Every screen of a session, as a simulated person comes past it."""
     clock = VirtualClock()
-    plan = expand_protocol(protocol, enrol_participant(protocol, 0, None))
+    plan = expand_protocol(protocol, enrol_participant(protocol, index, group), overridden=group is not None)
     session = SessionMachine(plan, World, {}, picture_px=(600, 450))
     recorder = McapRecorder(work, plan, started_ns=0)
     seen: list[Screen] = []
@@ -90,7 +143,9 @@ def _screens(protocol: Protocol, player: str, work: Path) -> list[Screen]:
             return super().show(screen)
 
     window = Watching(make_participant(player, np.random.default_rng(1)), session, clock)
-    run_session(session, window, recorder, clock, agent=make_agent_host(protocol, plan, work, patient=True))
+    run_session(
+        session, window, recorder, clock, agent=make_agent_host(protocol, plan, work, patient=True, teams=table)
+    )
     return seen
 
 
@@ -113,6 +168,8 @@ def main(folder: Path) -> None:
         figures(folder, Path(work))
         windows(folder, Path(work))
         teaching(folder, Path(work))
+        teams(folder, Path(work))
+    kitchen(folder)
 
 
 if __name__ == "__main__":

@@ -39,7 +39,9 @@ if TYPE_CHECKING:
     from minihuman.workflow import run as run
     from minihuman.workflow import simulate as simulate
     from minihuman.workflow import verify as verify
+    from minihuman.worlds.adapters.pettingzoo import parallel_env as parallel_env
     from minihuman.worlds.grid.layout import observation_to_text as observation_to_text
+    from minihuman.worlds.team import make_team as make_team
 
 __version__ = "0.1.0"
 
@@ -55,9 +57,11 @@ _MODULES = {  # where each public name is; imported when it is asked for, so tha
     "Study": "minihuman.api",
     "VerificationLine": "minihuman.workflow",
     "export": "minihuman.workflow",
+    "make_team": "minihuman.worlds.team",
     "observation_to_text": "minihuman.worlds.grid.layout",
     "open_session": "minihuman.api",
     "open_study": "minihuman.api",
+    "parallel_env": "minihuman.worlds.adapters.pettingzoo",
     "report": "minihuman.workflow",
     "run": "minihuman.workflow",
     "simulate": "minihuman.workflow",

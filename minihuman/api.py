@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.dataset.log_files import list_readable_logs
+from minihuman.dataset.log_files import list_participant_logs, list_readable_logs
 from minihuman.dataset.measures import playing_s
 from minihuman.dataset.selection import SelectedSession, Selection, SelectionSummary
 from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import StudyStore, TableDatabase
+from minihuman.dataset.store import StudyStore, TableDatabase, has_world_columns
 from minihuman.dataset.table_columns import TABLES
 from minihuman.errors import LogError, QueryError
 from minihuman.log.model.session_log import EpisodeLog as Recorded
@@ -39,7 +39,8 @@ def read_table_frame(source: Path, selection: Selection, name: str, *, with_excl
     """
     if name not in TABLES:
         raise QueryError(f"table {name!r} does not exist; the tables are {', '.join(TABLES)}")
-    with StudyStore(StudySessions(source, selection), with_shortest=True, tables=(name,)) as store:
+    sessions = StudySessions(source, selection)
+    with StudyStore(sessions, with_shortest=has_world_columns(name), tables=(name,)) as store:
         found: pd.DataFrame = store.tables.table(name, counting=not with_excluded).to_pandas()
         return found
 
@@ -193,7 +194,7 @@ class Episode:
         from minihuman.worlds.adapters.world import World
 
         one = self.recorded
-        with closing(World(one.plan.world, one.plan.options)) as world:
+        with closing(World(one.plan.world, one.world_options)) as world:
             found = world.reset(one.plan.seed).observation_hash
             for place, action in enumerate(one.actions):
                 self._compare(found, place)
@@ -213,7 +214,9 @@ class Episode:
     def _compare(self, found: int, step: int) -> None:
         if found != int(self.recorded.observation_hashes[step]):
             where = f"{self.participant}: {self.recorded.name} step {step}"
-            raise LogError(f"{where}: the observation of {self.world} differs from the recorded one")
+            raise LogError(
+                f"{where}: the observation of {self.world} differs from the recorded one; run: minihuman verify"
+            )
 
     def __repr__(self) -> str:
         why = f", excluded: {self.exclusion}" if self.exclusion else ""
@@ -360,7 +363,10 @@ _MAX_SHOWN_SESSIONS = 20  # participants in a notebook's cell
 
 
 class Study:
-    """A study's sessions. They are read when they are asked for; their tables are cached beside the study."""
+    """A study's sessions, each read when it is asked for; their tables are cached beside the study.
+
+    Iterating reads one session after the other and keeps none. ``sessions`` and ``episodes`` read all and keep them.
+    """
 
     def __init__(self, path: Path, selection: Selection) -> None:
         self.path = path
@@ -401,10 +407,11 @@ class Study:
         Raises:
             QueryError: if it is not valid SQL, or names a table or column that does not exist.
         """
-        from minihuman.dataset.store import find_queried_tables
+        from minihuman.dataset.store import find_queried_tables, needs_shortest_paths
 
         sessions = StudySessions(self.path, self.selection)
-        with StudyStore(sessions, with_shortest=True, tables=find_queried_tables(sql)) as store:
+        tables_read, planned = find_queried_tables(sql), needs_shortest_paths(sql)
+        with StudyStore(sessions, with_shortest=planned, tables=tables_read) as store:
             tables: TableDatabase = store.tables
             found: pd.DataFrame = tables.query(sql).to_pandas()
             return found
@@ -419,10 +426,10 @@ class Study:
             LogError: if no included episode was played there.
         """
         check_figure_name(name, ("learning", "occupancy"))
-        from minihuman.figures.figure_data import collect_learning_curves, find_reward_limits
+        from minihuman.figures.figure_data import collect_learning_curves, find_reward_limits, name_measure
         from minihuman.figures.gallery import collect_rewards
         from minihuman.figures.learning_curves import learning_figure
-        from minihuman.figures.occupancy import group_by_participant, occupancy_figure
+        from minihuman.figures.occupancy import group_participants_by_group, occupancy_figure
 
         logs = [session._counted.session for session in self.sessions]
         played = [episode for log in logs for episode in log.episodes]
@@ -432,13 +439,16 @@ class Study:
             episodes = rewards[rewards["block"] == of]
             curves = collect_learning_curves(episodes)
             if curves:
-                return learning_figure(curves, measure="reward", limits=find_reward_limits(episodes))
+                title = name_measure("reward", of)
+                return learning_figure(curves, measure="reward", limits=find_reward_limits(episodes), title=title)
         else:
             of = of or (played[-1].plan.world if played else "")
-            participants = group_by_participant(logs, of)
-            if participants:
-                return occupancy_figure(of, participants)
-        raise LogError(f"{self.path} has no included episode of {of!r} that can be drawn")
+            groups = group_participants_by_group(logs, of)
+            if groups:
+                return occupancy_figure(of, groups)
+        raise LogError(
+            f"{self.path} has no included episode of {of!r} that can be drawn; choose another block or world"
+        )
 
     def __getitem__(self, key: str | tuple[str, int]) -> Session:
         """A participant's session: ``study["sub-01"]`` is the first, ``study["sub-01", 2]`` the second.
@@ -447,13 +457,15 @@ class Study:
             KeyError: if there is none.
         """
         participant, number = (key, None) if isinstance(key, str) else key
-        for session in self.sessions:
-            if session.participant == participant and number in (None, session.number):
-                return session
+        for path in list_participant_logs(self.path, participant):
+            for counted in StudySessions(path, self.selection):
+                session = Session(counted, self.selection)
+                if session.participant == participant and number in (None, session.number):
+                    return session
         raise KeyError(key)
 
     def __iter__(self) -> Iterator[Session]:
-        return iter(self.sessions)
+        return (Session(counted, self.selection) for counted in StudySessions(self.path, self.selection))
 
     def __len__(self) -> int:
         return len(list_readable_logs(self.path)[0])

@@ -19,10 +19,17 @@ if TYPE_CHECKING:
     from minihuman.experiment.activities.activity import RequestHandler as RequestHandler
     from minihuman.experiment.activities.questions.question import AnswerDraft as AnswerDraft
     from minihuman.experiment.activities.questions.question import QuestionKind as QuestionKind
+    from minihuman.experiment.plan.designs import Design as Design
+    from minihuman.experiment.plan.designs import DesignDecision as DesignDecision
+    from minihuman.experiment.plan.designs import EnrolledParticipant as EnrolledParticipant
+    from minihuman.experiment.plan.designs import EnrolmentDecision as EnrolmentDecision
+    from minihuman.experiment.plan.designs import EnrolmentDesign as EnrolmentDesign
+    from minihuman.experiment.plan.designs import PlayedEpisode as PlayedEpisode
     from minihuman.exporters.exporter import ExportResult as ExportResult
     from minihuman.learn.teaching.learner import Learner as Learner
     from minihuman.learn.teaching.learner import LearningRequest as LearningRequest
     from minihuman.learn.teaching.learner import LearningResult as LearningResult
+    from minihuman.reporting.study_measures import StudyMeasure as StudyMeasure
     from minihuman.runtime.devices.device import Device as Device
     from minihuman.runtime.devices.device import DeviceSample as DeviceSample
     from minihuman.simulation.participant import KeyPress as KeyPress
@@ -35,8 +42,11 @@ _MODULES = {
     "AnswerDraft": "minihuman.experiment.activities.questions.question",
     "BaseAgent": "minihuman.agents.agent",
     "Clock": "minihuman.display.windows.window",
+    "Design": "minihuman.experiment.plan.designs",
+    "DesignDecision": "minihuman.experiment.plan.designs",
     "Device": "minihuman.runtime.devices.device",
     "DeviceSample": "minihuman.runtime.devices.device",
+    "EnrolledParticipant": "minihuman.experiment.plan.designs",
     "ExportResult": "minihuman.exporters.exporter",
     "IncludedEpisode": "minihuman.dataset.episode_stream",
     "IncludedEpisodes": "minihuman.dataset.episode_stream",
@@ -45,10 +55,14 @@ _MODULES = {
     "LearningRequest": "minihuman.learn.teaching.learner",
     "LearningResult": "minihuman.learn.teaching.learner",
     "NativeWorld": "minihuman.worlds.contract",
+    "PlayedEpisode": "minihuman.experiment.plan.designs",
     "QuestionKind": "minihuman.experiment.activities.questions.question",
     "RequestHandler": "minihuman.experiment.activities.activity",
     "ScriptedWindow": "minihuman.display.windows.window",
     "SimulatedParticipant": "minihuman.simulation.participant",
+    "EnrolmentDecision": "minihuman.experiment.plan.designs",
+    "EnrolmentDesign": "minihuman.experiment.plan.designs",
+    "StudyMeasure": "minihuman.reporting.study_measures",
     "VirtualClock": "minihuman.display.windows.window",
     "Window": "minihuman.display.windows.window",
 }

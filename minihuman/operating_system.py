@@ -178,7 +178,7 @@ def sync_file_system(fd: int) -> None:
     """
     call = None if sys.platform == "win32" else getattr(ctypes.CDLL(None, use_errno=True), "syncfs", None)
     if call is None:
-        raise OSError("this system does not support syncfs")
+        raise OSError("this operating system does not support syncfs")
     if call(fd):
         number = ctypes.get_errno()
         raise OSError(number, os.strerror(number))
@@ -191,6 +191,33 @@ def replace_file(source: Path, target: Path) -> None:
         OSError: as ``os.replace``.
     """
     retry_when_shared(lambda: _replace_open_file(source, target))
+
+
+@contextlib.contextmanager
+def replace_when_written(path: Path) -> Iterator[Path]:
+    """Hand out the name of a file beside ``path``, and put what is written to it in that place, whole or not at all.
+
+    Raises:
+        OSError: if it cannot be written; it names ``path``.
+    """
+    unfinished = path.with_name(path.name + ".part")
+    try:
+        yield unfinished
+        replace_file(unfinished, path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            remove_file(unfinished, missing_ok=True)
+        raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def write_atomically(text: str, path: Path) -> None:
+    """Write a text file so that a reader sees the old one or the new one, whole.
+
+    Raises:
+        OSError: if it cannot be written; it names ``path``.
+    """
+    with replace_when_written(path) as unfinished:
+        unfinished.write_text(text, encoding="utf-8", newline="\n")
 
 
 def remove_file(path: Path, *, missing_ok: bool = False) -> None:
@@ -265,6 +292,26 @@ def make_thread_idle() -> None:
     """Let this thread run only when no other wants a core; Linux alone has this for a thread."""
     if sys.platform == "linux":
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+
+
+@contextlib.contextmanager
+def keep_scheduling() -> Iterator[None]:
+    """Take back the real-time priority that a library inside gives this thread or its own.
+
+    Started by root, as in a container, the AV1 encoder puts itself and its caller before all else on the machine.
+    """
+    if sys.platform != "linux":
+        yield
+        return
+    policy, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        yield
+    finally:
+        if policy not in (os.SCHED_FIFO, os.SCHED_RR):
+            for thread in map(int, os.listdir("/proc/self/task")):
+                with contextlib.suppress(ProcessLookupError):
+                    if os.sched_getscheduler(thread) in (os.SCHED_FIFO, os.SCHED_RR):
+                        os.sched_setscheduler(thread, policy, parameter)
 
 
 def limit_memory(share: float) -> None:

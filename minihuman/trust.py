@@ -109,7 +109,9 @@ def _read_line(path: Path, number: int, line: str) -> tuple[str, str]:
     try:
         ((kind, name),) = json.loads(line).items()
     except (ValueError, AttributeError):
-        raise MinihumanError(f"{path}:{number}: {line[:60]!r} names no folder or module; delete the line") from None
+        raise MinihumanError(
+            f"{path}:{number}: {line[:60]!r} does not name a folder or module; delete this line"
+        ) from None
     return str(kind), str(name)
 
 
@@ -181,13 +183,15 @@ def locate_world(world: str, options: Mapping[str, Any]) -> dict[str, Any]:
 
 def _locate_module(world: str, module: str) -> None:
     if not all(part.isidentifier() and not part.startswith("_") for part in module.split(".")):
-        raise WorldError(f"{world}: {module!r} is not a module of worlds; write my_worlds:My-World-v0")
+        raise WorldError(f"{world}: {module!r} is not a valid module name; write the world as my_worlds:My-World-v0")
     trusted, spec = Trust.read(), _find_first_part(module)
     if spec is None and module not in trusted.modules:
         holders = {path.read_bytes(): folder for folder, path in _find_holders(module, trusted)}
         if len(holders) > 1:
             places = " and ".join(map(str, sorted(holders.values())))
-            raise WorldError(f"{world}: {places} have different modules {module!r}; rename one, or trust only one")
+            raise WorldError(
+                f"{world}: {places} both have a module {module!r}; rename one of them, or trust only one folder"
+            )
         for folder in holders.values():
             _search_folder(folder)
         spec = _find_first_part(module)
@@ -204,8 +208,8 @@ def _locate_file(world: str, name: str, path: str) -> Path:
         if found.exists() and trusted.holds(found):
             return found
     raise WorldError(
-        f"{world}: {name} is {path!r}, which is in no trusted folder; put it beside the protocol, name it from there, "
-        "and pass --trust to `minihuman check`"
+        f"{world}: {name} is {path!r}, which is not in a trusted folder; copy it to the protocol's folder, use a "
+        "relative path, and pass --trust to `minihuman check`"
     )
 
 

@@ -4,7 +4,7 @@ The commands of the same names call these. What only one of them needs is import
 verifying a log opens no window and running a session reads no tables.
 """
 
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +14,7 @@ from minihuman.trust import Permission
 
 if TYPE_CHECKING:
     from minihuman.dataset.selection import Selection
+    from minihuman.experiment.protocol.protocol import Protocol
 
 Listener = Callable[[str], None]
 
@@ -86,7 +87,8 @@ def run(
 
     Args:
         protocol: the protocol's TOML file.
-        participant: a code, such as ``sub-07``; by default the next free allocation slot.
+        participant: a code, such as ``sub-07``, or several with commas where several share this machine; by default
+            the next free allocation slots.
         group: a group, instead of the allocated one.
         session: the number of the session, 1 for the first.
         any_day: ignore the days that the protocol requires between sessions.
@@ -120,6 +122,8 @@ def run(
     from minihuman.runtime.agent_host import make_agent_host
     from minihuman.runtime.host import host_session
     from minihuman.runtime.machine import SessionClock
+    from minihuman.runtime.shared_window import SharedWindow, host_team
+    from minihuman.runtime.team_host import count_seats_at_machine, require_one_process
     from minihuman.runtime.warm_up import warm_up
 
     protocol, data = Path(protocol), Path(data)
@@ -131,8 +135,13 @@ def run(
         raise AllocationError(
             f"session {cut_off.session} of {cut_off.participant} was cut off after {cut_off.episodes_completed} of "
             f"{cut_off.episodes_planned} episodes; resume it: minihuman run {protocol}{place} --participant "
-            f"{cut_off.participant}{day}; or go on with the next slot: --next-slot"
+            f"{cut_off.participant}{day}; or take the next slot with --next-slot"
         )
+    seats = count_seats_at_machine(study, group)
+    require_one_process(study, f"on one machine; use minihuman serve {protocol}", group=group, at_one_machine=seats)
+    codes = participant.split(",") if participant else [None] * seats
+    if len(codes) != seats:
+        raise AllocationError(f"{participant!r} names {len(codes)} of {seats} people; give {seats} codes, with commas")
     on_progress(f"preparing the worlds of {study.study.name}")
     warm_up(study, str(protocol))
     require_legible(study, str(protocol))
@@ -146,12 +155,20 @@ def run(
                 f"{', '.join(unused)}: a slot and no log; if no session of theirs is running: "
                 f"minihuman replace {unused[0]} --study {data / study.study.name}"
             )
-        plan = plan_next_session(
-            study, data, participant=participant, group=group, session=session, any_day=any_day, note=note
-        )
-        allocated = f"group {plan.participant.group}" if plan.participant.group else "group not yet drawn"
-        on_start(f"{plan.participant.id}, {allocated}, from episode {plan.first_episode + 1}")
-        return host_session(plan, opened, clock, data, markers=lsl, agent=make_agent_host(study, plan, data))
+        plans = []
+        for code in codes:
+            plan = plan_next_session(
+                study, data, participant=code, group=group, session=session, any_day=any_day, note=note
+            )
+            allocated = f"group {plan.participant.group}" if plan.participant.group else "group not yet drawn"
+            on_start(f"{plan.participant.id}, {allocated}, from episode {plan.first_episode + 1}")
+            plans.append(plan)
+        if seats == 1:
+            return host_session(plan, opened, clock, data, markers=lsl, agent=make_agent_host(study, plan, data))
+        logs = host_team(study, plans, SharedWindow(opened, clock, seats), clock, data, markers=lsl)
+        for log in logs[1:]:
+            on_start(f"log: {log}" if log else "a session ended before anything was recorded; its slot is free again")
+        return logs[0]
     finally:
         opened.close()
 
@@ -163,6 +180,8 @@ def simulate(
     data: Path | str = "sessions",
     seed: int = 0,
     player: str = "human-like",
+    parallel: int = 1,
+    max_price: float = 0.0,
     trust: Permission = False,
     on_progress: Listener = _ignore,
 ) -> Iterator[Path]:
@@ -176,7 +195,10 @@ def simulate(
         data: the folder that holds the studies' folders.
         seed: the seed of the simulated participants.
         player: ``human-like``, ``optimal``, ``random``, ``exploring``, ``supervisor``, ``policy:FILE`` or a plug-in's
-            name, with parameters as in ``human-like:lapse=0.1``.
+            name, with parameters as in ``human-like:lapse=0.1``; or ``model:NAME``, a language model at the endpoint
+            that ``OPENAI_BASE_URL`` and ``OPENAI_API_KEY`` name.
+        parallel: how many sessions of a model are played at a time.
+        max_price: stop a model's sessions when this run has cost so much; they can be resumed. 0: no limit.
         trust: as for ``run``.
         on_progress: is told how far it is.
 
@@ -195,6 +217,9 @@ def simulate(
     protocol, data = Path(protocol), Path(data)
     study = read_protocol(protocol, trust=trust)
     on_progress(f"{player} plays {study.study.name}")
+    if player.startswith("model:"):
+        yield from _simulate_models(study, data, participants, player, parallel, max_price, on_progress)
+        return
     with share_compilation(study.blocks, plans=not player.startswith("random")) as process:
         warm_up(study, str(protocol), process)
         for block in study.blocks:
@@ -202,6 +227,34 @@ def simulate(
         for number, path in enumerate(play(study, data, participants=participants, seed=seed, player=player), 1):
             yield path
             on_progress(f"{player} plays {study.study.name}: {number} of {participants} participants done")
+
+
+def _simulate_models(
+    study: "Protocol",
+    data: Path,
+    participants: int,
+    player: str,
+    parallel: int,
+    max_price: float,
+    on_progress: Listener,
+) -> Iterator[Path]:
+    from minihuman.runtime.model_sessions import ModelRun, simulate_models
+    from minihuman.simulation.model_seat import SpentTotals
+
+    done, currency = 0, study.model.currency
+
+    def say(spent: SpentTotals) -> None:
+        cost = f"{spent.price:.4f} {currency}".strip()
+        on_progress(
+            f"{player} plays {study.study.name}: {done} of {participants} participants done, {spent.calls} calls, "
+            f"{spent.tokens} tokens, {cost}"
+        )
+
+    run = ModelRun.of_model(player, max_price=max_price, changed=say)
+    for path in simulate_models(study, data, participants=participants, parallel=parallel, run=run):
+        done += 1
+        say(run.spent)
+        yield path
 
 
 def verify(
@@ -231,6 +284,7 @@ def verify(
         MinihumanError: if a manifest is combined with ``trust`` or ``policies``, ``outputs`` are not compared with
             one study's tables, or nothing is at a path.
     """
+    from minihuman.admin.verify.episodes import verify_teams
     from minihuman.admin.verify.log import (
         find_sessions,
         find_studies,
@@ -240,14 +294,14 @@ def verify(
     )
 
     if manifest is not None and (trust or policies):
-        raise MinihumanError("--manifest compares files only; verify with --trust or --policies in a second command")
+        raise MinihumanError("--manifest only compares files; use --trust or --policies in a separate command")
     if tables and (manifest is not None or trust or policies):
         raise MinihumanError(
-            "--tables replays nothing; verify with --manifest, --trust or --policies in a second command"
+            "--tables does not replay logs; use --manifest, --trust or --policies in a separate command"
         )
     if outputs and (not tables or len(paths) != 1):
         raise MinihumanError(
-            "--report compares a folder with one study's tables: verify STUDY --tables --report FOLDER"
+            "--report needs --tables and exactly one study; run: minihuman verify STUDY --tables --report FOLDER"
         )
     checks: list[tuple[Path, Iterator[tuple[str, bool]]]] = []
     for path in map(Path, paths):
@@ -261,6 +315,7 @@ def verify(
         logs = find_sessions(path, required=not studies)
         checks += ((log, verify_session(log, trust=trust, policies=policies)) for log in logs)
         checks += ((study, verify_enrolment(study)) for study in studies)
+        checks += ((study, verify_teams(study)) for study in studies)
     for path, found in checks:
         try:
             for text, ok in found:
@@ -318,7 +373,7 @@ def export(
     """Export a study or a log as tables, demonstrations or an archive.
 
     Args:
-        format_name: csv, parquet, minari, lerobot, imitation, bids, psych-ds, frictionless, croissant or a plug-in's.
+        format_name: csv, parquet, minari, lerobot or another that ``minihuman plugins`` lists.
         study: a study's folder, or one log.
         out: a folder that does not exist yet.
         selection: which sessions and episodes are included.
@@ -348,7 +403,12 @@ def export(
 
 
 def report(
-    study: Path | str, out: Path | str, *, selection: "Selection | None" = None, template: Path | str | None = None
+    study: Path | str,
+    out: Path | str,
+    *,
+    selection: "Selection | None" = None,
+    template: Path | str | None = None,
+    scripts: Sequence[str] = (),
 ) -> ReportSummary:
     """Write a study's report: tables, statistics and figures.
 
@@ -357,10 +417,11 @@ def report(
         out: the report's folder; files of an earlier report in it are replaced.
         selection: which sessions and episodes are included.
         template: a folder with a ``report.html.j2`` or ``report.css`` to use instead of minihuman's.
+        scripts: ``r`` and ``python``: write mixed models as ``analysis.R`` and ``analysis.py`` beside the tables.
 
     Raises:
         LogError: if there is no such folder.
-        ReportError: if no log in it can be read, or the logs are of different studies.
+        ReportError: if no log in it can be read, the logs are of different studies, or nothing can be modelled.
     """
     from minihuman.dataset.selection import Selection
     from minihuman.dataset.sessions import StudySessions
@@ -371,7 +432,7 @@ def report(
     out = Path(out)
     with infrequent_collection(), name_output_when_full(out):
         sessions = StudySessions(Path(study), selection or Selection())
-        written = build_report(sessions, out, None if template is None else Path(template))
+        written = build_report(sessions, out, None if template is None else Path(template), scripts=scripts)
         notes: Iterable[str] = (
             *sessions.account.lines(),
             *find_stale_figures(out, written),

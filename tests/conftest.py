@@ -21,7 +21,15 @@ settings.load_profile("minihuman")
 def configuration(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The folder of the user's configuration, for this process and those it starts; our test worlds are trusted."""
     folder = tmp_path_factory.mktemp("configuration")
-    named = ("worlds.corridor", "worlds.compiled_corridor", "worlds.paddle", "worlds.wrapped", "export.changing")
+    named = (
+        "worlds.corridor",
+        "worlds.compiled_corridor",
+        "worlds.duet",
+        "worlds.levers",
+        "worlds.paddle",
+        "worlds.wrapped",
+        "export.changing",
+    )
     named += ("export.test_any_session", "learn.test_clone_worlds", "study.test_activities")
     (folder / "trust.jsonl").write_text("".join(f'{{"module": "tests.{name}"}}\n' for name in named))
     with pytest.MonkeyPatch.context() as patched:

@@ -16,7 +16,7 @@ from minihuman.dataset.table_columns import TABLES
 from minihuman.experiment.activities.registry import list_built_in_kinds
 from minihuman.experiment.protocol.schema import build_json_schema, list_protocol_tables
 from minihuman.log.codec import list_activity_topics
-from minihuman.log.topics import TOPICS
+from minihuman.log.topics import RARE_TOPICS, TOPICS
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
@@ -61,7 +61,7 @@ def test_the_windows_pictures_are_made_again(tmp_path):
     pictures.mkdir()
     made["windows"](pictures, tmp_path)
     made["teaching"](pictures, tmp_path)
-    names = {"window_keyboard_check.png", "window_grid.png", "window_first_person.png"}
+    names = {"window_keyboard_check.png", "window_grid.png", "window_first_person.png", "window_text.png"}
     names |= {f"teach_{what}.png" for what in ("agent", "person", "correct", "compare")}
     assert {path.name for path in pictures.iterdir()} == names
     for path in (folder / name for folder in (pictures, DOCS / "images") for name in names):
@@ -85,10 +85,19 @@ def test_the_reference_has_every_field_of_a_protocol_with_type_default_meaning_a
         assert all(definition["properties"][field.name]["description"] == field.meaning for field in fields)
 
 
+@pytest.mark.parametrize(
+    ("suffix", "unit"), [("ms", "millisecond"), ("s", "second"), ("min", "minute"), ("px", "pixel")]
+)
+def test_the_meaning_of_a_field_with_a_unit_in_its_name_says_the_unit(suffix, unit):
+    fields = [field for _, fields in list_protocol_tables().values() for field in fields]
+    silent = [f.name for f in fields if f.name.endswith(f"_{suffix}") and not re.search(rf"\b{unit}s?\b", f.meaning)]
+    assert silent == []
+
+
 def test_the_reference_has_every_topic_and_every_field_of_its_message():
     pytest.importorskip("mkdocs")
     written = runpy.run_path(str(DOCS / "_hooks.py"))["list_topics"]("")
-    for topic in (*TOPICS, *list_activity_topics(list_built_in_kinds())):
+    for topic in (*TOPICS, *RARE_TOPICS, *list_activity_topics(list_built_in_kinds())):
         section = written.partition(f"## {topic.name}\n")[2].partition("\n## ")[0]
         fields = [field.name for field in topic.message.DESCRIPTOR.fields]
         if topic.is_preview:

@@ -70,7 +70,20 @@ def test_every_exception_has_a_reason_and_is_needed():
 
 
 _OUTPUTS = {"--pictures", "--preregistration"}  # `check` writes both beside its plan, so each has a name of its own
-_WORDS = {"STUDY", "LOG", "LOG...", "PROTOCOL", "FORMAT", "CODE", "SQL", "WORLD", "FOLDER", "[OUT]"}
+_WORDS = {
+    "STUDY",
+    "STUDY...",
+    "PROTOCOL...",
+    "LOG",
+    "LOG...",
+    "PROTOCOL",
+    "FORMAT",
+    "CODE",
+    "SQL",
+    "WORLD",
+    "FOLDER",
+    "[OUT]",
+}
 
 
 def test_one_argument_has_one_word_in_all_commands():

@@ -90,6 +90,8 @@ def test_a_station_simulates_verifies_and_names_what_other_commands_need(tmp_pat
         assert len(found.stderr.splitlines()) == 1
         assert f"needs {needed}" in found.stderr
         assert "pip install" in found.stderr
+    for line in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]["web"]:
+        assert ";" in line or f"'{line}'" in found.stderr, "what a server needs, all at once"
 
 
 @pytest.mark.program

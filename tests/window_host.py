@@ -56,6 +56,9 @@ class HostedWindow(Window):
     def wait(self, until_ns: int | None) -> list[Input]:
         return self._ask("wait", until_ns)
 
+    def open_gamepad(self) -> dict[str, str]:
+        return self._ask("open_gamepad")
+
     def facts(self) -> dict[str, str]:
         return self._ask("facts")
 

@@ -12,7 +12,8 @@ import numpy as np
 import torch
 from scipy import stats
 
-from minihuman.learn.policy.file import get_versions, write_atomically
+from minihuman.learn.policy.file import get_versions
+from minihuman.operating_system import write_atomically
 
 Trial = tuple[Callable[..., Sequence[Any]], tuple[Any, ...]]  # a module's function that gives rows, and its arguments
 

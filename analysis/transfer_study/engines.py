@@ -19,8 +19,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from minihuman.errors import LearnError
-from minihuman.learn.policy.file import write_atomically
 from minihuman.learn.ppo import PpoSettings
+from minihuman.operating_system import write_atomically
 from transfer_study.job import Result, read_result, run_job, steps_so_far
 from transfer_study.plan import TransferJob, TransferStudy
 

@@ -17,11 +17,11 @@ from scipy import stats
 from torch import nn
 
 from minihuman.errors import LearnError
-from minihuman.learn.policy.file import PolicyCard, get_versions, read_policy_file, save_policy, write_atomically
+from minihuman.learn.policy.file import PolicyCard, get_versions, read_policy_file, save_policy
 from minihuman.learn.policy.network import ACTOR_HEAD, EncoderName
 from minihuman.learn.policy.observation import ObservationEncoder
 from minihuman.learn.ppo import LeanPpo, TrainingEnv, TrainingHistory, TrainingPoint, make_ppo, train_ppo
-from minihuman.operating_system import lock_descriptor
+from minihuman.operating_system import lock_descriptor, write_atomically
 from transfer_study.plan import SOURCE, ProtocolName, TransferJob
 
 

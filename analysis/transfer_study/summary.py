@@ -17,7 +17,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from minihuman.errors import LearnError
-from minihuman.learn.policy.file import get_versions, write_atomically
+from minihuman.learn.policy.file import get_versions
+from minihuman.operating_system import write_atomically
 from minihuman.statistics.comparison import holm_correction
 from transfer_study.job import Result, improvement, interquartile_mean
 from transfer_study.plan import BASELINE, COMMITS, DEFECTS, SOURCE, TransferJob, TransferStudy

@@ -38,10 +38,17 @@ class DueSession(msgspec.Struct, frozen=True):
 
     def line(self) -> str:
         """Say so, and how it goes on."""
-        return f"{self.participant:12} {self.group:16} {self.session:7}  {self._words()}"
-
-    def _words(self) -> str:
         again = f"minihuman replace {self.participant}"
+        hints = {
+            "overdue": f"; if they do not come back: {again}",
+            "unfinished": f"; if they do not come back: {again}",
+            "unreadable": ": see minihuman status, and minihuman recover",
+            "never came": f"; to offer it again: {again}",
+        }
+        return f"{self.participant:12} {self.group:16} {self.session:7}  {self.words()}{hints.get(self.state, '')}"
+
+    def words(self) -> str:
+        """Say what is expected, in words."""
         until = f" until {self.latest}" if self.latest else ""
         match self.state:
             case "due":
@@ -49,13 +56,13 @@ class DueSession(msgspec.Struct, frozen=True):
             case "later":
                 return f"due from {self.earliest}{until}"
             case "overdue":
-                return f"was due until {self.latest}; if they do not come back: {again}"
+                return f"was due until {self.latest}"
             case "unfinished":
-                return f"was broken off and can be gone on with; if they do not come back: {again}"
+                return "was interrupted and can be resumed"
             case "unreadable":
-                return "has a log that cannot be read: see minihuman status, and minihuman recover"
+                return "has a log that cannot be read"
             case "never came":
-                return f"has a slot and never came; to offer it again: {again}"
+                return "has a slot and never came"
 
 
 @dataclass(slots=True)

@@ -13,6 +13,7 @@ import msgspec
 
 from minihuman.dataset.journal import ENROLMENT_FILE_NAME, Journal, open_journal
 from minihuman.errors import AllocationError
+from minihuman.experiment.plan.designs import GroupAssignment
 
 
 class AuditNote(msgspec.Struct, frozen=True):
@@ -54,15 +55,29 @@ class SlotTaken(msgspec.Struct, frozen=True, omit_defaults=True):
     at: str = ""  # ISO 8601 UTC; "" in lines of earlier versions
     reason: str = ""  # of an override
     experimenter: str = ""
+    assigned: GroupAssignment | None = None  # where a design assigned the group
 
 
-class GroupDrawn(msgspec.Struct, frozen=True):
+class GroupDrawn(msgspec.Struct, frozen=True, omit_defaults=True):
     """Somebody's group was drawn after an answer; the last such line counts."""
 
     drawn: str  # the code
     stratum: str
     slot: int
     group: str
+    at: str  # ISO 8601 UTC
+    assigned: GroupAssignment | None = None  # where a design assigned the group
+
+
+class LookTaken(msgspec.Struct, frozen=True):
+    """A sequential study was looked at, before a further participant was enrolled."""
+
+    look: int  # 1 for the first
+    design: str  # as the protocol names it
+    version: int
+    statistics: dict[str, Any]  # of the groups; no codes
+    estimates: dict[str, float]
+    stop: bool
     at: str  # ISO 8601 UTC
 
 
@@ -121,6 +136,19 @@ class LogRecovered(msgspec.Struct, frozen=True, omit_defaults=True):
     experimenter: str = ""
 
 
+class TeamRecorded(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Who sat where in a team: the only place that maps a team's id to codes."""
+
+    team: str  # its random id, as in the members' logs
+    index: int  # of the team in the study
+    block: str
+    session: int
+    members: dict[str, str]  # seat -> code
+    seats: tuple[str, ...]  # by seat: "person", or the agent as the protocol names it
+    at: str  # ISO 8601 UTC
+    solo: bool = False  # one person with agents: the index is the participant's
+
+
 EnrolmentEntry = (
     FormatDeclared
     | SlotTaken
@@ -131,6 +159,8 @@ EnrolmentEntry = (
     | ChainHeadRecorded
     | DayOverridden
     | LogRecovered
+    | TeamRecorded
+    | LookTaken
 )
 
 
@@ -147,7 +177,18 @@ def read_enrolment_log(study_dir: Path) -> tuple[EnrolmentEntry, ...]:
     Raises:
         AllocationError: if a whole line cannot be read.
     """
-    return open_enrolment_log(study_dir).read()
+    return tuple(open_enrolment_log(study_dir).read())
+
+
+def list_team_entries(study_dir: Path) -> tuple[TeamRecorded, ...]:
+    """The study's teams in the order of forming, each block's once; who withdrew is in none of them."""
+    lines = read_enrolment_log(study_dir)
+    gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
+    return tuple(
+        msgspec.structs.replace(line, members={seat: code for seat, code in line.members.items() if code not in gone})
+        for line in lines
+        if isinstance(line, TeamRecorded)
+    )
 
 
 def open_enrolment_log(study_dir: Path) -> Journal[EnrolmentEntry]:
@@ -215,7 +256,7 @@ def list_taken_slots(lines: Sequence[EnrolmentEntry]) -> tuple[SlotTaken, ...]:
                 taken[line.participant] = line
             case GroupDrawn() if (before := taken.get(line.drawn)) is not None:
                 taken[line.drawn] = msgspec.structs.replace(
-                    before, group=line.group, stratum=line.stratum, slot=line.slot
+                    before, group=line.group, stratum=line.stratum, slot=line.slot, assigned=line.assigned
                 )
             case SlotFreed():
                 taken.pop(line.freed, None)
@@ -261,12 +302,12 @@ def _decode_entry(line: bytes, number: int) -> EnrolmentEntry | None:
         entry = None if kind is None else msgspec.convert(found, kind)
     except (msgspec.DecodeError, UnicodeDecodeError):
         raise AllocationError(
-            f"{ENROLMENT_FILE_NAME}:{number}: cannot be read: {line[:60]!r}; restore the file"
+            f"{ENROLMENT_FILE_NAME}:{number}: {line[:60]!r} cannot be read; restore the file from a copy"
         ) from None
     if isinstance(entry, FormatDeclared) and entry.format > ENROLMENT_FORMAT:
         raise AllocationError(
-            f"{ENROLMENT_FILE_NAME}:{number}: a newer minihuman wrote this (format {entry.format}; this version reads "
-            f"up to {ENROLMENT_FORMAT}): update minihuman to read it"
+            f"{ENROLMENT_FILE_NAME}:{number}: a newer minihuman wrote this entry (format {entry.format}; this version "
+            f"reads up to {ENROLMENT_FORMAT}); upgrade minihuman to read it"
         )
     return entry
 
@@ -282,4 +323,6 @@ _ENTRY_TYPES: dict[str, type[EnrolmentEntry]] = {
     "sealed": ChainHeadRecorded,
     "any_day": DayOverridden,
     "recovered": LogRecovered,
+    "team": TeamRecorded,
+    "look": LookTaken,
 }

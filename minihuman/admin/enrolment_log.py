@@ -6,11 +6,13 @@ slot: a slot is taken under an exclusive lock of the file. Lines of kinds that o
 
 import os
 from collections.abc import Sequence
+from functools import cache
 from itertools import count
 from pathlib import Path
 
 import msgspec
 
+from minihuman.admin.design_decisions import assign_group, require_not_stopped, take_look
 from minihuman.admin.enrolment_entries import (
     NO_NOTE,
     AuditNote,
@@ -23,11 +25,10 @@ from minihuman.admin.enrolment_entries import (
     ParticipantWithdrawn,
     SlotFreed,
     SlotTaken,
-    list_replaced,
-    list_taken_slots,
+    TeamRecorded,
     open_enrolment_log,
 )
-from minihuman.dataset.journal import ENROLMENT_FILE_NAME
+from minihuman.dataset.journal import ENROLMENT_FILE_NAME, Journal, JournalState
 from minihuman.errors import AllocationError
 from minihuman.experiment.plan.allocation import AllocationSlot, allocation_sha256, build_allocation_list, find_slot
 from minihuman.experiment.plan.expansion import (
@@ -49,6 +50,7 @@ def take_slot(
     participant: str | None = None,
     group: str | None = None,
     note: AuditNote = NO_NOTE,
+    prefix: str = "sub",
 ) -> tuple[Participant, SlotTaken]:
     """Take the next free slot, or the one of a participant named by hand, and make it last.
 
@@ -61,6 +63,7 @@ def take_slot(
         participant: a code; None takes the next free slot.
         group: overrides the allocation list's.
         note: why a code or a group is chosen by hand, and who chooses.
+        prefix: of a new code.
 
     Raises:
         AllocationError: if every slot is taken, the code is no code, the participant's group is another,
@@ -73,14 +76,23 @@ def take_slot(
             "or choose another folder with --data"
         )
     study_dir.mkdir(parents=True, exist_ok=True)
-    with open_enrolment_log(study_dir).hold() as register:
-        holders = _SlotHolders(register.lines)
-        _check_list(holders.taken, study_dir, protocol)
+    journal = open_enrolment_log(study_dir)
+    with journal.hold() as register:
+        holders = _SlotHolders.of(journal, register.lines)
+        _check_list(next(reversed(holders.taken.values()), None), study_dir, protocol)
         if participant is not None and (line := holders.slot_entry_of(participant)) is not None:
             return _taken_before(line, group)
         index = holders.next_free(protocol) if participant is None else holders.free(participant)
+        if look := take_look(protocol, register.lines, study_dir, now_text()):
+            register.append(look)
+            require_not_stopped([look])
+        chosen, assigned = group, None
+        if group is None and not protocol.allocation.stratify_by:
+            chosen, assigned = assign_group(protocol, register.lines, study_dir, index, "")
         who = msgspec.structs.replace(
-            enrol_participant(protocol, index, group), id=participant or holders.next_code(index)
+            enrol_participant(protocol, index, chosen or None),
+            id=participant or holders.next_code(index, prefix),
+            assigned=assigned,
         )
         if who.slot is not None:
             who = Participant(who.id, who.index, group or "")
@@ -88,6 +100,8 @@ def take_slot(
         taken = SlotTaken(
             allocation_sha256(slots), protocol.study.participants, index, who.id, who.group, by_hand, at=now_text()
         )
+        if assigned is not None:
+            taken = msgspec.structs.replace(taken, assigned=assigned)
         if by_hand:
             taken = msgspec.structs.replace(taken, reason=note.reason, experimenter=note.experimenter)
         register.append(taken)
@@ -100,11 +114,12 @@ def require_free_slots(protocol: Protocol, study_dir: Path, count: int) -> None:
     Raises:
         AllocationError: if fewer slots are free, or the register cannot be read.
     """
-    free = len(_SlotHolders(open_enrolment_log(study_dir).read()).free_slots(protocol))
+    journal = open_enrolment_log(study_dir)
+    free = len(_SlotHolders.of(journal, journal.read()).free_slots(protocol))
     if count > free:
         raise AllocationError(
-            f"{count} participants are more than the {free} free slots of study {protocol.study.name!r}; ask for "
-            f"fewer, or raise $.study.participants in the protocol, which is {protocol.study.participants}"
+            f"study {protocol.study.name!r} has too few free slots ({free}) for {count} participants; ask for fewer, "
+            f"or raise $.study.participants in the protocol, which is {protocol.study.participants}"
         )
 
 
@@ -116,17 +131,23 @@ def draw_slot(protocol: Protocol, study_dir: Path, code: str, stratum: str) -> P
     Raises:
         AllocationError: if they have no place in the study, or the stratum has no slot left.
     """
-    with open_enrolment_log(study_dir).hold() as register:
-        holders = _SlotHolders(register.lines)
+    journal = open_enrolment_log(study_dir)
+    with journal.hold() as register:
+        holders = _SlotHolders.of(journal, register.lines)
         line = holders.slot_entry_of(code)
         if line is None:
-            raise AllocationError(f"{code} has no slot in {study_dir}, so no group can be allocated; check the code")
+            raise AllocationError(
+                f"{code} has no slot in {study_dir}, so no group can be allocated; check the participant's code"
+            )
         if (line.stratum, line.slot is None) == (stratum, False):
             return _taken_before(line, None)[0]
         by_hand = holders.chosen_group(code)
         slot = holders.next_in_stratum(protocol, stratum)
-        who = assign_slot(protocol, Participant(code, line.index, by_hand), slot)
-        register.append(GroupDrawn(code, stratum, slot.index, who.group, now_text()))
+        chosen, assigned = by_hand, None
+        if not by_hand:
+            chosen, assigned = assign_group(protocol, register.lines, study_dir, line.index, stratum)
+        who = assign_slot(protocol, Participant(code, line.index, chosen, assigned=assigned), slot)
+        register.append(GroupDrawn(code, stratum, slot.index, who.group, now_text(), assigned))
     return who
 
 
@@ -166,6 +187,19 @@ def record_intervention(study_dir: Path, entry: DayOverridden | LogRecovered) ->
             register.append(entry)
 
 
+def record_team(study_dir: Path, entry: TeamRecorded) -> None:
+    """Write who sits where in a team, unless it is written already.
+
+    Raises:
+        OSError: if the enrolment log cannot be written.
+    """
+    study_dir.mkdir(parents=True, exist_ok=True)
+    with open_enrolment_log(study_dir).hold() as register:
+        known = [line for line in register.lines if isinstance(line, TeamRecorded)]
+        if not any((line.team, line.block, line.session) == (entry.team, entry.block, entry.session) for line in known):
+            register.append(entry)
+
+
 def record_departure(study_dir: Path, parting: ParticipantWithdrawn | ParticipantReplaced) -> None:
     """Write that somebody left the study, and make it last; said twice it is written once.
 
@@ -179,12 +213,12 @@ def record_departure(study_dir: Path, parting: ParticipantWithdrawn | Participan
             f"{study_dir} is not a study folder: it has no {ENROLMENT_FILE_NAME}; name a study folder with --study"
         )
     with journal.hold() as register:
-        holders = _SlotHolders(register.lines)
+        holders = _SlotHolders.of(journal, register.lines)
         if holders.slot_entry_of(code) is None:
             gone = {line.withdrawn for line in register.lines if isinstance(line, ParticipantWithdrawn)}
-            here = [line.participant for line in holders.taken if line.participant not in gone]
-            known = ", ".join(here[:8]) or "nobody yet"
-            raise AllocationError(f"{code!r} has no slot in {study_dir}; there are {known}")
+            here = [participant for participant in holders.taken if participant not in gone]
+            known = ", ".join(here[:8]) or "none yet"
+            raise AllocationError(f"{code!r} has no slot in {study_dir}; participants with a slot: {known}")
         if not isinstance(parting, ParticipantReplaced) or code not in holders.replaced:
             register.append(parting)
 
@@ -201,23 +235,67 @@ def free_slot(study_dir: Path, code: str, why: str) -> None:
         AllocationError: if there are data of them, who then withdraw or are replaced, or the register cannot be read.
     """
     if (study_dir / code).exists():
-        raise AllocationError(f"{code} has data in {study_dir}; withdraw or replace them instead")
-    with open_enrolment_log(study_dir).hold() as register:
-        if _SlotHolders(register.lines).slot_entry_of(code) is not None:
+        raise AllocationError(f"{code} has data in {study_dir}; use `minihuman withdraw` or `replace` instead")
+    journal = open_enrolment_log(study_dir)
+    with journal.hold() as register:
+        if _SlotHolders.of(journal, register.lines).slot_entry_of(code) is not None:
             register.append(SlotFreed(code, now_text(), why))
 
 
 class _SlotHolders:
     """Who holds which slot, from the register's lines."""
 
-    def __init__(self, lines: tuple[EnrolmentEntry, ...]) -> None:
-        self.taken = list_taken_slots(lines)
-        self._began = {line.participant: line for line in lines if isinstance(line, SlotTaken)}
-        self._withdrawn = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
-        self.replaced = set(list_replaced(lines))
-        self._held = {
-            line.index: line for line in self.taken if line.participant not in self._withdrawn | self.replaced
-        }
+    def __init__(self) -> None:
+        self.taken: dict[str, SlotTaken] = {}  # as `list_taken_slots` lists them, by participant
+        self.replaced: set[str] = set()
+        self._began: dict[str, SlotTaken] = {}
+        self._withdrawn: set[str] = set()
+        self._held: dict[int, SlotTaken] = {}
+        self._drawn: set[int | None] = set()  # the places in the allocation list of those who hold a slot
+        self._next = 0  # below this all slots are held
+        self._next_in_stratum: dict[str, int] = {}
+
+    @classmethod
+    def of(cls, journal: Journal[EnrolmentEntry], lines: Sequence[EnrolmentEntry]) -> "_SlotHolders":
+        """Who holds them after all of a journal's lines."""
+        return _holders_of(journal).after(lines)
+
+    def take(self, line: EnrolmentEntry) -> None:
+        """Take a line in."""
+        match line:
+            case SlotTaken():
+                self._began[line.participant] = line
+                self._hold(line)
+            case GroupDrawn() if (before := self.taken.get(line.drawn)) is not None:
+                if self._held.get(before.index) is before:
+                    self._drawn.discard(before.slot)
+                    self._next_in_stratum.clear()
+                drawn = {"group": line.group, "stratum": line.stratum, "slot": line.slot, "assigned": line.assigned}
+                self._hold(msgspec.structs.replace(before, **drawn))
+            case SlotFreed():
+                self._let_go(line.freed)
+                self.taken.pop(line.freed, None)
+                self.replaced.discard(line.freed)
+            case ParticipantWithdrawn():
+                self._let_go(line.withdrawn)
+                self._withdrawn.add(line.withdrawn)
+            case ParticipantReplaced():
+                self._let_go(line.replaced)
+                self.replaced.add(line.replaced)
+
+    def _hold(self, line: SlotTaken) -> None:
+        self.taken[line.participant] = line
+        if line.participant not in self._withdrawn and line.participant not in self.replaced:
+            self._held[line.index] = line
+            self._drawn.add(line.slot)
+
+    def _let_go(self, code: str) -> None:
+        line = self.taken.get(code)
+        if line is not None and self._held.get(line.index) is line:
+            del self._held[line.index]
+            self._drawn.discard(line.slot)
+            self._next = min(self._next, line.index)
+            self._next_in_stratum.clear()
 
     def slot_entry_of(self, code: str) -> SlotTaken | None:
         """The slot that a participant took.
@@ -227,7 +305,7 @@ class _SlotHolders:
         """
         if code in self._withdrawn:
             raise AllocationError("this participant has withdrawn; remove --participant to offer the slot again")
-        return next((line for line in self.taken if line.participant == code), None)
+        return self.taken.get(code)
 
     def chosen_group(self, code: str) -> str:
         """The group that was chosen by hand for somebody whose draw is still to come; "" where none was."""
@@ -256,8 +334,9 @@ class _SlotHolders:
         Raises:
             AllocationError: if all are held.
         """
-        if free := self.free_slots(protocol):
-            return free[0]
+        self._next = next(index for index in count(self._next) if index not in self._held)
+        if self._next < protocol.study.participants:
+            return self._next
         raise AllocationError(
             f"all {protocol.study.participants} slots of study {protocol.study.name!r} are taken; raise "
             "$.study.participants in the protocol"
@@ -269,39 +348,46 @@ class _SlotHolders:
         Raises:
             AllocationError: if all are held.
         """
-        held = {line.slot for line in self._held.values()}
-        slots = (find_slot(protocol, place, stratum) for place in range(protocol.study.participants))
-        free = next((slot for slot in slots if slot.index not in held), None)
-        if free is None:
-            raise AllocationError(f"every slot of the stratum {stratum!r} of study {protocol.study.name!r} is taken")
-        return free
+        for place in range(self._next_in_stratum.get(stratum, 0), protocol.study.participants):
+            slot = find_slot(protocol, place, stratum)
+            if slot.index not in self._drawn:
+                self._next_in_stratum[stratum] = place
+                return slot
+        raise AllocationError(
+            f"all slots of stratum {stratum!r} of study {protocol.study.name!r} are taken; raise "
+            "$.study.participants in the protocol"
+        )
 
-    def next_code(self, index: int) -> str:
+    def next_code(self, index: int, prefix: str) -> str:
         """The code of the next participant in a slot: never one that was somebody's."""
-        known = {line.participant for line in self.taken}
-        codes = (format_participant_code(index, before) for before in count())
-        return next(code for code in codes if code not in known)
+        codes = (format_participant_code(index, before, prefix=prefix) for before in count())
+        return next(code for code in codes if code not in self.taken)
+
+
+@cache
+def _holders_of(journal: Journal[EnrolmentEntry]) -> JournalState[EnrolmentEntry, _SlotHolders]:
+    return JournalState(_SlotHolders, _SlotHolders.take)
 
 
 def _taken_before(line: SlotTaken, group: str | None) -> tuple[Participant, SlotTaken]:
     if group is not None and not line.group:
-        raise AllocationError(f"{line.participant} has a slot whose group is not allocated yet; remove --group")
+        raise AllocationError(f"the group of {line.participant} is not allocated yet; remove --group")
     if group is not None and group != line.group:
         raise AllocationError(f"{line.participant} is in group {line.group!r}, not {group!r}; remove --group")
-    return Participant(line.participant, line.index, line.group, line.stratum, line.slot), line
+    return Participant(line.participant, line.index, line.group, line.stratum, line.slot, line.assigned), line
 
 
-def _check_list(lines: tuple[SlotTaken, ...], study_dir: Path, protocol: Protocol) -> None:
+def _check_list(begun: SlotTaken | None, study_dir: Path, protocol: Protocol) -> None:
     """A study may make its list longer, which keeps the slots it had, but not draw another."""
-    if not lines:
+    if begun is None:
         return
-    begun = lines[-1]
     study = msgspec.structs.replace(protocol.study, participants=begun.list_length)
     digest = allocation_sha256(build_allocation_list(msgspec.structs.replace(protocol, study=study)))
     if digest != begun.allocation_sha256:
         raise AllocationError(
-            f"{study_dir}: the study began with allocation list {begun.allocation_sha256[:12]}, this protocol makes "
-            f"{digest[:12]}; its seed, groups, keys or actions changed: restore them or rename {protocol.study.name!r}"
+            f"{study_dir}: the study began with allocation list {begun.allocation_sha256[:12]}, but this protocol "
+            f"makes {digest[:12]}; restore its seed, groups, keys and actions, rename "
+            f"{protocol.study.name!r}, or use another data folder"
         )
 
 

@@ -185,7 +185,7 @@ class SessionLeases:
         began_s = self._clock()
         grant = self._table.acquire(session)
         if grant is None:
-            raise LeaseHeldError(f"{session} is on another server, which was asked to hand it over; try again")
+            raise LeaseHeldError(f"{session} runs on another server, which was asked to hand it over; try again")
         return Lease(session, grant, began_s)
 
     def restore(self, lease: Lease, folder: Path) -> None:
@@ -248,7 +248,7 @@ class SessionLeases:
             lease.follow(lambda: None, lambda: lease.copied_writes)
             if lease.lost or (reason and not self._table.release(lease.session, lease.grant.fence, ended=reason)):
                 lease.lost = True
-                raise LeaseLostError(f"{lease.session} is on another server now")
+                raise LeaseLostError(f"{lease.session} now runs on another server")
             lease._ended = bool(reason)
 
     def store(self, lease: Lease, log: Path | None) -> None:
@@ -261,7 +261,7 @@ class SessionLeases:
         files = {log.name: log.read_bytes()} if log is not None and log.exists() else {}
         if not self._table.store(lease.session, lease.grant.fence, files):
             lease.lost = True
-            raise LeaseLostError(f"{lease.session} is on another server now")
+            raise LeaseLostError(f"{lease.session} now runs on another server")
         lease._copied = {}
 
     def release(self, lease: Lease) -> bool:

@@ -59,7 +59,9 @@ def summarize_from_messages(files: Sequence[Path]) -> SessionSummary:
         if spans:
             spans[-1] = (spans[-1][0], max(spans[-1][1], message.log_time))
     if plan is None:
-        raise LogError(f"{files[0]} holds no session plan; it was cut off before the session started")
+        raise LogError(
+            f"{files[0]} was cut off before its session started, so it has nothing to show; name another log"
+        )
     starts = [facts for reading in readings for facts in reading.starts]
     ends = [facts for reading in readings for facts in reading.ends]
     who = plan.plan.participant

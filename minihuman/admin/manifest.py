@@ -77,7 +77,7 @@ def write_manifest(study: Path) -> StudyManifest:
     require_folder(study)
     files = _digests(study)
     if not files:
-        raise LogError(f"{study} is not a folder with files in it; name a study's folder")
+        raise LogError(f"{study} is not a folder that contains files; name a study's folder")
     made = StudyManifest(_digest(files), files)
     unfinished = study / _UNFINISHED
     try:
@@ -104,7 +104,9 @@ def find_changed_files(study: Path, given: str) -> Iterator[str]:
     digest = given.lower()
     if not file.is_file():
         if len(digest) != _DIGITS or not set(digest) <= set("0123456789abcdef"):
-            raise LogError(f"{given!r} is neither a manifest file nor {_DIGITS} hexadecimal digits")
+            raise LogError(
+                f"{given!r} is neither a manifest file nor a digest; a digest has {_DIGITS} hexadecimal digits"
+            )
         if kept is None or kept.digest != digest:
             now = _digest(_digests(study))
             if now != digest:

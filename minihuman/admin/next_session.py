@@ -21,6 +21,7 @@ from minihuman.errors import AllocationError
 from minihuman.experiment.activities.block_plans import PlayPlan
 from minihuman.experiment.machine.events import FINAL_END_REASONS, Answered, EpisodesSkipped, PartEnded, Scored
 from minihuman.experiment.machine.part_sequence import is_only_closing_left
+from minihuman.experiment.plan.designs import PlayedEpisode
 from minihuman.experiment.plan.expansion import expand_protocol
 from minihuman.experiment.plan.session_plan import Participant, ResumeState, SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
@@ -41,6 +42,7 @@ def plan_next_session(
     session: int = 1,
     any_day: bool = False,
     note: AuditNote | None = None,
+    prefix: str = "sub",
 ) -> SessionPlan:
     """Take the participant's slot and plan what is to be played; a session that is not complete is resumed.
 
@@ -53,6 +55,7 @@ def plan_next_session(
         session: 1 for the participant's first.
         any_day: whether a later session may be too early or too late.
         note: why something is overridden, and who does it, for the enrolment log; None records no other day.
+        prefix: of a new participant's code.
 
     Raises:
         AllocationError: if there is no slot to take, or the session is complete.
@@ -61,7 +64,9 @@ def plan_next_session(
     """
     study_dir = data / protocol.study.name
     another_day = session > 1 and _check_came_before(protocol, study_dir, participant, session, any_day=any_day)
-    who, taken = take_slot(protocol, study_dir, participant=participant, group=group, note=note or NO_NOTE)
+    who, taken = take_slot(
+        protocol, study_dir, participant=participant, group=group, note=note or NO_NOTE, prefix=prefix
+    )
     if another_day and note is not None:
         entry = DayOverridden(who.id, session, now_text(), note.reason, note.experimenter)
         record_intervention(study_dir, entry)
@@ -103,7 +108,10 @@ def _check_came_before(
         )
     log = read_log(before)
     if log.end_reason == "screened_out":
-        raise AllocationError(f"{participant} was screened out in session {session - 1}: there is no session {session}")
+        raise AllocationError(
+            f"{participant} was screened out in session {session - 1} and has no session {session}; choose another "
+            "participant"
+        )
     left = len(_remaining_episodes(log))
     if not is_session_complete(log) and (left or not is_only_closing_left(log.plan.parts, _resume_state(log).part)):
         what = f"{left} episodes of session {session - 1} left to play" if left else f"not ended session {session - 1}"
@@ -169,7 +177,7 @@ def _check_day(protocol: Protocol, before: SessionLog, session: int) -> None:
     if not earliest <= passed <= latest:
         raise AllocationError(
             f"session {session} is due {earliest} to {latest} days after session {session - 1}, which was {passed} "
-            "days ago; run it within that period, or run it now with --any-day"
+            "days ago; run it when it is due, or add --any-day to run it now"
         )
 
 
@@ -219,9 +227,16 @@ def _resume_state(log: SessionLog) -> ResumeState:
             case Answered() if event.attempt > 1:
                 tries[event.part_name] = max(tries.get(event.part_name, 0), event.attempt - 1)
     its = log.plan.parts[part].plan if part < len(log.plan.parts) else None
-    outcomes: tuple[str, ...] = ()
-    if isinstance(its, PlayPlan):
-        played = {episode.plan.episode: episode.outcome for episode in log.episodes}
-        places = range(its.first, its.first + its.count)
-        outcomes = tuple(outcome for place in places if (outcome := played.get(place)) and outcome != "abandoned")
-    return ResumeState(part, points, outcomes, tries)
+    state = ResumeState(
+        part, points, (), tries, waited_ns=log.waited_ns or msgspec.UNSET, stranded=log.stranded or msgspec.UNSET
+    )
+    if not isinstance(its, PlayPlan):
+        return state
+    ended = {one.plan.episode: one for one in log.episodes if one.outcome not in (None, "abandoned")}
+    played = [one for place in range(its.first, its.first + its.count) if (one := ended.get(place)) is not None]
+    history = tuple(
+        PlayedEpisode(one.plan.options, one.plan.seed, str(one.outcome), len(one.actions), sum(one.rewards.tolist()))
+        for one in played
+    )
+    outcomes = tuple(episode.outcome for episode in history)
+    return msgspec.structs.replace(state, outcomes=outcomes, history=history if its.design else msgspec.UNSET)

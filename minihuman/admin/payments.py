@@ -27,6 +27,7 @@ class Payment:
     points: float
     bonus: float
     currency: str
+    waited_min: float  # in lobbies; in the bonus
 
 
 def compute_payments(study_dir: Path) -> Iterator[Payment]:
@@ -41,19 +42,20 @@ def compute_payments(study_dir: Path) -> Iterator[Payment]:
     paid: dict[tuple[str, int], Path] = {}
     for row in read_session_index(study_dir):
         if row.summary is None and row.path.relative_to(study_dir).parts[0] in here:
-            raise LogError(f"{row.path} cannot be read, so what it earned is not known: {row.problem}")
+            raise LogError(f"{row.path} cannot be read, so its payment is unknown: {row.problem}")
         if row.summary is None or row.summary.participant not in here:
             continue
         whose = row.summary.participant, row.summary.session
         if (other := paid.setdefault(whose, row.path)) != row.path:
-            raise LogError(f"{row.path} and {other} are the same session; move one of them out of {study_dir}")
+            raise LogError(f"{row.path} and {other} record the same session; move one of them out of {study_dir}")
         log = read_log(row.path.parent)  # with what was cut off behind a finished log
         bonus = log.plan.bonus
         if bonus is None:
-            raise AllocationError(f"{row.path}: its protocol has no [bonus]; add one, with per_point and currency")
+            raise AllocationError(f"{row.path}: the session's protocol has no [bonus], so there is nothing to pay")
         code = log.plan.participant.id
         points = next((event.total for event in reversed(log.part_events) if isinstance(event, Scored)), 0.0)
         who = ids.get(code)
+        stranded = log.stranded or log.end_reason == "screened_out"
         yield Payment(
             code,
             log.plan.session,
@@ -61,8 +63,9 @@ def compute_payments(study_dir: Path) -> Iterator[Payment]:
             who.id if who else "",
             log.end_reason,
             points,
-            round(compute_bonus(bonus, points), 2),
+            round(compute_bonus(bonus, points, log.waited_ns, stranded), 2),
             bonus.currency,
+            log.waited_ns / 60e9,
         )
 
 

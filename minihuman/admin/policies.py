@@ -63,9 +63,9 @@ class PolicyStore:
         """
         path = self.path(sha256)
         if not path.is_file():
-            raise LogError(f"policy {sha256[:16]} is not in {self.folder}; copy the study's folder as a whole")
+            raise LogError(f"policy {sha256[:16]} is missing from {self.folder}; copy the study's whole folder")
         if hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
-            raise LogError(f"{path} does not match the digest in its name: it was changed")
+            raise LogError(f"{path} was changed: it does not match the digest in its name; restore the original")
         return path
 
 

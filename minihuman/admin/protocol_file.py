@@ -5,12 +5,17 @@ Shipped protocols lie inside the package when it is installed, and beside it in 
 
 import errno
 import io
+import json
 import re
 import stat
+import tomllib
 import warnings
 from collections.abc import Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import msgspec
 from PIL import Image
@@ -18,10 +23,16 @@ from PIL import Image
 from minihuman.agents.agent import is_registered_agent, make_policy_agent
 from minihuman.errors import MinihumanError, ProtocolError
 from minihuman.experiment.activities.block_plans import LATEST_POLICY
+from minihuman.experiment.bindings import assign_usual_keys, find_noop, find_period_ms
+from minihuman.experiment.keys import DIGITS
+from minihuman.experiment.plan.trials import list_images, read_table
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol, list_old_names
+from minihuman.experiment.words import ENGLISH, load_words
 from minihuman.trust import NamedWorld, Permission, admit_worlds
 from minihuman.worlds.adapters.world import World
 
+_USUAL_WORLD, _TRIALS_WORLD = "minihuman/MiniGrid-FourRooms-v0", "minihuman/Stimulus-v0"
+_TEAM_WORLD = "minihuman/Team-CrampedRoom-v0"
 _STEPS = 100  # where the world has no limit of its own
 _MOVES = ("left", "right", "forward", "turn_left", "turn_right", "move_forward", "up", "down")
 SCHEMA_FILE = "minihuman.schema.json"
@@ -31,41 +42,134 @@ MAX_PICTURE_PIXELS = 4096 * 4096
 MAX_POLICY_BYTES = 2**25
 
 
+TEMPLATES = {  # what a new study may have beside a block: several go together
+    "two-days": "two sessions, with days between them",
+    "three-groups": "keys to be found out, shown, or the same for all",
+    "trials": "go/no-go trials instead of a world",
+    "browser": "participants in a browser",
+    "team": "two people in one world",
+}
+_PRACTICE_AND_TASKS = ("practice", "task-a", "task-b")
+
+
 @dataclass(frozen=True, slots=True)
 class ProtocolDraft:
     """What a new study is to be."""
 
     name: str = "my-study"
-    world: str = "minihuman/MiniGrid-FourRooms-v0"
+    world: str = ""  # "": the template's
     episodes: int = 5
     participants: int = 20
     keys: str = "new"  # found by trying, or "shown"
+    templates: tuple[str, ...] = ()  # of TEMPLATES
+    language: str = ENGLISH
+
+    @property
+    def default_world(self) -> str:
+        """The world where none is named."""
+        return _TRIALS_WORLD if self.has("trials") else _TEAM_WORLD if self.has("team") else _USUAL_WORLD
+
+    def has(self, template: str) -> bool:
+        """Whether it is made from a template."""
+        return template in self.templates
 
     def toml(self) -> str:
         """The protocol file, with what else there is as comments.
 
         Raises:
-            ProtocolError: if the answers make no study.
+            ProtocolError: if the answers make no study, or there is no such template.
             WorldError: if there is no such world.
         """
-        world = World(self.world, trusted=True)
-        names, limit = world.action_names, world.step_limit
-        world.close()
-        moves = [name for name in names if name in _MOVES] or list(names)
-        text = _TEMPLATE.format(
+        from jinja2 import Environment, StrictUndefined  # which a station that runs sessions does without
+
+        if wrong := [name for name in self.templates if name not in TEMPLATES]:
+            raise ProtocolError(f"template {wrong[0]!r} is unknown; templates: {', '.join(TEMPLATES)}")
+        if self.has("trials") and self.has("team"):
+            raise ProtocolError("templates 'trials' and 'team' are two kinds of block; choose one")
+        jinja = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+        folder = files(__package__).joinpath("templates")
+        written = tomllib.loads(folder.joinpath("texts.toml").read_text(encoding="utf-8"))
+        template = folder.joinpath("study.toml.j2").read_text(encoding="utf-8")
+        text = jinja.from_string(template).render(
+            draft=self,
             schema=SCHEMA_FILE,
-            name=self.name,
             seed=sum(ord(letter) * 31**place for place, letter in enumerate(self.name)) % 10**6,
-            participants=self.participants,
-            world=self.world,
-            episodes=self.episodes,
-            actions=", ".join(f'"{name}"' for name in moves[:9]),
-            others=", ".join(name for name in names if name not in moves) or "none",
-            max_steps=limit or _STEPS,
-            key_map=self.keys,
+            untranslated="" if self.language in written else _list_english_words(),
+            **self._design(),
+            **self._task(written.get(self.language, written[ENGLISH])),
         )
         decode_protocol(text.encode(), f"{self.name}.toml")
         return text
+
+    def _design(self) -> dict[str, Any]:
+        """Groups, sessions and blocks."""
+        three, two_days = self.has("three-groups"), self.has("two-days")
+        staged = three or two_days
+        groups = [("everyone", 1, "")]
+        if three:
+            notes = ("which key does what is to be found out", "it is on the screen", "and the same for all")
+            groups = list(zip(("found", "shown", "given"), (2, 1, 1), notes, strict=True))
+        tasks, last = ["how", "quiz", "practice", "tasks"], ["about-you"]
+        return {
+            "staged": staged,
+            "headline": "A study of several sessions or groups." if staged else "A study of one group and one block.",
+            "groups": groups,
+            "days": [tasks, ["tasks", *last]] if two_days else [[*tasks, *last]],
+            "blocks": _PRACTICE_AND_TASKS if staged else ("play",),
+            "trials": self.has("trials"),
+            "team": self.has("team"),
+            "browser": self.has("browser"),
+        }
+
+    def _task(self, texts: Mapping[str, str]) -> dict[str, Any]:
+        """The world with its keys and pace, and what is said of it."""
+        trials, team = self.has("trials"), self.has("team")
+        world_id = self.world or self.default_world
+        options = {"responses": ["press"]} if trials else {}
+        with closing(World(world_id, options, trusted=True)) as world:
+            names, limit = world.action_names, world.step_limit
+            keys, noop, period_ms = assign_usual_keys(world), find_noop(world), find_period_ms(world)
+        if trials:
+            keys, period_ms = {"space": "press"}, None
+        elif team:
+            keys, period_ms = {key: name for key, name in keys.items() if name in names[:5]}, 150.0
+        free = period_ms is None and not trials  # which key does what is drawn
+        moves = [name for name in names if name in _MOVES] or list(names)
+        actions = moves[:9] if free else list(keys.values())
+        keys = dict(zip(DIGITS, actions, strict=False)) if free else keys
+        staged = self.has("two-days") or self.has("three-groups")
+        key_map = "fixed" if not free else "constant" if staged else self.keys
+        what = texts["trials" if trials else "team" if team else "find" if free else "move"]
+        pairs = ", ".join(f'{key} = "{action}"' for key, action in keys.items())
+        notes = {"new": "  # new: which key does what is to be found out; shown: it is on the screen"}
+        return {
+            "texts": texts,
+            "what": what,
+            "right": texts["press" if trials else "reach"],
+            "world": world_id,
+            "actions": actions,
+            "others": "" if trials else ", ".join(name for name in names if name not in actions) or "none",
+            "max_steps": 1 if trials else limit or _STEPS,
+            "pool": [*DIGITS[:9]] if free else [*keys],
+            "key_map": key_map,
+            "key_map_note": notes.get(key_map, "  # the same keys in all blocks" if key_map == "constant" else ""),
+            "fixed": "" if free or trials else pairs,
+            "given": pairs,
+            "period_ms": None if period_ms is None else round(period_ms, 3),
+            "noop": noop,
+        }
+
+
+def _list_english_words() -> str:
+    """``[words]`` of a language that is not ours, to be translated."""
+    tables: dict[str, list[str]] = {}
+    for key, text in load_words(ENGLISH).items():
+        table, _, name = key.rpartition(".")
+        if table != "mission":
+            tables.setdefault(table, []).append(f"{name} = {json.dumps(text, ensure_ascii=False)}")
+    return "\n".join(
+        "\n".join([f"[words.{table}]" if table else "[words]", *lines, ""]) for table, lines in tables.items()
+    )
 
 
 def make_study_name(words: str) -> str:
@@ -76,42 +180,8 @@ def make_study_name(words: str) -> str:
     """
     name = re.sub(r"[^a-z0-9_]+", "-", words.lower()).strip("-_")[:64]
     if not name:
-        raise ProtocolError(f"{words!r} is not a valid name; use lower-case letters, digits, '-' and '_'")
+        raise ProtocolError(f"{words!r} is not a valid study name; use lower-case letters, digits, '-' and '_'")
     return name
-
-
-_TEMPLATE = """\
-#:schema ./{schema}
-# A study of one group and one block. protocols/README.md has every field; `minihuman check` says what is wrong,
-# and `minihuman check --pictures DIR` draws every screen.
-
-[study]
-name = "{name}"  # names the folder of its data
-version = "1.0"
-seed = {seed}  # every random choice of the study derives from it
-participants = {participants}  # the allocation list's length
-consent = \"\"\"
-You will play some rounds of a simple game. Taking part is voluntary: you may stop at any time by holding Escape.
-\"\"\"
-closing = "Thank you for taking part."
-
-[keys]
-pool = ["1", "2", "3", "4", "5", "6", "7", "8", "9"]  # actions are dealt to these keys, anew for each participant
-
-[[groups]]
-name = "everyone"
-blocks = ["play"]
-
-[[blocks]]
-name = "play"
-world = "{world}"
-episodes = {episodes}
-actions = [{actions}]  # those that get a key; the world's others: {others}
-max_steps = {max_steps}
-key_map = "{key_map}"  # new: which key does what is to be found out; shown: it is on the screen
-instructions = "Find the goal. Some of the keys 1 to 9 do something; find out which."
-feedback = "{{outcome}}, {{steps}} steps."
-"""
 
 
 def read_protocol(path: Path, *, trust: Permission = False) -> Protocol:
@@ -142,9 +212,10 @@ def read_protocol(path: Path, *, trust: Permission = False) -> Protocol:
             "--trust"
         )
     pictures, policies = _find_pictures(protocol), _find_policies(protocol)
-    files = {name: _read_picture(folder, name, f"{path}: {where}") for name, where in pictures.items()}
-    files |= {name: _read_policy(folder, name, f"{path}: {where}") for name, where in policies.items()}
-    return msgspec.structs.replace(protocol, files=files)
+    named = {name: _read_picture(folder, name, f"{path}: {where}") for name, where in pictures.items()}
+    named |= {name: _read_policy(folder, name, f"{path}: {where}") for name, where in policies.items()}
+    named |= _read_stimuli(protocol, folder, path)
+    return msgspec.structs.replace(protocol, files=named)
 
 
 def _find_worlds(value: object) -> Iterator[NamedWorld]:
@@ -166,12 +237,35 @@ def _find_pictures(protocol: Protocol) -> dict[str, str]:
 
 def _find_policies(protocol: Protocol) -> dict[str, str]:
     """The policy files of its agents, each with the field that names it."""
-    named = ((number, block.agent.policy) for number, block in enumerate(protocol.blocks) if block.agent is not None)
+    named = [
+        *((f"{number}].agent.policy", its.agent.policy) for number, its in enumerate(protocol.blocks) if its.agent),
+        *(
+            (f"{number}].team", name)
+            for number, its in enumerate(protocol.blocks)
+            if its.team
+            for name in its.team.agents
+        ),
+    ]
     return {
-        name: f"$.blocks[{number}].agent.policy"
-        for number, name in named
+        name: f"$.blocks[{where}"
+        for where, name in named
         if name and name != LATEST_POLICY and not is_registered_agent(name)
     }
+
+
+def _read_stimuli(protocol: Protocol, folder: Path, path: Path) -> dict[str, bytes]:
+    """The tables of stimuli and the images that they name."""
+    found: dict[str, bytes] = {}
+    for number, block in enumerate(protocol.blocks):
+        if block.stimuli is not None:
+            where, name = f"{path}: $.blocks[{number}].stimuli", block.stimuli.file
+            if name:
+                found[name] = _read_beside(
+                    folder, name, where, MAX_PROTOCOL_BYTES, "copy it into the protocol's folder"
+                )
+            for image in list_images(read_table(block.stimuli, found)):
+                found[image] = _read_picture(folder, image, where)
+    return found
 
 
 def _read_picture(folder: Path, name: str, where: str) -> bytes:
@@ -208,7 +302,7 @@ def _read_beside(folder: Path, name: str, where: str, limit: int, cure: str) -> 
     try:
         path = (folder / name).resolve(strict=True)
         if not path.is_relative_to(folder):
-            raise ProtocolError(f"{where}: {name!r} leads out of the protocol's folder; {cure}")
+            raise ProtocolError(f"{where}: {name!r} is outside the protocol's folder; {cure}")
         return _read_file(path, limit)
     except (OSError, ValueError, RuntimeError) as error:
         if isinstance(error, ProtocolError):

@@ -11,13 +11,20 @@ import os
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from minihuman.dataset.journal import ARRIVALS_FILE_NAME, Journal, LockedJournal, find_database_url, open_journal
+from minihuman.dataset.journal import (
+    ARRIVALS_FILE_NAME,
+    Journal,
+    JournalState,
+    LockedJournal,
+    find_database_url,
+    open_journal,
+)
 from minihuman.log.system import wall_time
 from minihuman.operating_system import open_file, sync_file
 
@@ -70,13 +77,23 @@ _ENTRY_TYPES: dict[str, type[RecruitmentEntry]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class RecruitmentState:
     """What all lines together say."""
 
-    issued: frozenset[str]
-    came: dict[str, str]  # by what they came -> participant
-    recruiting: bool
+    issued: set[str] = field(default_factory=set)
+    came: dict[str, str] = field(default_factory=dict)  # by what they came -> participant
+    recruiting: bool = True
+
+    def take(self, line: RecruitmentEntry) -> None:
+        """Take a line in."""
+        match line:
+            case LinkIssued(issued=key):
+                self.issued.add(key)
+            case ParticipantArrived(came=key, participant=participant):
+                self.came[key] = participant
+            case RecruitmentSwitched(recruiting=now):
+                self.recruiting = now
 
 
 class Recruitment:
@@ -92,6 +109,8 @@ class Recruitment:
         self._in_database = bool(find_database_url(study_dir))
         self._secrets = open_journal(study_dir, SECRET_FILE_NAME, _secret, mode=_OWNER_ONLY)
         self._secret_path = study_dir / SECRET_FILE_NAME
+        self._state = JournalState(RecruitmentState, RecruitmentState.take)
+        self._known_ids: JournalState[PlatformId, set[PlatformId]] = JournalState(set, set.add)
 
     @property
     def begun(self) -> bool:
@@ -117,13 +136,17 @@ class Recruitment:
 
     def standing(self) -> RecruitmentState:
         """What all lines say now."""
-        return _state_of(self._journal.read())
+        return JournalState(RecruitmentState, RecruitmentState.take).after(self._journal.read())
+
+    def find_participant(self, key: str) -> str | None:
+        """Who came by a link or from a platform; None for a new visitor."""
+        return self._state.after(self._journal.read()).came.get(key)
 
     @contextmanager
     def exclusive(self) -> Iterator["RecruitmentTransaction"]:
         """Keep everybody else out while somebody is given a slot."""
         with self._journal.hold() as held:
-            yield RecruitmentTransaction(held)
+            yield RecruitmentTransaction(held, self._state.after(held.lines))
 
     def hash_platform_id(self, platform: str, person: str) -> str:
         """What stands for somebody from a platform: an HMAC with the study's own secret."""
@@ -133,7 +156,7 @@ class Recruitment:
     def remember(self, who: PlatformId) -> None:
         """Keep a platform's id where only the owner can read it; said twice it is written once."""
         with self._ids.hold() as held:
-            if who not in held.lines:
+            if who not in self._known_ids.after(held.lines):
                 held.append(who)
 
     def ids(self) -> dict[str, PlatformId]:
@@ -165,8 +188,8 @@ class Recruitment:
 class RecruitmentTransaction:
     """The arrivals while nobody else can add to them."""
 
-    def __init__(self, held: LockedJournal[RecruitmentEntry]) -> None:
-        self.standing = _state_of(held.lines)
+    def __init__(self, held: LockedJournal[RecruitmentEntry], standing: RecruitmentState) -> None:
+        self.standing = standing
         self._held = held
 
     @staticmethod
@@ -182,21 +205,6 @@ class RecruitmentTransaction:
 def hash_link_token(token: str) -> str:
     """What stands for a link's token."""
     return f"link:{hashlib.sha256(token.encode()).hexdigest()}"
-
-
-def _state_of(lines: tuple[RecruitmentEntry, ...]) -> RecruitmentState:
-    issued: set[str] = set()
-    came: dict[str, str] = {}
-    recruiting = True
-    for line in lines:
-        match line:
-            case LinkIssued(issued=key):
-                issued.add(key)
-            case ParticipantArrived(came=key, participant=participant):
-                came[key] = participant
-            case RecruitmentSwitched(recruiting=now):
-                recruiting = now
-    return RecruitmentState(frozenset(issued), came, recruiting)
 
 
 def _decode_entry(line: bytes, number: int) -> RecruitmentEntry | None:

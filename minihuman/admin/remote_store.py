@@ -91,17 +91,23 @@ class FolderStore(RemoteStore):
         try:
             with self._locked():
                 if _md5(self._folder / name) != over:
-                    raise RemoteStoreConflictError(f"{name} was put into {self._folder} by another machine meanwhile")
+                    raise RemoteStoreConflictError(
+                        f"another machine has just stored {name} in {self._folder}; run the command again"
+                    )
                 _copy_durably(path, self._folder / name)
         except OSError as error:
-            raise RemoteStoreError(f"{path} cannot be stored in {self._folder}: {error.strerror}") from error
+            raise RemoteStoreError(
+                f"{path} cannot be stored in {self._folder}: {error.strerror}; make the folder writable"
+            ) from error
 
     def fetch(self, name: str, path: Path) -> None:
         """Copy it."""
         try:
             _copy_durably(self._folder / name, path)
         except OSError as error:
-            raise RemoteStoreError(f"{name} cannot be fetched from {self._folder}: {error.strerror}") from error
+            raise RemoteStoreError(
+                f"{name} cannot be fetched from {self._folder}: {error.strerror}; make it readable"
+            ) from error
 
     def versions(self, prefix: str) -> dict[str, str]:
         """The logs below."""
@@ -112,7 +118,9 @@ class FolderStore(RemoteStore):
         try:
             (self._folder / name).unlink(missing_ok=True)
         except OSError as error:
-            raise RemoteStoreError(f"{name} cannot be taken from {self._folder}: {error.strerror}") from error
+            raise RemoteStoreError(
+                f"{name} cannot be removed from {self._folder}: {error.strerror}; make the folder writable"
+            ) from error
 
     @contextmanager
     def _locked(self) -> Iterator[None]:

@@ -54,7 +54,7 @@ class S3Store(RemoteStore):
 
     def remove(self, name: str) -> None:
         """Delete it."""
-        with self._said(f"{name} cannot be taken from"):
+        with self._said(f"{name} cannot be removed from"):
             self._client.delete_object(Bucket=self._bucket, Key=self._prefix + name)
 
     @contextmanager
@@ -63,5 +63,7 @@ class S3Store(RemoteStore):
             yield
         except (BotoCoreError, ClientError) as error:
             if isinstance(error, ClientError) and error.response["Error"].get("Code") in _CONFLICTS:
-                raise RemoteStoreConflictError(f"{what} {self._bucket}: another machine did so meanwhile") from error
+                raise RemoteStoreConflictError(
+                    f"{what} {self._bucket}, as another machine has just changed it; run the command again"
+                ) from error
             raise RemoteStoreError(f"{what} {self._bucket}: {error}") from error

@@ -134,7 +134,7 @@ def _refreshed(table: sqlite3.Connection, study: Path) -> sqlite3.Connection:
         with table:
             # Rows have digests, their order has none.
             if table.execute("PRAGMA integrity_check(1)").fetchone() != ("ok",):
-                raise sqlite3.DatabaseError("its index is not that of its rows")
+                raise sqlite3.DatabaseError("the index does not match the rows")
             table.execute("DROP TABLE IF EXISTS sessions_v2")  # of earlier versions: rows without a digest
             table.execute(f"CREATE TABLE IF NOT EXISTS sessions_v3 ({_ROW}, digest, PRIMARY KEY (log))")
             table.execute("CREATE TEMP TABLE present (log TEXT PRIMARY KEY)")

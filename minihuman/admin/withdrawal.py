@@ -62,7 +62,7 @@ def withdraw_participant(
     parse_participant_code(code)  # nothing but a participant's folder is ever taken out
     folder = study_dir / code
     if any(is_being_recorded(part) for part in folder.rglob(f"*{PART_SUFFIX}")):
-        raise AllocationError(f"a session of {code} is running; end it first, then withdraw")
+        raise AllocationError(f"a session of {code} is running; end it before withdrawing the participant")
     if seal is not None:
         _check_archive(seal, study_dir)
     files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
@@ -97,7 +97,7 @@ def _check_archive(seal: Path, study_dir: Path) -> None:
     if seal.exists():
         raise AllocationError(f"{seal} already exists; name another archive with --archive")
     if seal.resolve().is_relative_to(study_dir.resolve()):
-        raise AllocationError(f"{seal} is inside the study's folder; choose another place")
+        raise AllocationError(f"{seal} is inside the study's folder; choose a path outside it with --archive")
 
 
 @contextmanager

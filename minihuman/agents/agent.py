@@ -72,7 +72,7 @@ class OptimalAgent(BaseAgent):
             self._random_share = -1.0
         if not 0 <= self._random_share <= 1:
             raise SimulationError(
-                f"agent optimal: the share of random actions is {self.argument!r}; use a probability from 0 to 1"
+                f"agent optimal: {self.argument!r} is not a share of random actions; use a number from 0 to 1"
             )
         self._random = RandomAgent("")
         self._random.begin(plan, world)

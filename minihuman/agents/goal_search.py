@@ -26,7 +26,9 @@ def find_shortest_path(world: World) -> list[str]:
     """
     path = world.shortest_path()
     if path is None:
-        raise SimulationError(f"{world.id} has no planner; use the random agent or participant")
+        raise SimulationError(
+            f"{world.id} has no planner to find a path; use the random agent or the random participant"
+        )
     return list(path)
 
 

@@ -6,6 +6,7 @@ import os
 import re
 import sys
 import warnings
+from collections import defaultdict
 from importlib.metadata import requires
 
 import click
@@ -20,45 +21,69 @@ _INTERRUPTED = 130  # as shells say it of a program that Ctrl-C ended
 def main() -> None:
     """Run the command line; what a user can put right (our errors, a file out of reach) is one line and exit 2."""
     warnings.formatwarning = _format_warning  # type: ignore[assignment] # the text alone is of use here
+    code = _run()
+    try:
+        sys.stdout.flush()
+    except OSError as error:  # what is still to be written has nowhere to go, now and when the interpreter ends
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):  # its reader has closed it
+            code = code or 1
+        elif code != MinihumanError.exit_code:  # else a sentence was printed
+            code = _refuse(error)
+    sys.exit(code)
+
+
+def _run() -> int:
+    """Run a command; its exit status."""
     try:
         code = make_command_line().main(prog_name="minihuman", standalone_mode=False)
-        sys.stdout.flush()
-        sys.exit(code if isinstance(code, int) else 0)
+        return code if isinstance(code, int) else 0
+    except SystemExit as ended:
+        return ended.code if isinstance(ended.code, int) else 0
     except MinihumanError as error:
         for line in getattr(error, "mistakes", ()) or (str(error),):
             _complain(line)
-        sys.exit(error.exit_code)
+        return error.exit_code
     except click.UsageError as error:
         _complain(_usage_line(error))
-        sys.exit(error.exit_code)
+        return error.exit_code
     except click.Abort as error:  # also what Click makes of Ctrl-C
-        sys.exit(_INTERRUPTED if isinstance(error.__cause__, KeyboardInterrupt) else 1)
+        return _INTERRUPTED if isinstance(error.__cause__, KeyboardInterrupt) else 1
     except KeyboardInterrupt:
-        sys.exit(_INTERRUPTED)
+        return _INTERRUPTED
     except ModuleNotFoundError as error:
-        requirement = find_missing_requirement(error.name or "")
-        if not requirement:
+        requirements = find_missing_requirements(error.name or "")
+        if not requirements:
             raise
-        _complain(f"this command needs {requirement}, which is not installed here; run: pip install '{requirement}'")
-        sys.exit(MinihumanError.exit_code)
-    except BrokenPipeError:  # the reader of our output has closed it; what is still to be written has nowhere to go
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
+        needed = " ".join(f"'{one}'" for one in requirements)
+        _complain(f"this command needs {requirements[0]}, which is not installed here; run: pip install {needed}")
+        return MinihumanError.exit_code
+    except BrokenPipeError:  # the reader of our output has closed it
+        return 1
     except OSError as error:
-        named = "" if error.filename is None else f"{error.filename}: "
-        _complain(f"{named}{error.strerror or error}")
-        sys.exit(MinihumanError.exit_code)
+        return _refuse(error)
 
 
-def find_missing_requirement(module: str) -> str:
-    """Find the requirement of this package that brings a module, extras included; "" if none does."""
+def _refuse(error: OSError) -> int:
+    named = "" if error.filename is None else f"{error.filename}: "
+    _complain(f"{named}{error.strerror or error}")
+    return MinihumanError.exit_code
+
+
+def find_missing_requirements(module: str) -> list[str]:
+    """Find the requirement of this package that brings a module, then the others of its extra; none if none does."""
     package = module.partition(".")[0]
     name = _DISTRIBUTIONS.get(package, package).lower()
+    extras: defaultdict[str, list[str]] = defaultdict(list)
     for line in requires("minihuman") or ():
-        requirement = line.partition(";")[0].strip()
+        requirement, _, marker = line.partition(";")
+        extra = marker.partition("extra ==")[2].strip(" '\"") or requirement  # what is in none stands for itself
         if re.split(r"[^\w.-]", requirement)[0].lower() == name:
-            return requirement
-    return ""
+            extras[extra].insert(0, requirement.strip())
+        elif "sys_platform" not in marker:
+            extras[extra].append(requirement.strip())
+    bringing = [found for found in extras.values() if re.split(r"[^\w.-]", found[0])[0].lower() == name]
+    return min(bringing, key=len, default=[])  # an extra is part of larger ones
 
 
 def _usage_line(error: click.UsageError) -> str:

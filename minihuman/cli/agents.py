@@ -1,4 +1,4 @@
-"""Commands that train agents on what people did (extra `learn`): learn clone, learn teach."""
+"""Commands that train agents on what people did (extra `learn`) and compare players: learn, bench."""
 
 import sys
 from enum import StrEnum
@@ -6,8 +6,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from minihuman.cli.command_line import Subgroup
-from minihuman.cli.options import Option, StudyOrLog, selection_options
-from minihuman.errors import LearnError
+from minihuman.cli.options import Argument, Option, StudyOrLog, selection_options, show_progress
+from minihuman.errors import ExportError, LearnError
+
+_SIGHT_HELP = (
+    "What the policy observes: what the world shows (view), the whole grid (whole), or the nearby cells seen so far "
+    "(remembered)."
+)
 
 
 class SightChoice(StrEnum):
@@ -41,17 +46,23 @@ def need_torch() -> None:
 @selection_options(outcome=("goal",))
 def clone(
     source: StudyOrLog,
-    world: Annotated[str, Option(help="The world whose episodes are learned from.")],
+    world: Annotated[str, Option(help="The world whose episodes the policy learns from.")],
     out: Annotated[Path, Option(help="The policy file to write; its model card is written beside it.")],
-    sight: Annotated[SightChoice, Option(help="What the policy observes.")] = SightChoice.view,
-    missions: Annotated[bool, Option(help="Also give the policy the mission.")] = False,
+    sight: Annotated[SightChoice, Option(help=_SIGHT_HELP)] = SightChoice.view,
+    missions: Annotated[bool, Option(help="Also let the policy observe the mission.")] = False,
     sizes: Annotated[str, Option(help="The numbers of demonstrations to try, such as 5,10,25.")] = "",
     mirrored: Annotated[bool, Option(help="Augment the data with mirrored steps.")] = False,
-    episodes: Annotated[int, Option(min=1, help="The number of held-out episodes for evaluation.")] = 200,
+    episodes: Annotated[int, Option(min=1, help="The number of held-out episodes to evaluate the policy on.")] = 200,
     finetune: Annotated[
-        int, Option(min=0, help="Fine-tune the clone by this many steps of PPO, and train as long from scratch.")
+        int,
+        Option(
+            min=0,
+            help="Fine-tune the clone for this many PPO steps; to compare, train another from scratch for as many.",
+        ),
     ] = 0,
-    finetune_runs: Annotated[int, Option(min=1, help="The number of PPO runs, with and without cloning.")] = 1,
+    finetune_runs: Annotated[
+        int, Option(min=1, help="The number of PPO runs, both from the clone and from scratch.")
+    ] = 1,
     success: Annotated[float, Option(help="Measure how many steps PPO needs to reach this success rate.")] = 0.9,
     seed: Annotated[int, Option(min=0, help="The random seed of the data split, training and evaluation.")] = 1,
     *,
@@ -83,20 +94,22 @@ def _numbers(text: str) -> tuple[int, ...]:
     try:
         return tuple(int(part) for part in text.split(",") if part)
     except ValueError:
-        raise LearnError(f"--sizes is {text!r}; it is whole numbers with commas, as in 5,10,25") from None
+        raise LearnError(
+            f"--sizes {text!r} is not valid; give whole numbers separated by commas, as in 5,10,25"
+        ) from None
 
 
 @selection_options()
 def teach(
     study: StudyOrLog,
-    world: Annotated[str, Option(help="The world whose episodes are learned from.")],
-    out: Annotated[Path, Option(help="The policy file to write; it names the data it was trained on.")],
+    world: Annotated[str, Option(help="The world whose episodes the policy learns from.")],
+    out: Annotated[Path, Option(help="The policy file to write; it records the data that it was trained on.")],
     learner: Annotated[
-        str, Option(help="The learner, such as hg-dagger or tamer, with settings as in tamer:NAME=VALUE.")
+        str, Option(help="The learner, such as hg-dagger or tamer; settings follow a colon, as in tamer:NAME=VALUE.")
     ] = "hg-dagger",
     start: Annotated[Path | None, Option(help="The policy to start from, for learners that support it.")] = None,
-    sight: Annotated[SightChoice, Option(help="What the policy observes.")] = SightChoice.view,
-    seed: Annotated[int, Option(min=0, help="The random seed of the training.")] = 1,
+    sight: Annotated[SightChoice, Option(help=_SIGHT_HELP)] = SightChoice.view,
+    seed: Annotated[int, Option(min=0, help="The random seed of training.")] = 1,
     *,
     selection: Any,
 ) -> None:
@@ -110,7 +123,7 @@ def teach(
     from minihuman.learn.teaching.provenance import make_policy
 
     if out.exists():
-        raise LearnError(f"{out} already exists; choose another folder with --out")
+        raise LearnError(f"{out} already exists; choose another file with --out")
     taught = read_study_dataset(
         study, world, eyesight=ObservationEncoder(False, sight=sight.value), selection=selection
     )
@@ -118,4 +131,60 @@ def teach(
     print(f"{out}: {learner} of {taught.labelled_steps} steps by people, {taught.steps} in all; {made.sha256[:16]}")
 
 
-learn = Subgroup("learn", help="Train agents from people's data.", commands=(clone, teach))
+learn = Subgroup("learn", help="Train agents on people's data.", commands=(clone, teach))
+
+
+class LevelKind(StrEnum):
+    """Which worlds a baseline set is of."""
+
+    grid = "grid"
+    three_d = "first-person"
+
+
+def new(
+    kind: Annotated[LevelKind, Option(help="The kind of worlds to use.")] = LevelKind.grid,
+    seed: Annotated[int, Option(min=0, help="The random seed of the levels; a new seed gives new levels.")] = 1,
+    levels: Annotated[int, Option(min=1, max=1000, help="The number of levels of each family of worlds.")] = 5,
+    out: Annotated[Path | None, Option(help="The protocol file to write; by default, baseline-KIND-SEED.toml.")] = None,
+) -> None:
+    """Write a protocol with a new set of levels.
+
+    Example: minihuman bench new --kind grid --seed 20261124
+    """
+    from minihuman.planning.benchmark import compose_baseline
+
+    path = out or Path(f"baseline-{kind.value}-{seed}.toml")
+    if path.exists():
+        raise ExportError(f"{path} already exists; choose another file with --out")
+    path.write_text(compose_baseline(kind.value, seed, levels=levels), encoding="utf-8", newline="\n")
+    print(path)
+
+
+def run(
+    protocols: Annotated[list[Path], Argument("The sets' protocol files.", "PROTOCOL...")],
+    data: Annotated[Path, Option(help="The folder in which each player gets a data folder.")] = Path("bench"),
+    players: Annotated[
+        str, Option(help="The players and how many runs each plays, as NAME=RUNS; a policy is policy:FILE=RUNS.")
+    ] = "human-like=12,exploring=3,optimal=3,random=3",
+    out: Annotated[Path, Option(help="The folder to write the table and the figure to.")] = Path("scores"),
+    seed: Annotated[int, Option(min=0, help="The random seed of the players and of the bootstrap.")] = 1,
+) -> None:
+    """Have players play sets of levels, and score them.
+
+    Runs that were played earlier are kept. People and models that played the same protocols with the same --data folder
+    are scored too.
+
+    Example: minihuman bench run protocols/baseline-grid.toml --out scores
+    """
+    from minihuman.planning.benchmark import parse_players, run_baseline
+    from minihuman.reporting.scorecard import format_scorecard, write_scorecard
+
+    with show_progress("") as progress:
+        card = run_baseline(protocols, data, parse_players(players), seed=seed, on_progress=progress)
+        paths = write_scorecard(card, out)
+    print(format_scorecard(card))
+    for path in paths:
+        print(path)
+
+
+bench = Subgroup("bench", help="Make baseline sets of levels and score players on them.", commands=(new, run))

@@ -28,37 +28,42 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {  # the commands of each module of 
         "serve": "Serve a study to participants in a browser.",
         "simulate": "Run a study with simulated participants.",
         "watch": "Watch running sessions on a local web page.",
-        "deploy": "Write a folder from which a study is served.",
+        "desk": "Run studies from a start page in a browser on this machine.",
+        "deploy": "Write the files needed to deploy a study on a server.",
     },
     "look": {
         "status": "Print the progress of a study's sessions.",
         "info": "Describe a session's log.",
         "replay": "Replay sessions in the Rerun viewer.",
+        "film": "Write a film of a session's episodes, or a contact sheet.",
         "plot": "Draw figures of a session or a study.",
-        "report": "Write a study's report: tables, statistics, figures.",
-        "query": "Query a study's tables in SQL.",
+        "report": "Write a study's report: tables, statistics and figures.",
+        "query": "Query a study's tables with SQL.",
+        "bots": "Weigh whether a person or a program pressed the keys.",
     },
     "keep": {
-        "verify": "Replay logs from their seeds and inputs, and compare.",
+        "verify": "Replay logs from their seeds and inputs; report any difference.",
         "recover": "Complete interrupted logs and repair damaged ones.",
         "annotate": "Annotate an episode or a session.",
         "manifest": "Write a study's manifest and print its digest.",
         "withdraw": "Withdraw a participant and free their slot.",
-        "replace": "Offer a lost participant's slot again; keep their data.",
+        "replace": "Free the slot of a participant who dropped out; keep their data.",
         "gather": "Synchronize a study's logs with the remote store.",
     },
     "publish": {
         "export": "Export a study as tables, demonstrations or an archive.",
         "power": "Estimate the power of a study by simulation.",
-        "fit": "Fit the reaction times of simulated participants to logged ones.",
-        "payments": "Print what each session earned, as CSV.",
+        "fit": "Fit simulated participants' reaction times to logged ones.",
+        "score": "Score people, policies and models on the same levels.",
+        "payments": "Print the payment for each session as CSV.",
     },
     "agents": {
-        "learn": "Train agents from people's data.",
+        "learn": "Train agents on people's data.",
+        "bench": "Make baseline sets of levels and score players on them.",
     },
     "machine": {
         "plugins": "List the installed plug-ins.",
-        "schema": "Print the JSON schema of a protocol file.",
+        "schema": "Print the JSON Schema for protocol files.",
     },
 }
 ALIASES = {"mark": "annotate", "seal": "manifest", "bonus": "payments"}  # earlier names; they work and are not listed
@@ -104,7 +109,8 @@ def make_command_line() -> CommandLine:
     """Make the group of all commands."""
     return CommandLine(
         "minihuman",
-        help="Run people and agents through grid and first-person worlds; record every key press and verify every log.",
+        help="Run experiments with people and agents in grid and first-person worlds; record every key press and "
+        "verify every log.",
         context_settings=_HELP_NAMES,
         params=[
             click.Option(

@@ -25,24 +25,27 @@ def verify(
     logs: Annotated[list[Path], Argument("Session logs, or folders of them.", "LOG...")],
     manifest: Annotated[
         str | None,
-        Option("--manifest", "--seal", help="Compare the files with this digest or manifest file."),
+        Option("--manifest", "--seal", help="Compare the files with this manifest, given as a file or by its digest."),
     ] = None,
     trust: Annotated[
-        bool, Option("--trust", help="Trust the modules of the logs' worlds from now on: import them.")
+        bool, Option("--trust", help="Trust the modules of the logs' worlds from now on, so that they may be imported.")
     ] = False,
     policies: Annotated[
-        bool, Option("--policies", help="Compare the agents' actions with their policy files.")
+        bool,
+        Option(
+            "--policies", help="Recompute the agents' actions from their policy files, and compare them with the logs."
+        ),
     ] = False,
     tables: Annotated[
-        bool, Option("--tables", help="Recompute a study's tables from its logs, and compare the cached ones.")
+        bool, Option("--tables", help="Recompute a study's tables from its logs, and check the cached ones.")
     ] = False,
     report: Annotated[
         list[Path] | None,
-        Option(help="With --tables, also compare this report or this CSV or Parquet export; repeatable."),
+        Option(help="With --tables, also check this folder of a report or of a CSV or Parquet export; repeatable."),
     ] = None,
     json: Annotated[bool, Option("--json", help="Print one JSON object per line.")] = False,
 ) -> None:
-    """Replay logs from their seeds and inputs, and compare.
+    """Replay logs from their seeds and inputs; report any difference.
 
     The exit status is 1 if anything differs, and 2 if a log cannot be read.
     With --tables, every cell of every table is recomputed from the logs.
@@ -71,8 +74,8 @@ def recover(
 ) -> None:
     """Complete interrupted logs and repair damaged ones.
 
-    Print what was recovered from each log, and add the ends of whole logs to the enrolment log where they are missing.
-    The exit status is 1 if a log was damaged.
+    Print what was recovered from each log. If the enrolment log lacks the end of a complete log, add it. The exit
+    status is 1 if a log was damaged.
 
     Example: minihuman recover sessions/fourrooms-transfer
     """
@@ -95,10 +98,15 @@ def recover(
 
 def annotate(
     log: LogFile,
-    tag: Annotated[str, Option(help="The tag: a lower-case word, such as exclude.")],
-    episode: Annotated[int | None, Option(help="The number of the episode; by default the whole session.")] = None,
+    tag: Annotated[str, Option(help="The tag, a lower-case word such as `exclude`.")],
+    episode: Annotated[
+        int | None, Option(help="The number of the episode; by default, annotate the whole session.")
+    ] = None,
     note: Annotated[
-        str, Option("--note", "--reason", help="The reason; if omitted on a terminal, you are asked for it.")
+        str,
+        Option(
+            "--note", "--reason", help="The reason; if omitted in an interactive terminal, you are prompted for it."
+        ),
     ] = "",
     take_back: Annotated[bool, Option("--take-back", help="Take back an earlier annotation with this tag.")] = False,
     experimenter: ExperimenterOption = "",
@@ -120,7 +128,7 @@ def annotate(
 def manifest(study: StudyFolder) -> None:
     """Write a study's manifest and print its digest.
 
-    Publish the digest, so that `minihuman verify --manifest DIGEST` can find any later change to a file.
+    Publish the digest, so that `minihuman verify --manifest DIGEST` can detect any later change to a file.
 
     Example: minihuman manifest sessions/fourrooms-transfer
     """
@@ -132,16 +140,17 @@ def manifest(study: StudyFolder) -> None:
 def withdraw(
     code: Code,
     study: StudyOption,
-    erase: Annotated[bool, Option("--erase", help="Delete their data.")] = False,
+    erase: Annotated[bool, Option("--erase", help="Delete the participant's data.")] = False,
     archive: Annotated[
-        Path | None, Option("--archive", "--seal", help="Move their data into this ZIP archive, outside the study.")
+        Path | None,
+        Option("--archive", "--seal", help="Move the participant's data to this ZIP archive outside the study."),
     ] = None,
     reason: ReasonOption = "",
     experimenter: ExperimenterOption = "",
 ) -> None:
     """Withdraw a participant and free their slot.
 
-    From then on, their data are excluded from tables, reports and exports.
+    All later tables, reports and exports exclude the participant's data.
 
     Example: minihuman withdraw sub-07 --study sessions/fourrooms-transfer --erase
     """
@@ -150,13 +159,15 @@ def withdraw(
     from minihuman.errors import AllocationError
 
     if erase == (archive is not None):
-        raise AllocationError("choose what happens to the data: --erase or --archive ARCHIVE.zip")
+        raise AllocationError(
+            "choose what happens to the participant's data: add either --erase or --archive ARCHIVE.zip"
+        )
     print(take_out(study, code, seal=archive, note=AuditNote(ask_reason(reason), experimenter)).line())
     print("The next participant gets their slot. Make reports, figures and exports again: they hold their data.")
 
 
 def replace(code: Code, study: StudyOption, reason: ReasonOption = "", experimenter: ExperimenterOption = "") -> None:
-    """Offer a lost participant's slot again; keep their data.
+    """Free the slot of a participant who dropped out; keep their data.
 
     Example: minihuman replace sub-07 --study sessions/fourrooms-transfer
     """

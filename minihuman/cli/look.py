@@ -1,4 +1,4 @@
-"""Commands that show data: status, info, replay, plot, report, query."""
+"""Commands that show data: status, info, replay, film, plot, report, query, bots."""
 
 import tempfile
 from pathlib import Path
@@ -26,7 +26,8 @@ def status(
 ) -> None:
     """Print the progress of a study's sessions.
 
-    The exit status is 1 if a log is missing, or if its end is not in the enrolment log.
+    The exit status is 1 if a log is missing, if the end of a log is missing from the enrolment log, or if a session was
+    completed twice.
 
     Example: minihuman status sessions/fourrooms-transfer --due
     """
@@ -83,13 +84,15 @@ def replay(
 ) -> None:
     """Replay sessions in the Rerun viewer.
 
-    Paths, keys, rewards and events share their timelines. Unfinished episodes and those that the protocol's rules
-    exclude are shown; those annotated `exclude` are not. Logs that cannot be read are named and skipped.
+    Paths, keys, rewards and events are shown on common timelines. Unfinished episodes and those that the protocol's
+    rules exclude are shown; those annotated `exclude` are not. Logs that cannot be read are named and skipped.
 
     Example: minihuman replay sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap --out replay.rrd
     """
     if out is not None and web:
-        raise MinihumanError(f"--out {out} opens nothing, so --web shows nothing; remove one of the two")
+        raise MinihumanError(
+            f"--out {out} writes a file and opens no viewer, so --web has no effect; remove one of them"
+        )
     from minihuman.dataset.sessions import read_selected_sessions
     from minihuman.replay.recording import save_recording, show_recording
 
@@ -102,17 +105,36 @@ def replay(
         show_recording(save_recording(sessions, Path(folder) / "replay.rrd", with_view=view), web=web)
 
 
+def film(
+    log: LogFile,
+    out: Annotated[Path, Option(help="The file to write: a film (.mp4, .webm or .gif) or a contact sheet (.png).")],
+    episode: Annotated[int | None, Option(min=1, help="The number of the episode; by default, all episodes.")] = None,
+) -> None:
+    """Write a film of a session's episodes, or a contact sheet.
+
+    Keys, reaction times and the map are shown beside what the participant saw.
+
+    Example: minihuman film sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap --episode 3 --out episode-3.mp4
+    """
+    from minihuman.log.read.session_reader import read_log
+    from minihuman.replay.film import write_film
+
+    with name_output_when_full(out):
+        print(write_film(read_log(log), out, episode=episode))
+
+
 @selection_options()
 def plot(
     study: StudyOrLog,
-    out: Annotated[Path, Option(help="The folder of the figures.")],
+    out: Annotated[Path, Option(help="The folder to write the figures to.")],
     each: Annotated[bool, Option("--each", help="Also draw the paths and the overview of every session.")] = False,
     *,
     selection: Any,
 ) -> None:
     """Draw figures of a session or a study.
 
-    Draw a session's paths and overview, or where a study's participants went and how they learned; as PNG and PDF.
+    For a session, draw its paths and an overview; for a study, draw where participants went and how they learned. Each
+    figure is saved as PNG and PDF.
 
     Example: minihuman plot sessions/demo --out figures --each
     """
@@ -130,20 +152,25 @@ def plot(
 @selection_options()
 def report(
     study: StudyFolder,
-    out: Annotated[Path, Option(help="The folder of the report.")],
+    out: Annotated[Path, Option(help="The folder to write the report to.")],
     template: Annotated[
-        Path | None, Option(help="A folder with a report.html.j2 or report.css to use instead of minihuman's.")
+        Path | None, Option(help="A folder with a report.html.j2 or report.css to use instead of the built-in one.")
     ] = None,
+    r: Annotated[bool, Option("--r", help="Also write mixed models in R (lme4, brms) as analysis.R.")] = False,
+    python: Annotated[
+        bool, Option("--python", help="Also write mixed models in Python (statsmodels, Bambi) as analysis.py.")
+    ] = False,
     *,
     selection: Any,
 ) -> None:
-    """Write a study's report: tables, statistics, figures.
+    """Write a study's report: tables, statistics and figures.
 
     Example: minihuman report sessions/fourrooms-transfer --out report
     """
     from minihuman.workflow import report as write_report
 
-    written = write_report(study, out, selection=selection, template=template)
+    scripts = [name for name, wanted in (("r", r), ("python", python)) if wanted]
+    written = write_report(study, out, selection=selection, template=template, scripts=scripts)
     for path in written.files:
         print(path, flush=True)
     print_account(written.notes)
@@ -155,24 +182,62 @@ def query(
     csv: Annotated[bool, Option("--csv", help="Print every row as CSV.")] = False,
     json: Annotated[bool, Option("--json", help="Print every row as JSON.")] = False,
 ) -> None:
-    """Query a study's tables in SQL.
+    """Query a study's tables with SQL.
 
-    The tables are steps, episodes, participants and the others of an export. Excluded rows are there too;
-    exclusion_reason is null in included rows. The file tables.duckdb in the study's folder is a cache and may be
-    deleted at any time.
+    The tables are the same as in an export: steps, episodes, participants and others. They also contain excluded rows;
+    exclusion_reason is null in included rows. The file tables.duckdb in the study's folder is a cache, which you can
+    delete at any time.
 
     Example: minihuman query sessions/demo "select participant, avg(reward) from episodes group by all"
     """
     if csv and json:
-        raise MinihumanError("--csv and --json are two formats of the same rows; remove one of the two")
+        raise MinihumanError("--csv and --json cannot be used together; remove one of them")
     from minihuman.dataset.sessions import StudySessions
-    from minihuman.dataset.store import StudyStore, find_queried_tables, format_result_csv, format_result_lines
+    from minihuman.dataset.store import (
+        StudyStore,
+        find_queried_tables,
+        format_result_csv,
+        format_result_lines,
+        needs_shortest_paths,
+    )
 
     sessions = StudySessions(study)
-    with StudyStore(sessions, with_shortest=True, tables=find_queried_tables(sql)) as store:
+    with StudyStore(sessions, with_shortest=needs_shortest_paths(sql), tables=find_queried_tables(sql)) as store:
         found = store.tables.query(sql)
     if json:
         print_json(found.to_pylist())
     else:
         print(format_result_csv(found) if csv else "\n".join(format_result_lines(found)), end="" if csv else "\n")
     print_account((*(one.line() for one in sessions.account.skipped), *sessions.account.notes))
+
+
+@selection_options(with_=("exclude", "rules", "unfinished"))
+def bots(
+    study: StudyOrLog,
+    typing: Annotated[bool, Option("--typing", help="Also look at how answers were typed.")] = False,
+    json: JsonOption = False,
+    *,
+    selection: Any,
+) -> None:
+    """Weigh whether a person or a program pressed the keys.
+
+    A session is flagged if a program is at least 100 times as likely, or by a fact such as keys that a script made.
+    Nothing is excluded: decide with `minihuman annotate LOG --tag exclude`. The ratio is not calibrated on people.
+
+    Example: minihuman bots sessions/online
+    """
+    from minihuman.dataset.sessions import StudySessions
+    from minihuman.reporting.bots import NOT_CALIBRATED, weigh_sessions
+
+    sessions = StudySessions(study, selection)
+    found = list(weigh_sessions(sessions, typing=typing))
+    for one in found:
+        if json:
+            print_json(one)
+            continue
+        print(escape_control_characters(one.line()))
+        for why in (*one.facts, *(one.reasons if one.flagged else ())):
+            print(escape_control_characters(f"    {why}"))
+        if one.flagged and not one.decision:
+            print(escape_control_characters(f"    to decide: minihuman annotate {one.log} --tag exclude (or person)"))
+    print_account((NOT_CALIBRATED, *sessions.account.lines()))

@@ -6,7 +6,7 @@ from minihuman.cli.options import JsonOption, print_json
 def plugins(json: JsonOption = False) -> None:
     """List the installed plug-ins.
 
-    Print the group, name and package of each plug-in, such as agents, windows and exporters.
+    For each plug-in, print its group (such as agents, windows or exporters), its name and its package.
 
     Example: minihuman plugins
     """
@@ -21,9 +21,9 @@ def plugins(json: JsonOption = False) -> None:
 
 
 def schema() -> None:
-    """Print the JSON schema of a protocol file.
+    """Print the JSON Schema for protocol files.
 
-    Text editors use the schema to complete and check TOML files.
+    Text editors can use the schema to complete and check TOML files.
 
     Example: minihuman schema > minihuman.schema.json
     """

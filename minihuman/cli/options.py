@@ -45,24 +45,35 @@ class Option:
 
 StudyFolder = Annotated[Path, Argument("A study's folder, such as sessions/fourrooms-transfer.", "STUDY")]
 StudyOrLog = Annotated[Path, Argument("A study's folder, or one log.", "STUDY")]
-LogFile = Annotated[Path, Argument("A session's log, live file or folder.", "LOG")]
+LogFile = Annotated[Path, Argument("A session's log, its live file or its folder.", "LOG")]
 ProtocolFile = Annotated[Path, Argument("A protocol's TOML file.", "PROTOCOL")]
-DataFolder = Annotated[Path, Option(help="The folder that holds the studies' folders.")]
+DataFolder = Annotated[Path, Option(help="The folder that contains the studies' folders.")]
 ReasonOption = Annotated[
-    str, Option("--reason", help="The reason, for the audit trail; if omitted on a terminal, you are asked for it.")
+    str,
+    Option(
+        "--reason",
+        help="The reason to record in the audit trail; if omitted in an interactive terminal, you are prompted for it.",
+    ),
 ]
-ExperimenterOption = Annotated[str, Option("--experimenter", help="The experimenter's code, for the audit trail.")]
-TrustOption = Annotated[bool, Option("--trust", help="Trust the protocol's folder from now on: run the Python in it.")]
+ExperimenterOption = Annotated[
+    str, Option("--experimenter", help="The experimenter's code to record in the audit trail.")
+]
+TrustOption = Annotated[
+    bool, Option("--trust", help="Trust the protocol's folder from now on, so that Python code in it may run.")
+]
 JsonOption = Annotated[bool, Option("--json", help="Print JSON instead of plain text.")]
 
 _HELP = {
-    "outcome": "Select only episodes with this outcome: goal, timeout, failure; repeatable.",
-    "block": "Select only this block; repeatable.",
-    "participant": "Select only this participant; repeatable.",
-    "version": "Select only this protocol version, given as a version number or the start of its SHA-256; repeatable.",
-    "only": "Select only episodes annotated with this tag; repeatable.",
-    "without": "Exclude episodes annotated with this tag; repeatable. Those tagged `exclude` are excluded by default.",
-    "with_": "Include episodes excluded by default: `exclude` (by this tag), `unfinished` or `rules`; repeatable.",
+    "outcome": "Include only episodes with this outcome: goal, timeout or failure; repeatable.",
+    "block": "Include only episodes of this block; repeatable.",
+    "participant": "Include only this participant's episodes; repeatable.",
+    "version": "Include only episodes recorded with this protocol version, given as a version number or the first "
+    "digits of the protocol's SHA-256; repeatable.",
+    "only": "Include only episodes annotated with this tag; repeatable.",
+    "without": "Exclude episodes annotated with this tag; repeatable. Episodes tagged `exclude` are excluded by "
+    "default.",
+    "with_": "Also include episodes excluded by default: `exclude` (tagged `exclude`), `unfinished` or `rules` "
+    "(excluded by the protocol's rules); repeatable.",
 }
 
 

@@ -17,20 +17,20 @@ from minihuman.cli.options import (
     selection_options,
     show_progress,
 )
-from minihuman.errors import ExportError, MinihumanError
+from minihuman.errors import ExportError, MinihumanError, ReportError, name_output_when_full
 
 
 @selection_options()
 def export(
     format_name: Annotated[
         str,
-        Argument("csv, parquet, minari, lerobot, imitation, bids, psych-ds, frictionless or croissant.", "FORMAT"),
+        Argument("csv, parquet, minari, lerobot, bids or another; `minihuman plugins` lists all.", "FORMAT"),
     ],
     study: StudyOrLog,
     folder: Annotated[Path | None, Argument("The same as --out.", "[OUT]")] = None,
-    out: Annotated[Path | None, Option(help="The folder of the export; it must not exist yet.")] = None,
+    out: Annotated[Path | None, Option(help="The folder to write the export to; it must be new or empty.")] = None,
     stored_frames: Annotated[
-        bool, Option("--stored-frames", help="Use the observations in the logs; do not replay.")
+        bool, Option("--stored-frames", help="Use the observations stored in the logs instead of replaying episodes.")
     ] = False,
     *,
     selection: Any,
@@ -42,7 +42,7 @@ def export(
     from minihuman.workflow import export as export_study
 
     if (out is None) == (folder is None):
-        raise ExportError("the output folder is given once; add --out FOLDER, or remove one of the two")
+        raise ExportError("give the output folder exactly once, with --out FOLDER")
     out = out or folder
     assert out is not None
     with show_progress("exporting") as progress:
@@ -55,10 +55,16 @@ def export(
 
 def power(
     protocol: ProtocolFile,
-    effect: Annotated[str, Option(help="The effect: excess=0.7 (30 % fewer excess steps in one group) or none.")],
+    effect: Annotated[
+        str,
+        Option(
+            help="The effect: excess=0.7 (30 % fewer excess steps in one group), shift=0.5 (half a standard deviation "
+            "of the primary measure, with p-values corrected as in the report), or none."
+        ),
+    ],
     groups: Annotated[str, Option(help="The numbers of participants per group to try.")] = "10,20,30,40",
     measure: Annotated[str, Option(help="The measure to test, or `all`.")] = "log_excess_steps",
-    block: Annotated[str | None, Option(help="The block to analyse; by default the last.")] = None,
+    block: Annotated[str | None, Option(help="The block to analyse; by default, the last one.")] = None,
     studies: Annotated[int, Option(min=10, help="The number of studies to simulate for each group size.")] = 1000,
     people: Annotated[
         int, Option(min=4, help="The number of simulated participants from which studies are drawn.")
@@ -66,14 +72,29 @@ def power(
     player: Annotated[
         str, Option(help="The kind of simulated participant, as for `minihuman simulate`.")
     ] = "human-like",
-    seed: Annotated[int, Option(min=0, help="The random seed.")] = 1,
-    out: Annotated[Path | None, Option(help="The folder of the table and the figure.")] = None,
+    seed: Annotated[int, Option(min=0, help="The random seed of the simulation.")] = 1,
+    on: Annotated[
+        str,
+        Option(
+            help="The comparison that a shift affects: `groups`, `conditions` (within participants) or `change` "
+            "(between days); needs --effect shift=VALUE."
+        ),
+    ] = "groups",
+    drop_out: Annotated[
+        float,
+        Option(
+            "--drop-out",
+            min=0,
+            help="The probability of missing a session and all later ones; needs --effect shift=VALUE.",
+        ),
+    ] = 0.0,
+    out: Annotated[Path | None, Option(help="The folder to write the table and the figure to.")] = None,
     trust: TrustOption = False,
     json: JsonOption = False,
 ) -> None:
     """Estimate the power of a study by simulation.
 
-    Use the same statistical test as the report.
+    The statistical test is the same as in the report.
 
     Example: minihuman power protocols/fourrooms-transfer.toml --effect excess=0.7 --groups 10,20,30,40
     """
@@ -88,9 +109,24 @@ def power(
         power_curve,
         write_power,
     )
+    from minihuman.planning.report_power import plan_report_power
 
-    sizes, wanted = parse_group_sizes(groups), Effect.parse(effect)
-    toml = read_protocol(protocol, trust=ask_trust(trust)).toml
+    sizes, toml = parse_group_sizes(groups), read_protocol(protocol, trust=ask_trust(trust)).toml
+    if effect.startswith("shift="):
+        reported = plan_report_power(
+            toml, effect, sizes, on=on, drop_out=drop_out, studies=studies, people=people, player=player, seed=seed
+        )
+        if json:
+            print_json(reported.estimates)
+        else:
+            print(reported.text)
+        print_account(map(str, write_power(reported.estimates, out) if out is not None else ()))
+        return
+    if on != "groups" or drop_out:
+        raise ReportError(
+            f"--on and --drop-out cannot be used with --effect {effect}; use --effect shift=0.5, or remove them"
+        )
+    wanted = Effect.parse(effect)
     pool = simulate_pool(toml, people=people, player=player, seed=seed, block=block)
     found = tuple(
         one
@@ -108,15 +144,18 @@ def power(
         print_json(found)
     else:
         print(describe_power(pool, wanted, found, player=player))
-    print_account(map(str, write_power(found, out) if out is not None else ()))
+    if out is not None:
+        with name_output_when_full(out):
+            written = write_power(found, out)
+        print_account(map(str, written))
 
 
 def fit(
     study: StudyFolder,
-    out: Annotated[Path | None, Option(help="The CSV file of all values and intervals.")] = None,
+    out: Annotated[Path | None, Option(help="The CSV file to write all values and intervals to.")] = None,
     json: JsonOption = False,
 ) -> None:
-    """Fit the reaction times of simulated participants to logged ones.
+    """Fit simulated participants' reaction times to logged ones.
 
     Print the fitted parameters of each participant, their medians, and how well they predict held-out episodes.
 
@@ -130,26 +169,59 @@ def fit(
         print_json(times)
     else:
         print("\n".join(describe_fits(times)))
-    print_account([str(write_fits(times, out))] if out is not None else [])
+    if out is not None:
+        with name_output_when_full(out):
+            write_fits(times, out)
+        print_account([str(out)])
 
 
 def payments(
     study: StudyFolder,
-    platform: Annotated[str, Option(help="Print id,amount for this platform: prolific, sona or mturk.")] = "",
+    platform: Annotated[
+        str, Option(help="Print lines of `id,amount` for this platform: prolific, sona or mturk.")
+    ] = "",
     json: JsonOption = False,
 ) -> None:
-    """Print what each session earned, as CSV.
+    """Print the payment for each session as CSV.
 
-    Each row has the participant's id on the recruitment platform.
+    Each row contains the participant's ID on the recruitment platform.
 
     Example: minihuman payments sessions/two-days --platform prolific > payments.csv
     """
     from minihuman.admin.payments import compute_payments, format_payments_csv, format_platform_payments
 
     if platform and json:
-        raise MinihumanError(f"--platform {platform} prints the platform's own CSV; remove --json")
+        raise MinihumanError(f"--platform {platform} prints CSV in the platform's own format; remove --json")
     paid = compute_payments(study)
     if json:
         print_json(list(paid))
         return
     print(format_platform_payments(paid, platform) if platform else format_payments_csv(paid), end="")
+
+
+def score(
+    studies: Annotated[list[Path], Argument("The studies' folders; their models' folders are read, too.", "STUDY...")],
+    reference: Annotated[
+        str,
+        Option(
+            help="The player whose score is 1; by default, people or, if none played, the simulated player most like "
+            "them."
+        ),
+    ] = "",
+    out: Annotated[Path, Option(help="The folder to write the table and the figure to.")] = Path("scores"),
+    seed: Annotated[int, Option(min=0, help="The random seed of the bootstrap.")] = 1,
+) -> None:
+    """Score people, policies and models on the same levels.
+
+    The intervals allow for differences between people and between levels.
+
+    Example: minihuman score sessions/fourrooms-transfer --out scores
+    """
+    from minihuman.reporting.scorecard import build_scorecard, format_scorecard, write_scorecard
+
+    with show_progress("scoring"):
+        card = build_scorecard(studies, reference=reference, seed=seed)
+        paths = write_scorecard(card, out)
+    print(format_scorecard(card))
+    for path in paths:
+        print(path)

@@ -1,4 +1,4 @@
-"""Commands that run sessions: run, serve, simulate, watch."""
+"""Commands that run sessions: run, serve, simulate, watch, desk, deploy."""
 
 import sys
 from contextlib import ExitStack
@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from minihuman.cli.options import (
+    Argument,
     DataFolder,
     ExperimenterOption,
     Option,
@@ -17,16 +18,17 @@ from minihuman.cli.options import (
     ask_trust,
     show_progress,
 )
+from minihuman.errors import SimulationError, name_output_when_full
 from minihuman.trust import Permission
 
 
 def run(
     protocol: ProtocolFile,
     participant: Annotated[
-        str | None, Option(help="The participant's code, such as sub-07; by default the next free slot.")
+        str | None, Option(help="The participant's code, such as sub-07; by default, the code of the next free slot.")
     ] = None,
     group: Annotated[str | None, Option(help="Use this group instead of the allocated one.")] = None,
-    session: Annotated[int, Option(min=1, help="The number of the session.")] = 1,
+    session: Annotated[int, Option(min=1, help="The session of the participant to run, such as 2.")] = 1,
     any_day: Annotated[bool, Option(help="Ignore the days required between sessions.")] = False,
     next_slot: Annotated[
         bool, Option("--next-slot", help="Take the next slot, even if an interrupted session could be resumed.")
@@ -35,14 +37,14 @@ def run(
     experimenter: ExperimenterOption = "",
     data: DataFolder = Path("sessions"),
     window: Annotated[str, Option(help="The kind of window: auto, pygame, pyglet or a plug-in's name.")] = "auto",
-    fullscreen: Annotated[bool, Option("--fullscreen/--windowed", help="Use the whole screen or a window.")] = True,
-    lsl: Annotated[bool, Option("--lsl", help="Send markers through the Lab Streaming Layer.")] = False,
+    fullscreen: Annotated[bool, Option("--fullscreen/--windowed", help="Run in full screen or in a window.")] = True,
+    lsl: Annotated[bool, Option("--lsl", help="Send event markers through the Lab Streaming Layer.")] = False,
     trust: TrustOption = False,
 ) -> None:
     """Run a participant's session, or resume one.
 
-    If a session was interrupted, ask on a terminal whether to resume it; elsewhere, stop and name the command that
-    does.
+    If a session was interrupted, you are asked on a terminal whether to resume it; without a terminal, the command
+    stops and names the command that resumes it.
 
     Example: minihuman run protocols/fourrooms-transfer.toml --participant sub-07
     """
@@ -100,16 +102,25 @@ def _ask_interrupted(protocol: Path, data: Path, trust: Permission) -> tuple[str
 
 def serve(
     protocol: ProtocolFile,
-    port: Annotated[int, Option(min=0, max=65535, help="The port; 0 chooses a free one.")] = 8000,
+    port: Annotated[int, Option(min=0, max=65535, help="The port to serve on; 0 chooses a free one.")] = 8000,
     data: DataFolder = Path("sessions"),
-    links: Annotated[int, Option(min=0, help="The number of new links, one per participant.")] = 1,
+    links: Annotated[int, Option(min=0, help="The number of new links to create, one per participant.")] = 1,
     address: Annotated[
         str, Option(help="The public base URL for the participants' links, such as https://study.example.org.")
     ] = "",
     workers: Annotated[
-        int, Option(min=1, max=64, help="The number of server processes; they use this port and the ones after it.")
+        int,
+        Option(min=1, max=64, help="The number of server processes; they use consecutive ports, starting at --port."),
     ] = 1,
-    watch: Annotated[bool, Option("--watch", help="Also serve the experimenter's page.")] = False,
+    watch: Annotated[
+        bool, Option("--watch", help="Also serve the page on which the experimenter watches sessions.")
+    ] = False,
+    agents: Annotated[
+        bool, Option("--agents", help="Serve the study as JSON over HTTP, to programs on this machine only.")
+    ] = False,
+    mcp: Annotated[
+        bool, Option("--mcp", help="With --agents, serve one program on the standard input and output, as MCP tools.")
+    ] = False,
     trust: TrustOption = False,
 ) -> None:
     """Serve a study to participants in a browser.
@@ -118,6 +129,9 @@ def serve(
 
     Example: minihuman serve protocols/fourrooms-transfer.toml --links 20 --watch
     """
+    if agents or mcp:
+        _serve_agents(protocol, port, data, trust=trust, mcp=mcp)
+        return
     from minihuman.admin.legibility import require_legible
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.runtime.warm_up import warm_up
@@ -135,24 +149,57 @@ def serve(
         warm_up(study, str(protocol))
         require_legible(study, str(protocol))
     socket = open_listening_socket(port)
+    if workers > 1:
+        from minihuman.runtime.team_host import require_one_process
+
+        require_one_process(study, "in several server processes; leave out --workers")
     others = list_process_commands(protocol, data / study.study.name, port=port, workers=workers, watch=watch)
     with keep_processes_running(others):
         run_server(study, data, socket, links=links, address=address, say=lambda line: print(line, flush=True))
     print("ended; unfinished sessions resume at the same step when the study is served again", flush=True)
 
 
+def _serve_agents(protocol: Path, port: int, data: Path, *, trust: bool, mcp: bool) -> None:
+    from minihuman.admin.protocol_file import read_protocol
+    from minihuman.web.agent_server import ProgramSeats, make_agent_server
+
+    seats = ProgramSeats(read_protocol(protocol, trust=trust if mcp else ask_trust(trust)), data)
+    if mcp:
+        try:
+            from minihuman.web.mcp_server import make_mcp_server
+        except ImportError:
+            raise SimulationError("--mcp needs the package mcp; run: pip install 'mcp>=2'") from None
+        make_mcp_server(seats).run()
+        return
+    server = make_agent_server(seats, port=port)
+    print(f"programs begin at http://127.0.0.1:{server.server_port}/sessions   (Ctrl-C ends it)", flush=True)
+    try:
+        server.serve_forever()
+    except KeyboardInterrupt:
+        print("ended; unfinished sessions resume when their programs come again")
+
+
 def deploy(
     protocol: ProtocolFile,
     address: Annotated[str, Option(help="The public base URL, such as https://study.example.org.")],
-    out: Annotated[Path, Option(help="The folder to write.")] = Path("deployment"),
+    out: Annotated[Path, Option(help="The folder to write the files to.")] = Path("deployment"),
     workers: Annotated[int, Option(min=1, max=64, help="The number of server processes.")] = 1,
-    postgres: Annotated[bool, Option("--postgres", help="Keep enrolment and arrivals in a database.")] = False,
-    bucket: Annotated[str, Option(help="Copy finished logs to an object store, such as s3://logs/study.")] = "",
+    postgres: Annotated[
+        bool, Option("--postgres", help="Keep enrolment and arrivals in a PostgreSQL database.")
+    ] = False,
+    bucket: Annotated[str, Option(help="Copy finished logs to this object store, such as s3://logs/study.")] = "",
+    check: Annotated[
+        Path | None,
+        Option(help="Then restart servers under load, with the database and store that this data folder names."),
+    ] = None,
+    participants: Annotated[int, Option(min=1, max=10_000, help="The simulated participants of --check.")] = 300,
 ) -> None:
-    """Write a folder from which a study is served.
+    """Write the files needed to deploy a study on a server.
 
-    It holds a container file, a compose file with Caddy, a Caddyfile, a systemd unit and what to do with them. Nothing
-    is started.
+    The files are a container file, a Compose file with Caddy, a Caddyfile, a systemd unit and a README with
+    instructions. Nothing is started, unless --check is given: then as many servers as --workers says, at least two,
+    run on this machine. Each is restarted in turn and one is killed while simulated participants play. The exit status
+    is 1 if an acknowledged key press is lost or a session is recorded twice.
 
     Example: minihuman deploy protocols/online.toml --address https://study.example.org --out online
     """
@@ -162,27 +209,49 @@ def deploy(
 
     study = read_protocol(protocol)
     require_browser_support(study)
-    for path in write_deployment(study, out, Deployment(address, workers, postgres, bucket)):
-        print(path)
+    with name_output_when_full(out):
+        written = write_deployment(study, out, Deployment(address, workers, postgres, bucket))
+    print(*written, sep="\n")
+    if check is None:
+        return
+    from minihuman.web.deployment.check import check_deployment
+
+    result = check_deployment(check, participants, servers=workers, on_progress=lambda line: print(line, flush=True))
+    print(result)
+    if not result.passed:
+        raise SystemExit(1)
 
 
 def simulate(
     protocol: ProtocolFile,
-    participants: Annotated[int, Option(min=1, help="The number of participants; they take the next free slots.")] = 10,
+    participants: Annotated[
+        int, Option(min=1, help="The number of simulated participants; they take the next free slots.")
+    ] = 10,
     data: DataFolder = Path("sessions"),
     seed: Annotated[int, Option(min=0, help="The random seed of the simulated participants.")] = 0,
     player: Annotated[
         str,
         Option(
-            help="The simulated participant: human-like, optimal, random, supervisor or a plug-in; "
-            "settings as in human-like:lapse=0.1."
+            help="The kind of simulated participant: human-like, optimal, random, supervisor, a plug-in's name, or "
+            "model:NAME for a language model. Settings follow a colon, as in human-like:lapse=0.1."
         ),
     ] = "human-like",
+    parallel: Annotated[
+        int, Option(min=1, max=256, help="The number of language-model sessions to run in parallel.")
+    ] = 1,
+    max_price: Annotated[
+        float,
+        Option(
+            min=0,
+            help="Stop when the language models have cost this much in total, in the currency of the protocol's "
+            "prices; run the command again to resume. 0 means no limit.",
+        ),
+    ] = 0.0,
     trust: TrustOption = False,
 ) -> None:
     """Run a study with simulated participants.
 
-    The sessions are the same as for participants, but without a window or waiting.
+    The sessions are the same as with people, but without a window or waiting times.
 
     Example: minihuman simulate protocols/fourrooms-transfer.toml --participants 10 --data /tmp/trial
     """
@@ -195,6 +264,8 @@ def simulate(
             data=data,
             seed=seed,
             player=player,
+            parallel=parallel,
+            max_price=max_price,
             trust=ask_trust(trust),
             on_progress=progress,
         )
@@ -204,12 +275,12 @@ def simulate(
 
 def watch(
     study: StudyFolder,
-    port: Annotated[int, Option(min=0, max=65535, help="The port of the page; 0 chooses a free one.")] = 0,
+    port: Annotated[int, Option(min=0, max=65535, help="The port to serve the page on; 0 chooses a free one.")] = 0,
 ) -> None:
     """Watch running sessions on a local web page.
 
-    The page shows pictures, keys and reaction times; you can take notes there, and pause or abort a session. It reads
-    the live logs, so it can be stopped and started at any time.
+    The page shows pictures, keys and reaction times; use it to take notes, and to pause or abort a session.
+    The command reads the live logs, so you can stop and restart it at any time.
 
     Example: minihuman watch sessions/fourrooms-transfer
     """
@@ -223,3 +294,28 @@ def watch(
         server.serve()
     except KeyboardInterrupt:
         print()
+
+
+def desk(
+    folder: Annotated[Path, Argument("The folder of the protocols.", "FOLDER")] = Path(),
+    data: DataFolder = Path("sessions"),
+    port: Annotated[int, Option(min=0, max=65535, help="The port of the page; 0 chooses a free one.")] = 0,
+    browser: Annotated[bool, Option(help="Open the page in the default browser.")] = True,
+) -> None:
+    """Run studies from a start page in a browser on this machine.
+
+    The page lists the studies of a folder: start the next participant, resume a session, see who is due, check, watch,
+    verify, report. Each button starts a command of minihuman and shows what it prints.
+
+    Example: minihuman desk
+    """
+    import webbrowser
+
+    from minihuman.web.server.desk import run_desk
+
+    def say(url: str) -> None:
+        print(f"open {url}   (Ctrl-C ends it; running sessions go on)", flush=True)
+        if browser:
+            webbrowser.open(url)
+
+    run_desk(folder, data.absolute(), port=port, say=say)

@@ -38,7 +38,7 @@ class PaletteChoice(StrEnum):
 
 
 WindowOption = Annotated[str, Option("--window", help="The kind of window: auto, pygame, pyglet or a plug-in's name.")]
-FullscreenOption = Annotated[bool, Option("--fullscreen", help="Use the whole screen.")]
+FullscreenOption = Annotated[bool, Option("--fullscreen", help="Run in full screen.")]
 
 
 def demo(
@@ -60,64 +60,79 @@ def demo(
 
 
 def new(
-    folder: Annotated[Path, Argument("The folder of the new file; made if absent.", "FOLDER")] = Path(),
+    folder: Annotated[Path, Argument("The folder of the new file; created if it does not exist.", "FOLDER")] = Path(),
     name: Annotated[str, Option(help="The study's name.")] = "",
-    world: Annotated[str, Option(help="The Gymnasium id of the world; `minihuman worlds` lists ours.")] = "",
+    world: Annotated[
+        str, Option(help="The Gymnasium ID of the world; `minihuman worlds` lists the built-in ones.")
+    ] = "",
+    template: Annotated[
+        str, Option(help="Begin from two-days, three-groups, trials, browser or team; several with commas.")
+    ] = "",
+    language: Annotated[
+        str, Option(help="The language of the study: en, de, fr, es, zh, ja, ar, he, or another.")
+    ] = "en",
     yes: Annotated[bool, Option("--yes", "-y", help="Ask no questions; use the defaults.")] = False,
 ) -> None:
     """Write a ready-to-run protocol after a few questions.
 
-    Example: minihuman new my-study
+    Example: minihuman new my-study --template two-days,three-groups --language he
     """
     import json
 
     from minihuman.admin.protocol_file import SCHEMA_FILE, ProtocolDraft, make_study_name
     from minihuman.errors import ProtocolError
     from minihuman.experiment.protocol.schema import build_json_schema
+    from minihuman.operating_system import write_atomically
     from minihuman.trust import Trust, list_foreign_modules
 
-    usual = ProtocolDraft()
-    usual = replace(usual, name=make_study_name(name or usual.name), world=world or usual.world)
+    chosen = tuple(one.strip() for one in template.split(",") if one.strip())
+    usual = ProtocolDraft(templates=chosen, language=language, world=world)
+    usual = replace(usual, name=make_study_name(name or usual.name))
     draft = usual if yes else _asked(usual)
     path = folder / f"{draft.name}.toml"
     if path.exists():
         raise ProtocolError(f"{path} already exists; choose another name with --name, or another folder")
     text = draft.toml()
+    schema = json.dumps(build_json_schema(), indent=1) + "\n"
     folder.mkdir(parents=True, exist_ok=True)
     ours = not any(folder.iterdir())  # a folder with files in it may hold a stranger's Python
-    path.write_text(text, encoding="utf-8", newline="\n")
+    write_atomically(schema, folder / SCHEMA_FILE)
+    write_atomically(text, path)
     Trust(frozenset({folder.resolve()} if ours else ()), list_foreign_modules([draft.world])).record()
-    (folder / SCHEMA_FILE).write_text(json.dumps(build_json_schema(), indent=1) + "\n", encoding="utf-8", newline="\n")
-    print(f"{path} is a study that runs:\n  minihuman check {path}\n  minihuman run {path} --windowed")
+    start = f"serve {path}" if {"browser", "team"} & set(chosen) else f"run {path} --windowed"
+    print(f"{path} is a study that runs:\n  minihuman check {path}\n  minihuman {start}")
 
 
 def _asked(usual: "ProtocolDraft") -> "ProtocolDraft":
     import click
 
-    from minihuman.admin.protocol_file import ProtocolDraft, make_study_name
+    from minihuman.admin.protocol_file import make_study_name
 
     try:
         name = make_study_name(click.prompt("Name of the study", default=usual.name))
-        world = click.prompt("World (`minihuman worlds` lists ours)", default=usual.world)
+        world = click.prompt("World (`minihuman worlds` lists ours)", default=usual.default_world)
         episodes = click.prompt("Episodes each", default=usual.episodes, type=int)
         participants = click.prompt("Participants", default=usual.participants, type=int)
-        shown = click.confirm("Show which key does what?", default=False)
+        shown = not usual.templates and click.confirm("Show which key does what?", default=False)
     except click.Abort:
         print("Aborted.", file=sys.stderr)
         raise SystemExit(1) from None
-    return ProtocolDraft(name, world, episodes, participants, "shown" if shown else "new")
+    keys = "shown" if shown else "new"
+    return replace(usual, name=name, world=world, episodes=episodes, participants=participants, keys=keys)
 
 
 def check(
     protocol: ProtocolFile,
-    participant: Annotated[str, Option(help="Print the plan of this participant.")] = "sub-01",
+    participant: Annotated[str, Option(help="Print the plan for this participant.")] = "sub-01",
     group: Annotated[str | None, Option(help="Use this group instead of the allocated one.")] = None,
-    stratum: Annotated[str | None, Option(help="Plan for this stratum; by default the first.")] = None,
-    session: Annotated[int, Option(min=1, help="The number of the session.")] = 1,
+    stratum: Annotated[str | None, Option(help="Plan for this stratum; by default, for the first one.")] = None,
+    session: Annotated[int, Option(min=1, help="The session of the participant to show, such as 2.")] = 1,
     json: Annotated[bool, Option("--json", help="Print the whole plan as JSON.")] = False,
     pictures: Annotated[Path | None, Option(help="Save a picture of every screen to this folder.")] = None,
     preregistration: Annotated[Path | None, Option(help="Write a preregistration to this file.")] = None,
-    effect: Annotated[str, Option(help="Compute power for this effect; needs --preregistration.")] = "",
+    effect: Annotated[
+        str, Option(help="Add a power estimate for this effect, such as excess=0.7, to the --preregistration file.")
+    ] = "",
     trust: TrustOption = False,
 ) -> None:
     """Check a protocol and its worlds, and print a session plan.
@@ -127,11 +142,11 @@ def check(
     from minihuman.admin.legibility import require_legible
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.dataset.selection import check_exclusion_measures
-    from minihuman.experiment.plan.dry_run import check_worlds, describe_plan, describe_strata
+    from minihuman.experiment.plan.dry_run import check_worlds, describe_plan, describe_strata, describe_worlds
     from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol, parse_participant_code
 
     if effect and preregistration is None:
-        raise MinihumanError(f"--effect is {effect!r}, which goes into a preregistration; add --preregistration FILE")
+        raise MinihumanError(f"--effect {effect} only adds to a preregistration; add --preregistration FILE as well")
     study = read_protocol(protocol, trust=ask_trust(trust))
     check_exclusion_measures(study.exclusions, str(protocol))
     check_worlds(study, str(protocol))
@@ -141,7 +156,8 @@ def check(
     if json:
         print_json(plan)
     else:
-        print(escape_control_characters("\n".join((*describe_plan(plan), *describe_strata(study)))))
+        said = (*describe_plan(plan), *describe_strata(study), *describe_worlds(study))
+        print(escape_control_characters("\n".join(said)))
     if pictures is not None:
         from minihuman.runtime.screenshots import save_screenshots
 
@@ -195,12 +211,14 @@ def doctor(
 
 
 def play(
-    world_id: Annotated[str, Argument("The Gymnasium id of the world; `minihuman worlds` lists ours.", "WORLD")],
+    world_id: Annotated[
+        str, Argument("The Gymnasium ID of the world; `minihuman worlds` lists the built-in ones.", "WORLD")
+    ],
     seed: Annotated[int, Option(min=0, help="The random seed of the first layout.")] = 0,
     view: Annotated[
         ViewChoice, Option(help="Show what the agent sees (partial) or the whole grid (full).")
     ] = ViewChoice.PARTIAL,
-    palette: Annotated[PaletteChoice, Option(help="The colours of the world.")] = PaletteChoice.CLASSIC,
+    palette: Annotated[PaletteChoice, Option(help="The colour palette of the world.")] = PaletteChoice.CLASSIC,
     window: WindowOption = "auto",
     fullscreen: FullscreenOption = False,
 ) -> None:
@@ -223,10 +241,10 @@ def worlds(json: JsonOption = False) -> None:
 
     Example: minihuman worlds
     """
-    from minihuman.worlds.catalogue import WORLDS
+    from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS
 
     if json:
-        print_json([{"id": entry.id, "summary": entry.summary} for entry in WORLDS])
+        print_json([{"id": entry.id, "summary": entry.summary} for entry in (*WORLDS, *TEAM_WORLDS)])
         return
-    for entry in WORLDS:
+    for entry in (*WORLDS, *TEAM_WORLDS):
         print(f"{entry.id:60} {entry.summary}")

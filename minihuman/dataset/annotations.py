@@ -40,7 +40,7 @@ def annotations_path(log: Path) -> Path:
         return log.with_name(_LOG_ENDING.sub("", log.name) + ANNOTATIONS_SUFFIX)
     stems = {_LOG_ENDING.sub("", path.name) for path in log.iterdir() if _LOG_ENDING.search(path.name)}
     if len(stems) != 1:
-        raise LogError(f"{log} holds {len(stems)} session logs, not one; name a file")
+        raise LogError(f"{log} contains {len(stems)} session logs instead of one; name a single log file")
     return log / (stems.pop() + ANNOTATIONS_SUFFIX)
 
 
@@ -60,7 +60,7 @@ def read_annotation_file(path: Path) -> tuple[Annotation, ...]:
     Raises:
         LogError: if a line is damaged.
     """
-    return _open(path).read()
+    return tuple(_open(path).read())
 
 
 def _open(path: Path) -> FileJournal[Annotation]:
@@ -71,7 +71,10 @@ def _decode(path: Path, line: bytes, number: int) -> Annotation:
     try:
         return msgspec.json.decode(line, type=Annotation)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise LogError(f"{path}:{number}: {line.decode(errors='replace')!r} is not an annotation ({error})") from error
+        raise LogError(
+            f"{path}:{number}: {line.decode(errors='replace')!r} is not a valid annotation ({error}); correct or "
+            "delete this line"
+        ) from error
 
 
 def add_annotation(log: SessionLog, mark: Annotation) -> Path:
@@ -81,15 +84,19 @@ def add_annotation(log: SessionLog, mark: Annotation) -> Path:
         LogError: if the tag is no word or close to a known one, or the session has no such episode.
     """
     if not _TAG.fullmatch(mark.tag):
-        raise LogError(f"tag {mark.tag!r} is not a lower-case word: letters, digits, '-' and '_', a letter first")
+        raise LogError(
+            f"{mark.tag!r} is not a valid tag; start with a lower-case letter, and use only a to z, digits, '-' and '_'"
+        )
     near = () if mark.tag in KNOWN_TAGS or mark.taken_back else get_close_matches(mark.tag, KNOWN_TAGS, cutoff=0.8)
     if near:
-        raise LogError(f"tag {mark.tag!r} is close to {near[0]!r}, which has a meaning; use that, or another word")
+        raise LogError(
+            f"tag {mark.tag!r} is too similar to the built-in tag {near[0]!r}; use that one, or a different word"
+        )
     numbers = {plan.episode + 1 for plan in log.plan.episodes}
     if mark.episode is not None and not numbers:
         raise LogError(f"{log.path} has no episodes; annotate the session without --episode")
     if mark.episode is not None and mark.episode not in numbers:
-        raise LogError(f"{log.path} has no episode {mark.episode}; it has {min(numbers)} to {max(numbers)}")
+        raise LogError(f"{log.path} has no episode {mark.episode}; its episodes are {min(numbers)} to {max(numbers)}")
     path = annotations_path(log.path)
     with _open(path).hold() as held:
         held.append(mark)

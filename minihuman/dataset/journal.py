@@ -11,20 +11,22 @@ import hashlib
 import os
 import re
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import cache
+from itertools import islice
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 import msgspec
 
 from minihuman.errors import LogError, name_file_in_errors
 from minihuman.log.record.file_lock import is_file_at, lock_file
-from minihuman.log.system import current_system, sync_folder, write_durably
+from minihuman.log.system import current_system, sync_folder, write_again, write_durably
 from minihuman.operating_system import read_at
 
 Line = TypeVar("Line")
+State = TypeVar("State")
 LineDecoder = Callable[[bytes, int], Line | None]  # a line's bytes and its number; None for one that is passed over
 
 _TAIL = re.compile(rb',"previous":"([0-9a-f]{32})","digest":"([0-9a-f]{32})"')
@@ -74,8 +76,8 @@ class LineChain:
         if found is None or found.end() == len(line):
             if line.endswith(b"}") and any(name in line for name in _TAIL_NAMES):
                 raise self._damaged(number, "it was changed")
-            if not line or (line.startswith(b"{") and not line.endswith(b"}")):
-                return b""
+            if not line.strip(b"\0 ") or (line.startswith(b"{") and not line.endswith(b"}")):
+                return b""  # a power cut may leave a line's size alone
             self.unchained += 1
             return line
         body = line[: found.end(1) + 1]
@@ -93,12 +95,35 @@ def _digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()[:32]
 
 
+class LinesRead(Sequence[Line]):
+    """The lines of a list that only grows, as far as it goes now; no copy, which a long study pays at each join."""
+
+    def __init__(self, lines: list[Line]) -> None:
+        self._lines, self._count = lines, len(lines)
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, at: Any) -> Any:
+        if isinstance(at, slice):
+            return self._lines[slice(*at.indices(self._count))]
+        return self._lines[range(self._count)[at]]
+
+    def __iter__(self) -> Iterator[Line]:
+        return islice(self._lines, self._count)
+
+
 class LockedJournal(abc.ABC, Generic[Line]):
     """A journal while no other process can write to it."""
 
-    def __init__(self, lines: tuple[Line, ...], declaration: Line | None = None) -> None:
-        self.lines = lines
+    def __init__(self, lines: Sequence[Line], declaration: Line | None = None) -> None:
+        self._before, self._added = lines, list[Line]()
         self._declaration = declaration
+
+    @property
+    def lines(self) -> Sequence[Line]:
+        """All lines, with those that were added here."""
+        return (*self._before, *self._added) if self._added else self._before
 
     def append(self, *lines: Line) -> None:
         """Add lines, all or none; they last when the journal is let go of, at the latest.
@@ -109,7 +134,7 @@ class LockedJournal(abc.ABC, Generic[Line]):
         if self._declaration is not None and self._declaration not in self.lines:
             lines = (self._declaration, *lines)
         self._write(lines)
-        self.lines += lines
+        self._added += lines
 
     @abc.abstractmethod
     def _write(self, lines: tuple[Line, ...]) -> None:
@@ -125,7 +150,7 @@ class Journal(abc.ABC, Generic[Line]):
         """Whether there ever was a line."""
 
     @abc.abstractmethod
-    def read(self) -> tuple[Line, ...]:
+    def read(self) -> Sequence[Line]:
         """All lines.
 
         Raises:
@@ -154,6 +179,31 @@ class Journal(abc.ABC, Generic[Line]):
         """
 
 
+class JournalState(Generic[Line, State]):
+    """What a journal's lines amount to, kept from one time to the next: only lines that were added are taken in.
+
+    Args:
+        make: makes a state without lines.
+        take: takes a line into it.
+    """
+
+    def __init__(self, make: Callable[[], State], take: Callable[[State, Line], object]) -> None:
+        self._make, self._take = make, take
+        self._guard = threading.Lock()
+        self._state, self._count, self._last = make(), 0, cast(Line, None)
+
+    def after(self, lines: Sequence[Line]) -> State:
+        """The state after all lines of the journal, which its next call changes."""
+        with self._guard:
+            if self._count > len(lines) or (self._count and lines[self._count - 1] is not self._last):  # read anew
+                self._state, self._count = self._make(), 0
+            for line in lines[self._count :]:
+                self._take(self._state, line)
+            self._count = len(lines)
+            self._last = lines[-1] if lines else self._last
+            return self._state
+
+
 class FileJournal(Journal[Line]):
     """Lines of JSON in a file under an exclusive lock, each fsynced.
 
@@ -164,6 +214,8 @@ class FileJournal(Journal[Line]):
         chained: each line carries a checksum and the head of the chain before it; nothing is ever taken out.
         declaration: written once, before the first line that is added; None: there is none.
     """
+
+    _durable: int
 
     def __init__(
         self,
@@ -189,7 +241,7 @@ class FileJournal(Journal[Line]):
         """How many lines that were read have no checksum."""
         return self._chain.unchained
 
-    def read(self) -> tuple[Line, ...]:
+    def read(self) -> Sequence[Line]:
         """All lines; of one that is being written, nothing."""
         try:
             with name_file_in_errors(self._path), self._path.open("rb") as file:
@@ -212,7 +264,11 @@ class FileJournal(Journal[Line]):
                     ):  # else a participant was removed from it meanwhile, which writes it anew
                         lines = self._read_on(fd)
                         chain = self._chain.copy() if self._chained else None
-                        yield _LockedFile(fd, lines, self._declaration, chain)
+                        held = _LockedFile(fd, self._path, lines, self._declaration, chain, durable=self._durable)
+                        try:
+                            yield held
+                        finally:
+                            self._durable = held.durable
                         return
                 finally:
                     os.close(fd)
@@ -235,10 +291,11 @@ class FileJournal(Journal[Line]):
         self._at = 0  # bytes that were read
         self._last = b""  # the end of them
         self._which = (-1, -1)
+        self._durable = 0  # bytes that this process made durable
         self._seen = (-1, -1)  # size and time of last change
-        self._chain = LineChain(str(self._path))
+        self._chain: LineChain = LineChain(str(self._path))
 
-    def _read_on(self, fd: int) -> tuple[Line, ...]:
+    def _read_on(self, fd: int) -> Sequence[Line]:
         """What is there, of an open file; another file, or one that was changed, is read from its start."""
         with self._guard:
             now = os.fstat(fd)
@@ -262,7 +319,7 @@ class FileJournal(Journal[Line]):
             self._count += len(found)
             self._at += len(data) - len(rest)
             self._last = (self._last + data[: len(data) - len(rest)])[-_REMEMBERED:]
-            return (*self._lines, half) if half is not None else tuple(self._lines)
+            return LinesRead(self._lines) if half is None else (*self._lines, half)
 
     def _open(self, chain: LineChain, line: bytes, number: int) -> Line | None:
         if self._chained and not (line := chain.open(line, number)):
@@ -278,14 +335,25 @@ _REMEMBERED = 256  # bytes by which a file that was changed is known
 
 
 class _LockedFile(LockedJournal[Line]):
-    def __init__(self, fd: int, lines: tuple[Line, ...], declaration: Line | None, chain: LineChain | None) -> None:
+    def __init__(
+        self,
+        fd: int,
+        path: Path,
+        lines: Sequence[Line],
+        declaration: Line | None,
+        chain: LineChain | None,
+        *,
+        durable: int,
+    ) -> None:
         super().__init__(lines, declaration)
-        self._fd, self._chain = fd, chain
+        self.durable = durable
+        self._fd, self._path, self._chain = fd, path, chain
 
     def _write(self, lines: tuple[Line, ...]) -> None:
         """Write them; a line that a crash cut off is finished first."""
         size = os.fstat(self._fd).st_size
-        start = read_at(self._fd, _LONGEST, max(0, size - _LONGEST)).rpartition(b"\n")[2]
+        tail = max(0, size - _LONGEST)
+        start = read_at(self._fd, _LONGEST, tail).rpartition(b"\n")[2]
         end = b"" if not start else b"\n"
         if start and self._chain is not None:
             end = (
@@ -298,10 +366,14 @@ class _LockedFile(LockedJournal[Line]):
         data = end + b"".join(line + b"\n" for line in encoded)
         disk = current_system().disk
         try:
+            if size != self.durable:  # another process wrote here, and may have ended because an fsync failed
+                write_again(self._path, begin=tail)
             while data:
                 data = data[disk.write(self._fd, data) :]
             disk.sync(self._fd)
+            self.durable = os.fstat(self._fd).st_size
         except OSError:
+            self.durable = -1
             with suppress(OSError):
                 disk.truncate(self._fd, size)
             raise

@@ -3,14 +3,14 @@
 import os
 import socket
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any, Generic, TypeVar
 
 import msgspec
 import psycopg
 
-from minihuman.dataset.journal import Journal, LineChain, LineDecoder, LockedJournal
+from minihuman.dataset.journal import Journal, LineChain, LineDecoder, LinesRead, LockedJournal
 
 Line = TypeVar("Line")
 _TABLES = """
@@ -66,7 +66,10 @@ class Database:
                     yield cursor
             except psycopg.Error as error:
                 self.close()
-                raise JournalDatabaseError(f"the database of {self._purpose} cannot be queried: {error}") from error
+                said = " ".join(str(error).split())  # in lines
+                raise JournalDatabaseError(
+                    f"the database of {self._purpose} cannot be queried: {said}; check that it is running and reachable"
+                ) from error
 
     def close(self) -> None:
         """Let go of the connection; it is made again when it is needed."""
@@ -140,7 +143,7 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         """How many lines that were read have no checksum."""
         return self._chain.unchained
 
-    def read(self) -> tuple[Line, ...]:
+    def read(self) -> Sequence[Line]:
         """All lines."""
         with self._asking() as cursor:
             row = cursor.execute("select generation from minihuman_journals where name = %s", [self._name]).fetchone()
@@ -182,7 +185,7 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         assert row is not None
         return int(row[0])
 
-    def _read_on(self, cursor: "psycopg.Cursor[Any]", generation: int) -> tuple[Line, ...]:
+    def _read_on(self, cursor: "psycopg.Cursor[Any]", generation: int) -> Sequence[Line]:
         if generation != self._generation:
             self._generation, self._last, self._lines = generation, 0, []
             self._chain = LineChain(self._name)
@@ -194,7 +197,7 @@ class PostgresJournal(Journal[Line], Generic[Line]):
             if found is not None:
                 self._lines.append(found)
             self._last, self._chain = number, chain
-        return tuple(self._lines)
+        return LinesRead(self._lines)
 
     @contextmanager
     def _asking(self) -> Iterator["psycopg.Cursor[Any]"]:
@@ -212,7 +215,7 @@ class _LockedRows(LockedJournal[Line]):
         cursor: "psycopg.Cursor[Any]",
         name: str,
         last: int,
-        lines: tuple[Line, ...],
+        lines: Sequence[Line],
         declaration: Line | None,
         chain: LineChain | None,
     ) -> None:

@@ -27,7 +27,7 @@ T = TypeVar("T")
 _SEGMENT_ENDING = re.compile(r"(_seg-\d+)?\.mcap(\.part)?$")
 _MIN_LOGS_PER_PROCESS = 32  # sessions; fewer are read sooner than one more process starts
 _BATCH = 4  # sessions handed over together
-_AHEAD = 12  # batches worked on and not yet taken, beside two for each other process
+_AHEAD = 4  # batches worked on and not yet taken, beside two for each other process
 _Batch = tuple[list[Path], "Future[list[T]]"]
 
 
@@ -81,6 +81,13 @@ def list_readable_logs(source: Path) -> tuple[list[Path], list[SkippedLog]]:
     return [path for path in facts if path in kept_paths], skipped
 
 
+def list_participant_logs(source: Path, participant: str) -> list[Path]:
+    """List the readable logs of one participant below a folder, by what each says first; unopened but for that."""
+    firsts = dict(_found(source))
+    told = {path: read_first_metadata(firsts[path]).get("participant", "") for path in list_readable_logs(source)[0]}
+    return [path for path, its in told.items() if its in (participant, "")]  # a damaged log says nothing there
+
+
 def list_other_sessions(log: SessionLog) -> list[Path]:
     """List the logs of the same participant's other sessions of the study, in order of session number.
 
@@ -107,7 +114,7 @@ def _found(source: Path) -> list[tuple[Path, Path]]:
     if source.is_file():
         return [(source, source)]
     if not source.is_dir():
-        raise LogError(f"{source} does not exist; name a session log, or a folder of them")
+        raise LogError(f"{source} does not exist; name a session log or a folder of session logs")
     folders = sorted(find_log_folders(source))
     sessions = [(folder, files) for folder, names in folders for files in group_sessions(folder, names).values()]
     return [(files[0] if len(files) == 1 else folder, files[0]) for folder, files in sessions]

@@ -323,11 +323,21 @@ def shortest_path_bounds(plan: EpisodePlan) -> PathLengthBounds:
     Raises:
         WorldError: if the world cannot be made here.
     """
-    return _of_layout(plan.world, json.dumps(plan.options, sort_keys=True, default=str), plan.seed)
+    return layout_path_bounds(plan.world, world_options_json(plan), plan.seed)
+
+
+def world_options_json(plan: EpisodePlan) -> str:
+    """A world's options as the table "plan" has them."""
+    return json.dumps(plan.options, sort_keys=True, default=str)
 
 
 @lru_cache(maxsize=100_000)
-def _of_layout(world_id: str, options: str, seed: int) -> PathLengthBounds:
+def layout_path_bounds(world_id: str, options: str, seed: int) -> PathLengthBounds:
+    """The fewest steps in a world from its seed; ``options`` are JSON with sorted keys.
+
+    Raises:
+        WorldError: if the world cannot be made here.
+    """
     world = _world(world_id, options)
     world.reset(seed)
     return world.path_length_bounds()

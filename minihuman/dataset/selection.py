@@ -56,8 +56,8 @@ def check_exclusion_measures(exclusions: Sequence[ExclusionSpec], source: str) -
         known = [column.name for column in _COLUMNS[rule.level] if column.kind in ("integer", "number", "boolean")]
         if rule.measure not in known:
             raise ReportError(
-                f"{source}: $.exclusions[{number}].measure is {rule.measure!r}, no measure of "
-                f"{'an episode' if rule.level == 'episode' else 'a participant'}; there are {', '.join(known)}"
+                f"{source}: $.exclusions[{number}].measure: {rule.measure!r} is not a measure of "
+                f"{'an episode' if rule.level == 'episode' else 'a participant'}; use one of {', '.join(known)}"
             )
 
 

@@ -3,7 +3,7 @@
 import math
 import operator
 import statistics
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,15 +14,16 @@ from minihuman.dataset.measures import (
     PathMeasures,
     excess_steps,
     key_discovery_times,
+    layout_path_bounds,
     log_excess_steps,
     log_steps_ratio,
     mean_and_median,
     measure_paths,
     playing_s,
     response_ms,
-    shortest_path_bounds,
     slope_per_episode,
     spl,
+    world_options_json,
 )
 from minihuman.errors import WorldError
 from minihuman.experiment.plan.session_plan import EpisodePlan
@@ -45,7 +46,7 @@ class SessionMeasures:
         """Measure every episode; ``planner`` says how few steps one could have taken."""
         tallies = tuple(KeyTally.of(episode) for episode in log.episodes)
         rows = (
-            _episode(tally, walk) | _least(tally.episode, planner(tally.episode.plan))
+            (row := _episode(tally, walk)) | compare_with_shortest_path(row, planner(tally.episode.plan))
             for tally, walk in zip(tallies, measure_paths(log.episodes), strict=True)
         )
         return cls(tuple(rows), tallies)
@@ -68,8 +69,13 @@ class SessionMeasures:
 
 def find_path_bounds(plan: EpisodePlan) -> PathLengthBounds:
     """The fewest steps of an episode; unknown where the world cannot be made here."""
+    return find_layout_bounds(plan.world, world_options_json(plan), plan.seed)
+
+
+def find_layout_bounds(world_id: str, options: str, seed: int) -> PathLengthBounds:
+    """The fewest steps in a world from its seed, ``options`` as JSON; unknown where it cannot be made here."""
     try:
-        return shortest_path_bounds(plan)
+        return layout_path_bounds(world_id, options, seed)
     except WorldError:
         return UNKNOWN_BOUNDS
 
@@ -117,9 +123,9 @@ def _episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
     }
 
 
-def _least(episode: EpisodeLog, least: PathLengthBounds) -> MeasureRow:
-    """The fewest possible steps, and how the episode's stand to those of the best way that is known."""
-    steps, limit, outcome = len(episode.actions), episode.plan.max_steps, episode.outcome_word
+def compare_with_shortest_path(row: Mapping[str, Any], least: PathLengthBounds) -> MeasureRow:
+    """The fewest possible steps, and how an episode's stand to those of the best way that is known."""
+    steps, limit, outcome = row["steps"], row["max_steps"], row["outcome"]
     return {
         "shortest_steps": least.at_least,
         "feasible_steps": least.feasible,
@@ -149,10 +155,7 @@ def _over(rows: Sequence[MeasureRow], tallies: Sequence[KeyTally], begun: Sequen
         "reward_slope": _slope(rows),
         "steps_mean": _mean(steps),
         "steps_at_limit_mean": _mean([row["steps"] if row["success"] else row["max_steps"] for row in rows]),
-        "excess_steps_mean": _mean([row["excess_steps"] for row in rows]),
-        "log_excess_steps_mean": _mean([row["log_excess_steps"] for row in rows]),
-        "log_steps_ratio_mean": _mean([row["log_steps_ratio"] for row in rows]),
-        "spl_mean": _mean([row["spl"] for row in rows]),
+        **average_path_measures(rows),
         "playing_s_mean": _mean([row["playing_s"] for row in rows]),
         "reaction_median_ms": times_ms[1],
         "response_median_ms": responses_ms[1],
@@ -163,6 +166,12 @@ def _over(rows: Sequence[MeasureRow], tallies: Sequence[KeyTally], begun: Sequen
         "keys_total": len(to_find),
         "all_keys_discovered_s": max(found) if found and len(found) == len(to_find) else None,
     }
+
+
+def average_path_measures(rows: Sequence[Mapping[str, Any]]) -> MeasureRow:
+    """The means, over episodes, of what the shortest path tells; None where nothing tells."""
+    names = ("excess_steps", "log_excess_steps", "log_steps_ratio", "spl")
+    return {f"{name}_mean": _mean(row[name] for row in rows) for name in names}
 
 
 def _slope(rows: Sequence[MeasureRow]) -> float | None:

@@ -21,13 +21,17 @@ from minihuman.errors import ProtocolError
 from minihuman.experiment.activities.agent_blocks import Advised, ControlChanged, LearnerAsked, PolicyGiven, Rated
 from minihuman.experiment.activities.correction import CorrectionBegun
 from minihuman.experiment.activities.preferences import Preferred
+from minihuman.experiment.activities.team_play import JointStepped
 from minihuman.experiment.machine.events import (
     AnswerChanged,
     Answered,
+    AxisMoved,
     ClauseDone,
+    DesignDecided,
     EpisodesSkipped,
     KeyPressed,
     Linked,
+    ModelCall,
     PageShown,
     PartEnded,
     PartStarted,
@@ -333,6 +337,9 @@ def _input(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
         case PointerUsed():
             place = {"x": event.x, "y": event.y, "along": event.along}
             return {"what": event.what, "text": "", "target": event.target, **place}
+        case AxisMoved():
+            axis = {"what": "axis", "text": "", "target": event.axis, "along": event.value}
+            return {**axis, "x": None, "y": None}
     return None
 
 
@@ -426,6 +433,69 @@ def _preference(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
     }
 
 
+def _joint_step(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
+    if not isinstance(event, JointStepped):
+        return None
+    lists = {name: json.dumps(list(getattr(event, name))) for name in ("actions", "rewards", "sources")}
+    return {"episode": event.episode + 1, "step": event.step, **lists}
+
+
+def build_team_row(episode: EpisodeLog, who: SessionKey) -> _TableRow | None:
+    """The row of an episode that a team played; None for one that one body played."""
+    team = episode.team
+    if team is None:
+        return None
+    return {
+        **who,
+        **locate_episode(episode),
+        "team": team.team,
+        "team_index": team.index + 1,
+        "seat": team.seat,
+        "role": team.role,
+        "partner": team.partner,
+        "seats": _json(team.seats),
+        "outcome": episode.outcome_word,
+        "joint_steps": len(team.actions),
+        "team_reward": float(team.rewards.mean(axis=1).sum()),
+        "late": team.late,
+        "idled": sum(row[team.seat] == "late" for row in team.sources),
+        "corrected": team.corrected,
+        "takeovers": team.takeovers,
+        "agent_steps": sum(any(row[seat] == "agent" for seat in team.persons) for row in team.sources),
+        "digest": f"{team.digest:016x}",
+    }
+
+
+_CALL_FIELDS = (
+    *("call", "state", "step", "screen", "attempt", "provider", "model", "temperature", "prompt_tokens"),
+    *("completion_tokens", "price", "latency_ms", "answer", "reasoning", "finish_reason", "verdict", "reading"),
+    *("error", "prompt_sha256", "picture_sha256"),
+)
+
+
+def _model_call(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
+    if not isinstance(event, ModelCall) or event.state == "asked":
+        return None
+    return {"episode": event.episode + 1, **{name: getattr(event, name) for name in _CALL_FIELDS}}
+
+
+def _decision(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
+    if not isinstance(event, DesignDecided):
+        return None
+    return {
+        "part": event.part + 1,
+        "block": log.plan.parts[event.part].name,
+        "episode": event.episode + 1,
+        "design": event.design,
+        "design_version": event.version,
+        "options": _json(event.options),
+        "seed": event.seed,
+        "stop": event.stop,
+        "estimates": _json(event.estimates),
+        "posterior": f"{event.posterior:016x}",
+    }
+
+
 _MAKERS: Mapping[str, Callable[[PartEvent, SessionLog], _ActivityRow | None]] = {
     "answers": _answer,
     "answer_changes": _change,
@@ -435,12 +505,15 @@ _MAKERS: Mapping[str, Callable[[PartEvent, SessionLog], _ActivityRow | None]] = 
     "clauses": _subgoal,
     "other_inputs": _input,
     "links": _link,
+    "model_calls": _model_call,
     "policies": _policy,
     "advice": _advice,
     "controls": _control,
     "ratings": _rating,
     "corrections": _correction,
     "preferences": _preference,
+    "joint_steps": _joint_step,
+    "decisions": _decision,
 }
 
 NO_EPISODE_INCLUDED = "no episode counts"
@@ -493,6 +566,7 @@ def build_session_tables(counted: SelectedSession, measured: SessionMeasures) ->
             "episodes": RowBatch.of(episodes),
             "blocks": RowBatch.of(blocks),
             "participants": RowBatch.of([participant] if counted.wanted else []),
+            "teams": RowBatch.of([its for one in played if (its := build_team_row(one, who)) is not None]),
         }
         | build_context_rows(log, played, who, counted.marks, wanted=counted.wanted)
         | build_activity_rows(log, who, wanted=counted.wanted)
@@ -516,6 +590,9 @@ def _steps(episode: EpisodeLog) -> RowBatch:
         "yaw_rad": episode.poses[1:, 3],
         "terminated": episode.terminated,
         "truncated": episode.truncated,
+        "action_vector": CategoricalTexts.of([json.dumps(row) for row in episode.action_vectors.tolist()])
+        if episode.action_vectors is not None
+        else CategoricalTexts(np.zeros(n, np.int64), ("",)),
     }
     return RowBatch(n, locate_episode(episode) | columns)
 
@@ -575,12 +652,22 @@ TABLES_OF_TOPIC = {
     topics.SKIP: ("points",),
     topics.TEXT: ("other_inputs",),
     topics.POINTER: ("other_inputs",),
+    topics.AXIS: ("other_inputs",),
     topics.LINK: ("links",),
+    topics.MODEL_CALL: ("model_calls",),
+    topics.DESIGN: ("decisions",),
     activity_topics.POLICY_TOPIC: ("policies",),
     activity_topics.LEARNER_REQUEST_TOPIC: ("policies",),
     activity_topics.ADVICE_TOPIC: ("advice",),
     activity_topics.CONTROL_TOPIC: ("controls",),
     activity_topics.RATING_TOPIC: ("ratings",),
+    activity_topics.TEAM_TOPIC: ("teams",),
+    activity_topics.JOINT_STEP_TOPIC: ("joint_steps", "teams"),
+    "/team/ready": ("parts",),
+    "/team/corrected": ("teams",),
+    "/team/late": ("teams",),
+    "/team/seat": ("teams",),
+    "/team/end": ("points",),
     activity_topics.CORRECTION_EPISODE_TOPIC: ("corrections",),
     activity_topics.CORRECTION_TOPIC: ("corrections",),
     activity_topics.CORRECTION_STEP_TOPIC: ("corrections",),

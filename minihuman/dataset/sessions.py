@@ -147,7 +147,9 @@ def read_selected_sessions(sources: Iterable[Path], selection: Selection) -> tup
         logs += [counted.session for counted in sessions if counted.places]
         account.add(sessions.account)
     if not logs:
-        raise LogError(f"no session can be shown: {'; '.join(account.lines())}")
+        raise LogError(
+            f"no session to show was found ({'; '.join(account.lines())}); name other logs, or select other episodes"
+        )
     return logs, account
 
 

@@ -18,7 +18,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from functools import cache, partial
+from functools import partial
 from hashlib import blake2b
 from itertools import islice
 from pathlib import Path
@@ -34,12 +34,14 @@ import pyarrow.csv
 import minihuman
 from minihuman.dataset.annotations import annotations_path
 from minihuman.dataset.caches import TABLE_CACHE as FILE_NAME
+from minihuman.dataset.caches import digest_sources
 from minihuman.dataset.log_files import SkippedLog, list_readable_logs, map_logs, name_paths_from
 from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
 from minihuman.dataset.rows import SessionTables, arrow_schema, as_int64, merge_tables
-from minihuman.dataset.selection import Selection, SelectionSummary
+from minihuman.dataset.selection import Selection, SelectionSummary, find_practice_blocks
+from minihuman.dataset.session_measures import average_path_measures, compare_with_shortest_path, find_layout_bounds
 from minihuman.dataset.sessions import SessionRows, StudySessions, read_session_rows
-from minihuman.dataset.table_columns import EPISODE_TABLES, TABLES, use_current_columns
+from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EPISODE_TABLES, TABLES, use_current_columns
 from minihuman.errors import LogError, QueryError
 
 _ROWS = 100_000  # handed out at once
@@ -51,11 +53,18 @@ _QUERY_SETTINGS = {  # SQL reads the tables: no files, no network, no variables 
     "lock_configuration": "true",
 }
 _DIGEST_MODULUS = 2**64
-_SESSIONS_PER_INSERT = 256  # half the work of 64: whole pieces of the file are written at once
+_SESSIONS_PER_UPDATE = 1_000
+_SESSIONS_PER_INSERT = 128  # more are quicker, as whole pieces of the file are written at once, and take more memory
 _READING = frozenset(f"StatementType.{name}" for name in ("SELECT", "EXPLAIN", "PRAGMA", "MULTI"))  # MULTI: PIVOT
 _END_BYTES = 64 * 1024  # of a file's beginning and end, which tell it from another of the same size
 _MAKERS = ("dataset", "log/model")  # the packages whose code makes the rows
+_ROW_DIGESTS = pa.schema([("log", pa.int32()), ("row_digests", pa.list_(pa.uint64()))])
 _COUNTED_BY = ("episodes", "participants")  # the tables whose exclusion reasons say what counts in all others
+_PLANNED = {
+    "episodes": "row",
+    "blocks": "block",
+    "participants": "log",
+}  # tables with world columns, and their rows' key
 _LOG_COLUMNS = "log, key, fingerprint, with_shortest, row_digests, about, facts"
 
 
@@ -76,6 +85,45 @@ def find_queried_tables(sql: str) -> frozenset[str]:
         return frozenset(TABLES)
     is_computed = "query" in sql.lower()  # the functions query() and query_table() take names that are computed
     return frozenset(TABLES) if is_computed else names & TABLES.keys()
+
+
+def needs_shortest_paths(sql: str) -> bool:
+    """Whether a query may read a column that takes the worlds themselves; True if the query alone does not tell."""
+    names = find_queried_tables(sql)
+    if not any(has_world_columns(name) for name in names):
+        return False
+    if "query" in sql.lower():  # a text that is a query
+        return True
+    try:
+        with duckdb.connect(config=dict(_QUERY_SETTINGS)) as parser:
+            ((tree,),) = parser.execute("SELECT json_serialize_sql(?::VARCHAR)", (use_current_columns(sql),)).fetchall()
+    except duckdb.Error:
+        return True
+    nodes = list(_walk(msgspec.json.decode(tree)))
+    whole_rows = {str(node[key]).lower() for node in nodes for key in ("alias", "table_name") if node.get(key)}
+    return any(
+        node.get("error")
+        or node.get("class") in ("STAR", "POSITIONAL_REFERENCE")
+        or node.get("type") == "PIVOT"
+        or (
+            isinstance(parts := node.get("column_names"), list)
+            and (parts[-1].lower() in COLUMNS_NEEDING_WORLD or parts[-1].lower() in whole_rows)
+        )
+        for node in nodes
+    )
+
+
+def _walk(tree: Any) -> Iterator[dict[str, Any]]:
+    """Every object of a JSON document."""
+    if isinstance(tree, dict):
+        yield tree
+    for part in tree.values() if isinstance(tree, dict) else tree if isinstance(tree, list) else ():
+        yield from _walk(part)
+
+
+def has_world_columns(name: str) -> bool:
+    """Whether a table has columns that take the worlds themselves."""
+    return any(column.name in COLUMNS_NEEDING_WORLD for column in TABLES[name])
 
 
 class TableDatabase:
@@ -116,6 +164,8 @@ class TableDatabase:
         digests = {number: [0] * len(TABLES) for number in sessions}
         for place, name in enumerate(TABLES if sessions else ()):
             counts = [rows.count(name) for rows in sessions.values()]
+            if not any(counts):
+                continue
             places = np.concatenate([np.arange(count) for count in counts])
             new = merge_tables(name, list(sessions.values()))
             new = new.add_column(0, "row", as_int64(places))
@@ -126,6 +176,49 @@ class TableDatabase:
             self.connection.execute(f"INSERT INTO kept.{name} SELECT * FROM new")
             self.connection.unregister("new")
         return digests
+
+    def add_path_measures(self, numbers: Sequence[int], practice: Mapping[int, Collection[str]]) -> None:
+        """Fill in the columns that take the worlds, from the rows alone.
+
+        Args:
+            numbers: of sessions that no rule excludes: others' rows do not tell which episodes count.
+            practice: each session's blocks that are not analysed.
+        """
+        found = self.connection.execute(
+            "SELECT log, e.row, e.block, steps, e.max_steps, outcome, exclusion_reason IS NULL AS counts, p.world, "
+            "options, p.seed FROM kept.episodes e JOIN kept.plan p USING (log, episode) "
+            "WHERE log IN (SELECT unnest(?)) ORDER BY log, e.row",
+            (list(numbers),),
+        )
+        names = [column[0] for column in found.description]
+        new: dict[str, list[dict[str, Any]]] = {name: [] for name in _PLANNED}
+        means: dict[str, dict[tuple[int, str], list[dict[str, Any]]]] = {"blocks": {}, "participants": {}}
+        for values in found.fetchall():
+            row = dict(zip(names, values, strict=True))
+            least = find_layout_bounds(row["world"], row["options"], row["seed"])
+            row |= compare_with_shortest_path(row, least)
+            new["episodes"].append(row)
+            log, block = row["log"], row["block"]
+            of_block = means["blocks"].setdefault((log, block), [])
+            of_session = means["participants"].setdefault((log, ""), [])
+            if row["counts"]:
+                of_block.append(row)
+                if block not in practice[log]:
+                    of_session.append(row)
+        for name, groups in means.items():
+            new[name] = [
+                {"log": log, "block": block, **average_path_measures(rows)} for (log, block), rows in groups.items()
+            ]
+        for name, key in _PLANNED.items():
+            if not new[name]:  # none of these sessions had an episode
+                continue
+            changed = [column for column in arrow_schema(name).names if column in COLUMNS_NEEDING_WORLD]
+            assigned = ", ".join(f'"{column}" = new."{column}"' for column in changed)
+            self.connection.register("new", pa.Table.from_pylist(new[name]).select(list({"log", key}) + changed))
+            self.connection.execute(
+                f"UPDATE kept.{name} SET {assigned} FROM new WHERE {name}.log = new.log AND {name}.{key} = new.{key}"
+            )
+            self.connection.unregister("new")
 
     def remove(self, numbers: Sequence[int]) -> None:
         """Take sessions' rows out."""
@@ -231,7 +324,7 @@ class TableDatabase:
         self.connection = duckdb.connect(str(self.path), read_only=True, config=dict(_QUERY_SETTINGS))
         try:
             if any(str(each.type) not in _READING for each in self.connection.extract_statements(sql)):
-                raise QueryError(f"{sql!r} is not a SELECT statement; a query can only read the study's tables")
+                raise QueryError(f"{sql!r} is not a SELECT statement; use SELECT to read the study's tables")
             try:
                 found = self.connection.sql(sql)
             except duckdb.BinderException:
@@ -240,10 +333,10 @@ class TableDatabase:
                 raise QueryError(f"{sql!r} returns no rows; a query must be a SELECT over the study's tables")
             return found.to_arrow_table()
         except duckdb.PermissionException as error:
-            raise QueryError(f"{sql!r} uses a file; a query can only read the study's tables") from error
+            raise QueryError(f"{sql!r} uses a file; a query may only read the study's tables") from error
         except duckdb.Error as error:
             line = " ".join(str(error).split("\n\n")[0].split())
-            raise QueryError(f"{line}; the tables are {', '.join(TABLES)}") from error
+            raise QueryError(f"the query failed: {line}; the tables are {', '.join(TABLES)}") from error
 
     def _require_checked(self, names: Collection[str]) -> None:
         if unchecked := set(names) - self.checked:
@@ -299,18 +392,9 @@ def _one(batches: list[pa.RecordBatch]) -> pa.RecordBatch:
     return one
 
 
-@cache
 def software_digest() -> str:
     """What makes the rows: other code makes others, so a file made by it is not gone on with."""
-    digest = blake2b(digest_size=8)
-    root = Path(minihuman.__file__).parent
-    for package in _MAKERS:
-        sources = sorted((root / package).glob("*.py"))
-        if not sources:
-            raise AssertionError(f"{root / package} holds no code: the cache would never go stale")
-        for source in sources:
-            digest.update(source.read_bytes())
-    return f"{minihuman.__version__} duckdb {duckdb.__version__} {digest.hexdigest()}"
+    return f"{minihuman.__version__} duckdb {duckdb.__version__} {digest_sources(*_MAKERS)}"
 
 
 class CachedSession(msgspec.Struct, frozen=True):
@@ -323,6 +407,7 @@ class CachedSession(msgspec.Struct, frozen=True):
     outline: PlanOutline | None = None  # of the session's plan; None, as the quality, of one that is not asked for
     quality: RecordingQuality | None = None
     account: tuple[int, int, tuple[tuple[str, str, int], ...], tuple[tuple[str, int], ...]] = (0, 0, (), ())
+    practice: tuple[str, ...] = ()  # the blocks that its protocol does not analyse
     excluded: tuple[tuple[str, str, str], ...] = ()  # the participant, where a rule excludes them: reason, study, code
 
     def to_summary(self) -> SelectionSummary:
@@ -455,17 +540,20 @@ class StudyStore:
             "SELECT key, log, fingerprint, with_shortest, row_digests, "
             f"coalesce(digest = hash({_LOG_COLUMNS}), false) FROM kept.logs"
         ).fetchall()
+        if not all(with_shortest >= self._with_shortest for _, _, _, with_shortest, *_ in known):
+            self._read_tables |= {"plan", *_PLANNED}
         held: dict[int, dict[str, int]] = {}
         for name in self._read_tables:
             for number, digest in self.tables.digest_rows(name).items():
                 held.setdefault(number, {})[name] = digest
-        have, lines = dict[str, int](), Counter(key for key, *_ in known)
+        have, unplanned, lines = dict[str, int](), dict[str, int](), Counter(key for key, *_ in known)
         damaged = 0
         for key, number, fingerprint, with_shortest, digests, is_whole in known:
             if not is_whole or lines[key] > 1 or not self._match(held.get(number, {}), digests):
                 damaged += 1
-            elif prints.get(key) == fingerprint and with_shortest >= self._with_shortest:
-                have[key] = number
+            elif prints.get(key) == fingerprint:
+                (have if with_shortest >= self._with_shortest else unplanned)[key] = number
+        have |= self._plan_paths(unplanned)
         stale = sorted({number for _, number, *_ in known}.union(held).difference(have.values()))
         damaged += len(held.keys() - {number for _, number, *_ in known})
         if damaged:
@@ -491,6 +579,44 @@ class StudyStore:
             else:
                 self._sessions.account.add(one.to_summary())
 
+    def _plan_paths(self, unplanned: Mapping[str, int]) -> dict[str, int]:
+        """Fill in what takes the worlds, of sessions whose rows are whole without; give those that were filled in."""
+        logs, filled = self.tables.connection, dict[str, int]()
+        waiting = iter(unplanned.values())
+        while numbers := list(islice(waiting, _SESSIONS_PER_UPDATE)):
+            about = logs.execute(
+                "SELECT key, log, about, row_digests FROM kept.logs SEMI JOIN kept.participants p USING (log) "
+                "WHERE log IN (SELECT unnest(?)) AND log NOT IN "
+                "(SELECT log FROM kept.participants WHERE exclusion_reason IS NOT NULL)",
+                (numbers,),
+            ).fetchall()
+            sessions = {log: (key, msgspec.msgpack.decode(its, type=CachedSession)) for key, log, its, _ in about}
+            if not sessions:
+                continue
+            with self.tables.transaction():
+                practice = {log: its.practice for log, (_, its) in sessions.items()}
+                self.tables.add_path_measures(list(sessions), practice)
+                digests = {name: self.tables.digest_rows(name) for name in _PLANNED}
+                stored = [
+                    {
+                        "log": log,
+                        "row_digests": [
+                            digests[name].get(log, 0) if name in digests else old
+                            for name, old in zip(TABLES, row_digests, strict=True)
+                        ],
+                    }
+                    for _, log, _, row_digests in about
+                ]
+                logs.register("new", pa.Table.from_pylist(stored, _ROW_DIGESTS))
+                logs.execute(
+                    "UPDATE kept.logs SET with_shortest = true, row_digests = new.row_digests, digest = NULL "
+                    "FROM new WHERE logs.log = new.log"
+                )
+                logs.unregister("new")
+                logs.execute(f"UPDATE kept.logs SET digest = hash({_LOG_COLUMNS}) WHERE digest IS NULL")
+            filled |= {key: log for log, (key, _) in sessions.items()}
+        return filled
+
     def _read(self, fresh: dict[str, Path], prints: dict[str, str]) -> None:
         """Read logs and keep their rows, some sessions at a time."""
         logs = self.tables.connection
@@ -499,25 +625,33 @@ class StudyStore:
         found = map_logs(list(fresh.values()), work, processes=self._sessions.processes)
         numbered = enumerate(zip(fresh, found, strict=True), last + 1)
         while batch := list(islice(numbered, _SESSIONS_PER_INSERT)):
-            rows: dict[int, SessionTables] = {}
-            lines = []
-            for number, (key, one) in batch:
-                facts: tuple[dict[str, Any], ...] = ()
-                if isinstance(one, SkippedLog):
-                    if not self._sessions.source.is_dir():
-                        raise LogError(one.reason)
-                    about = CachedSession("", problem=name_paths_from(self._sessions.source, one.reason))
-                else:
-                    about, rows[number], facts = _read_cached_sessions(one), one.rows, one.facts
-                encoded = msgspec.msgpack.encode(about), msgspec.msgpack.encode(facts)
-                lines.append((number, key, prints[key], self._with_shortest, *encoded))
-            with self.tables.transaction():
-                digests, none = self.tables.insert(rows), [0] * len(TABLES)
-                logs.executemany(
-                    "INSERT INTO kept.logs VALUES (?, ?, ?, ?, ?, ?, ?, NULL)",
-                    [(*line[:4], digests.get(line[0], none), *line[4:]) for line in lines],
-                )
-                logs.execute(f"UPDATE kept.logs SET digest = hash({_LOG_COLUMNS}) WHERE digest IS NULL")
+            self._insert_sessions(batch, prints)
+            batch.clear()  # before the next are read: memory holds one batch, not two
+
+    def _insert_sessions(
+        self, batch: Sequence[tuple[int, tuple[str, SessionRows | SkippedLog]]], prints: Mapping[str, str]
+    ) -> None:
+        """Keep some sessions' rows, or why a log of theirs cannot be read, in one transaction."""
+        logs = self.tables.connection
+        rows: dict[int, SessionTables] = {}
+        lines = []
+        for number, (key, one) in batch:
+            facts: tuple[dict[str, Any], ...] = ()
+            if isinstance(one, SkippedLog):
+                if not self._sessions.source.is_dir():
+                    raise LogError(one.reason)
+                about = CachedSession("", problem=name_paths_from(self._sessions.source, one.reason))
+            else:
+                about, rows[number], facts = _read_cached_sessions(one), one.rows, one.facts
+            encoded = msgspec.msgpack.encode(about), msgspec.msgpack.encode(facts)
+            lines.append((number, key, prints[key], self._with_shortest, *encoded))
+        with self.tables.transaction():
+            digests, none = self.tables.insert(rows), [0] * len(TABLES)
+            logs.executemany(
+                "INSERT INTO kept.logs VALUES (?, ?, ?, ?, ?, ?, ?, NULL)",
+                [(*line[:4], digests.get(line[0], none), *line[4:]) for line in lines],
+            )
+            logs.execute(f"UPDATE kept.logs SET digest = hash({_LOG_COLUMNS}) WHERE digest IS NULL")
 
     def _match(self, held: Mapping[str, int], digests: Sequence[int]) -> bool:
         """Whether a session's rows in the tables that are to be read are those that were put in."""
@@ -533,6 +667,7 @@ def _read_cached_sessions(one: SessionRows) -> CachedSession:
         path="",
         study=one.plan.study,
         blocks=len({facts["block"] for facts in one.facts}),
+        practice=tuple(sorted(find_practice_blocks(one.plan))),
         outline=PlanOutline.of(one.plan) if wanted else None,
         quality=one.quality if wanted else None,
         account=(account.sessions, account.episodes, versions, tuple(account.excluded_episodes.items())),

@@ -103,6 +103,7 @@ STEPS = (
     TableColumn("yaw_rad", "number", "rad", "Heading after the step, 0 along +x, counter-clockwise from above."),
     TableColumn("terminated", "boolean", "", "The world ended the episode."),
     TableColumn("truncated", "boolean", "", "A limit ended the episode."),
+    TableColumn("action_vector", "text", "", "The action, a JSON list, where actions are vectors; else empty."),
 )
 PRESSES = (
     *SESSION_COLUMNS,
@@ -290,12 +291,22 @@ OTHER_INPUTS = (
     *SESSION_COLUMNS,
     *SEGMENT_COLUMN,
     TIME_COLUMN,
-    TableColumn("what", "text", "", "typed, or what the pointer did: pressed, moved while pressed, released."),
+    TableColumn(
+        "what",
+        "text",
+        "",
+        "typed; what the pointer did: pressed, moved while pressed, released; axis: one of a gamepad moved.",
+    ),
     TableColumn("text", "text", "", "What was typed."),
-    TableColumn("target", "text", "", "The spot the pointer went down in; empty for none."),
-    TableColumn("x", "number", "", "0 at the left edge of the drawn picture, 1 at the right."),
+    TableColumn("target", "text", "", "The spot the pointer went down in, empty for none; the axis that moved."),
+    TableColumn(
+        "x",
+        "number",
+        "",
+        "0 at the left edge of the screen, 1 at the right; of the world's picture where target is picture.",
+    ),
     TableColumn("y", "number", "", "0 at its top, 1 at its bottom."),
-    TableColumn("along", "number", "", "0 to 1 inside the spot."),
+    TableColumn("along", "number", "", "0 to 1 inside the spot; -1 to 1 of an axis."),
 )
 LINKS = (
     *SESSION_COLUMNS,
@@ -310,6 +321,32 @@ LINKS = (
     ),
 )
 EPISODE_COLUMN = TableColumn("episode", "integer", "", "The session's episode, 1 for the first.")
+MODEL_CALLS = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    EPISODE_COLUMN,
+    TableColumn("call", "integer", "", "1 for the first request of the session."),
+    TableColumn("state", "text", "", "answered, failed, or unknown where the program was killed before an answer."),
+    TableColumn("step", "integer", "", "The step that the screen follows; 0 outside episodes."),
+    TableColumn("screen", "text", "", "play, page or question."),
+    TableColumn("attempt", "integer", "", "1, or more after an invalid answer to the same screen."),
+    TableColumn("provider", "text", "", "Who runs the model, as the protocol calls them."),
+    TableColumn("model", "text", "", "The model as the server calls it."),
+    TableColumn("temperature", "number", "", "Of sampling."),
+    TableColumn("prompt_tokens", "integer", "", "As the server counts; estimated where the state is unknown."),
+    TableColumn("completion_tokens", "integer", "", "The same, of the answer."),
+    TableColumn("price", "number", "", "By the protocol's prices, in its currency."),
+    TableColumn("latency_ms", "number", "ms", "From the request to the whole answer."),
+    TableColumn("answer", "text", "", "The whole answer."),
+    TableColumn("reasoning", "text", "", "Where the server gives it."),
+    TableColumn("finish_reason", "text", "", "As the server says."),
+    TableColumn("verdict", "text", "", "valid or invalid; empty where there is no answer."),
+    TableColumn("reading", "text", "", "How a valid answer was read."),
+    TableColumn("error", "text", "", "Why there is no answer."),
+    TableColumn("prompt_sha256", "text", "", "Of the messages sent, pictures by their digests."),
+    TableColumn("picture_sha256", "text", "", "Of the picture's pixels; empty without one."),
+)
 POLICIES = (
     *SESSION_COLUMNS,
     *SEGMENT_COLUMN,
@@ -353,6 +390,51 @@ RATINGS = (
     TableColumn(
         "pressed_ns", "integer", "ns", "When the key went down, session time; what was seen when is in frames."
     ),
+)
+TEAMS = (
+    *SESSION_COLUMNS,
+    *BLOCK_COLUMNS,
+    *EPISODE_COLUMNS,
+    TableColumn("team", "text", "", "The team's random id, the same in each member's rows."),
+    TableColumn("team_index", "integer", "", "The team's number in the study, 1 for the first."),
+    TableColumn("seat", "integer", "", "The body that the participant had, 0 for the first."),
+    TableColumn("role", "text", "", "What the seat is called; empty where the protocol names none."),
+    TableColumn("partner", "text", "", "What the other seats were: person, or an agent; with a plus between several."),
+    TableColumn("seats", "text", "", "What each seat was, by seat, a JSON list."),
+    TableColumn("outcome", "text", "", "How the episode ended, as in episodes."),
+    TableColumn("joint_steps", "integer", "", "Joint steps made."),
+    TableColumn("team_reward", "number", "", "Mean over the seats of what each earned: a shared reward counts once."),
+    TableColumn("late", "integer", "", "Inputs of this seat that came after their step was closed."),
+    TableColumn("idled", "integer", "", "Steps in which this seat idled, as no input had come."),
+    TableColumn("corrected", "integer", "", "Pictures of a turn's own action that the others' actions changed."),
+    TableColumn("takeovers", "integer", "", "How often an agent took a person's seat."),
+    TableColumn("agent_steps", "integer", "", "Steps in which an agent acted in a person's seat."),
+    TableColumn("digest", "text", "", "Of the episode's joint actions, hexadecimal: equal for each member of a team."),
+)
+JOINT_STEPS = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    EPISODE_COLUMN,
+    TableColumn("step", "integer", "", "The joint step, 1 for the first."),
+    TableColumn("actions", "text", "", "The action of each seat, by the world's numbers, a JSON list."),
+    TableColumn("rewards", "text", "", "What each seat earned, a JSON list."),
+    TableColumn("sources", "text", "", "Who acted in each seat: person, late (the idle action) or agent, a JSON list."),
+)
+DECISIONS = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    _PART_COLUMN,
+    TableColumn("block", "text", "", "The block's name."),
+    TableColumn("episode", "integer", "", "The episode that it is about; after the block's last one, the next number."),
+    TableColumn("design", "text", "", "The adaptive design, as the protocol names it."),
+    TableColumn("design_version", "integer", "", "Of the design's rule."),
+    TableColumn("options", "text", "", "What it chose of the world's options, JSON."),
+    TableColumn("seed", "integer", "", "The seed that it chose for the reset; empty where it left the plan's."),
+    TableColumn("stop", "boolean", "", "Whether the block is over."),
+    TableColumn("estimates", "text", "", "What the design estimates by then, JSON: a threshold for instance."),
+    TableColumn("posterior", "text", "", "Digest of all that the decision follows from, 16 hexadecimal digits."),
 )
 CORRECTIONS = (
     *SESSION_COLUMNS,
@@ -512,13 +594,20 @@ TABLES: dict[str, tuple[TableColumn, ...]] = {
     "clauses": SUBGOALS,
     "other_inputs": OTHER_INPUTS,
     "links": LINKS,
+    "model_calls": MODEL_CALLS,
     "policies": POLICIES,
     "advice": ADVICE,
     "controls": CONTROLS,
     "ratings": RATINGS,
     "corrections": CORRECTIONS,
     "preferences": PREFERENCES,
+    "teams": TEAMS,
+    "joint_steps": JOINT_STEPS,
+    "decisions": DECISIONS,
 }
+
+EVERY_MOMENT = frozenset({"steps", "presses", "other_presses", "frames", "samples"})
+"""The tables with a row per step, key press, picture or sample."""
 
 COLUMNS_NEEDING_WORLD = frozenset(
     {"shortest_steps", "feasible_steps", "excess_steps", "log_excess_steps", "log_steps_ratio", "spl"}
@@ -560,8 +649,11 @@ PRIMARY_KEYS: Mapping[
     "segments": (*_SESSION, "segment"),
     "plan": (*_SESSION, "episode"),
     "starts": _EPISODE,
+    "teams": _EPISODE,
 }
-EPISODE_TABLES = frozenset({"steps", "presses", "starts", "frames"})  # whose rows belong to a row of ``episodes``
+EPISODE_TABLES = frozenset(
+    {"steps", "presses", "starts", "frames", "teams"}
+)  # whose rows belong to a row of ``episodes``
 
 
 def build_table_schema(name: str, columns: Iterable[TableColumn]) -> dict[str, Any]:

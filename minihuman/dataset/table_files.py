@@ -58,15 +58,18 @@ def write_tables(
     names: Sequence[str] = tuple(TABLES),
     kinds: Sequence[TableFormat] = ("parquet", "csv"),
     without: frozenset[str] = frozenset(),
+    empty: bool = False,
 ) -> tuple[Path, ...]:
-    """Write tables into a folder, as Parquet, CSV or both, and beside them what the columns mean; give the files.
+    """Write the tables that have rows into a folder, as Parquet, CSV or both; give the files.
 
+    Beside them is what the columns mean:
     ``dictionary.json`` says it in the shortest form, ``datapackage.json`` as a Frictionless data package. The columns
-    ``without`` are excluded.
+    ``without`` are excluded; ``empty`` writes the tables without rows too.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    explained = {name: columns for name, columns in build_data_dictionary(without=without).items() if name in names}
+    names = [name for name in names if empty or tables.count(name)]
     files = [(name, folder / f"{name}.{kinds[0]}") for name in names]  # the same rows twice are one resource
+    explained = {name: columns for name, columns in build_data_dictionary(without=without).items() if name in names}
     described = {
         folder / "dictionary.json": explained,
         folder / "datapackage.json": build_data_package("minihuman-tables", files, without=without),

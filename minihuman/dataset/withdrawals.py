@@ -56,4 +56,6 @@ def _code(line: bytes, number: int) -> str | None:
         withdrawn = msgspec.json.decode(line, type=_Line).withdrawn
         return withdrawn if withdrawn and isinstance(withdrawn, str) else None
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise LogError(f"{ENROLMENT_FILE_NAME}:{number}: cannot be read: {line[:60]!r}; restore the file") from error
+        raise LogError(
+            f"{ENROLMENT_FILE_NAME}:{number}: {line[:60]!r} cannot be read; restore the file from a copy"
+        ) from error

@@ -3,7 +3,7 @@
 A name says where a key is, not what it types: "1" is the first key of the digit row on every layout.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 DIGITS = tuple("1234567890")
 LETTERS = tuple("abcdefghijklmnopqrstuvwxyz")
@@ -56,7 +56,20 @@ MODIFIERS = (
 )
 
 KEY_NAMES = frozenset(DIGITS + LETTERS + ARROWS + KEYPAD + FUNCTION + EDITING + PUNCTUATION + MODIFIERS)
-KEY_NAMES_TEXT = f"0 to 9, a to z, f1 to f12, kp_0 to kp_9, {', '.join((*ARROWS, *EDITING, *PUNCTUATION, *MODIFIERS))}"
+KEY_NAMES_TEXT = (
+    f"0 to 9, a to z, f1 to f12, kp_0 to kp_9, {', '.join((*ARROWS, *EDITING, *PUNCTUATION, *MODIFIERS))}; "
+    "a gamepad's buttons pad_south, pad_up and so on"
+)
+PAD_BUTTONS = (  # of the standard layout (W3C Gamepad): "south" is Xbox's A, PlayStation's cross
+    *("pad_south", "pad_east", "pad_west", "pad_north"),
+    *("pad_left_shoulder", "pad_right_shoulder", "pad_left_trigger", "pad_right_trigger"),
+    *("pad_left_stick", "pad_right_stick", "pad_up", "pad_down", "pad_left", "pad_right"),
+    *("stick_up", "stick_down", "stick_left", "stick_right"),  # the left stick, more than halfway
+)
+PAD_AXES = ("pad_left_x", "pad_left_y", "pad_right_x", "pad_right_y", "pad_left_trigger", "pad_right_trigger")
+PAD_DEAD_ZONE = 0.1  # of an axis; beyond it the value rises from 0
+PAD_LEVELS = 128  # steps in which an axis is logged, each way
+BUTTON_NAMES = KEY_NAMES.union(PAD_BUTTONS)
 RESERVED_KEYS = frozenset(
     {"escape", "enter", "f8", "f9", "f12"}
 )  # the session's own: quit question, go on, pause, and the abort chord f9+f12
@@ -83,6 +96,20 @@ _LABELS: Mapping[str, str] = {
     "kp_divide": "/",
     "kp_period": ".",
     "kp_enter": "Enter",
+    **{
+        f"pad_{place}": f"Pad {letter}"
+        for place, letter in zip(("south", "east", "west", "north"), "ABXY", strict=True)
+    },
+    **{
+        f"{device.lower()}_{way}": f"{device} {arrow}"
+        for device in ("Pad", "Stick")
+        for way, arrow in zip(ARROWS, "▲▼◀▶", strict=True)
+    },
+    **{
+        f"pad_{side}_{part}": f"Pad {side[0].upper()}{number}"
+        for side in ("left", "right")
+        for number, part in enumerate(("shoulder", "trigger", "stick"), 1)
+    },
     "page_up": "Page up",
     "page_down": "Page down",
     "left_ctrl": "Ctrl",
@@ -94,6 +121,41 @@ _LABELS: Mapping[str, str] = {
     "caps_lock": "Caps",
     "num_lock": "Num",
 }
+
+
+def list_pad_inputs(names: Iterable[str]) -> list[str]:
+    """Those of some names that are buttons or axes of a gamepad."""
+    return [name for name in names if name in PAD_BUTTONS or name in PAD_AXES]
+
+
+class PadAxes:
+    """A gamepad's axes as they are logged: beyond a dead zone, in steps, and the left stick as four buttons, too."""
+
+    def __init__(self) -> None:
+        self._values: dict[str, float] = {}
+        self._buttons: set[str] = set()
+
+    def move(self, axis: str, raw: float) -> tuple[float | None, list[tuple[str, bool]]]:
+        """The axis's value if it is another now, else None; and the buttons that went down or up by it.
+
+        Args:
+            axis: one of `PAD_AXES`.
+            raw: -1 to 1; right and down are positive.
+        """
+        beyond = max(0.0, min(1.0, abs(raw)) - PAD_DEAD_ZONE) / (1.0 - PAD_DEAD_ZONE)
+        value = (1 if raw >= 0 else -1) * round(beyond * PAD_LEVELS) / PAD_LEVELS
+        if value == self._values.get(axis, 0.0):
+            return None, []
+        self._values[axis] = value
+        ways = {"pad_left_x": ("stick_left", "stick_right"), "pad_left_y": ("stick_up", "stick_down")}.get(axis, ())
+        ways = ways or ((axis,) * 2 if axis in PAD_BUTTONS else ())
+        changed = []
+        for way, sign in dict(zip(ways, (-1, 1), strict=bool(ways))).items():
+            down = value * sign > (0.4 if way in self._buttons else 0.5)  # apart, so that it does not flutter
+            if down != (way in self._buttons):
+                (self._buttons.add if down else self._buttons.discard)(way)
+                changed.append((way, down))
+        return value, changed
 
 
 def key_label(key: str) -> str:

@@ -16,9 +16,11 @@ from typing import Any, get_args, get_type_hints
 from minihuman.errors import LogError, MinihumanError, WorldError
 from minihuman.experiment.activities.activity import ENTER_KEYS, Activity, SessionContext, WorldFactory
 from minihuman.experiment.activities.questions.question import AnswerDraft
+from minihuman.experiment.activities.team_play import PictureCorrected
 from minihuman.experiment.machine.events import (
     ActivityEvent,
     Answered,
+    AxisMoved,
     ClauseDone,
     EpisodeEnded,
     EpisodeStarted,
@@ -26,6 +28,7 @@ from minihuman.experiment.machine.events import (
     FrameShown,
     KeyPressed,
     Linked,
+    ModelCall,
     Noted,
     PageShown,
     PointerUsed,
@@ -36,6 +39,7 @@ from minihuman.experiment.machine.events import (
     TextTyped,
 )
 from minihuman.experiment.machine.inputs import (
+    AxisChanged,
     ExperimenterCommand,
     FocusChanged,
     Input,
@@ -73,9 +77,15 @@ _POINTER_INPUTS: dict[str, type[PointerPressed | PointerMoved | PointerReleased]
     "released": PointerReleased,
 }
 _OVER_PARTS = (Phase.PAUSED, Phase.UNFOCUSED, Phase.QUIT_QUESTION, Phase.ABORT_QUESTION)
-_TIMED_PHASES = (Phase.INTERVAL, Phase.FIXATION, Phase.LEARNING)  # for some time from when they are seen
+_TIMED_PHASES = (
+    Phase.INTERVAL,
+    Phase.FIXATION,
+    Phase.FEEDBACK,
+    Phase.LEARNING,
+)  # for some time from when they are seen
 _MAX_LOOK_AHEAD = 2_000  # events that are looked through for an answer
 _LAST_EVENTS = 8  # at most, that an end has
+_EXTERNAL_EVENTS = (Sampled, Linked, ModelCall, PictureCorrected)
 BROWSER_NOTE = "page"  # notes of this kind are a browser's page's own
 
 
@@ -84,17 +94,30 @@ def renders_same_images(facts: Mapping[str, str]) -> bool:
     return facts.get("pictures", "1") == str(PICTURES_VERSION)
 
 
-def compare_replay(events: Sequence[Event], make_world: WorldFactory) -> Iterator[str]:
+SeatFollower = Callable[[SessionMachine, ModelCall | None], str]  # a difference; None: a screen may be another one
+
+
+def compare_replay(
+    events: Sequence[Event],
+    make_world: WorldFactory,
+    *,
+    follow: SeatFollower | None = None,
+    picture_px: tuple[int, int] | None = None,
+) -> Iterator[str]:
     """Yield how a replay of a segment differs from its events; nothing if it does not.
 
-    Events of devices are skipped. A segment that was cut off is compared as far as it goes. First-person
-    observations that an earlier renderer drew are not compared; subgoals that worlds did not report then are skipped.
+    Events of devices are skipped, and so are calls of a model unless ``follow`` compares them: it is called with
+    each, and with None after each input, in pictures of at most ``picture_px``. A segment that was cut off is
+    compared as far as it goes. First-person observations that an earlier renderer drew are not compared; subgoals
+    that worlds did not report then are skipped.
 
     Raises:
         WorldError: if a world of the plan cannot be made here.
     """
     told: deque[tuple[int, Event]] = deque(
-        (number, event) for number, event in enumerate(events, 1) if not _is_external(event)
+        (number, event)
+        for number, event in enumerate(events, 1)
+        if not _is_external(event) or (follow is not None and isinstance(event, ModelCall))
     )
     if not told or not isinstance(told[0][1], SessionStarted):
         yield "event 1: a segment starts with its plan"
@@ -110,7 +133,7 @@ def compare_replay(events: Sequence[Event], make_world: WorldFactory) -> Iterato
     same, otherwise = renders_same_images(first.facts), False
     told_less = first.facts.get("clauses", "1") != str(CLAUSES_VERSION)
     try:
-        session = SessionMachine(first.plan, make, first.facts, picture_px=None)
+        session = SessionMachine(first.plan, make, first.facts, picture_px=picture_px)
     except MinihumanError as error:
         yield f"event 1: {error}"
         return
@@ -118,9 +141,16 @@ def compare_replay(events: Sequence[Event], make_world: WorldFactory) -> Iterato
         expected: deque[Event] = deque()
         has_questions = any(isinstance(event, Answered) for event in events)
         while told:
+            if follow is not None and isinstance(call := told[0][1], ModelCall):
+                number, _ = told.popleft()
+                if difference := follow(session, call):
+                    yield f"event {number}, {difference}"
+                continue
             if not expected:
                 coming = [event for _, event in islice(told, _MAX_LOOK_AHEAD if has_questions else _LAST_EVENTS)]
-                expected += _feed_next_input(session, coming)
+                expected += _feed_next_input(session, [one for one in coming if not isinstance(one, ModelCall)])
+                if follow is not None:
+                    follow(session, None)
             number, event = told.popleft()
             if not expected:
                 yield f"event {number}, {_event_name(event)}: nothing leads to it"
@@ -145,37 +175,54 @@ def resume_from_events(
     *,
     picture_px: tuple[int, int] | None,
     renders_steps: bool = True,
+    follow: Callable[[SessionMachine, Event | None], object] | None = None,
 ) -> tuple[SessionMachine, list[Event]]:
     """The machine that emitted a segment's events, ready to resume, and events that a killed program did not write.
+
+    ``follow`` is called with each event, the calls of a model among them, and with None after each input.
 
     Raises:
         LogError: if the replay differs from the events, or the session is over.
         WorldError: if a world of the plan cannot be made here.
     """
-    told = deque(event for event in events if not _is_external(event))
+    told = deque(event for event in events if not _is_external(event) or (follow and isinstance(event, ModelCall)))
     first = told[0] if told else None
     if not isinstance(first, SessionStarted):
-        raise LogError("a segment must start with SessionStarted; `minihuman recover` repairs a damaged log")
+        raise LogError(
+            "a segment does not start with SessionStarted, so the log is damaged; repair it with `minihuman recover`"
+        )
     session = SessionMachine(first.plan, make_world, first.facts, picture_px=picture_px, renders_steps=renders_steps)
     expected: deque[Event] = deque()
     while told:
+        if isinstance(told[0], ModelCall):
+            assert follow is not None  # else there are none
+            follow(session, told.popleft())
+            continue
         if not expected:
-            expected += _feed_next_input(session, list(islice(told, _MAX_LOOK_AHEAD)))
+            coming = islice(told, _MAX_LOOK_AHEAD)
+            expected += _feed_next_input(session, [event for event in coming if not isinstance(event, ModelCall)])
+            if follow is not None:
+                follow(session, None)
         event = told.popleft()
+        if follow is not None:
+            follow(session, event)
         if not expected or expected.popleft() != event:
             session.close()
             raise LogError(
-                f"{_event_name(event)} at {event.t_ns} ns differs in the replay; `minihuman verify` shows how"
+                f"{_event_name(event)} at {event.t_ns} ns differs in the replay; see how with `minihuman verify`"
             )
     if session.over:
         session.close()
-        raise LogError(f"session {first.plan.session} of {first.plan.participant.id} has ended; it cannot resume")
+        raise LogError(
+            f"session {first.plan.session} of {first.plan.participant.id} has ended and cannot be resumed; start "
+            "another session"
+        )
     return session, list(expected)
 
 
 def _is_external(event: Event) -> bool:
     """Whether an event comes from a device or a browser, not from the machine."""
-    return isinstance(event, Sampled | Linked) or (isinstance(event, Noted) and event.kind == BROWSER_NOTE)
+    return isinstance(event, _EXTERNAL_EVENTS) or (isinstance(event, Noted) and event.kind == BROWSER_NOTE)
 
 
 def _feed_next_input(session: SessionMachine, coming: list[Event]) -> list[Event]:
@@ -209,6 +256,8 @@ def _find_input(event: Event, session: SessionMachine) -> Input | None:
             return TextInput(event.t_ns, event.text)
         case PointerUsed():
             return _POINTER_INPUTS[event.what](event.t_ns, event.x, event.y, event.target, event.along)
+        case AxisMoved():
+            return AxisChanged(event.t_ns, event.axis, event.value)
         case Noted(kind="focus"):
             return FocusChanged(event.t_ns, event.text == "found")
         case Noted(kind="experimenter"):
@@ -307,7 +356,7 @@ class _LentContext(SessionContext):
         """The lent world."""
         lent = self._lend(world_id, options)
         if lent is None:
-            raise WorldError(f"no world {world_id} was lent to the copied session")
+            raise WorldError(f"the copied session has no world {world_id} to replay in")
         return lent
 
     def close(self) -> None:

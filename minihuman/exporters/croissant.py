@@ -43,13 +43,12 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     if first is None:
         return replace(written, paths=())
     path = out / "croissant.json"
-    path.write_text(
-        json.dumps(_description(first, out), indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n"
-    )
+    described = _description(first, sorted(out.glob("*.parquet")))
+    path.write_text(json.dumps(described, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
     return replace(written, paths=(*written.paths, path))
 
 
-def _description(plan: SessionPlan, out: Path) -> dict[str, Any]:
+def _description(plan: SessionPlan, tables: list[Path]) -> dict[str, Any]:
     about = get_plan_study_facts(plan)
     facts = {
         "license": about.licence,
@@ -70,8 +69,8 @@ def _description(plan: SessionPlan, out: Path) -> dict[str, Any]:
         "description": about.description or f"Sessions of the study {plan.study}, as tidy tables.",
         "version": _version(plan.study_version),
         **{name: value for name, value in facts.items() if value},
-        "distribution": [_file(out / f"{table}.parquet") for table in TABLES],
-        "recordSet": [_records(table, columns) for table, columns in TABLES.items()],
+        "distribution": [_file(path) for path in tables],
+        "recordSet": [_records(path.stem, TABLES[path.stem]) for path in tables],
     }
 
 

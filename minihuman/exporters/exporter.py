@@ -32,6 +32,11 @@ class ExportResult:
     left_out: tuple[str, ...] = ()  # what the format cannot hold, and why; in the card
     marked: int = 0  # further episodes, that do not count and are there all the same, with the reason
     sessions: int = 0  # of tables: those that have a row, with an episode or without
+    front_matter: str = ""  # of the card, for what reads it by machine
+
+    def with_files(self, paths: tuple[Path, ...], *, front_matter: str = "") -> "ExportResult":
+        """The same counts, of these files."""
+        return replace(self, paths=paths, front_matter=front_matter)
 
 
 Exporter = Callable[[IncludedEpisodes, Path], ExportResult]
@@ -69,7 +74,7 @@ class ExportCard:
     def write(self, out: Path, written: ExportResult) -> Path:
         """Write the card into the export's folder."""
         path = out / "README.md"
-        path.write_text(self._text(out, written), encoding="utf-8", newline="\n")
+        path.write_text(written.front_matter + self._text(out, written), encoding="utf-8", newline="\n")
         return path
 
     def _text(self, out: Path, written: ExportResult) -> str:
@@ -115,9 +120,9 @@ def export_study(
     """
     exporter = find_exporter(format_name)
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise ExportError(f"{out} already exists; choose another folder or move it")
+        raise ExportError(f"{out} already exists; choose another folder, or move that one away")
     if out.resolve().samefile(".") if out.exists() else not out.name:
-        raise ExportError(f"{out} is the current folder; name a new folder")
+        raise ExportError(f"{out} is the current folder; choose a new folder")
     sessions = StudySessions(source, selection)
     card = ExportCard(format_name, sessions.account, stored_frames=stored_frames)
 
@@ -132,13 +137,16 @@ def export_study(
 
     unfinished = out.resolve().with_name(out.name + ".unfinished")  # Minari joins a relative path to itself
     if unfinished.exists():
-        raise ExportError(f"{unfinished} belongs to another export, running or interrupted; remove it and export again")
+        raise ExportError(
+            f"{unfinished} belongs to an export that is running or was interrupted; if none is running, remove it and "
+            "export again"
+        )
     unfinished.mkdir(parents=True)
     try:
         written = exporter(IncludedEpisodes(sessions, taken=taken, stored_frames=stored_frames), unfinished)
         if not written.episodes + written.marked + written.sessions:
             why = "; ".join((*written.left_out, *sessions.account.lines()))
-            raise ExportError(f"{source}: nothing to export: {why}")
+            raise ExportError(f"{source} has nothing to export: {why}; select other episodes")
         card.write(unfinished, written)
         if out.exists():
             out.rmdir()

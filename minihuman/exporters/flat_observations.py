@@ -11,7 +11,7 @@ import logging
 import re
 import string
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
@@ -25,7 +25,7 @@ from minihuman import __version__
 from minihuman.dataset.episode_stream import IncludedEpisode
 from minihuman.errors import ExportError, LogError, WorldError
 from minihuman.experiment.replay import renders_same_images
-from minihuman.exporters.study_metadata import get_step_limit
+from minihuman.exporters.study_metadata import get_action_names, get_step_limit
 from minihuman.log.model.session_log import EpisodeLog
 from minihuman.log.model.teaching_events import NO_ADVICE
 from minihuman.log.observations import verify_observations
@@ -61,7 +61,7 @@ def to_standard_space(space: gymnasium.Space[Any]) -> gymnasium.Space[Any]:
             return space
     if isinstance(space.sample(), str):
         return gymnasium.spaces.Text(max_length=4096, min_length=0, charset=_CHARACTERS)
-    raise ExportError(f"observation space {space} cannot be flattened; export csv or parquet instead")
+    raise ExportError(f"observation space {space} cannot be flattened; export as csv or parquet instead")
 
 
 def is_picture(space: gymnasium.Space[Any]) -> bool:
@@ -181,6 +181,7 @@ def _importable(made_by: Any) -> str | None:
     return f"{module}:{name}" if found is made_by and module != "__main__" else None
 
 
+PICTURE_PX = (128, 128)  # what a view is drawn within for learners where the observation is no picture
 FROM_LOG = logging.getLogger("minihuman")
 
 
@@ -194,18 +195,72 @@ class ReplayedEpisode:
     episode: EpisodeLog
     observations: tuple[Any, ...]
     observation_space: gymnasium.Space[Any]
-    action_space: gymnasium.spaces.Discrete
+    action_space: gymnasium.Space[Any]
+    pictures: tuple[NDArray[np.uint8], ...] = ()  # (H, W, 3) each, where they were asked for and can be drawn
 
     @property
-    def actions(self) -> NDArray[np.int64]:
-        """The ``n`` actions as the environment's ``step`` takes them: counted from where its action space starts."""
-        return self.episode.actions + int(self.action_space.start)
+    def actions(self) -> NDArray[Any]:
+        """The ``n`` actions as the environment's ``step`` takes them: numbers from the space's start, or arrays."""
+        vectors = self.episode.action_vectors
+        if vectors is None:
+            assert isinstance(self.action_space, gymnasium.spaces.Discrete)
+            return self.episode.actions + int(self.action_space.start)
+        return vectors.astype(self.action_space.dtype).reshape(-1, *(self.action_space.shape or ()))
+
+
+def name_state(demonstration: ReplayedEpisode) -> list[str]:
+    """The names of ``build_state``'s columns."""
+    if not is_picture(demonstration.observation_space):
+        return name_flat_observation(demonstration.observations[0])
+    return ["elapsed"] if np.isnan(demonstration.episode.poses).any() else ["x", "z", "cos_yaw", "sin_yaw"]
+
+
+def build_state(demonstration: ReplayedEpisode) -> NDArray[np.float32]:
+    """The numbers that were observed, (n + 1, numbers).
+
+    Where the observation is a picture, they are where the agent stands, or, where the world cannot tell, how much of
+    the episode is over.
+    """
+    episode, space = demonstration.episode, demonstration.observation_space
+    if not is_picture(space):
+        rows = [flatten_observation(observation, space) for observation in demonstration.observations]
+        return np.stack(rows).astype(np.float32)
+    if np.isnan(episode.poses).any():
+        return (np.arange(len(episode.poses)) / episode.plan.max_steps).astype(np.float32).reshape(-1, 1)
+    x, _, z, yaw_rad = episode.poses.T
+    return np.stack([x, z, np.cos(yaw_rad), np.sin(yaw_rad)], axis=1).astype(np.float32)
+
+
+def name_actions(item: IncludedEpisode) -> list[str]:
+    """The names of the columns of ``build_actions``' "action"."""
+    vectors = item.episode.action_vectors
+    return list(get_action_names(item)) if vectors is None else [f"component_{n}" for n in range(vectors.shape[1])]
+
+
+def build_actions(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, NDArray[Any]]:
+    """The actions as learners of vectors take them: "action" (n, actions), and "discrete_action" (n,).
+
+    A row of "action" has a 1 at its place among the actions that participants could take, and "discrete_action" is what
+    the environment's ``step`` takes; where that is a vector itself, "action" is it, flat, and there is nothing else.
+    """
+    vectors = item.episode.action_vectors
+    if vectors is not None:
+        return {"action": vectors.astype(np.float32).reshape(len(vectors), -1)}
+    taken = np.array(item.episode.start.action_names)[item.episode.actions]
+    one_hot = (taken[:, None] == np.array(name_actions(item))).astype(np.float32)
+    return {"action": one_hot, "discrete_action": demonstration.actions}
 
 
 class Resimulator:
-    """Gives episodes their observations, keeping the world of the last one for the next."""
+    """Gives episodes their observations, keeping the world of the last one for the next.
 
-    def __init__(self) -> None:
+    Args:
+        picture_px: width and height within which pictures are drawn, too, of what the participant saw; by default none
+            are. Where the observation is a picture, it is the picture, and stored observations have no others.
+    """
+
+    def __init__(self, *, picture_px: tuple[int, int] | None = None) -> None:
+        self._picture_px = picture_px
         self._world: World | None = None
         self._made_from: tuple[str, dict[str, Any]] | None = None
 
@@ -217,11 +272,20 @@ class Resimulator:
                 log holds no observations, or others than were made.
         """
         world = self._world_of(chosen.episode, chosen)
-        observations = _stored(chosen) if chosen.stored_frames else _played(chosen, world)
-        return ReplayedEpisode(chosen.episode, observations, world.observation_space, world.action_space)
+        observed = self._picture_px is None or is_picture(world.observation_space)
+        pictures: list[NDArray[np.uint8]] = []
+
+        def draw() -> None:
+            if not observed and self._picture_px is not None:
+                plan = chosen.episode.plan
+                pictures.append(world.frame(plan.view, self._picture_px, plan.palette))
+
+        seen = _stored(chosen) if chosen.stored_frames else _played(chosen, world, draw)
+        drawn = seen if self._picture_px is not None and observed else tuple(pictures)
+        return ReplayedEpisode(chosen.episode, seen, world.observation_space, world.action_space, drawn)
 
     def _world_of(self, episode: EpisodeLog, chosen: IncludedEpisode) -> World:
-        made_from = (episode.plan.world, episode.plan.options)
+        made_from = (episode.plan.world, episode.world_options)
         if self._world is None or self._made_from != made_from:
             try:
                 self._world, self._made_from = World(*made_from), made_from
@@ -230,7 +294,7 @@ class Resimulator:
         return self._world
 
 
-def _played(chosen: IncludedEpisode, world: World) -> tuple[Any, ...]:
+def _played(chosen: IncludedEpisode, world: World, draw: Callable[[], None]) -> tuple[Any, ...]:
     episode = chosen.episode
     drawn_anew = world.drawn and not all(renders_same_images(segment.facts) for segment in chosen.log.segments)
     if drawn_anew:
@@ -241,9 +305,11 @@ def _played(chosen: IncludedEpisode, world: World) -> tuple[Any, ...]:
         )
     _check(world, world.reset(episode.plan.seed), 0, chosen, drawn_anew=drawn_anew)
     observations = [copy.deepcopy(world.observation)]  # as a world may use its arrays again
-    for step, action in enumerate(episode.actions, 1):
-        _check(world, world.step(int(action)), step, chosen, drawn_anew=drawn_anew)
+    draw()
+    for step, action in enumerate(episode.actions_taken, 1):
+        _check(world, world.step(action), step, chosen, drawn_anew=drawn_anew)
         observations.append(copy.deepcopy(world.observation))
+        draw()
     return tuple(observations)
 
 
@@ -257,10 +323,10 @@ def _check(
         same = now.observation_hash == int(episode.observation_hashes[step])
     if not same:
         played = chosen.log.facts.get("version_minihuman", "of an unknown version")
-        instead = "" if episode.observations is None else ", or take those in the log: --stored-frames"
+        instead = "" if episode.observations is None else ", or export those in the log with --stored-frames"
         raise ExportError(
-            f"{chosen.log.path}: {episode.name} step {step}: the observation differs from "
-            f"the one played under minihuman {played} (this is {__version__}); export with that version{instead}"
+            f"{chosen.log.path}: {episode.name} step {step}: the replayed observation differs from "
+            f"the one recorded under minihuman {played} (this is {__version__}); export with {played}{instead}"
         )
 
 
@@ -268,7 +334,7 @@ def _stored(chosen: IncludedEpisode) -> tuple[Any, ...]:
     episode = chosen.episode
     if episode.observations is None:
         raise ExportError(
-            f"{chosen.log.path}: {episode.name} has no stored observations (its block did not say "
+            f"{chosen.log.path}: {episode.name} has no stored observations (its block does not set "
             "record_observations = true); export without --stored-frames"
         )
     try:

@@ -1,4 +1,5 @@
-"""Export trajectories for the `imitation` library: Hugging Face `datasets` on disk, flat observations.
+"""Export trajectories for the `imitation` library: Hugging Face `datasets` on disk. Observations are flat, and pictures
+(channels, rows, columns), as Stable-Baselines3's `CnnPolicy` takes them.
 
 One dataset per world, `OUT/<world>`; `imitation.data.serialize.load` and `datasets.load_from_disk` read it.
 Trajectories are written a few at a time, so that a large study takes no more memory than a small one. Compared
@@ -14,6 +15,7 @@ from typing import Any
 import datasets
 import numpy as np
 from datasets.arrow_writer import ArrowWriter
+from numpy.typing import NDArray
 
 from minihuman.dataset.episode_stream import IncludedEpisode, IncludedEpisodes
 from minihuman.experiment.activities.preferences import EpisodeClip, PairAnswer
@@ -24,6 +26,7 @@ from minihuman.exporters.flat_observations import (
     dataset_name,
     flatten_observation,
     get_step_steering,
+    is_picture,
 )
 from minihuman.exporters.study_metadata import describe_episode
 from minihuman.log.model.session_log import SessionLog
@@ -115,7 +118,7 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
             continue
         name = dataset_name(item)
         trajectory = _trajectory(item, resimulate(item))
-        features = _features(str(trajectory["obs"].dtype))
+        features = _features(trajectory["obs"])
         writers.write(name, features, trajectory)
         for world, pair in fragments.take(item, name, trajectory):
             writers.write_pair(world, pair)
@@ -156,12 +159,7 @@ def _trajectory(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[s
         for step in range(1, len(episode.actions) + 1)
     ]
     return {
-        "obs": np.stack(
-            [
-                flatten_observation(observation, demonstration.observation_space)
-                for observation in demonstration.observations
-            ]
-        ),
+        "obs": _observations(demonstration),
         "acts": demonstration.actions,
         "infos": [json.dumps(info) for info in infos],
         "terminal": bool(episode.terminated[-1]),
@@ -169,10 +167,21 @@ def _trajectory(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[s
     }
 
 
-def _features(number: str) -> datasets.Features:
+def _observations(demonstration: ReplayedEpisode) -> NDArray[Any]:
+    """The n + 1 observations: (n + 1, numbers), or pictures (n + 1, 3, rows, columns)."""
+    space = demonstration.observation_space
+    if is_picture(space):
+        return np.stack(demonstration.observations).transpose(0, 3, 1, 2)
+    return np.stack([flatten_observation(observation, space) for observation in demonstration.observations])
+
+
+def _features(observations: NDArray[Any]) -> datasets.Features:
+    _, *shape = observations.shape
+    number = str(observations.dtype)
+    flat = datasets.List(datasets.Value(number))
     return datasets.Features(
         {
-            "obs": datasets.List(datasets.List(datasets.Value(number))),
+            "obs": datasets.List(datasets.Array3D(tuple(shape), number) if len(shape) == 3 else flat),
             "acts": datasets.List(datasets.Value("int64")),
             "infos": datasets.List(datasets.Value("string")),
             "terminal": datasets.Value("bool"),

@@ -1,13 +1,13 @@
-"""Export LeRobot datasets, format v3.0, written with pyarrow: `OUT/<world>/{meta,data}`. No torch, no video.
+"""Export LeRobot datasets, format v3.0, written with pyarrow and PyAV: `OUT/<world>/{meta,data,videos}`. No torch.
 
 A frame is an observation and the action taken in it, so the observation after the last action has no row. LeRobot's
 timestamps are frame number over frame rate; when a step really happened is in `time_s`. A discrete action is
-written as a one-hot vector, which a policy can learn, and as the number that `step` takes. The statistics, the
-features and the card are those that LeRobot and the Hub read.
+written as a one-hot vector, which a policy can learn, and as the number that `step` takes. Pictures are LeRobot's video
+features: the observation where that is a picture, else the view that the participant had. The statistics, the features
+and the card are those that LeRobot and the Hub read.
 """
 
 import hashlib
-import io
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,58 +19,66 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
-from PIL import Image
 
 from minihuman import __version__
 from minihuman.dataset.episode_stream import IncludedEpisode, IncludedEpisodes
+from minihuman.display.video import ENCODINGS, VideoWriter, pad_to_even
 from minihuman.experiment.protocol.specs import AboutSpec
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (
+    PICTURE_PX,
     ReplayedEpisode,
     Resimulator,
+    build_actions,
+    build_state,
     build_steering_columns,
     dataset_name,
-    flatten_observation,
-    is_picture,
-    name_flat_observation,
+    name_actions,
+    name_state,
 )
-from minihuman.exporters.study_metadata import describe_episode, get_action_names, get_study_facts
+from minihuman.exporters.study_metadata import describe_episode, get_study_facts
 
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
 class FeatureStatistics:
-    """Running statistics of one feature. Quantiles over episodes are means of theirs by frames, as LeRobot's own are.
+    """Statistics of one feature. Quantiles over episodes are means of theirs by frames, as LeRobot's own are.
 
     Args:
-        picture: whether it is a picture, whose channels are told apart and scaled to 0 to 1.
+        values: an episode's, a row per frame; of a picture (frames, H, W, 3) bytes, whose channels are told apart and
+            scaled to 0 to 1.
     """
 
-    def __init__(self, *, picture: bool) -> None:
-        self._picture = picture
-        self._frames = 0
-        self._samples = 0
-        self._low: Any = np.inf
-        self._high: Any = -np.inf
-        self._sum: Any = 0.0
-        self._squares: Any = 0.0
-        self._quantiles: Any = 0.0  # (5, numbers) times frames
-
-    def add(self, values: NDArray[Any]) -> None:
-        """Take an episode's values in, a row a frame."""
-        samples = _channels(values) if self._picture else values.reshape(len(values), -1).astype(np.float64)
-        self._frames += len(values)
-        self._samples += len(samples)
-        self._low = np.minimum(self._low, samples.min(axis=0))
-        self._high = np.maximum(self._high, samples.max(axis=0))
-        self._sum = self._sum + samples.sum(axis=0)
-        self._squares = self._squares + (samples**2).sum(axis=0)
+    def __init__(self, values: NDArray[Any]) -> None:
+        self._picture = values.ndim == 4
+        self._frames = len(values)
         levels = list(QUANTILES.values())
-        found = _of_bytes(values, levels) if self._picture else np.quantile(samples, levels, axis=0)
-        self._quantiles = self._quantiles + found * len(values)
+        if self._picture:
+            counts = np.array([np.bincount(channel, minlength=256) for channel in values.reshape(-1, 3).T])
+            scale = np.arange(256) / 255.0
+            there, share = counts > 0, np.cumsum(counts, axis=1) / counts[0].sum()
+            self._samples = int(counts[0].sum())
+            self._low, self._high = scale[there.argmax(axis=1)], scale[255 - there[:, ::-1].argmax(axis=1)]
+            self._sum, self._squares = counts @ scale, counts @ scale**2
+            found = np.array([scale[np.searchsorted(channel, levels)] for channel in share]).T
+        else:
+            samples = values.reshape(len(values), -1).astype(np.float64)
+            self._samples = len(samples)
+            self._low, self._high = samples.min(axis=0), samples.max(axis=0)
+            self._sum, self._squares = samples.sum(axis=0), (samples**2).sum(axis=0)
+            found = np.quantile(samples, levels, axis=0)
+        self._quantiles = found * len(values)  # (5, numbers) times frames
+
+    def add(self, other: "FeatureStatistics") -> None:
+        """Take another episode's in."""
+        self._frames += other._frames
+        self._samples += other._samples
+        self._low, self._high = np.minimum(self._low, other._low), np.maximum(self._high, other._high)
+        self._sum, self._squares = self._sum + other._sum, self._squares + other._squares
+        self._quantiles = self._quantiles + other._quantiles
 
     def statistics(self) -> dict[str, Any]:
-        """As the format keeps them: a list a number, [[[value]]] a channel of a picture."""
+        """As the format keeps them: a list per number, [[[value]]] per channel of a picture."""
         mean = self._sum / self._samples
         values = {
             "min": self._low,
@@ -83,36 +91,20 @@ class FeatureStatistics:
         return {key: value.reshape(shape).tolist() for key, value in values.items()} | {"count": [self._frames]}
 
 
-def _channels(pictures: NDArray[np.uint8]) -> NDArray[np.float64]:
-    return pictures.reshape(-1, pictures.shape[-1]) / 255.0
-
-
-def _of_bytes(pictures: NDArray[np.uint8], levels: list[float]) -> NDArray[np.float64]:
-    """Quantiles of each channel, from how often each of its 256 values occurs."""
-    found = []
-    for channel in pictures.reshape(-1, pictures.shape[-1]).T:
-        share = np.cumsum(np.bincount(channel, minlength=256)) / channel.size
-        found.append(np.searchsorted(share, levels) / 255.0)
-    return np.array(found).T
-
-
 PICTURE, STATE = "observation.image", "observation.state"
 
 
 def build_features(item: IncludedEpisode, first: ReplayedEpisode) -> dict[str, dict[str, Any]]:
     """What a frame of the episode's dataset has: type, shape and names of each feature, as ``info.json`` says them."""
-    if is_picture(first.observation_space):
-        shape = list(np.asarray(first.observations[0]).shape)
-        names = _place_names(item)
-        seen = {PICTURE: {"dtype": "image", "shape": shape, "names": ["height", "width", "channels"]}}
-    else:
-        names, seen = name_flat_observation(first.observations[0]), {}
-    actions = list(get_action_names(item))
+    names = name_state(first)
+    seen = {PICTURE: _video_feature(pad_to_even(first.pictures[0]))} if first.pictures else {}
+    actions = name_actions(item)
+    number = {"dtype": "int64", "shape": [1], "names": ["what the environment's step takes"]}
     return {
         **seen,
         STATE: {"dtype": "float32", "shape": [len(names)], "names": names},
         "action": {"dtype": "float32", "shape": [len(actions)], "names": actions},
-        "action_index": {"dtype": "int64", "shape": [1], "names": ["what the environment's step takes"]},
+        **({"discrete_action": number} if item.episode.action_vectors is None else {}),
         **(
             {
                 "intervention": {"dtype": "bool", "shape": [1], "names": None},
@@ -133,17 +125,21 @@ def build_features(item: IncludedEpisode, first: ReplayedEpisode) -> dict[str, d
     }
 
 
-def _place_names(item: IncludedEpisode) -> list[str]:
-    """The state of a world of pictures: where the agent stands, or, where the world cannot tell, how much is over."""
-    return ["elapsed"] if np.isnan(item.episode.poses).any() else ["x", "z", "cos_yaw", "sin_yaw"]
-
-
-def _place(item: IncludedEpisode) -> NDArray[np.float32]:
-    poses = item.episode.poses[:-1]
-    if np.isnan(item.episode.poses).any():
-        return (np.arange(len(poses)) / item.episode.plan.max_steps).astype(np.float32).reshape(-1, 1)
-    x, _, z, yaw_rad = poses.T
-    return np.stack([x, z, np.cos(yaw_rad), np.sin(yaw_rad)], axis=1).astype(np.float32)
+def _video_feature(picture: NDArray[np.uint8]) -> dict[str, Any]:
+    height, width, channels = picture.shape
+    how = ENCODINGS["dataset"]
+    said = {
+        "video.height": height,
+        "video.width": width,
+        "video.codec": "h264",
+        "video.pix_fmt": how.pixel_format,
+        "video.is_depth_map": False,
+        "video.fps": FPS,
+        "video.channels": channels,
+        "has_audio": False,
+    }
+    names = ["height", "width", "channels"]
+    return {"dtype": "video", "shape": [height, width, channels], "names": names, "info": said}
 
 
 def build_columns(
@@ -151,20 +147,13 @@ def build_columns(
 ) -> dict[str, NDArray[Any]]:
     """The features that come from the episode, ``n`` rows each."""
     episode = item.episode
-    before = demonstration.observations[:-1]
-    seen: dict[str, NDArray[Any]]
-    if PICTURE in features:
-        seen = {PICTURE: np.stack(before), STATE: _place(item)}
-    else:
-        space = demonstration.observation_space
-        seen = {STATE: np.stack([flatten_observation(observation, space).astype(np.float32) for observation in before])}
+    pictures = [pad_to_even(picture) for picture in demonstration.pictures[:-1]]
     done = np.zeros(len(episode.actions), bool)
     done[-1] = True
-    taken = np.array(episode.start.action_names)[episode.actions]
     return {
-        **seen,
-        "action": (taken[:, None] == np.array(features["action"]["names"])).astype(np.float32),
-        "action_index": demonstration.actions,
+        **({PICTURE: np.stack(pictures)} if PICTURE in features else {}),
+        STATE: build_state(demonstration)[:-1],
+        **build_actions(item, demonstration),
         **build_steering_columns(episode),
         "next.reward": episode.rewards,
         "next.done": done,
@@ -192,11 +181,15 @@ def build_card(about: AboutSpec, world: str, info: Mapping[str, Any], tasks: Seq
         f"{info['total_episodes']} episodes, {info['total_frames']} frames of `{world}`.",
         f"Written by minihuman {__version__} in LeRobot's format {info['codebase_version']}.",
         "",
-        "- `action` has a 1 at its place among the names; `action_index` is what the environment's step takes.",
+        "- `action` has a 1 at its place among the names; `discrete_action` is what the environment's step takes."
+        if "discrete_action" in info["features"]
+        else "- `action` is the vector that the environment's step takes, flat.",
         "- `timestamp` is frame number over a nominal frame rate; people took as long as they took, see `time_s`.",
         "- `minihuman/...` in `meta/episodes` says who played, in which session, episode and attempt, with which keys.",
     ]
-    if "observation.image" in info["features"]:
+    if PICTURE in info["features"]:
+        lines.append("- `observation.image` is a video, so its colours differ a little from what was seen.")
+    if "x" in info["features"][STATE]["names"]:
         lines.append("- `observation.state` is where the agent stood, which people saw only in the picture.")
     lines += ["", "Tasks:", "", *(f"- {task}" for task in tasks[:_TASKS_SHOWN])]
     lines += [f"- and {len(tasks) - _TASKS_SHOWN} more"] if len(tasks) > _TASKS_SHOWN else []
@@ -219,6 +212,8 @@ FORMAT_VERSION = "v3.0"
 FPS = 10  # nominal: steps follow keys, not a clock
 CHUNK = 1000  # files a folder, the format's default
 FILE_BYTES = 100 * 1024 * 1024  # of episodes in one file, the format's default
+VIDEO_BYTES = 2 * FILE_BYTES
+VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 
 
 def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
@@ -227,7 +222,7 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     Raises:
         ExportError: if an episode does not replay.
     """
-    resimulate = Resimulator()
+    resimulate = Resimulator(picture_px=PICTURE_PX)
     datasets: dict[str, _Dataset] = {}
     left_out: list[str] = []
     for item in chosen:
@@ -269,9 +264,11 @@ class _Dataset:
         self._about = get_study_facts(item)
         self._world = item.episode.plan.world
         self._tasks: dict[str, int] = {}
-        self._totals = {name: FeatureStatistics(picture=name == PICTURE) for name in self.features}
+        self._totals: dict[str, FeatureStatistics] = {}
         self._file = 0
         self._writer: pq.ParquetWriter | None = None
+        self._video_file = 0
+        self._video: VideoWriter | None = None
         (root / "meta").mkdir(parents=True)
 
     def add(self, item: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
@@ -280,6 +277,7 @@ class _Dataset:
         task = item.episode.start.mission or f"reach the goal of {item.episode.plan.world}"
         task_index = self._tasks.setdefault(task, len(self._tasks))
         columns = build_columns(item, demonstration, self.features)
+        placed = self._film(columns[PICTURE]) if PICTURE in columns else {}
         own: dict[str, NDArray[Any]] = {
             "timestamp": (np.arange(length) / FPS).astype(np.float32),
             "frame_index": np.arange(length, dtype=np.int64),
@@ -289,12 +287,13 @@ class _Dataset:
         }
         columns |= own
         chunk, file = self._write(_table(columns, self.features))
-        statistics = {}
-        for name, values in columns.items():
-            alone = FeatureStatistics(picture=name == PICTURE)
-            for total in (alone, self._totals[name]):
-                total.add(values)
-            statistics[name] = alone.statistics()
+        found = {name: FeatureStatistics(values) for name, values in columns.items()}
+        statistics = {name: one.statistics() for name, one in found.items()}
+        for name, one in found.items():
+            if name in self._totals:
+                self._totals[name].add(one)
+            else:
+                self._totals[name] = one
         self.rows.append(
             {
                 "episode_index": number,
@@ -302,6 +301,7 @@ class _Dataset:
                 "length": length,
                 "data/chunk_index": chunk,
                 "data/file_index": file,
+                **placed,
                 "dataset_from_index": self.frames,
                 "dataset_to_index": self.frames + length,
                 "meta/episodes/chunk_index": 0,
@@ -329,10 +329,27 @@ class _Dataset:
             self._file, self._writer = self._file + 1, None
         return chunk, file
 
+    def _film(self, pictures: NDArray[np.uint8]) -> dict[str, Any]:
+        """Append an episode's pictures to the video file, or to the next where that is full; say where they are."""
+        chunk, file = divmod(self._video_file, CHUNK)
+        path = self.root / VIDEO_PATH.format(video_key=PICTURE, chunk_index=chunk, file_index=file)
+        if self._video is None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._video = VideoWriter(path, "dataset", fps=FPS)
+        first = self._video.frames
+        self._video.write(pictures)
+        places: dict[str, Any] = {"chunk_index": chunk, "file_index": file}
+        places |= {"from_timestamp": first / FPS, "to_timestamp": self._video.frames / FPS}
+        if path.stat().st_size >= VIDEO_BYTES:
+            self._video.close()
+            self._video_file, self._video = self._video_file + 1, None
+        return {f"videos/{PICTURE}/{name}": value for name, value in places.items()}
+
     def finish(self) -> None:
         """Write what describes the whole dataset."""
-        if self._writer is not None:
-            self._writer.close()
+        for open_file in (self._writer, self._video):
+            if open_file is not None:
+                open_file.close()
         meta = self.root / "meta"
         episodes = meta / "episodes" / "chunk-000"
         episodes.mkdir(parents=True)
@@ -351,11 +368,11 @@ class _Dataset:
             "total_tasks": len(self._tasks),
             "chunks_size": CHUNK,
             "data_files_size_in_mb": FILE_BYTES // 1024**2,
-            "video_files_size_in_mb": 200,
+            "video_files_size_in_mb": VIDEO_BYTES // 1024**2,
             "fps": FPS,
             "splits": {"train": f"0:{len(self.rows)}"},
             "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
-            "video_path": None,
+            "video_path": VIDEO_PATH if PICTURE in self.features else None,
             "features": self.features,
         }
         (meta / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8", newline="\n")
@@ -368,21 +385,14 @@ def _table(columns: dict[str, NDArray[Any]], features: dict[str, Any]) -> pa.Tab
     """An episode's frames. A feature of one number is a plain column: no list of one, which its readers refuse."""
     arrays = {}
     for name, values in columns.items():
-        if features[name]["dtype"] == "image":
-            pictures = [{"bytes": _png(picture), "path": None} for picture in values]
-            arrays[name] = pa.array(pictures, pa.struct([("bytes", pa.binary()), ("path", pa.string())]))
-        elif values.ndim == 2 and values.shape[1] > 1:
+        if features[name]["dtype"] == "video":
+            continue
+        if values.ndim == 2 and values.shape[1] > 1:
             flat_values = pa.array(np.ascontiguousarray(values).reshape(-1))
             arrays[name] = pa.FixedSizeListArray.from_arrays(flat_values, values.shape[1])
         else:
             arrays[name] = pa.array(values.reshape(-1))
     return pa.table(arrays)
-
-
-def _png(picture: NDArray[np.uint8]) -> bytes:
-    buffer = io.BytesIO()
-    Image.fromarray(picture).save(buffer, "PNG")
-    return buffer.getvalue()
 
 
 def _plain(value: Any) -> Any:

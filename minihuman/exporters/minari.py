@@ -4,9 +4,12 @@ With `MINARI_DATASETS_PATH=OUT`, `minari.load_dataset("minihuman/demo/minigrid-f
 unfinished episode ends truncated, so that no reader joins it to the next one.
 """
 
+import errno
 import json
 import os
+import pickle
 import re
+import shutil
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -34,6 +37,7 @@ from minihuman.exporters.flat_observations import (
 from minihuman.exporters.study_metadata import describe_episode, get_action_names, get_study_facts
 
 NAMESPACE = "minihuman"
+_RESERVE_BYTES = 2**20  # an episode's groups and attributes, and the files of JSON
 
 
 @contextmanager
@@ -76,16 +80,25 @@ def _write(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         demonstration = resimulate(item)
         name = f"{item.log.plan.study}/{_versioned(dataset_name(item))}"
         if name not in datasets:
+            _require_room(out, _RESERVE_BYTES)
             datasets[name] = _begin(out, name, item, demonstration)
         storage = datasets[name]
         players[name].add(item.log.player)
-        storage.update_episodes([_buffer(demonstration)])
+        buffer = _buffer(demonstration)
+        _require_room(out, 2 * len(pickle.dumps(buffer)) + _RESERVE_BYTES)
+        storage.update_episodes([buffer])
         storage.update_episode_metadata([_attributes(item)], [int(storage.total_episodes) - 1])
         episodes += 1
         steps += len(item.episode.actions)
     for name, storage in datasets.items():
         storage.update_metadata({"algorithm_name": f"minihuman sessions played by: {', '.join(sorted(players[name]))}"})
     return ExportResult(tuple(out / NAMESPACE / name for name in datasets), episodes, steps, tuple(left_out))
+
+
+def _require_room(out: Path, needed_bytes: int) -> None:
+    """Refuse before HDF5 writes: where a write of its own fails, it may end the process when it closes the file."""
+    if shutil.disk_usage(out).free < needed_bytes:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(out))
 
 
 def _begin(out: Path, name: str, item: IncludedEpisode, demonstration: ReplayedEpisode) -> MinariStorage:
@@ -112,6 +125,7 @@ def _begin(out: Path, name: str, item: IncludedEpisode, demonstration: ReplayedE
             "action_names": list(item.episode.start.action_names),  # of the whole action space, from its start
             "actions_offered": list(get_action_names(item)),  # those that participants had a key for
         }
+        | ({"eval_env_spec": spec.to_json()} if spec is not None else {})  # as it was played, its step limit included
         | ({"author": [author.name for author in about.authors]} if about.authors else {})
         | ({"author_email": emails} if (emails := [author.email for author in about.authors if author.email]) else {})
         | ({"license": about.licence} if about.licence else {})

@@ -27,18 +27,18 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         return replace(written, paths=())
     (out / "data/datapackage.json").unlink()  # its paths are not these
     (out / "data/dictionary.json").rename(out / "dictionary.json")
-    files = []
-    for table in TABLES:
+    files, tables = [], [table for table in TABLES if (out / "data" / f"{table}.csv").exists()]
+    for table in tables:
         name = f"study-{make_label(first.study)}_description-{make_label(table)}_data.csv"
         files.append((out / "data" / f"{table}.csv").rename(out / "data" / name))
     described = out / "dataset_description.json"
     described.write_text(
-        json.dumps(_description(first), indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n"
+        json.dumps(_description(first, tables), indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n"
     )
     return replace(written, paths=(*files, described, out / "dictionary.json"))
 
 
-def _description(plan: SessionPlan) -> dict[str, Any]:
+def _description(plan: SessionPlan, tables: list[str]) -> dict[str, Any]:
     about = get_plan_study_facts(plan)
     facts = {
         "author": [
@@ -60,23 +60,23 @@ def _description(plan: SessionPlan) -> dict[str, Any]:
         "schemaVersion": "Psych-DS 1.0.0",
         "version": plan.study_version,
         **{name: value for name, value in facts.items() if value},
-        "variableMeasured": list(_variables()),
+        "variableMeasured": list(_variables(tables)),
     }
 
 
-def _variables() -> Iterator[dict[str, Any]]:
+def _variables(tables: list[str]) -> Iterator[dict[str, Any]]:
     """Every column once, whichever tables have it; where it means several things, each with its table."""
     meanings: dict[str, dict[str, list[str]]] = {}
     units: dict[str, str] = {}
     kinds: dict[str, str] = {}
-    for table, columns in TABLES.items():
-        for column in columns:
+    for table in tables:
+        for column in TABLES[table]:
             if column.name not in COLUMNS_NEEDING_WORLD:
                 meanings.setdefault(column.name, {}).setdefault(column.meaning, []).append(table)
                 units.setdefault(column.name, column.unit)
                 kinds.setdefault(column.name, column.kind)
     for name, said in meanings.items():
         alone = len(said) == 1
-        text = " ".join(meaning if alone else f"{meaning} ({', '.join(tables)})" for meaning, tables in said.items())
+        text = " ".join(meaning if alone else f"{meaning} ({', '.join(theirs)})" for meaning, theirs in said.items())
         variable = {"@type": "PropertyValue", "name": name, "description": text}
         yield variable | {"additionalType": _TYPES[kinds[name]]} | ({"unitText": units[name]} if units[name] else {})

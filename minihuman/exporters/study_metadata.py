@@ -85,12 +85,12 @@ def read_participants(source: Path, about: AboutSpec) -> dict[str, dict[str, str
     named = {column.name for column in about.participant_columns}
     missing = sorted({"participant", *named} - set(rows[0] if rows else {"participant", *named}))
     if missing:
-        raise ExportError(f"{path} has no column {missing[0]!r}; its first line names the columns")
+        raise ExportError(f"{path} has no column {missing[0]!r}; add it to the first line, which names the columns")
     found: dict[str, dict[str, str]] = {}
     for line, row in enumerate(rows, 2):
         code = row["participant"]
         if code in found:
-            raise ExportError(f"{path}:{line}: {code!r} appears twice; keep one line")
+            raise ExportError(f"{path}:{line}: {code!r} appears twice; keep one of the lines")
         for column in about.participant_columns:
             _check(column, row[column.name], f"{path}:{line}")
         found[code] = {name: row[name] for name in named}
@@ -102,7 +102,7 @@ def _check(column: ParticipantColumnSpec, value: str, where: str) -> None:
     if not value:
         return
     if column.levels and value not in column.levels:
-        raise ExportError(f"{where}: {column.name} is {value!r}; use {', '.join(column.levels)}")
+        raise ExportError(f"{where}: {column.name} is {value!r}; use one of {', '.join(column.levels)}")
     readers: dict[ColumnType, Callable[[str], object]] = {
         "text": str,
         "integer": int,
@@ -112,7 +112,7 @@ def _check(column: ParticipantColumnSpec, value: str, where: str) -> None:
     try:
         readers[column.type](value)
     except ValueError:
-        raise ExportError(f"{where}: {column.name} is {value!r}, not of type {column.type!r}") from None
+        raise ExportError(f"{where}: {column.name} is {value!r}; use a value of type {column.type}") from None
 
 
 def _read_boolean(value: str) -> bool:

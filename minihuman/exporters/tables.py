@@ -9,6 +9,7 @@ from pathlib import Path
 import pyarrow.compute as pc
 
 from minihuman.dataset.episode_stream import IncludedEpisodes
+from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.table_files import TableFormat, write_tables
 from minihuman.experiment.plan.session_plan import SessionPlan
@@ -41,13 +42,22 @@ def export_tables(chosen: IncludedEpisodes, out: Path, kind: TableFormat) -> tup
 
 
 def _write(chosen: IncludedEpisodes, out: Path, kind: TableFormat) -> tuple[ExportResult, Path | None]:
-    """Write every table; give what was written, and the first session's log."""
+    """Write every table that has rows; give what was written, and the first session's log."""
     with chosen.store() as store:
         paths = write_tables(store.tables, out, kinds=(kind,), without=COLUMNS_NEEDING_WORLD)
-        held = store.tables.table("episodes", ["exclusion_reason", "steps"])
-        sessions = store.tables.count("participants")
-        first = next((Path(kept.path) for kept in store.kept if kept.outline is not None), None)
+        return count_included(store).with_files(paths), find_first_log(store)
+
+
+def count_included(store: StudyStore) -> ExportResult:
+    """What the tables hold, of no files yet."""
+    held = store.tables.table("episodes", ["exclusion_reason", "steps"])
     counts = pc.is_null(held["exclusion_reason"])
     steps = pc.sum(held.filter(counts)["steps"]).as_py() or 0
     episodes = pc.sum(counts).as_py() or 0
-    return ExportResult(paths, episodes, steps, marked=held.num_rows - episodes, sessions=sessions), first
+    sessions = store.tables.count("participants")
+    return ExportResult((), episodes, steps, marked=held.num_rows - episodes, sessions=sessions)
+
+
+def find_first_log(store: StudyStore) -> Path | None:
+    """The log of the first session that is asked for; None where there is none."""
+    return next((Path(kept.path) for kept in store.kept if kept.outline is not None), None)

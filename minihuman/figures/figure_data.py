@@ -5,7 +5,8 @@ and loads neither Matplotlib nor pandas.
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from textwrap import wrap
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,20 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _PANELS = 10  # episodes of one block in a session's figure
+
+
+class Difference(NamedTuple):
+    """The mean of the first group minus that of the second, with its 95 % interval; NaN where there is none."""
+
+    first: str
+    second: str
+    estimate: float
+    interval: tuple[float, float]
+
+
+def name_measure(measure: str, block: str = "", *, width: int = 52) -> str:
+    """A figure's title: the block and the measure, in lines that fit a column."""
+    return "\n".join(wrap(f"Block {block}: {measure}" if block else measure[:1].upper() + measure[1:], width))
 
 
 def collect_learning_curves(

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from minihuman.dataset.sessions import StudySessions
 from minihuman.experiment.machine.events import KeyPressed
-from minihuman.figures.figure_data import collect_learning_curves, find_reward_limits, strip_events
+from minihuman.figures.figure_data import collect_learning_curves, find_reward_limits, name_measure, strip_events
 from minihuman.figures.learning_curves import learning_figure
-from minihuman.figures.occupancy import group_by_participant, occupancy_figure
+from minihuman.figures.occupancy import group_participants_by_group, occupancy_figure
 from minihuman.figures.overview import overview_figure
 from minihuman.figures.path_figures import session_paths
 from minihuman.figures.style import save_figure
@@ -52,12 +52,21 @@ def draw_session(log: SessionLog, out: Path) -> Iterator[Path]:
 def draw_study(logs: Sequence[SessionLog], out: Path) -> Iterator[Path]:
     """Draw where everybody was in each world, and each block's rewards by group over its episodes."""
     for world in dict.fromkeys(episode.plan.world for log in logs for episode in log.episodes):
-        participants = group_by_participant(logs, world)
-        if participants:
-            yield from save_figure(occupancy_figure(world, participants), out / f"occupancy_{_file_name(world)}")
+        groups = group_participants_by_group(logs, world)
+        if groups:
+            yield from save_figure(occupancy_figure(world, groups), out / f"occupancy_{_file_name(world)}")
     for block, episodes in collect_rewards(logs).groupby("block", sort=False):
+        title = name_measure("reward", str(block))
+        means = episodes.groupby(["group", "participant"])["reward"].mean()
+        by_group = {str(group): theirs.to_numpy(float) for group, theirs in means.groupby("group")}
+        if len(by_group) > 1:
+            # here, as what it brings takes half a second that no figure of one session needs
+            from minihuman.figures.estimation import compare_every_pair, estimation_figure
+
+            figure = estimation_figure(by_group, compare_every_pair(by_group), measure="mean reward", title=title)
+            yield from save_figure(figure, out / f"estimation_{_file_name(str(block))}")
         figure = learning_figure(
-            collect_learning_curves(episodes), measure="reward", limits=find_reward_limits(episodes)
+            collect_learning_curves(episodes), measure="reward", limits=find_reward_limits(episodes), title=title
         )
         yield from save_figure(figure, out / f"learning_{_file_name(str(block))}")
 

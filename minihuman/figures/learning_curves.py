@@ -14,6 +14,7 @@ from minihuman.figures.style import SERIES, figure_style, new_figure
 from minihuman.statistics.proportions import wilson_interval
 
 _DASHES = ("-", "--", ":", "-.")
+_FEW = 12  # participants of a group: so many have a thin line each beside the mean
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 
@@ -71,6 +72,9 @@ def draw_learning(
         if limits is not None:
             low, high = np.clip(low, *limits), np.clip(high, *limits)
         at = np.arange(1, values.shape[1] + 1) if numbers is None else np.asarray(numbers)
+        if len(values) <= _FEW and not shares:
+            for theirs in values:
+                ax.plot(at, theirs, color=colour, lw=0.4, alpha=0.35, gid=f"participant: {group}")
         ax.plot(
             at, mean, _DASHES[place % len(_DASHES)], marker=_MARKERS[place % len(_MARKERS)], ms=3.2, color=colour,
             label=f"{group} (n = {len(values)})",
@@ -92,9 +96,11 @@ def learning_figure(
     limits: tuple[float, float] | None = None,
     xlabel: str = "episode in the block",
     numbers: Sequence[int] | None = None,
+    title: str = "",
 ) -> Figure:
     """One measure's learning curves for one column of a page."""
     with figure_style():
-        figure = new_figure(height_cm=6.2)
+        figure = new_figure(height_cm=6.2 + 0.4 * (title.count("\n") + bool(title)))
+        figure.suptitle(title)
         draw_learning(figure.subplots(), curves, measure=measure, limits=limits, xlabel=xlabel, numbers=numbers)
     return figure

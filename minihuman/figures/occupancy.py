@@ -1,6 +1,6 @@
 """Occupancy: the share of steps spent in each place, over many episodes of one world."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import matplotlib as mpl
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from minihuman.errors import LogError
 from minihuman.figures.path_figures import check_map_bounds
-from minihuman.figures.style import TIME_COLOURS, WALL, figure_style, new_figure
+from minihuman.figures.style import COLUMN_CM, OCCUPANCY_COLOURS, PAGE_CM, WALL, figure_style, label_panel, new_figure
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 
 _BIN = {"cell": 1.0, "m": 0.5}
@@ -35,7 +35,10 @@ def compute_occupancy(
     maps = [episode.start.map for theirs in placed for episode in theirs if episode.start.map]
     units = {floor.unit for floor in maps}
     if len(units) != 1:
-        raise ValueError(f"occupancy needs episodes in one unit, with map and poses; found {sorted(units) or 'none'}")
+        raise ValueError(
+            "occupancy needs episodes with a map and poses in one unit; found units: "
+            f"{', '.join(sorted(units)) or 'none'}"
+        )
     size = _BIN[units.pop()]
     bounds = np.array([check_map_bounds(floor).bounds for floor in maps])
     places = np.concatenate([episode.poses[:, [0, 2]] for theirs in placed for episode in theirs])
@@ -44,7 +47,7 @@ def compute_occupancy(
     if ((high - low) / size).prod() > _MAX_SQUARES:
         raise LogError(
             f"{placed[0][0].plan.world}: its maps and paths span {low.tolist()} to {high.tolist()}, too much to draw; "
-            "the log was changed or the world's map is wrong: check with minihuman verify"
+            "the log was changed or the world's map is wrong; run: minihuman verify"
         )
     edges = [np.arange(low[i], high[i] + size - 1e-9, size) for i in (0, 1)]
     total = np.zeros((len(edges[0]) - 1, len(edges[1]) - 1))
@@ -55,21 +58,24 @@ def compute_occupancy(
     return total, edges[0], edges[1]
 
 
-def draw_occupancy(ax: Axes, participants: Sequence[Sequence[EpisodeLog]]) -> Axes:
-    """Draw the share of steps in each place as colour, a never visited place white, with every map's walls over it.
+def draw_occupancy(
+    ax: Axes, participants: Sequence[Sequence[EpisodeLog]], *, limits: tuple[float, float] | None = None
+) -> Axes:
+    """Draw the share of steps in each place, the darker the more, a never visited place white, with every map's walls.
 
     Walls that differ between episodes show as pale as they are rare.
+
+    Args:
+        ax: where.
+        participants: the episodes of each.
+        limits: the percentages that are drawn palest and darkest; by default those found.
     """
     share, x_edges, z_edges = compute_occupancy(participants)
-    colours = mpl.colormaps[TIME_COLOURS].reversed().with_extremes(bad="white")
+    shades = mpl.colormaps[OCCUPANCY_COLOURS](np.linspace(0.14, 1, 256))  # the palest differs from white
+    colours = mpl.colors.ListedColormap(shades).with_extremes(bad="white")
     percent = np.ma.masked_equal(100 * share.T, 0)
-    mesh = ax.pcolormesh(
-        x_edges,
-        z_edges,
-        percent,
-        cmap=colours,
-        norm=mpl.colors.LogNorm(max(percent.min(), percent.max() / 300), percent.max()),
-    )
+    low, high = limits or find_occupancy_limits(share)
+    mesh = ax.pcolormesh(x_edges, z_edges, percent, cmap=colours, norm=mpl.colors.LogNorm(low, high))
     mesh.set_gid("occupancy")
     walls = [
         wall for theirs in participants for episode in theirs if episode.start.map for wall in episode.start.map.walls
@@ -86,16 +92,36 @@ def draw_occupancy(ax: Axes, participants: Sequence[Sequence[EpisodeLog]]) -> Ax
     return ax
 
 
-def occupancy_figure(title: str, participants: Sequence[Sequence[EpisodeLog]]) -> Figure:
-    """The floor plan with its colour scale, for one column of a page."""
+def find_occupancy_limits(*shares: NDArray[np.float64]) -> tuple[float, float]:
+    """The percentages that a colour scale shows: up to the largest, down to the smallest or a 300th of that."""
+    highest = max(100 * float(share.max()) for share in shares)
+    lowest = min(100 * float(share[share > 0].min()) for share in shares)
+    return max(lowest, highest / 300), highest
+
+
+def occupancy_figure(title: str, groups: Mapping[str, Sequence[Sequence[EpisodeLog]]]) -> Figure:
+    """The floor plan of each group, with one colour scale, for a column of a page or, of several groups, the whole.
+
+    Args:
+        title: what they played.
+        groups: each group's participants, and the episodes of each.
+    """
+    limits = find_occupancy_limits(*(compute_occupancy(theirs)[0] for theirs in groups.values()))
     with figure_style():
-        figure = new_figure(height_cm=7.6)
-        ax = figure.subplots()
-        draw_occupancy(ax, participants)
-        bar = figure.colorbar(ax.collections[0], ax=ax, shrink=0.8)
+        width_cm = COLUMN_CM if len(groups) == 1 else PAGE_CM
+        figure = new_figure(width_cm=width_cm, height_cm=7.6)
+        axes = figure.subplots(1, len(groups), squeeze=False)[0]
+        for place, (ax, (group, participants)) in enumerate(zip(axes, groups.items(), strict=True)):
+            draw_occupancy(ax, participants, limits=limits)
+            n = f"{len(participants)} participant{'s' * (len(participants) != 1)}"
+            ax.set_title(f"{title}, {n}" if len(groups) == 1 else f"{group}, {n}", loc="left")
+            if len(groups) > 1:
+                label_panel(ax, place)
+        if len(groups) > 1:
+            figure.suptitle(title)
+        bar = figure.colorbar(axes[0].collections[0], ax=list(axes), shrink=0.8)
         bar.ax.yaxis.set_major_formatter(lambda percent, _: f"{percent:g}")
         bar.set_label("share of steps (%, log scale)")
-        ax.set_title(f"{title}, {len(participants)} participants")
     return figure
 
 
@@ -107,6 +133,17 @@ def group_by_participant(logs: Iterable[SessionLog], world: str) -> list[list[Ep
         if theirs:
             found.setdefault((log.plan.study, log.plan.participant.id), []).extend(theirs)
     return list(found.values())
+
+
+def group_participants_by_group(logs: Iterable[SessionLog], world: str) -> dict[str, list[list[EpisodeLog]]]:
+    """The same, by the participants' groups, in order of the alphabet."""
+    logs = list(logs)
+    groups = sorted({log.plan.participant.group for log in logs})
+    found = {
+        group: group_by_participant((one for one in logs if one.plan.participant.group == group), world)
+        for group in groups
+    }
+    return {group: theirs for group, theirs in found.items() if theirs}
 
 
 def has_positions(episode: EpisodeLog) -> bool:

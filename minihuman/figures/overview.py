@@ -81,7 +81,7 @@ def overview_figure(log: SessionLog) -> Figure:
         LogError: if it has no episode.
     """
     if not log.episodes:
-        raise LogError(f"{log.path} has no included episode to draw")
+        raise LogError(f"{log.path} has no included episode to draw; include others with --with")
     with figure_style():
         figure = new_figure(height_cm=11.5)
         axes = figure.subplots(4, 1, sharex=True)

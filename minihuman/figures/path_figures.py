@@ -25,13 +25,14 @@ from minihuman.figures.style import (
     FLOOR,
     GOAL,
     MUTED,
+    PARTNERS,
     START,
     TIME_COLOURS,
     WALL,
     figure_style,
     new_figure,
 )
-from minihuman.log.model.session_log import EpisodeLog, SessionLog
+from minihuman.log.model.session_log import EpisodeLog, SessionLog, list_partner_seats
 from minihuman.worlds.pose import Map, Thing
 
 MAX_LEGEND_ENTRIES = 16  # things in a legend
@@ -92,7 +93,7 @@ def check_map_bounds(floor: Map) -> Map:
     if not (np.isfinite(floor.bounds).all() and x0 < x1 and z0 < z1):
         raise LogError(
             f"a map's bounds are x {x0:g} to {x1:g}, z {z0:g} to {z1:g}, which must increase; the log was changed or "
-            "the world's map is wrong: check with minihuman verify"
+            "the world's map is wrong; run: minihuman verify"
         )
     return floor
 
@@ -124,6 +125,7 @@ def draw_path(ax: Axes, episode: EpisodeLog) -> Axes:
     here = ~np.isnan(episode.poses[:, 0])
     if not here.any():
         return ax
+    _draw_partners(ax, episode)
     unit = episode.start.map.unit if episode.start.map else "m"
     points = _spread(episode.poses[here][:, [0, 2]]) if unit == "cell" else episode.poses[here][:, [0, 2]]
     spent = (episode.t_ns[here] - episode.t_ns[0]) / max(1, int(episode.t_ns[-1] - episode.t_ns[0]))
@@ -153,6 +155,18 @@ def draw_path(ax: Axes, episode: EpisodeLog) -> Axes:
     ax.plot(*points[0], "o", ms=3.4, mfc=START, mec="black", mew=0.7, zorder=7, gid="start")
     ax.plot(*points[-1], "X", ms=3.4, mfc=END, mec="black", mew=0.4, zorder=8, gid="end")
     return ax
+
+
+def _draw_partners(ax: Axes, episode: EpisodeLog) -> None:
+    """The paths of the other bodies of a team: a plain line each, with a dot where it began and a cross at its end."""
+    for number, seat in enumerate(list_partner_seats(episode)):
+        assert episode.team is not None
+        points = episode.team.poses[:, seat][:, [0, 2]]
+        points = points[~np.isnan(points[:, 0])]
+        colour = PARTNERS[number % len(PARTNERS)]
+        ax.plot(*points.T, "-", color=colour, lw=1.0, alpha=0.8, zorder=3, gid=f"path of seat {seat}")
+        ax.plot(*points[:1].T, "o", ms=2.8, mfc=colour, mec="black", mew=0.5, zorder=6, gid=f"start of seat {seat}")
+        ax.plot(*points[-1:].T, "X", ms=2.8, mfc=colour, mec="black", mew=0.3, zorder=7, gid=f"end of seat {seat}")
 
 
 def draw_goal(ax: Axes, episode: EpisodeLog) -> Axes:
@@ -203,7 +217,18 @@ def paths_figure(
     rows = max((math.ceil(len(episodes) / across) for _, episodes in groups), default=1)
     panels_cm = rows * (width_cm / max(1, across * len(groups)) + 0.3) + 0.5
     things = build_object_legend(episode.start.map for _, episodes in groups for episode in episodes)
-    key_cm = _KEY_CM + _NAMES_CM * math.ceil(len(things) / _ACROSS)
+    most = max((len(list_partner_seats(episode)) for _, episodes in groups for episode in episodes), default=0)
+    partners = [
+        Line2D(
+            [],
+            [],
+            color=PARTNERS[number % len(PARTNERS)],
+            lw=1.2,
+            label="partner" if most == 1 else f"other {number + 1}",
+        )
+        for number in range(most)
+    ]
+    key_cm = _KEY_CM + _NAMES_CM * math.ceil((len(partners) + len(things)) / _ACROSS)
     with figure_style():
         figure = new_figure(width_cm=width_cm, height_cm=panels_cm + key_cm)
         figure.set_layout_engine("constrained", w_pad=0.01, h_pad=0.01, wspace=0.0, hspace=0.0)
@@ -216,7 +241,7 @@ def paths_figure(
                 ax.axis("off")
             for ax, episode in zip(axes, episodes, strict=False):
                 episode_panel(ax, episode)
-        _draw_key(below, things, key_cm)
+        _draw_key(below, partners, things, key_cm)
     return figure
 
 
@@ -230,7 +255,7 @@ def blocks_figure(blocks: Sequence[tuple[str, Sequence[EpisodeLog]]]) -> Figure:
     return paths_figure(blocks, across=max(1, _ACROSS // max(1, len(blocks))))
 
 
-def _draw_key(part: SubFigure, things: Sequence[Line2D], key_cm: float) -> None:
+def _draw_key(part: SubFigure, partners: Sequence[Line2D], things: Sequence[Line2D], key_cm: float) -> None:
     """What the colours, marks and things mean, in the strip under the panels."""
     from_top = 0.25 / key_cm  # the colour bar keeps its size whatever is named below it
     bar = part.colorbar(
@@ -240,7 +265,13 @@ def _draw_key(part: SubFigure, things: Sequence[Line2D], key_cm: float) -> None:
     )
     bar.set_ticks([0, 1], labels=["first step", "last step"])
     bar.set_label("time within the episode", labelpad=-8)
-    part.legend(handles=[*_legend(), *things], loc="lower center", ncols=_ACROSS, handletextpad=0.2, columnspacing=1.2)
+    part.legend(
+        handles=[*_legend(), *partners, *things],
+        loc="lower center",
+        ncols=_ACROSS,
+        handletextpad=0.2,
+        columnspacing=1.2,
+    )
 
 
 def _legend() -> list[Line2D]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.figure import Figure
@@ -24,6 +25,7 @@ PAGE_CM = 17.5  # both columns
 WALL = "#3b3b3b"
 FLOOR = "#f7f6f2"
 MUTED = "#8a8a8a"
+PARTNERS = ("#CC79A7", "#56B4E9", "#E69F00", "#009E73", "#F0E442", "#D55E00", "#999999")  # other bodies of a team
 START = "#ffffff"
 END = "#d55e00"
 GOAL = "#009e73"
@@ -38,11 +40,14 @@ OUTCOME_COLOURS = {
 }
 OUTCOME_MARKERS = {"goal": "o", "timeout": "s", "failure": "X", "abandoned": "v", "agent_failed": "*", CUT_OFF: "P"}
 TIME_COLOURS = "cividis"
+OCCUPANCY_COLOURS = "BuPu"  # from pale to dark: the eye goes to what there is much of, in print and in greys, too
 
 _SETTINGS: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 7.0,
     "axes.titlesize": 7.0,
+    "figure.titlesize": 7.5,
+    "figure.titleweight": "bold",
     "axes.labelsize": 7.0,
     "xtick.labelsize": 6.5,
     "ytick.labelsize": 6.5,
@@ -75,6 +80,14 @@ def new_figure(*, width_cm: float = COLUMN_CM, height_cm: float) -> Figure:
     return Figure(figsize=(width_cm / 2.54, height_cm / 2.54), layout="constrained")
 
 
+def label_panel(ax: Axes, place: int) -> None:
+    """Write a panel's letter outside its upper left corner: A for the first."""
+    letter = chr(ord("A") + place)
+    ax.annotate(
+        letter, (0, 1), (-10, 5), "axes fraction", textcoords="offset points", ha="right", weight="bold", size=9
+    )
+
+
 _METADATA: dict[str, dict[str, Any]] = {
     "png": {"Software": None},
     "pdf": {"Creator": None, "Producer": None, "CreationDate": None},
@@ -90,14 +103,18 @@ def save_png(figure: Figure, path: Path, *, dpi: int = 150) -> Path:
     return path
 
 
-def save_figure(figure: Figure, stem: Path) -> tuple[Path, Path]:
-    """Write ``stem``.png at 300 dots an inch and ``stem``.pdf, making the folder; the PNG comes first."""
+def save_figure(figure: Figure, stem: Path, *, digest: str = "") -> tuple[Path, Path]:
+    """Write ``stem``.png at 300 dots an inch and ``stem``.pdf, making the folder; the PNG comes first.
+
+    A ``digest`` of what they show is in their metadata, under "Keywords".
+    """
     stem.parent.mkdir(parents=True, exist_ok=True)
     png, pdf = stem.with_name(stem.name + ".png"), stem.with_name(stem.name + ".pdf")
+    keywords = {"Keywords": f"minihuman {digest}"} if digest else {}
     with figure_style():
         _lay_out(figure, dpi=300)  # the places worked out for the PNG are the PDF's
-        FigureCanvasAgg(figure).print_figure(str(png), metadata=_METADATA["png"], dpi=300)
-        FigureCanvasPdf(figure).print_figure(str(pdf), metadata=_METADATA["pdf"])
+        FigureCanvasAgg(figure).print_figure(str(png), metadata=_METADATA["png"] | keywords, dpi=300)
+        FigureCanvasPdf(figure).print_figure(str(pdf), metadata=_METADATA["pdf"] | keywords)
     return png, pdf
 
 

@@ -7,15 +7,37 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from minihuman.figures.style import SERIES, figure_style, new_figure
-from minihuman.statistics.survival import SurvivalTimes, kaplan_meier
+from minihuman.statistics.survival import SurvivalCurve, SurvivalTimes, kaplan_meier
 
 _DASHES = ("-", "--", ":", "-.")
 
 
-def draw_survival(ax: Axes, groups: Mapping[str, SurvivalTimes], *, label: str) -> Axes:
-    """Draw each group's Kaplan-Meier curve as a stair, with a tick where an observation is censored."""
+def survival_band(found: SurvivalCurve) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The 95 % interval of a curve's share after each event, of observations that are independent of each other.
+
+    Greenwood's variance on the log-log scale (Kalbfleisch and Prentice, 2002, section 1.4); NaN at a share of 0.
+    """
+    share, at_risk = found.share, found.at_risk
+    before = np.concatenate([[1.0], share[:-1]])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        events = np.round(at_risk * (1 - share / before))
+        variance = np.cumsum(events / (at_risk * (at_risk - events)))
+        spread = 1.959964 * np.sqrt(variance) / np.abs(np.log(share))
+        return share ** np.exp(spread), share ** np.exp(-spread)
+
+
+def draw_survival(ax: Axes, groups: Mapping[str, SurvivalTimes], *, label: str, independent: bool = False) -> Axes:
+    """Draw each group's Kaplan-Meier curve as a stair, with a tick where an observation is censored.
+
+    Args:
+        ax: where.
+        groups: the times of each.
+        label: of the axis of times.
+        independent: whether each observation is another participant's; only then there is an interval to draw.
+    """
     last = max(float(waited.times.max()) for waited in groups.values())
     for place, (group, waited) in enumerate(groups.items()):
         found, colour = kaplan_meier(waited), SERIES[place % len(SERIES)]
@@ -23,6 +45,13 @@ def draw_survival(ax: Axes, groups: Mapping[str, SurvivalTimes], *, label: str) 
         times = np.concatenate([[0.0], found.times, [end]])
         share = np.concatenate([[1.0], found.share, [found.share[-1] if len(found.share) else 1.0]])
         ax.step(times, share, _DASHES[place % len(_DASHES)], where="post", color=colour, label=group)
+        if independent and len(found.times):
+            low, high = (np.concatenate([[1.0], bound]) for bound in survival_band(found))
+            at_events = np.concatenate([[0.0], found.times])
+            ax.fill_between(
+                np.append(at_events, end), np.append(low, low[-1]), np.append(high, high[-1]),
+                step="post", color=colour, alpha=0.16, lw=0, gid=f"band: {group}",
+            )  # fmt: skip
         cut = np.unique(waited.times[~waited.observed])
         at = np.array([share[np.searchsorted(times, time, side="right") - 1] for time in cut])
         ax.plot(cut, at, "|", color=colour, ms=5)
@@ -31,12 +60,15 @@ def draw_survival(ax: Axes, groups: Mapping[str, SurvivalTimes], *, label: str) 
     return ax
 
 
-def survival_figure(groups: Mapping[str, SurvivalTimes], *, label: str) -> Figure:
+def survival_figure(
+    groups: Mapping[str, SurvivalTimes], *, label: str, title: str = "", independent: bool = False
+) -> Figure:
     """One event's curves for one column of a page, with the number at risk per group under the axis."""
     with figure_style():
-        figure = new_figure(height_cm=6.2 + 0.45 * len(groups))
+        figure = new_figure(height_cm=6.2 + 0.45 * len(groups) + 0.4 * (title.count("\n") + bool(title)))
         axes, below = figure.subplots(2, height_ratios=(6, len(groups) + 0.6))
-        draw_survival(axes, groups, label=label)
+        figure.suptitle(title)
+        draw_survival(axes, groups, label=label, independent=independent)
         below.set(xlim=axes.get_xlim(), ylim=(-0.6, len(groups) + 0.4))
         below.axis("off")
         last = max(float(waited.times.max()) for waited in groups.values())

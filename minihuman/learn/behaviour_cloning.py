@@ -24,10 +24,11 @@ from minihuman.learn.policy.evaluation import (
     make_random_policy,
     make_sampling_policy,
 )
-from minihuman.learn.policy.file import PolicyCard, get_versions, save_policy, write_atomically
+from minihuman.learn.policy.file import PolicyCard, get_versions, save_policy
 from minihuman.learn.policy.network import EncoderName, Policy, build_policy
 from minihuman.learn.policy.observation import ObservationEncoder, ViewMode, get_image_shape
 from minihuman.learn.ppo import PpoSettings, TrainingEnv, TrainingHistory, make_ppo, train_ppo
+from minihuman.operating_system import write_atomically
 from minihuman.worlds.hashing import hash64
 
 
@@ -70,7 +71,8 @@ def split_by_participant(
     people = list(demonstrations.participants)
     if len(people) < 2:
         raise LearnError(
-            f"{demonstrations.world} was played by {', '.join(people)} alone; a split needs two or more participants"
+            f"{demonstrations.world} was played by only one participant, {', '.join(people)}; splitting the data needs "
+            "two or more"
         )
     order = [people[index] for index in np.random.default_rng(seed).permutation(len(people))]
     held = max(1, round(share * len(people)))
@@ -242,9 +244,9 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str, dev
     torch.set_num_threads(1)  # such small networks are faster so, and sums come in one order
     files = {kind: out.with_name(out.name + kind) for kind in ("", ".md", ".json")}
     if there := [path for path in files.values() if path.exists()]:
-        raise LearnError(f"{there[0]} already exists; choose another folder with --out")
+        raise LearnError(f"{there[0]} already exists; choose another file with --out")
     if odd := [size for size in study.sizes if size < 1]:
-        raise LearnError(f"a number of demonstrations is {odd[0]}; use 1 or more")
+        raise LearnError(f"{odd[0]} is not a valid number of demonstrations; use 1 or more")
     demonstrations = read_demonstrations(
         source, study.world, ObservationEncoder(study.missions, sight=study.sight), study.selection
     )

@@ -107,7 +107,7 @@ def select_episodes(source: Path, world: str, selection: Selection) -> tuple[lis
     if not found:
         summary = "; ".join(sessions.account.lines())
         raise LearnError(
-            f"{source} has no included episode of {world} ({summary}); `minihuman info` lists the episodes"
+            f"{source} has no included episode of {world} ({summary}); see its episodes with `minihuman info`"
         )
     return found, sessions.account
 
@@ -122,7 +122,7 @@ def check_equal_options(episodes: Sequence[LoggedEpisode]) -> EpisodePlan:
     if odd := next((one for _, one in episodes if one.plan.options != first.plan.options), None):
         raise LearnError(
             f"{log.path}: {first.plan.world} has options {first.plan.options} in some episodes and "
-            f"{odd.plan.options} in others; select one kind with --block"
+            f"{odd.plan.options} in others; select episodes with the same options by --block"
         )
     return first.plan
 
@@ -148,4 +148,6 @@ def replay_observations(
         yield encoder.encode(world.unwrapped, world.observation)
         hashes.append(world.step(int(action)).observation_hash)
     if not np.array_equal(np.array(hashes, dtype=np.uint64), episode.observation_hashes):
-        raise LearnError(f"{log.path}: {episode.name} does not replay; `minihuman verify` shows the first difference")
+        raise LearnError(
+            f"{log.path}: {episode.name} does not replay as recorded; see where it differs with `minihuman verify`"
+        )

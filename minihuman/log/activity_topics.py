@@ -1,6 +1,6 @@
-"""Topics that our activity kinds add to a log: agents and ratings, preferences over pairs of clips, corrections."""
+"""Topics that our activity kinds add to a log: agents and ratings, pairs of clips, corrections, teams."""
 
-from minihuman.experiment.activities import agent_blocks, correction, preferences
+from minihuman.experiment.activities import agent_blocks, correction, preferences, team_play
 from minihuman.log.codec import EventRow
 from minihuman.log.proto import minihuman_agent_v1_pb2 as agent_v1
 from minihuman.log.topics import Topic
@@ -49,4 +49,17 @@ CORRECTION_ROWS = (
     EventRow(correction.CorrectionBegun, Topic(CORRECTION_TOPIC, agent_v1.CorrectionBegun)),
     EventRow(correction.CorrectionStepped, Topic(CORRECTION_STEP_TOPIC, agent_v1.CorrectionStepped)),
     EventRow(correction.CorrectionEnded, Topic(CORRECTION_END_TOPIC, agent_v1.CorrectionEnded)),
+)
+
+TEAM_TOPIC = "/team"
+JOINT_STEP_TOPIC = "/team/step"
+
+TEAM_ROWS = (
+    EventRow(team_play.TeamFormed, Topic(TEAM_TOPIC, agent_v1.TeamFormed)),
+    EventRow(team_play.SeatsReadied, Topic("/team/ready", agent_v1.SeatsReadied)),
+    EventRow(team_play.JointStepped, Topic(JOINT_STEP_TOPIC, agent_v1.JointStepped)),
+    EventRow(team_play.InputLate, Topic("/team/late", agent_v1.InputLate)),
+    EventRow(team_play.PictureCorrected, Topic("/team/corrected", agent_v1.PictureCorrected)),
+    EventRow(team_play.SeatTaken, Topic("/team/seat", agent_v1.SeatTaken)),
+    EventRow(team_play.TeamEnded, Topic("/team/end", agent_v1.TeamEnded)),
 )

@@ -22,6 +22,7 @@ from minihuman.errors import LogError, NewerLogError, ProtocolError
 from minihuman.experiment.activities.activity import ActivityKind
 from minihuman.experiment.activities.registry import GROUP, find_kind, list_built_in_kinds
 from minihuman.experiment.machine import events
+from minihuman.experiment.plan.designs import GroupAssignment
 from minihuman.experiment.plan.session_plan import (
     BlockText,
     BonusSpec,
@@ -50,7 +51,8 @@ def require_one_of(allowed: tuple[str, ...], value: str) -> Any:
     """
     if value not in allowed:
         raise LogError(
-            f"value {value!r} in the log is not one of {', '.join(allowed)}; the log is damaged or of a newer version"
+            f"value {value!r} in the log is not one of {', '.join(allowed)}; the log is damaged, or a newer minihuman "
+            "wrote it"
         )
     return value
 
@@ -212,6 +214,10 @@ def _decode_bindings(bindings: Iterable[v1.Binding]) -> dict[str, str]:
     return {binding.key: binding.action for binding in bindings}
 
 
+def _encode_files(files: Mapping[str, bytes]) -> list[v1.ProtocolFile]:
+    return [v1.ProtocolFile(name=name, content=content) for name, content in sorted(files.items())]
+
+
 POSE = MessageCodec(Pose, v1.Pose)
 _WALL = CustomCodec(_encode_wall, attrgetter("x0", "z0", "x1", "z1"))
 _MAP = MessageCodec(
@@ -225,13 +231,20 @@ _MAP = MessageCodec(
 )
 _KEY_MAP = MessageCodec(KeyMap, v1.KeyMap, {"keys": FieldCodec("keys", _encode_bindings, _decode_bindings)})
 _EPISODE_PLAN = MessageCodec(
-    EpisodePlan, v1.EpisodePlan, {"key_map": nested("key_map", _KEY_MAP), "options": json_field("options_json")}
+    EpisodePlan,
+    v1.EpisodePlan,
+    {
+        "key_map": nested("key_map", _KEY_MAP),
+        "options": json_field("options_json"),
+        "hold": FieldCodec("hold", lambda hold: "" if hold == "once" else hold, lambda hold: hold or "once"),
+    },
 )
+_PARTICIPANT = MessageCodec(Participant, v1.Participant, {"assigned": json_field("assigned_json", GroupAssignment)})
 _SESSION_PLAN = MessageCodec(
     SessionPlan,
     v1.SessionPlan,
     {
-        "participant": nested("participant", MessageCodec(Participant, v1.Participant)),
+        "participant": nested("participant", _PARTICIPANT),
         "texts": repeated("texts", MessageCodec(BlockText, v1.BlockText)),
         "episodes": repeated("episodes", _EPISODE_PLAN),
         "parts": repeated("parts", CustomCodec(_encode_part, _decode_part)),
@@ -239,6 +252,7 @@ _SESSION_PLAN = MessageCodec(
         "language": FieldCodec("language", decode=lambda language: language or ENGLISH),
         "standing": json_field("standing_json", ResumeState, default="{}"),
         "bonus": json_field("bonus_json", BonusSpec | None),
+        "files": FieldCodec("files", _encode_files, lambda files: {one.name: one.content for one in files}),
     },
 )
 
@@ -327,8 +341,18 @@ _OWN_ROWS = tuple(
         (events.PageShown, topics.PAGE),
         (events.TextTyped, topics.TEXT),
         (events.PointerUsed, topics.POINTER),
+        (events.AxisMoved, topics.AXIS),
         (events.AnswerChanged, topics.ANSWER_CHANGE),
         (events.Answered, topics.ANSWER),
+        (events.ModelCall, topics.MODEL_CALL),
+        (
+            events.DesignDecided,
+            topics.DESIGN,
+            {
+                "options": json_field("options_json", dict[str, Any]),
+                "estimates": json_field("estimates_json", dict[str, float]),
+            },
+        ),
         (events.SessionEnded, topics.SESSION_END),
     )
 )
@@ -457,12 +481,14 @@ def select_decoder(facts: Mapping[str, str], path: Path) -> EventDecoder:
     stated = facts.get("schema_version", "none")
     number, _, minor = stated.partition(".")
     if not number.isdigit() or number == "0" or (minor and not minor.isdigit()):
-        raise LogError(f"{path} has log schema version {stated}, which is not a valid version; name a session log")
+        raise LogError(
+            f"{path} has log schema version {stated}, which is not valid; the file is damaged or is not a session log"
+        )
     reader = DECODERS.get(int(number))
     if reader is None:
         raise NewerLogError(
             f"{path} was written by a newer minihuman "
             f"({facts.get('minihuman', 'unknown')}, log schema version {stated}; this version reads up to "
-            f"{max(DECODERS)}): update minihuman to read it"
+            f"{max(DECODERS)}); upgrade minihuman to read it"
         )
     return reader

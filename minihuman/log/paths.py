@@ -77,11 +77,13 @@ class SegmentPath:
         for what, name in (("study", plan.study), ("participant", plan.participant.id)):
             if not _SAFE.fullmatch(name):
                 raise LogError(
-                    f"{what} {name!r} cannot name a folder; "
-                    "use letters, digits, '-', '_' and '.', the first a letter or a digit"
+                    f"{what} {name!r} cannot be used as a folder name; "
+                    "use letters, digits, '-', '_' and '.', with a letter or a digit first"
                 )
             if reason := explain_unportable_name(name):
-                raise LogError(f"{what} {name!r} cannot name a folder on every system: {reason}; choose another name")
+                raise LogError(
+                    f"{what} {name!r} cannot be a folder name on every system: {reason}; choose another name"
+                )
         folder = session_folder(data, plan.study, plan.participant.id, plan.session)
         stem = f"{plan.participant.id}_ses-{plan.session:02d}"
         tag = "" if plan.segment == 1 else f"_seg-{plan.segment:02d}"
@@ -95,7 +97,7 @@ class SegmentPath:
             LogError: if the name does not end in ``.mcap.part``.
         """
         if not part.name.endswith(PART_SUFFIX):
-            raise LogError(f"{part} is not a cut-off log; its name must end in {PART_SUFFIX}")
+            raise LogError(f"{part} is not a cut-off log; name a file that ends in {PART_SUFFIX}")
         stem = part.name.removesuffix(PART_SUFFIX)
         tag = _SEGMENT.search(stem)
         log = part.with_name(_SEGMENT.sub("", stem) + LOG_SUFFIX)

@@ -8,6 +8,7 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.Pose_pb2 import Pose as FoxglovePose
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.message import Message
@@ -23,50 +24,75 @@ from minihuman.worlds.pose import Map, Pose
 FRAME_ID = "world"  # x right, y up, z down the page, as minihuman.worlds.pose says
 
 
-def encode_previews(topic: str, data: bytes, *, started_ns: int) -> Iterator[tuple[str, Message]]:
-    """Yield what viewers draw of a message of the record: a pose, a floor plan, a picture, a readable line.
+class PreviewEncoder:
+    """Makes what viewers draw of a segment's record: an episode's poses, floor plans, pictures, readable lines.
 
-    ``started_ns`` is the wall clock at the segment's time 0.
-
-    Raises:
-        Exception: whatever protobuf or a reader of ours says of bytes that are no such message.
+    Args:
+        started_ns: the wall clock at the segment's time 0.
     """
-    match topic:
-        case topics.KEY | topics.FRAME:
+
+    def __init__(self, started_ns: int) -> None:
+        self.is_pose_per_step = False  # as earlier releases wrote poses: each in a message of its own, before its step
+        self._started_ns = started_ns
+        self._path: PosesInFrame | None = None  # of the episode that runs
+
+    def encode(self, topic: str, data: bytes) -> Iterator[tuple[str, Message]]:
+        """Yield what comes before a message of the record, in the order of the segment.
+
+        Raises:
+            Exception: whatever protobuf or a reader of ours says of bytes that are no such message.
+        """
+        match topic:
+            case topics.KEY | topics.FRAME:
+                return
+            case topics.STEP:  # there are thousands
+                step = v1.Step.FromString(data)
+                if step.HasField("pose"):
+                    yield from self._add_pose(POSE.decode(step.pose), step.t_ns)
+            case topics.OBSERVATION:
+                seen = v1.Observation.FromString(data)
+                if seen.WhichOneof("observation") == "png":
+                    stamp = self._timestamp(seen.t_ns)
+                    image = CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=seen.png, format="png")
+                    yield topics.OBSERVATION_IMAGE, image
+            case _:
+                if (event := decode_event(topic, data)) is not None:
+                    yield from self._encode_event(event)
+
+    def finish(self) -> Iterator[tuple[str, Message]]:
+        """Yield the poses of the episode so far: at its end, or where the segment ends without one."""
+        path, self._path = self._path, None
+        if path is not None:
+            yield topics.POSE, path
+
+    def _encode_event(self, event: events.Event) -> Iterator[tuple[str, Message]]:
+        stamp = self._timestamp(event.t_ns)
+        if isinstance(event, events.EpisodeStarted | events.EpisodeEnded | events.SessionEnded):
+            yield from self.finish()
+        if isinstance(event, events.EpisodeStarted):
+            if event.pose is not None:
+                yield from self._add_pose(event.pose, event.t_ns)
+            if event.map is not None:
+                image = draw_floor_plan_png(event.map, event.pose)
+                yield topics.MAP_IMAGE, CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=image, format="png")
+        line = _log_line(event)
+        if line is not None:
+            level, name, text = line
+            yield topics.LOG, Log(timestamp=stamp, level=level, name=name, message=text)
+
+    def _add_pose(self, pose: Pose, t_ns: int) -> Iterator[tuple[str, Message]]:
+        half = pose.yaw_rad / 2
+        turned = Quaternion(x=0.0, y=math.sin(half), z=0.0, w=math.cos(half))
+        placed = FoxglovePose(position=Vector3(x=pose.x, y=pose.y, z=pose.z), orientation=turned)
+        if self.is_pose_per_step:
+            yield topics.POSE, PoseInFrame(timestamp=self._timestamp(t_ns), frame_id=FRAME_ID, pose=placed)
             return
-        case topics.STEP:  # there are thousands
-            step = v1.Step.FromString(data)
-            if step.HasField("pose"):
-                yield topics.POSE, _pose_in_frame(POSE.decode(step.pose), _timestamp(started_ns + step.t_ns))
-        case topics.OBSERVATION:
-            seen = v1.Observation.FromString(data)
-            if seen.WhichOneof("observation") == "png":
-                stamp = _timestamp(started_ns + seen.t_ns)
-                image = CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=seen.png, format="png")
-                yield topics.OBSERVATION_IMAGE, image
-        case _:
-            if (event := decode_event(topic, data)) is not None:
-                yield from _previews_of_event(event, _timestamp(started_ns + event.t_ns))
+        self._path = self._path or PosesInFrame(timestamp=self._timestamp(t_ns), frame_id=FRAME_ID)
+        self._path.poses.append(placed)
 
-
-def _previews_of_event(event: events.Event, stamp: Timestamp) -> Iterator[tuple[str, Message]]:
-    if isinstance(event, events.EpisodeStarted):
-        if event.pose is not None:
-            yield topics.POSE, _pose_in_frame(event.pose, stamp)
-        if event.map is not None:
-            image = draw_floor_plan_png(event.map, event.pose)
-            yield topics.MAP_IMAGE, CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=image, format="png")
-    line = _log_line(event)
-    if line is not None:
-        level, name, text = line
-        yield topics.LOG, Log(timestamp=stamp, level=level, name=name, message=text)
-
-
-def _pose_in_frame(pose: Pose, stamp: Timestamp) -> PoseInFrame:
-    half = pose.yaw_rad / 2
-    turned = Quaternion(x=0.0, y=math.sin(half), z=0.0, w=math.cos(half))
-    placed = FoxglovePose(position=Vector3(x=pose.x, y=pose.y, z=pose.z), orientation=turned)
-    return PoseInFrame(timestamp=stamp, frame_id=FRAME_ID, pose=placed)
+    def _timestamp(self, t_ns: int) -> Timestamp:
+        seconds, nanos = divmod(self._started_ns + t_ns, 1_000_000_000)
+        return Timestamp(seconds=seconds, nanos=nanos)
 
 
 def _log_line(event: events.Event) -> tuple[Log.Level.ValueType, str, str] | None:
@@ -100,10 +126,6 @@ def _log_line(event: events.Event) -> tuple[Log.Level.ValueType, str, str] | Non
             return level, "session", f"{text}: {event.detail}" if event.detail else text
         case _:
             return None
-
-
-def _timestamp(unix_ns: int) -> Timestamp:
-    return Timestamp(seconds=unix_ns // 1_000_000_000, nanos=unix_ns % 1_000_000_000)
 
 
 LONG_SIDE_PX = 384

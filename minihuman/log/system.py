@@ -18,6 +18,7 @@ from typing import Any, cast
 
 from minihuman import operating_system
 from minihuman.errors import name_file_in_errors
+from minihuman.operating_system import read_at
 
 
 class FileSystem(abc.ABC):
@@ -29,7 +30,7 @@ class FileSystem(abc.ABC):
 
     @abc.abstractmethod
     def write(self, fd: int, data: bytes | memoryview) -> int:
-        """Append bytes; return how many were taken, which may be fewer."""
+        """Write bytes at the file's position, or append them; return how many were taken, which may be fewer."""
 
     @abc.abstractmethod
     def sync(self, fd: int) -> None:
@@ -184,3 +185,24 @@ def write_durably(path: Path, mode: int = 0o644) -> Iterator[BufferedWriter]:
         yield file
         file.flush()
         disk.sync(raw.fileno())
+
+
+def write_again(path: Path, *, begin: int = 0) -> None:
+    """Write a file's bytes from ``begin`` on once more, as they are, and make them durable.
+
+    Where an fsync failed, the system may show bytes that the disk lacks, and later fsyncs pass them over: only what is
+    written anew reaches the disk. The caller holds the file's lock.
+
+    Raises:
+        OSError: if it cannot be done; it names the file.
+    """
+    disk = current_system().disk
+    with name_file_in_errors(path):
+        fd = disk.open(path, os.O_RDWR)
+        try:
+            os.lseek(fd, begin, os.SEEK_SET)
+            while piece := read_at(fd, 1 << 20, begin):
+                begin += disk.write(fd, piece)
+            disk.sync(fd)
+        finally:
+            os.close(fd)

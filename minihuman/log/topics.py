@@ -9,11 +9,12 @@ from typing import Any
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.Log_pb2 import Log
-from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import Message
 
 from minihuman.log.names import STEP as STEP
+from minihuman.log.proto import minihuman_agent_v1_pb2 as agent_v1
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 
 PLAN = "/session/plan"
@@ -34,10 +35,13 @@ PART_END = "/session/part_end"
 PAGE = "/page"
 TEXT = "/input/text"
 POINTER = "/input/pointer"
+AXIS = "/input/axis"
 ANSWER_CHANGE = "/answer/change"
 ANSWER = "/answer"
 SAMPLE = "/sample"
 LINK = "/link"
+MODEL_CALL = "/model/call"
+DESIGN = "/design"
 
 POSE = "/pose"
 MAP_IMAGE = "/map/image"
@@ -78,12 +82,17 @@ TOPICS = (
     Topic(ANSWER_CHANGE, v1.AnswerChanged),
     Topic(ANSWER, v1.Answered),
     Topic(SESSION_END, v1.SessionEnd),
-    Topic(POSE, PoseInFrame, is_preview=True),
+    Topic(POSE, PosesInFrame, is_preview=True),
     Topic(MAP_IMAGE, CompressedImage, is_preview=True),
     Topic(OBSERVATION_IMAGE, CompressedImage, is_preview=True),
     Topic(LOG, Log, is_preview=True),
 )
-BY_NAME = {topic.name: topic for topic in TOPICS}
+RARE_TOPICS = (  # a log has their channels only where it has their messages
+    Topic(MODEL_CALL, agent_v1.ModelCall),
+    Topic(DESIGN, agent_v1.DesignDecided),
+    Topic(AXIS, v1.AxisMoved),
+)
+BY_NAME = {topic.name: topic for topic in (*TOPICS, *RARE_TOPICS)}
 
 
 def schema_bytes(message: type[Message]) -> bytes:

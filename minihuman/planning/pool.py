@@ -46,7 +46,7 @@ def can_run_headless(protocol: Protocol) -> bool:
     return len(protocol.sessions) <= 1 and all(
         block.kind == "play"
         and block.pace == "on_key"
-        and not (block.stop_criterion or block.auto_repeat or block.max_episode_s or block.max_block_s)
+        and not (block.stop_criterion or block.design or block.auto_repeat or block.max_episode_s or block.max_block_s)
         for block in protocol.blocks
     )
 
@@ -127,7 +127,10 @@ def simulate_pool(
     rows["participant"] = rows["share"].astype(str) + "/" + rows["participant"]
     played = list(dict.fromkeys(rows["block"]))
     if block is not None and block not in played:
-        raise ReportError(f"--block is {block!r}; group {group} plays {', '.join(played) or 'no block'}")
+        raise ReportError(
+            f"group {group} does not play block {block!r}; choose one that it plays with --block: "
+            f"{', '.join(played) or 'none'}"
+        )
     chosen = block or played[-1]
     return ParticipantPool(chosen, group, rows.loc[rows["block"] == chosen, _COLUMNS].reset_index(drop=True))
 
@@ -182,5 +185,5 @@ def parse_group_sizes(text: str) -> tuple[int, ...]:
     except ValueError:
         sizes = (0,)
     if min(sizes) < 2:
-        raise ReportError(f"--groups is {text!r}; use integers of 2 or more, as in 10,20,40")
+        raise ReportError(f"--groups {text!r} is not valid; use whole numbers of 2 or more, as in 10,20,40")
     return sizes

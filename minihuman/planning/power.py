@@ -16,7 +16,7 @@ from minihuman.dataset.measures import log_excess_steps, log_steps_ratio, spl
 from minihuman.errors import ReportError
 from minihuman.figures.style import COLUMN_CM, MUTED, SERIES, figure_style, save_figure
 from minihuman.planning.pool import ParticipantPool
-from minihuman.statistics.comparison import Values, permutation_p
+from minihuman.statistics.comparison import Values, permutation_tests
 from minihuman.statistics.proportions import wilson_interval
 from minihuman.statistics.two_part_model import summarise_people, two_parts_p
 
@@ -47,7 +47,7 @@ class Effect:
         except ValueError:
             excess = math.nan
         if name != "excess" or not 0 < excess < math.inf:
-            raise ReportError(f"--effect is {text!r}; use none, or excess=0.7 for 30 % fewer excess steps")
+            raise ReportError(f"--effect {text!r} is not valid; use none, or excess=0.7 for 30 % fewer excess steps")
         return cls(excess)
 
     def of(self, rows: pd.DataFrame) -> pd.DataFrame:
@@ -108,11 +108,11 @@ def compute_values(rows: pd.DataFrame, measure: str) -> Values:
     if measure == TWO_PARTS:
         return summarise_people(rows, "reward")
     if measure not in MEASURES:
-        raise ReportError(f"--measure is {measure!r}; use all or one of {', '.join((*MEASURES, TWO_PARTS))}")
+        raise ReportError(f"--measure {measure!r} is unknown; use all or one of {', '.join((*MEASURES, TWO_PARTS))}")
     told = rows.assign(value=MEASURES[measure](rows)).groupby("participant")["value"].mean().dropna()
     if len(told) < 2:
         raise ReportError(
-            f"too few simulated participants ({len(told)}) have a value for {measure}; "
+            f"only {len(told)} simulated participants have a value for {measure}, but two are needed; "
             "use a world with a known shortest path"
         )
     return told.to_numpy(float)
@@ -130,7 +130,7 @@ def power_curve(
 
 
 def _power_at(measure: str, treated: Values, untreated: Values, size: int, *, studies: int, seed: int) -> PowerEstimate:
-    test = permutation_p if untreated.ndim == 1 else two_parts_p
+    test = _group_p if untreated.ndim == 1 else two_parts_p
     rng = np.random.default_rng([seed, size])
     hits, counts = list[int](), [len(part) for part in np.array_split(range(studies), min(_POOLS, studies))]
     for count in counts:
@@ -147,6 +147,11 @@ def _power_at(measure: str, treated: Values, untreated: Values, size: int, *, st
     further = _Z * math.sqrt(between)
     low, high = power - math.hypot(power - low, further), power + math.hypot(high - power, further)
     return PowerEstimate(measure, size, power, max(low, 0.0), min(high, 1.0), studies)
+
+
+def _group_p(a: Values, b: Values) -> float:
+    (test,) = permutation_tests([(a, b)])
+    return math.nan if test is None else test.p()
 
 
 _LIKELY = 0.8

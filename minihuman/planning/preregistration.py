@@ -13,7 +13,8 @@ from minihuman.experiment.plan.allocation import allocation_sha256, build_alloca
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import BlockSpec, ExclusionSpec, Protocol, decode_protocol
 from minihuman.experiment.protocol.strata import build_strata
-from minihuman.reporting.results import FORMULAS, ONLY_IF_NAMED
+from minihuman.operating_system import write_atomically
+from minihuman.reporting.results import FORMULAS, ONLY_IF_NAMED, label_measure
 from minihuman.reporting.results import MEASURES as MEANINGS
 
 _POWER = {  # what the block table calls a measure, and what power does
@@ -40,10 +41,11 @@ def write_preregistration(protocol: Protocol, plan: SessionPlan, path: Path, pow
 
     Raises:
         ReportError: if there is such a file.
+        OSError: if it cannot be written.
     """
     if path.exists():
-        raise ReportError(f"{path} already exists and is not overwritten; choose another file with --out")
-    path.write_text(build_preregistration(protocol, plan, power), encoding="utf-8", newline="\n")
+        raise ReportError(f"{path} already exists and is not overwritten; choose another file")
+    write_atomically(build_preregistration(protocol, plan, power), path)
     return path
 
 
@@ -158,9 +160,17 @@ def _analysis(protocol: Protocol) -> Iterator[str]:
         yield f"- Secondary: {', '.join(named.secondary_measures)}; Holm's correction over them."
     if named.primary_measure or named.secondary_measures:
         yield "- Everything else is exploratory; Holm's correction over it."
+    if named.conditions:
+        yield (
+            f"- Within participants: blocks {', '.join(named.conditions)}, paired permutation, Holm's correction "
+            "within each kind of measure; effects of position and carry-over by F tests."
+        )
+    if named.covariates:
+        yield f"- The primary measure once more adjusted for {', '.join(named.covariates)} (analysis of covariance)."
     yield (
-        "- Test: two-sided permutation of |Welch's t| over participants, 5 %; interval of the difference: Welch's, "
-        "95 %. A participant without a value of a measure is not in its row; every row says how many are."
+        "- Test: two-sided permutation of |Welch's t| over participants, 5 %; interval of the difference: those that "
+        "the same permutation does not reject, 95 %; times on their logarithms. A participant "
+        "without a value of a measure is not in its row; every row says how many are."
     )
     yield (
         "- A reward that is 0 where time ran out is compared in two parts too, exploratory: the odds of any, and how "
@@ -168,7 +178,8 @@ def _analysis(protocol: Protocol) -> Iterator[str]:
     )
     yield (
         "- Change over the episodes: a line for each participant, slopes and levels compared by Welch's t. Time until "
-        "every key was found: log-rank test and restricted means, with those who never found them in it."
+        "every key was found: restricted means from five events a group on, and the log-rank test, with those who "
+        "never found them in it."
     )
     yield (
         "- Left out unless named here: steps over the best way of successes alone, where an episode had none, and time "
@@ -178,7 +189,7 @@ def _analysis(protocol: Protocol) -> Iterator[str]:
     named_too = [name for name in (named.primary_measure, *named.secondary_measures) if name]
     yield f"\nThe measures{' that are named' if named_too else ''}:\n"
     yield from (
-        f"- `{name}`: {MEANINGS[name]}{_formula(name)}."
+        f"- `{name}`: {label_measure(name)}{_formula(name)}."
         for name in named_too or (one for one in MEANINGS if one not in ONLY_IF_NAMED)
     )
 

@@ -1,7 +1,7 @@
 """The frames that the participant saw: redrawn by the episode's world and checked against the logged hashes.
 
 Where the world is gone or now shows something else, the frames in the log are used, if it holds any. Kept apart
-from `scene` because the Python interface uses it without loading rerun.
+from `rerun_scene` because the Python interface uses it without loading rerun.
 """
 
 from collections.abc import Iterator
@@ -9,6 +9,7 @@ from contextlib import closing
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from minihuman.errors import LogError, WorldError
 from minihuman.log.model.session_log import EpisodeLog
@@ -16,12 +17,29 @@ from minihuman.log.observations import is_picture, verify_observations
 from minihuman.worlds.adapters.world import World
 
 SIZE_PX = (240, 180)
+BACKGROUND = "#24272c"
 
 
-def render_frames(episode: EpisodeLog) -> list[NDArray[np.uint8]]:
+def render_partner_frames(episode: EpisodeLog, seat: int) -> list[NDArray[np.uint8]]:
+    """The n + 1 pictures that another seat of the episode's team saw, uint8[H, W, 3].
+
+    Raises:
+        WorldError: if the world cannot be run.
+    """
+    plan = episode.plan
+    with closing(World(plan.world, {**episode.world_options, "seat": seat})) as world:
+        world.reset(plan.seed)
+        pictures = [world.frame(plan.view, SIZE_PX, plan.palette)]
+        for actions in () if episode.team is None else episode.team.actions:
+            world.step(int(actions[seat]))
+            pictures.append(world.frame(plan.view, SIZE_PX, plan.palette))
+        return pictures
+
+
+def render_frames(episode: EpisodeLog, size_px: tuple[int, int] = SIZE_PX) -> list[NDArray[np.uint8]]:
     """The n + 1 pictures uint8[H, W, 3] of an episode, the reset's first: drawn again, else the stored observations.
 
-    Each observation is compared with its hash in the log.
+    They are drawn within ``size_px``, width and height. Each observation is compared with its hash in the log.
 
     Raises:
         LogError: at the first observation that differs from what the participant saw, if the log holds no pictures.
@@ -29,8 +47,8 @@ def render_frames(episode: EpisodeLog) -> list[NDArray[np.uint8]]:
     """
     plan = episode.plan
     try:
-        with closing(World(plan.world, plan.options)) as world:
-            return list(_redrawn(episode, world))
+        with closing(World(plan.world, episode.world_options)) as world:
+            return list(_redrawn(episode, world, size_px))
     except (LogError, WorldError):
         stored = episode.observations
         if stored is None or not is_picture(stored[0]):
@@ -38,15 +56,25 @@ def render_frames(episode: EpisodeLog) -> list[NDArray[np.uint8]]:
         return list(verify_observations(stored, episode.observation_hashes, plan.episode))
 
 
-def _redrawn(episode: EpisodeLog, world: World) -> Iterator[NDArray[np.uint8]]:
+def _redrawn(episode: EpisodeLog, world: World, size_px: tuple[int, int]) -> Iterator[NDArray[np.uint8]]:
     plan = episode.plan
-    seen = world.reset(plan.seed).observation_hash
+    seen, actions = world.reset(plan.seed).observation_hash, episode.actions_taken
     for step in range(len(episode.actions) + 1):
         if step:
-            seen = world.step(int(episode.actions[step - 1])).observation_hash
+            seen = world.step(actions[step - 1]).observation_hash
         if seen != int(episode.observation_hashes[step]):
             raise LogError(
                 f"{episode.name} step {step}: {plan.world} no longer shows what the participant saw; "
-                "replay without the view, or with the world's version of the session"
+                "replay without --view, or install the version of the world that the session used"
             )
-        yield world.frame(plan.view, SIZE_PX, plan.palette)
+        yield world.frame(plan.view, size_px, plan.palette)
+
+
+def fit_picture(picture: NDArray[np.uint8], size_px: tuple[int, int]) -> NDArray[np.uint8]:
+    """The picture in the middle of a dark one of that width and height; one that is larger is made smaller."""
+    width, height = size_px
+    image = Image.fromarray(picture)
+    image.thumbnail(size_px)
+    canvas = Image.new("RGB", size_px, BACKGROUND)
+    canvas.paste(image, ((width - image.width) // 2, (height - image.height) // 2))
+    return np.asarray(canvas)

@@ -17,7 +17,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from minihuman.errors import LogError
-from minihuman.log.model.session_log import SessionLog
+from minihuman.log.model.session_log import SessionLog, list_partner_seats
 from minihuman.replay.rerun_scene import (
     ALIGNED,
     PLAY_TIME,
@@ -49,7 +49,10 @@ def _single(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
     root = session_root(log)
     taught = any(episode.taught is not None for episode in log.episodes)
     steering = [rrb.StateTimelineView(origin=f"{root}/steering", name="Policy and person")] if taught else []
-    pictures = [_maps(log), *([rrb.Spatial2DView(origin=f"{root}/view", name="View")] if with_view else [])]
+    others = sorted({seat for episode in log.episodes for seat in list_partner_seats(episode)})
+    names = {"view": "View", **{f"view-seat-{seat}": f"View of seat {seat}" for seat in others}}
+    views = [rrb.Spatial2DView(origin=f"{root}/{view}", name=name) for view, name in names.items()]
+    pictures = [_maps(log), *([views[0] if len(views) == 1 else rrb.Horizontal(*views)] if with_view else [])]
     return rrb.Horizontal(
         rrb.Vertical(*pictures, row_shares=[3, 2][: len(pictures)]),
         rrb.Vertical(
@@ -115,7 +118,7 @@ def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = 
     """
     roots = [session_root(log) for log in logs]
     if not logs or len(set(roots)) < len(roots):
-        raise LogError(f"a replay needs one session or several different ones, but got {', '.join(roots) or 'none'}")
+        raise LogError(f"name one session or several different ones to replay, not {', '.join(roots) or 'none'}")
     aligned_ns = align_episode_starts(logs) if len(logs) > 1 else None
     path.parent.mkdir(parents=True, exist_ok=True)
     if shutil.disk_usage(path.parent).free < FIRST_BYTES:

@@ -6,6 +6,7 @@ Sending whole columns makes a session's recording tens of times faster than logg
 import io
 from collections import defaultdict
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -13,13 +14,13 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image
 
 from minihuman.dataset.measures import response_ms
+from minihuman.display.video import VideoWriter
 from minihuman.experiment.machine.events import KeyPressed, Paused, Resumed
-from minihuman.log.model.session_log import EpisodeLog, SessionLog
+from minihuman.log.model.session_log import EpisodeLog, SessionLog, list_partner_seats
 from minihuman.log.model.teaching_events import NO_ADVICE
-from minihuman.replay.frames import render_frames
+from minihuman.replay.frames import SIZE_PX, fit_picture, render_frames, render_partner_frames
 
 SESSION_TIME = "session_time"  # since the session's first segment began
 PLAY_TIME = "play_time"  # since the session's first episode began, 0 before it: where a replay opens
@@ -125,10 +126,11 @@ def _row(episode: EpisodeLog) -> str:
     )
 
 
-WALL, PATH, TRAIL, AGENT = 0xC8C8C8FF, 0x0072B2FF, 0xE69F00FF, 0xD55E00FF
+WALL, PATH, TRAIL, AGENT, PARTNER = 0xC8C8C8FF, 0x0072B2FF, 0xE69F00FF, 0xD55E00FF, 0xCC79A7FF
 _POINT = pa.list_(pa.field("item", pa.float32(), nullable=False), 2)
 _STRIP = pa.list_(pa.field("item", _POINT, nullable=False))
 _TRAIL_MOVES = 12
+_VIDEO_FPS = 10  # nominal: each row names its picture in the video
 _PATH_ROWS = 400  # a longer path is redrawn every few moves: the whole of it each time would grow with the square
 _HEADING = {"cell": 0.8, "m": 0.7}
 _KEY_STATES = {  # what became of a press: label, colour
@@ -156,6 +158,7 @@ def send_session(recording: rr.RecordingStream, log: SessionLog, moments: Replay
     )
     _send_maps(recording, root, log, moments)
     _send_motion(recording, root, log, moments)
+    _send_partners(recording, root, log, moments)
     _send_series(recording, root, log, moments)
     _send_keys(recording, root, log, moments)
     _send_steering(recording, root, log, moments)
@@ -169,16 +172,23 @@ def send_views(recording: rr.RecordingStream, log: SessionLog, moments: ReplayTi
         LogError: if what a world shows now is not what was seen, and the log holds no pictures.
         WorldError: if a world cannot be run here, and the log holds no pictures.
     """
-    for episode in log.episodes:
-        blobs = [_png(picture) for picture in render_frames(episode)]
-        columns = rr.EncodedImage.columns(blob=blobs, media_type=["image/png"] * len(blobs))
-        recording.send_columns(f"{session_root(log)}/view", moments.columns(episode.t_ns), columns)
-
-
-def _png(picture: NDArray[np.uint8]) -> bytes:
-    file = io.BytesIO()
-    Image.fromarray(picture).save(file, "png", compress_level=1)
-    return file.getvalue()
+    root, files, videos = session_root(log), dict[str, io.BytesIO](), dict[str, VideoWriter]()
+    times: dict[str, list[NDArray[np.int64]]] = defaultdict(list)
+    with ExitStack() as stack:
+        for episode in log.episodes:
+            views = {"view": render_frames(episode)}
+            views |= {f"view-seat-{seat}": render_partner_frames(episode, seat) for seat in list_partner_seats(episode)}
+            for name, pictures in views.items():
+                if name not in videos:
+                    files[name] = io.BytesIO()
+                    videos[name] = stack.enter_context(VideoWriter(files[name], "replay", fps=_VIDEO_FPS))
+                videos[name].write(fit_picture(picture, SIZE_PX) for picture in pictures)
+                times[name].append(episode.t_ns)
+    for name, video in videos.items():
+        asset = rr.AssetVideo(contents=files[name].getvalue(), media_type="video/mp4")
+        recording.log(f"{root}/{name}", asset, static=True)
+        columns = rr.VideoFrameReference.columns_nanos(np.arange(video.frames) * (1_000_000_000 // _VIDEO_FPS))
+        recording.send_columns(f"{root}/{name}", moments.columns(np.concatenate(times[name])), columns)
 
 
 def _send_maps(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
@@ -221,6 +231,28 @@ def _send_motion(recording: rr.RecordingStream, root: str, log: SessionLog, mome
     ends = np.cumsum([here.sum() for _, here in placed])
     moves = [start + _moves(places[start:end]) for start, end in pairwise([0, *ends])]
     _send_lines(recording, root, moments, times[np.concatenate(moves)], places[np.concatenate(moves)], moves)
+
+
+def _send_partners(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
+    """The other bodies of a team at every step, and their paths."""
+    for episode in log.episodes:
+        for seat in list_partner_seats(episode):
+            assert episode.team is not None
+            poses = episode.team.poses[:, seat]
+            here = ~np.isnan(poses[:, 0])
+            places = poses[here][:, [0, 2]].astype(np.float32)
+            heading = np.stack([np.cos(poses[here, 3]), -np.sin(poses[here, 3])], axis=1)
+            arrows = rr.Arrows2D.columns(
+                origins=places,
+                vectors=(_heading(episode) * heading).astype(np.float32),
+                colors=np.full(len(places), PARTNER, np.uint32),
+                radii=np.full(len(places), _heading(episode) / 8, np.float32),
+            )
+            times = moments.columns(episode.t_ns[here])
+            recording.send_columns(f"{root}/map/seat-{seat}", times, arrows)
+            strips = _strips(places, [(0, row + 1) for row in range(len(places))])
+            lines = rr.LineStrips2D.columns(strips=strips, colors=np.full(len(places), PARTNER, np.uint32))
+            recording.send_columns(f"{root}/map/path-seat-{seat}", times, lines)
 
 
 def _send_lines(

@@ -4,28 +4,35 @@ import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import CachedSession, StudyStore
-from minihuman.dataset.table_columns import TABLES
+from minihuman.dataset.table_columns import EVERY_MOMENT, TABLES
 from minihuman.dataset.table_files import write_tables
 from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec, apply_overrides
-from minihuman.figures.figure_data import collect_learning_curves, group_by_block
-from minihuman.figures.learning_curves import learning_figure
-from minihuman.figures.path_figures import blocks_figure
-from minihuman.figures.style import save_figure
-from minihuman.figures.survival_curves import survival_figure
+from minihuman.figures.figure_data import Difference, collect_learning_curves, group_by_block, name_measure
+from minihuman.figures.figure_files import draw_figure_files
 from minihuman.log.read.session_reader import read_log
 from minihuman.reporting.elements import ReportFigure
 from minihuman.reporting.methods import build_methods, find_known_keys
-from minihuman.reporting.page import PageContent, build_page, is_published_study
-from minihuman.reporting.results import MEASURES, Results, compute_results, exclude_practice_alone, list_exclusions
+from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study
+from minihuman.reporting.results import (
+    Results,
+    compute_results,
+    exclude_practice_alone,
+    label_measure,
+    list_exclusions,
+)
+from minihuman.reporting.scorecard import build_scorecard, draw_scorecard, find_models_folder, write_score_table
+from minihuman.reporting.scripts import write_scripts
 from minihuman.reporting.sections import count_clauses, flow_section
-from minihuman.reporting.teaching_section import read_taught_logs, teaching_figures, teaching_section
+from minihuman.reporting.study_measures import add_measures
+from minihuman.reporting.teaching_section import read_taught_logs, tabulate_teaching, teaching_figures, teaching_section
 
 _CURVES = (
     ("log_excess_steps", "log of the excess steps over the shortest path", (0.0, math.inf)),
@@ -33,6 +40,12 @@ _CURVES = (
     ("success", "success (share)", (0.0, 1.0)),
     ("playing_s", "playing time (s)", (0.0, math.inf)),
 )
+_AXIS = {
+    "log_excess_steps": "log of excess steps",
+    "reward": "reward",
+    "success": "share of episodes",
+    "playing_s": "playing time (s)",
+}
 _BOUNDED_MEASURES = frozenset(
     {"success", "spl_mean", "reward_mean", "reward_first", "path_efficiency_mean", "ineffective_share"}
 )
@@ -41,11 +54,14 @@ _EPISODE_COLUMNS = [  # all that the results and the curves need; a big study ha
     "exclusion_reason", "world", "steps", "max_steps", "outcome",
     *(measure for measure, _, _ in _CURVES),
 ]  # fmt: skip
-_EVERY_MOMENT = frozenset({"steps", "presses", "other_presses", "frames", "samples"})  # too long to be read in a report
 
 
-def build_report(sessions: StudySessions, out: Path, templates: Path | None = None) -> tuple[Path, ...]:
+def build_report(
+    sessions: StudySessions, out: Path, templates: Path | None = None, *, scripts: Sequence[str] = ()
+) -> tuple[Path, ...]:
     """Write tables, figures and ``report.html`` of a study's sessions; give the files, the page first.
+
+    ``participants.html`` beside it shows every participant in every measure.
 
     The tables of every step, key and picture are left to an export.
 
@@ -53,33 +69,42 @@ def build_report(sessions: StudySessions, out: Path, templates: Path | None = No
         sessions: the study's.
         out: the folder of the report.
         templates: a folder with a template or a style of one's own; see ``build_page``.
+        scripts: ``r`` and ``python``, for scripts of mixed models beside the tables.
 
     Raises:
         LogError: if there is no such folder.
         ReportError: if no log in it can be read, or they are of different studies.
     """
-    names = [name for name in TABLES if name not in _EVERY_MOMENT]
-    with StudyStore(sessions, with_shortest=True, tables=names) as store:
+    names = [name for name in TABLES if name not in EVERY_MOMENT]  # the others are too long to be read in a report
+    with StudyStore(sessions, with_shortest=True, tables=(*names, "steps")) as store:
         study = _study(store, sessions)
         tables = write_tables(store.tables, out / "tables", names=names)
         episodes = store.tables.table("episodes", _EPISODE_COLUMNS).to_pandas()
         blocks, participants = (store.tables.table(name).to_pandas() for name in ("blocks", "participants"))
         answers, starts, done = (store.tables.table(name).to_pandas() for name in ("answers", "starts", "clauses"))
-        controls = store.tables.table("controls").to_pandas()
+        controls, teams = (store.tables.table(name).to_pandas() for name in ("controls", "teams"))
+        protocols = read_protocols(store.kept)
+        analysis = read_planned_analysis(protocols)
+        taught = read_taught_logs(store.kept, controls, sessions.selection)
+        if named := analysis.find_plugin_measures():
+            known = {name: store.tables.table(name).to_pandas() for name in names}
+            blocks = add_measures(blocks, {**known, "teaching": tabulate_teaching(taught)}, named)
+        times = store.tables.query(_REACTION_TIMES).to_pandas()
     participants = exclude_practice_alone(participants)
-    protocols = read_protocols(store.kept)
     practice = find_practice(protocols, participants["group"].unique())
     practised = episodes[_is_practice(episodes, practice) & episodes["exclusion_reason"].isna()]
     exclusions = list_exclusions(episodes, participants)
     episodes, blocks = (rows[~_is_practice(rows, practice)] for rows in (episodes, blocks))
-    found = compute_results(episodes, blocks, participants, read_planned_analysis(protocols))
+    found = compute_results(episodes, blocks, participants, analysis, teams)
     qualities = [kept.quality for kept in store.kept if kept.quality is not None]
     outlines = [kept.outline for kept in store.kept if kept.outline is not None]
     where = out / "figures"
     paths = _paths(store.kept, sessions.selection, where)
-    taught = read_taught_logs(store.kept, controls, sessions.selection)
     steering = teaching_figures(taught, where)
+    estimates = [*_estimates(blocks, found, where)]
     figures = [
+        *(one for one in estimates if one.block != found.target),
+        *_reaction_times(times, found, where),
         *_curves(episodes, found, where),
         *_session_figures(blocks, found, where),
         *_waiting(found, where),
@@ -87,6 +112,7 @@ def build_report(sessions: StudySessions, out: Path, templates: Path | None = No
         *paths,
     ]
     simulated = int((participants["player"] != "human").sum())
+    models, scored = _models(sessions, out)
     facts = PageContent(
         study=study,
         sessions=len(participants),
@@ -97,7 +123,9 @@ def build_report(sessions: StudySessions, out: Path, templates: Path | None = No
         methods=build_methods(outlines, qualities, simulated, protocols=protocols),
         known_keys=find_known_keys(outlines, protocols),
         figures=figures,
-        tables=tables,
+        first_figures=[one for one in estimates if one.block == found.target],
+        models=models,
+        tables=[*tables, *scored],
         qualities=qualities,
         answers=answers,
         clauses=count_clauses(episodes, starts, done),
@@ -105,11 +133,33 @@ def build_report(sessions: StudySessions, out: Path, templates: Path | None = No
         practice={str(name): len(rows) for name, rows in practised.groupby("block", sort=False)},
         exclusions=exclusions,
         account=sessions.account,
+        analysis=analysis,
         papers=is_published_study([one.protocol_sha256 for one in outlines]),
     )
     whole = out / "report.html"
     whole.write_text(build_page(facts, found, templates), encoding="utf-8", newline="\n")
-    return (whole, *tables, *(figure.path for figure in figures))
+    explored = out / "participants.html"
+    explored.write_text(build_participants_page(study, blocks, found), encoding="utf-8", newline="\n")
+    written = write_scripts(out, study, found, episodes, scripts) if scripts else ()
+    return (
+        whole,
+        explored,
+        *tables,
+        *scored,
+        *written,
+        *(figure.path for figure in (*figures, *models, *facts.first_figures)),
+    )
+
+
+def _models(sessions: StudySessions, out: Path) -> tuple[list[ReportFigure], list[Path]]:
+    """The figure and the table of the study's models beside people; nothing where it has no models."""
+    if not find_models_folder(sessions.source).is_dir():
+        return [], []
+    card = build_scorecard([sessions.source], selection=sessions.selection)
+    png, _ = draw_scorecard(card, out / "figures" / "scores")
+    caption = "Scores on the same levels, 95 % intervals over players' runs and levels (pigeonhole bootstrap). "
+    figure = ReportFigure("", png, f"{caption}{'; '.join(card.notes)}.".replace("reference:", "Reference:"))
+    return [figure], [write_score_table(card, out / "tables" / "scores.csv")]
 
 
 def find_stale_figures(out: Path, written: Collection[Path]) -> tuple[str, ...]:
@@ -154,7 +204,7 @@ def find_practice(protocols: Sequence[Protocol], groups: Iterable[str]) -> froze
     if len(set(found)) > 1:
         blocks = sorted({block for each in found for _, block in each})
         raise ReportError(
-            f"versions of the protocol disagree on the analysed blocks ({', '.join(blocks)}); choose one with --version"
+            f"the protocol's versions analyse different blocks ({', '.join(blocks)}); choose one version with --version"
         )
     return found[0] if found else frozenset()
 
@@ -168,17 +218,79 @@ def _study(store: StudyStore, sessions: StudySessions) -> str:
     read = [kept for kept in store.kept if kept.study]
     if not read:
         skipped = len(sessions.account.skipped)
-        found = f"{sessions.source} holds no session log that can be read; {skipped} were skipped"
-        raise ReportError(f"{found}: not a study with sessions; name a study folder")
+        found = f"{sessions.source} contains no readable session log ({skipped} were skipped)"
+        raise ReportError(f"{found}; name a study's folder")
     for one in read:
         if one.study != read[0].study:
             raise ReportError(
-                f"{one.path} is of study {one.study!r}, the earlier logs of {read[0].study!r}; "
-                "a report is of one study: name its folder"
+                f"{one.path} is from study {one.study!r}, but earlier logs are from {read[0].study!r}; "
+                "name the folder of a single study"
             )
     if not any(one.outline for one in read):
-        raise ReportError(f"{sessions.source}: {sessions.selection} selects none of its sessions; select others")
+        raise ReportError(f"{sessions.source} has no session that matches {sessions.selection}; select others")
     return read[0].study
+
+
+def _find_limits(measure: str, values: "pd.Series[float]") -> tuple[float, float] | None:
+    """The bounds that a measure cannot leave, where none of its values does; None where there are none."""
+    return (0.0, 1.0) if measure in _BOUNDED_MEASURES and values.dropna().between(0, 1).all() else None
+
+
+def _estimates(blocks: pd.DataFrame, found: Results, out: Path) -> Iterator[ReportFigure]:
+    """Draw every participant and the groups' differences on the measure that each block is compared on first."""
+    included = blocks[blocks["exclusion_reason"].isna()]
+    for one in found.blocks:
+        measure = one.headline[0].measure if one.headline else ""
+        rows = included[included["block"] == one.block]
+        if not measure or one.teams or not rows[measure].notna().any():
+            continue
+        means = rows.groupby(["group", "participant"])[measure].mean()  # over sessions, as the groups are compared
+        groups = {group: means.loc[group].to_numpy(float) for group in found.order if group in means.index}
+        differences = [Difference(each.first, each.second, each.difference, each.interval) for each in one.headline]
+        name = label_measure(measure)
+        short, title = name.partition(" (")[0].partition(":")[0], name_measure(name, one.block, width=110)
+        stem, limits = out / f"{one.block}_result", _find_limits(measure, rows[measure])
+        png, _ = draw_figure_files(
+            stem, "estimation.estimation_figure", groups, differences, measure=short, title=title, limits=limits
+        )
+        caption = (
+            f"{name[0].upper()}{name[1:]} in block {one.block}. A: a dot per participant, beside them the group's mean "
+            "with its 95 % interval. B: differences of the means, with the intervals of the comparison."
+        )
+        yield ReportFigure(one.block, png, caption)
+
+
+_BINS_PER_OCTAVE = 4
+_REACTION_TIMES = f"""
+    SELECT block, "group", participant, floor({_BINS_PER_OCTAVE} * log2(response_ms))::INTEGER AS bin, count(*) AS n
+    FROM steps
+    WHERE (study, participant, session, episode, attempt) IN (
+        SELECT (study, participant, session, episode, attempt) FROM episodes WHERE exclusion_reason IS NULL
+    ) AND response_ms > 0 GROUP BY ALL ORDER BY ALL
+"""
+
+
+def _reaction_times(times: pd.DataFrame, found: Results, out: Path) -> Iterator[ReportFigure]:
+    """Draw the distribution of each participant's reaction times, block by block."""
+    for one in found.blocks:
+        rows = times[times["block"] == one.block]
+        if rows.empty:
+            continue
+        bins = range(int(rows["bin"].min()), int(rows["bin"].max()) + 1)
+        counts = rows.pivot_table(
+            index=["group", "participant"], columns="bin", values="n", aggfunc="sum", fill_value=0
+        )
+        shares = counts.reindex(columns=bins, fill_value=0)
+        shares = shares.div(shares.sum(axis=1), axis=0)
+        groups = {group: shares.loc[group].to_numpy(float) for group in found.order if group in shares.index}
+        edges_ms = 2.0 ** (np.arange(bins.start, bins.stop + 1) / _BINS_PER_OCTAVE)
+        stem, title = out / f"{one.block}_reaction_times", name_measure("reaction times", one.block)
+        png, _ = draw_figure_files(stem, "estimation.reaction_time_figure", groups, edges_ms, title=title)
+        caption = (
+            f"Reaction times in block {one.block}, {_BINS_PER_OCTAVE} bins per doubling: a thin line per participant, "
+            "or above 12 a band from their 10th to their 90th percentile; thick the mean of the group's participants."
+        )
+        yield ReportFigure(one.block, png, caption)
 
 
 def _curves(episodes: pd.DataFrame, found: Results, out: Path) -> Iterator[ReportFigure]:
@@ -191,7 +303,9 @@ def _curves(episodes: pd.DataFrame, found: Results, out: Path) -> Iterator[Repor
             if curves and rows["episode_in_block"].nunique() > 1 and rows[measure].notna().any():
                 cannot_leave = limits if rows[measure].dropna().between(*limits).all() else None
                 stem = out / f"{block}_{measure}"
-                png, _ = save_figure(learning_figure(curves, measure=label, limits=cannot_leave), stem)
+                title = name_measure(label, block)
+                axis = {"measure": _AXIS[measure], "limits": cannot_leave, "title": title}
+                png, _ = draw_figure_files(stem, "learning_curves.learning_figure", curves, **axis)
                 caption = f"{label[0].upper()}{label[1:]} over the episodes of block {block}: mean, 95 % interval."
                 yield ReportFigure(block, png, caption)
 
@@ -214,11 +328,11 @@ def _session_figures(blocks: pd.DataFrame, found: Results, out: Path) -> Iterato
             for group, theirs in of_group.items()
             if len(theirs)
         }
-        name = MEASURES[measure]
-        bounded = measure in _BOUNDED_MEASURES and rows[measure].dropna().between(0, 1).all()
-        limits = (0.0, 1.0) if bounded else None
-        figure = learning_figure(curves, measure=name, limits=limits, xlabel="session", numbers=sessions)
-        png, _ = save_figure(figure, out / f"{one.block}_sessions")
+        name = label_measure(measure)
+        limits = _find_limits(measure, rows[measure])
+        title, short = name_measure(name, one.block), name.partition(" (")[0].partition(":")[0]
+        axis = {"measure": short, "limits": limits, "xlabel": "session", "numbers": sessions, "title": title}
+        png, _ = draw_figure_files(out / f"{one.block}_sessions", "learning_curves.learning_figure", curves, **axis)
         caption = f"{name[0].upper()}{name[1:]} in block {one.block}, session by session: mean, 95 % interval."
         yield ReportFigure(one.block, png, caption)
 
@@ -232,8 +346,12 @@ def _waiting(found: Results, out: Path) -> Iterator[ReportFigure]:
         )
         for name, groups, label, what in kinds:
             if groups:
-                png, _ = save_figure(survival_figure(groups, label=label), out / f"{one.block}_waiting_{name}")
-                caption = f"Share of {what} (Kaplan and Meier); ticks: censored. Below: the number at risk."
+                alone = name == "keys"  # a time per participant; episodes of one are not independent
+                title = name_measure(f"share of {what}", one.block)
+                stem, axis = out / f"{one.block}_waiting_{name}", {"label": label, "title": title}
+                png, _ = draw_figure_files(stem, "survival_curves.survival_figure", groups, independent=alone, **axis)
+                band = "95 % intervals (Greenwood, log-log); " if alone else ""
+                caption = f"Share of {what} (Kaplan and Meier); {band}ticks: censored. Below: the number at risk."
                 yield ReportFigure(one.block, png, caption)
 
 
@@ -245,6 +363,6 @@ def _paths(kept: Sequence[CachedSession], selection: Selection, out: Path) -> It
             examples.setdefault(one.outline.group, one)
     for group, one in sorted(examples.items()):
         session = selection.judge(read_log(Path(one.path))).session
-        png, _ = save_figure(blocks_figure(group_by_block(session)), out / f"paths_{group}")
+        png, _ = draw_figure_files(out / f"paths_{group}", "path_figures.blocks_figure", group_by_block(session))
         caption = f"Paths of {session.plan.participant.id} (group {group}), the first participant with the most blocks."
         yield ReportFigure("", png, caption)

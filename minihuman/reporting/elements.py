@@ -80,6 +80,16 @@ def format_with_interval(value: float, bounds: tuple[float, float], digits: int 
     return number if math.isnan(bounds[0]) else f"{number} ({format_interval(bounds, digits, sign=sign)})"
 
 
+def format_difference(
+    value: float, bounds: tuple[float, float], *, is_log: bool, sign: str = "-", digits: int = 3
+) -> str:
+    """A difference with its interval; one of logarithms as the ratio that it is."""
+    if not is_log:
+        return format_with_interval(value, bounds, digits, sign=sign)
+    ratio = format_with_interval(math.exp(value), (math.exp(bounds[0]), math.exp(bounds[1])), digits)
+    return f"\N{MULTIPLICATION SIGN}{ratio}"
+
+
 def format_p_value(value: float) -> str:
     """Three decimals, or that it is less."""
     if math.isnan(value):

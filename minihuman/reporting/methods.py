@@ -51,7 +51,8 @@ def build_methods(
     """
     specs = BlockSpecs(protocols)
     return [
-        _people(plans, simulated, specs),
+        _people(plans, simulated, specs, protocols),
+        *_designs(protocols),
         *_blocks(plans, specs),
         _measures(plans),
         _software(plans, qualities),
@@ -100,7 +101,7 @@ def _does(one: EpisodePlan) -> dict[str, int]:
     return {key: one.actions.index(action) for key, action in one.key_map.keys.items() if action in one.actions}
 
 
-def _people(plans: Sequence[PlanOutline], simulated: int, specs: BlockSpecs) -> str:
+def _people(plans: Sequence[PlanOutline], simulated: int, specs: BlockSpecs, protocols: Sequence[Protocol] = ()) -> str:
     groups = Counter({plan.participant: plan.group for plan in plans}.values())
     parts = ", ".join(f"{count} in group {group}" for group, count in sorted(groups.items()))
     by_session = Counter(plan.session for plan in plans)
@@ -108,13 +109,32 @@ def _people(plans: Sequence[PlanOutline], simulated: int, specs: BlockSpecs) -> 
     if len(set(by_session.values())) > 1:
         days += f" ({', '.join(f'{count} in session {session}' for session, count in sorted(by_session.items()))})"
     by_hand = sum(plan.by_hand for plan in plans)
+    by_design = any(protocol.allocation.design for protocol in protocols)
+    keys = _are_keys_drawn(plans, specs)
+    drawn = ("Keys" if keys else "Orders") if by_design else f"Groups{' and keys' if keys else ''}"
     chosen = f"; in {by_hand} sessions the participant or group was chosen by hand" if by_hand else ""
     return (
         f"{sum(groups.values())} participants took part{days} ({parts}{_nobody(plans, simulated)}). "
-        f"{'Groups and keys' if _are_keys_drawn(plans, specs) else 'Groups'} came from an allocation list "
+        f"{drawn} came from an allocation list "
         f"drawn before the first session from the study's seed, {plans[0].seed}{_later_keys(plans, specs)}{chosen}."
-        f"{_strata(plans)}"
+        f"{_strata(plans, by_design=by_design)}"
     )
+
+
+def _designs(protocols: Sequence[Protocol]) -> list[str]:
+    """A paragraph on what was adaptive, by the protocols; none where nothing was."""
+    found: dict[str, None] = {}
+    for protocol in protocols:
+        for what, spec in (
+            ("Groups were assigned by", protocol.allocation.design),
+            ("Enrolment could be stopped by", protocol.allocation.stopping),
+            *((f"Episodes of block {block.name} were chosen by", block.design) for block in protocol.blocks),
+        ):
+            if spec is not None:
+                settings = ", ".join(f"{name} = {value!r}" for name, value in spec.settings.items())
+                found[f"{what} the adaptive design {spec.name}{f' ({settings})' if settings else ''}."] = None
+    proof = "Each decision is recorded with what it followed from, and verification asks the design again."
+    return [" ".join([*found, proof])] if found else []
 
 
 def _later_keys(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
@@ -142,7 +162,7 @@ def _are_keys_drawn(plans: Sequence[PlanOutline], specs: BlockSpecs) -> bool:
     return any(len(each) == 1 or each.count(each[0]) < len(each) for each in keys.values())
 
 
-def _strata(plans: Sequence[PlanOutline]) -> str:
+def _strata(plans: Sequence[PlanOutline], *, by_design: bool = False) -> str:
     """Within which strata groups were drawn, and how many of each group each has."""
     drawn = {plan.participant: (plan.stratum, plan.group) for plan in plans if plan.stratum}
     if not drawn:
@@ -154,7 +174,8 @@ def _strata(plans: Sequence[PlanOutline]) -> str:
         for stratum in sorted({stratum for stratum, _ in many})
     )
     asked = next(plan.stratified_by for plan in plans if plan.stratified_by)
-    return f" Groups were stratified by the answer to {asked}, with one allocation list per stratum ({strata})."
+    lists = "the design knew the stratum" if by_design else "with one allocation list per stratum"
+    return f" Groups were stratified by the answer to {asked}, {lists} ({strata})."
 
 
 def _nobody(plans: Sequence[PlanOutline], simulated: int) -> str:

@@ -14,9 +14,11 @@ import pandas as pd
 
 from minihuman.dataset.recording_quality import RecordingQuality
 from minihuman.dataset.selection import SelectionSummary
+from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.reporting.elements import (
     ReportFigure,
     Table,
+    format_difference,
     format_interval,
     format_mean_sd,
     format_number,
@@ -25,15 +27,18 @@ from minihuman.reporting.elements import (
     format_with_interval,
     to_records,
 )
-from minihuman.reporting.results import MEASURES, BlockResults, Results, summarise_group_rewards
+from minihuman.reporting.results import BlockResults, Results, WithinResults, label_measure, summarise_group_rewards
 from minihuman.reporting.sections import (
     FlowSection,
     answers_table,
     clauses_table,
+    conditions_table,
+    crossover_table,
     difference_statement,
     equivalence_statement,
     exclusions_section,
     list_missing_parts,
+    paired_statement,
     parts_table,
     power_statement,
     quality_section,
@@ -43,7 +48,7 @@ from minihuman.reporting.sections import (
     survival_table,
 )
 from minihuman.reporting.teaching_section import TeachingSection
-from minihuman.reporting.template import REPORT, render_template
+from minihuman.reporting.template import PARTICIPANTS, REPORT, render_template
 from minihuman.statistics.comparison import GroupComparison
 from minihuman.statistics.growth import MIN_EPISODES
 
@@ -80,6 +85,8 @@ class PageContent:
     methods: Sequence[str]
     known_keys: Mapping[str, Sequence[str]]  # block: the groups who came to it with the keys of the one before
     figures: Sequence[ReportFigure]
+    first_figures: Sequence[ReportFigure]  # of the result
+    models: Sequence[ReportFigure]
     tables: Sequence[Path]
     qualities: Sequence[RecordingQuality]
     answers: pd.DataFrame
@@ -88,6 +95,7 @@ class PageContent:
     practice: Mapping[str, int]  # block that is not analysed: episodes that would be included
     exclusions: pd.DataFrame
     account: SelectionSummary
+    analysis: AnalysisSpec  # what the protocol named
     papers: bool  # the protocol is the published study's
 
 
@@ -115,12 +123,18 @@ def build_page(facts: PageContent, found: Results, templates: Path | None = None
         "flow": facts.flow,
         "practice": facts.practice,
         "published": _published(target) if facts.papers and target else None,
+        "question": ask_question(facts.analysis, found),
+        "answers_first": _answer(target, found),
+        "excluded": _count_excluded(facts.exclusions),
+        "within": _within(found.within),
         "blocks": [_block(one, found, facts.known_keys) for one in found.blocks],
         "min_growth_episodes": MIN_EPISODES,
         "clauses": clauses_table(facts.clauses),
         "teaching": facts.teaching,
         "answers": answers_table(facts.answers),
         "figures": facts.figures,
+        "first_figures": facts.first_figures,
+        "models": facts.models,
         "quality": quality_section(facts.qualities),
         "exclusions": exclusions_section(facts.exclusions),
         "skipped": skipped_table(facts.account.skipped),
@@ -128,6 +142,79 @@ def build_page(facts: PageContent, found: Results, templates: Path | None = None
         "tables": facts.tables,
     }
     return render_template(REPORT, shown, templates)
+
+
+def ask_question(analysis: AnalysisSpec, found: Results) -> str:
+    """What the study compares, in one sentence."""
+    groups = found.target_block.groups["group"].tolist() if found.target_block else []
+    conditions = found.within.conditions if found.within else ()
+    parts = []
+    if len(groups) > 1:
+        parts.append(f"groups {_join(groups)} in block {found.target}")
+    if conditions:
+        parts.append(f"blocks {_join(conditions)} within participants")
+    if not parts:
+        return "One group: nothing is compared between groups."
+    measure = label_measure(analysis.primary_measure) if analysis.primary_measure else "every measure"
+    return f"Asked: how {', and '.join(parts)} differ in {measure}."
+
+
+def _join(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
+
+
+def _answer(target: BlockResults | None, found: Results) -> list[str]:
+    """The statements that answer it: the primary's, adjusted ones, equivalence, and conditions."""
+    said = []
+    if target is not None and len(target.groups) > 1:
+        said += [difference_statement(each, target.block) for each in target.headline]
+        said += [f"Adjusted for the covariates. {difference_statement(each, target.block)}" for each in target.adjusted]
+        said += [equivalence_statement(each, target.roles) for each in target.alike]
+    if found.within:
+        primary = [one for one in found.within.comparisons if found.within.roles[one.measure] == "primary"]
+        said += [paired_statement(one) for one in primary]
+    return said
+
+
+def _count_excluded(exclusions: pd.DataFrame) -> str:
+    """Who was left out, by reason."""
+    people = exclusions[exclusions["level"] == "participant"].drop_duplicates(["exclusion_reason", "participant"])
+    counts = people["exclusion_reason"].value_counts(sort=False)
+    return ", ".join(f"{count} ({reason})" for reason, count in counts.items()) or "none"
+
+
+def _within(found: WithinResults | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    return {"conditions": _join(found.conditions), "table": conditions_table(found), "effects": crossover_table(found)}
+
+
+def build_participants_page(study: str, blocks: pd.DataFrame, found: Results) -> str:
+    """Render the page on which every included participant can be found in every measure; it works from disk alone.
+
+    Args:
+        study: the study's name.
+        blocks: rows of the table "blocks".
+        found: the results; their measures, groups and target block are shown.
+    """
+    included = blocks[blocks["exclusion_reason"].isna()]
+    measures = [one for one in dict.fromkeys(name for block in found.blocks for name in block.roles) if one in included]
+    rows = [
+        {
+            **{name: row[name] for name in ("participant", "group", "session", "block")},
+            "values": {name: None if pd.isna(row[name]) else float(row[name]) for name in measures},
+        }
+        for row in to_records(included)
+    ]
+    data = {
+        "rows": rows,
+        "groups": list(found.order),
+        "blocks": [one.block for one in found.blocks],
+        "target": found.target,
+        "measures": {name: label_measure(name) for name in measures},
+        "short": {name: label_measure(name).partition(" (")[0].partition(":")[0] for name in measures},
+    }
+    return render_template(PARTICIPANTS, {"study": study, "data": data})
 
 
 def _versions(account: SelectionSummary) -> str:
@@ -146,9 +233,12 @@ def _block(one: BlockResults, found: Results, known_keys: Mapping[str, Sequence[
         "name": one.block,
         "worlds": one.worlds,
         "episodes": one.episodes,
+        "teams": one.teams,
         "is_target": one.block == found.target and len(one.groups) > 1,
         "only_group": str(one.groups["group"].iloc[0]) if alone else "",
-        "differences": [difference_statement(each, one.block) for each in one.headline],
+        "differences": []
+        if one.block == found.target and len(one.groups) > 1
+        else [difference_statement(each, one.block) for each in one.headline],
         "has_no_primary": bool(one.comparisons) and "primary" not in one.roles.values(),
         "has_roles": _has_roles(one),
         "measures": _measures(one),
@@ -156,13 +246,12 @@ def _block(one: BlockResults, found: Results, known_keys: Mapping[str, Sequence[
         "comparisons": _comparisons(one) if one.comparisons else None,
         "only_pair": f" ({_unbroken(*pairs.pop())})" if len(pairs) == 1 else "",
         "not_compared": [
-            f"{MEASURES[each.measure]}, {format_pair(each.first, each.second)}: {each.reason}"
+            f"{label_measure(each.measure)}, {format_pair(each.first, each.second)}: {each.reason}"
             for each in one.comparisons
             if each.reason
         ],
         "groups_with_keys": known_keys.get(one.block, ()) if one.comparisons else (),
-        "set_aside": [f"{MEASURES[name]} ({reason})" for name, reason in one.set_aside.items()],
-        "equivalences": [equivalence_statement(each, one.roles) for each in one.alike],
+        "set_aside": [f"{label_measure(name)} ({reason})" for name, reason in one.set_aside.items()],
         "without_goal": one.waits.without_goal,
         "several_sessions": one.by_session["session"].nunique() > 1,
         "sessions": session_table(one),
@@ -223,10 +312,10 @@ def _comparisons(one: BlockResults) -> Table:
 
     def row(each: GroupComparison) -> tuple[str, ...]:
         return (
-            MEASURES[each.measure], *((one.roles[each.measure],) if named else ()),
+            label_measure(each.measure), *((one.roles[each.measure],) if named else ()),
             *((_unbroken(each.first, each.second),) if several else ()), f"{each.n[0]}, {each.n[1]}",
             *((", ".join(map(format_number, each.means[:2])),) if several else map(format_number, each.means)),
-            format_with_interval(each.difference, each.interval),
+            format_difference(each.difference, each.interval, is_log=each.is_log),
             format_p_value(each.p), format_p_value(each.p_holm), format_p_value(each.smallest_p),
             format_with_interval(each.g, each.g_interval, 2),
         )  # fmt: skip
@@ -260,7 +349,7 @@ def _growth(one: BlockResults) -> dict[str, Any]:
 
 def _measures(one: BlockResults) -> Table:
     rows = [
-        (MEASURES[row["measure"]], row["group"], str(row["n"]), format_mean_sd(row["mean"], row["sd"]))
+        (label_measure(row["measure"]), row["group"], str(row["n"]), format_mean_sd(row["mean"], row["sd"]))
         for row in to_records(one.measures)
     ]
     return Table(("measure", "group", "n", "mean"), rows, words=2)

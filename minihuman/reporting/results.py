@@ -4,7 +4,8 @@ Group comparisons, survival times until all keys were found and until the goal, 
 that are 0 after a timeout, growth, equivalence and power.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal, get_args
@@ -13,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from minihuman.experiment.protocol.specs import AnalysisSpec
+from minihuman.reporting.study_measures import find_measure
 from minihuman.statistics.comparison import (
     Equivalence,
     GroupComparison,
@@ -20,8 +22,11 @@ from minihuman.statistics.comparison import (
     check_equivalence,
     compare_groups,
     compute_power,
+    find_units,
+    name_units,
 )
-from minihuman.statistics.growth import GrowthComparison, compare_growth, estimate_mean
+from minihuman.statistics.growth import GrowthComparison, compare_growth
+from minihuman.statistics.paired import CrossoverTerm, PairedComparison, compare_conditions, fit_crossover, paired_test
 from minihuman.statistics.survival import SurvivalComparison, SurvivalTimes, compare_survival
 from minihuman.statistics.two_part_model import TwoPartComparison, compare_two_parts, has_mass_at_zero
 
@@ -95,6 +100,9 @@ MEASURES = {  # columns of the block table that groups are compared on, and what
     "log_steps_ratio_mean": "log of steps / shortest path (without the goal: at the limit)",
     "reaction_median_ms": "key press after the latest picture, median (ms)",
 }
+# Times are compared on their logarithms: what slows people down multiplies them, and a mean of raw seconds of a skewed
+# group against a less skewed one rejects a true null in 16 % of studies.
+LOG_MEASURES = ("playing_s_mean", "response_median_ms", "all_keys_discovered_s", "reaction_median_ms")
 # Compared only where the protocol names them: they repeat another measure, at a cost in Holm's correction.
 ONLY_IF_NAMED = frozenset({"log_steps_ratio_mean", "reaction_median_ms"})
 FORMULAS = {  # of one episode, where a measure's name does not tell it
@@ -109,6 +117,12 @@ FORMULAS = {  # of one episode, where a measure's name does not tell it
     "reaction_median_ms": "key press minus the flip of the latest picture, in real time of a tick's",
     "ineffective_share": "steps without a visible effect",
 }
+
+
+def label_measure(name: str) -> str:
+    """What a measure is called on the page."""
+    return MEASURES.get(name) or find_measure(name).label
+
 
 _LOG_EXCESS = "log of the excess steps over the shortest path"
 
@@ -133,8 +147,9 @@ class SessionChange:
     sessions: tuple[int, int]
     n: int
     estimate: float  # the later session's mean minus the first's
-    interval: tuple[float, float]  # t interval at 95 %; NaN where too few participants tell it
-    p: float  # paired t
+    interval: tuple[float, float]  # 95 %, of the same sign flips as p; NaN where too few participants have both
+    p: float  # paired permutation test
+    is_log: bool = False  # the change is one of natural logarithms
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,19 +167,31 @@ class BlockResults:
     changes_compared: tuple[tuple[tuple[int, int], GroupComparison], ...]  # which sessions, and groups on their change
     comparisons: tuple[GroupComparison, ...]  # the primary measure first, then the secondary ones
     roles: Mapping[str, Role]  # of each measure that is compared
+    adjusted: tuple[GroupComparison, ...]  # of the primary measure, for the covariates that the protocol names
     set_aside: Mapping[str, str]  # measures that are not compared since they omit those who failed, and why
     alike: tuple[EquivalenceResult, ...]  # of the primary measure, where the protocol gives a margin
     waits: BlockSurvival  # until every key was found, and until the goal
     parts: tuple[TwoPartComparison, ...]  # of the reward, where it has mass at 0
     growth: GrowthComparison | None  # of the excess steps, or of the reward, over the block's episodes
     powers: tuple[PowerAnalysis, ...]  # one for each pair of groups, in the order of the headline
+    teams: int = 0  # of several people, each of which is one unit of the statistics; 0: participants are
 
     @property
     def headline(self) -> tuple[GroupComparison, ...]:
         """The comparisons on the primary measure, or on the first of ``MEASURES`` that has values."""
         measure = next((one.measure for one in self.comparisons if self.roles[one.measure] == "primary"), None)
-        chosen = measure or next((name for name in MEASURES if name in self.roles), None)
+        chosen = measure or next((name for name in self.roles), None)
         return tuple(one for one in self.comparisons if one.measure == chosen)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WithinResults:
+    """Blocks compared with each other within participants, a value per participant and block."""
+
+    conditions: tuple[str, ...]
+    comparisons: tuple[PairedComparison, ...]
+    effects: tuple[CrossoverTerm, ...]  # of order, where it differs between participants
+    roles: Mapping[str, Role]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,6 +201,7 @@ class Results:
     blocks: tuple[BlockResults, ...]
     target: str  # the last block that all groups played; "" without any
     order: tuple[str, ...]  # of the groups, in every comparison and figure
+    within: "WithinResults | None"  # the conditions that the protocol compares within participants
     kept: tuple[int, int]  # participants and episodes included
 
     @property
@@ -183,9 +211,14 @@ class Results:
 
 
 def compute_results(
-    episodes: pd.DataFrame, blocks: pd.DataFrame, participants: pd.DataFrame, analysis: AnalysisSpec | None = None
+    episodes: pd.DataFrame,
+    blocks: pd.DataFrame,
+    participants: pd.DataFrame,
+    analysis: AnalysisSpec | None = None,
+    teams: pd.DataFrame | None = None,
 ) -> Results:
-    """Compute the results from three tables; ``analysis`` is what the protocol names."""
+    """Compute the results from three tables; ``analysis`` is what the protocol names, ``teams`` the table of teams."""
+    units = {} if teams is None else {str(name): find_units(rows) for name, rows in teams.groupby("block")}
     analysis = analysis or AnalysisSpec()
     counted_people = participants[participants["exclusion_reason"].isna()]
     counted = episodes[episodes["exclusion_reason"].isna()]
@@ -200,98 +233,226 @@ def compute_results(
                 episodes[episodes["block"] == name],
                 order,
                 analysis if name == target else AnalysisSpec(),
+                units.get(name, {}),
             )
             for name in sort_blocks_by_play(kept)
         ),
         target=target,
         order=tuple(order),
+        within=compare_within(_unite(kept, units), analysis),
         kept=(counted_people["participant"].nunique(), len(counted)),
     )
 
 
+def _unite(rows: pd.DataFrame, units: Mapping[str, Mapping[str, str]]) -> pd.DataFrame:
+    """The rows, of blocks that people played together with the team in the place of its members."""
+    if not units:
+        return rows
+    parts = [name_units(part, units.get(str(block), {})) for block, part in rows.groupby("block", sort=False)]
+    return pd.concat(parts).loc[rows.index]
+
+
+def compare_within(rows: pd.DataFrame, analysis: AnalysisSpec) -> WithinResults | None:
+    """Compare the protocol's conditions within participants; None where it names none.
+
+    Measures are the primary and the secondary ones, each role corrected by itself (Holm), or else all that have values.
+    A participant's value of a condition is the mean over sessions. Effects of position and carry-over are tested in the
+    order of the first session.
+    """
+    if not analysis.conditions:
+        return None
+    rows = rows.reset_index(drop=True)
+    place = rows.groupby(["participant", "session"], sort=False).cumcount()
+    theirs = rows.assign(place=place)[rows["block"].isin(analysis.conditions)]
+    named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
+    measured = [name for name in named or list_default_measures(theirs) if theirs[name].notna().any()]
+    scaled, logs = take_logarithms(theirs, measured)
+    roles = assign_roles(measured, analysis)
+    tables = {
+        name: scaled.pivot_table(name, "participant", "block").reindex(columns=list(analysis.conditions))
+        for name in measured
+    }
+    comparisons = tuple(
+        one
+        for role in get_args(Role)
+        for one in compare_conditions({name: tables[name] for name in roles if roles[name] == role}, log_measures=logs)
+    )
+    first = scaled.sort_values(["session", "place"]).drop_duplicates(["participant", "block"]).sort_values("place")
+    order = first.groupby("participant", sort=False)
+    first = first.assign(position=order.cumcount() + 1, before=order["block"].shift().fillna(""))
+    effects: tuple[CrossoverTerm, ...] = ()
+    if first.groupby("block")["position"].nunique().max() > 1:
+        effects = tuple(
+            term
+            for name in measured
+            for term in fit_crossover(name, first.rename(columns={"block": "condition", name: "value"}))
+        )
+    return WithinResults(analysis.conditions, comparisons, effects, roles)
+
+
+def list_default_measures(rows: pd.DataFrame) -> list[str]:
+    """The measures that are compared where the protocol names none: those that have values."""
+    return [name for name in MEASURES if name not in ONLY_IF_NAMED and rows[name].notna().any()]
+
+
 def compute_block_results(
-    block: str, rows: pd.DataFrame, begun: pd.DataFrame, order: list[str], analysis: AnalysisSpec
+    block: str,
+    rows: pd.DataFrame,
+    begun: pd.DataFrame,
+    order: list[str],
+    analysis: AnalysisSpec,
+    units: Mapping[str, str] | None = None,
 ) -> BlockResults:
-    """Compute one block's results from its included rows of the block table and all of its episodes."""
+    """Compute one block's results from its included rows of the block table and all of its episodes.
+
+    Where people played together, ``units`` names each one's team, which is then the unit of every statistic.
+    """
+    units = units or {}
+    waits = collect_survival_times(rows, begun, [group for group in order if (rows["group"] == group).any()])
+    people = rows.sort_values(["participant", "session"])
+    rows, begun = (name_units(part, units) for part in (rows, begun)) if units else (rows, begun)
     episodes = begun[begun["exclusion_reason"].isna()]
     order = [group for group in order if (rows["group"] == group).any()]
     rows = _groups_in(order, rows.sort_values(["participant", "session"]))
     aside = {
         name: why
-        for name, why in _set_aside(rows, episodes).items()
+        for name, why in set_measures_aside(rows, late=int((~episodes["success"].astype(bool)).sum())).items()
         if name not in (analysis.primary_measure, *analysis.secondary_measures)
     }
     unasked = ONLY_IF_NAMED - {analysis.primary_measure, *analysis.secondary_measures}
-    measured = [name for name in MEASURES if rows[name].notna().any() and name not in aside and name not in unasked]
-    each = rows.groupby(["group", "participant"])[list(MEASURES)].mean().reset_index()  # several sessions: their mean
-    roles = _roles(measured, analysis)
-    comparisons = _compare(each, roles, order)
-    changed = {
-        sessions: change.reset_index()
-        for sessions, change in _changes(rows, measured).items()
-        if change.notna().any(axis=None)
-    }
+    named = (analysis.primary_measure, *analysis.secondary_measures)
+    columns = list(dict.fromkeys([*MEASURES, *filter(None, named), *analysis.covariates]))
+    measured = [
+        name
+        for name in columns
+        if rows[name].notna().any()
+        and name not in aside
+        and name not in unasked
+        and (name in MEASURES or name in named)
+    ]
+    each = rows.groupby(["group", "participant"])[columns].mean().reset_index()  # several sessions: their mean
+    roles = assign_roles(measured, analysis)
+    scaled, logs = take_logarithms(rows, measured)
+    scaled_means = scaled.groupby(["group", "participant"])[columns].mean().reset_index()
+    comparisons = compare_measures(scaled_means, roles, order, logs)
+    changed = list_changes(scaled, measured)
     has_excess = "log_excess_steps" in episodes and episodes["log_excess_steps"].notna().any()
     lines = episodes.rename(columns={"log_excess_steps": _LOG_EXCESS}) if has_excess else episodes
     found = BlockResults(
         block=block,
         worlds=tuple(dict.fromkeys(episodes["world"])),
         episodes=len(episodes),
-        subjects=rows[["group", "participant", "session", "episodes", "reward_mean", "reward_sd"]].reset_index(
-            drop=True
-        ),
+        subjects=_groups_in(order, people)[
+            ["group", "participant", "session", "episodes", "reward_mean", "reward_sd"]
+        ].reset_index(drop=True),
         groups=_groups_in(order, summarise_group_rewards(each)),
         measures=_measures(_groups_in(order, each), measured, ["group"]),
         by_session=_measures(_groups_in(order, rows), measured, ["group", "session"]),
-        changes=tuple(one for sessions, each in changed.items() for one in _estimate(each, measured, sessions, order)),
+        changes=tuple(
+            one for sessions, change in changed.items() for one in _estimate(change, measured, sessions, order, logs)
+        ),
         changes_compared=tuple(
-            (sessions, one) for sessions, each in changed.items() for one in _compare(each, roles, order)
+            (sessions, one)
+            for sessions, change in changed.items()
+            for one in compare_measures(change, roles, order, logs)
         ),
         comparisons=comparisons,
         roles=roles,
+        adjusted=compare_adjusted(scaled_means, analysis, order, logs),
         alike=_alike(each, analysis, order),
-        waits=collect_survival_times(rows, begun, order),
+        waits=replace(waits, compared=()) if units else waits,
         parts=compare_reward_parts(episodes, order),
         set_aside=aside,
         growth=compare_growth(lines, _LOG_EXCESS if has_excess else "reward", order=order),
         powers=(),
+        teams=len({*units.values()} & {*rows["participant"]}),
     )
     return replace(found, powers=tuple(compute_power(one.n) for one in found.headline))
 
 
-def _compare(each: pd.DataFrame, roles: Mapping[str, Role], order: Sequence[str]) -> tuple[GroupComparison, ...]:
+def compare_adjusted(
+    each: pd.DataFrame, analysis: AnalysisSpec, order: Sequence[str], logs: Collection[str] = ()
+) -> tuple[GroupComparison, ...]:
+    """Groups compared on the primary measure less what the covariates predict of it within groups.
+
+    The slopes are pooled over groups, as in an analysis of covariance; participants without a covariate are left out.
+    None where the protocol names no covariates, or participants are too few for the slopes.
+    """
+    primary, covariates = analysis.primary_measure, list(analysis.covariates)
+    if not covariates or primary not in each:
+        return ()
+    known = each.dropna(subset=[primary, *covariates])
+    if len(known) <= known["group"].nunique() + len(covariates) + 1:
+        return ()
+    centred = known[[primary, *covariates]] - known.groupby("group")[[primary, *covariates]].transform("mean")
+    slopes = np.linalg.lstsq(centred[covariates].to_numpy(float), centred[primary].to_numpy(float), rcond=None)[0]
+    predicted = (known[covariates] - known[covariates].mean()).to_numpy(float) @ slopes
+    return compare_groups(
+        known.assign(**{primary: known[primary] - predicted}), [primary], order=order, log_measures=logs
+    )
+
+
+def take_logarithms(rows: pd.DataFrame, measures: Sequence[str]) -> tuple[pd.DataFrame, frozenset[str]]:
+    """The rows with the logarithms of ``LOG_MEASURES``, and which those are: one with a value of 0 stays as it is."""
+    times = [name for name in measures if name in LOG_MEASURES or (":" in name and find_measure(name).is_log)]
+    logs = [name for name in times if not (rows[name] <= 0).any()]
+    return rows.assign(**{name: np.log(rows[name].astype(float)) for name in logs}), frozenset(logs)
+
+
+def compare_measures(
+    each: pd.DataFrame,
+    roles: Mapping[str, Role],
+    order: Sequence[str],
+    logs: Collection[str] = (),
+    *,
+    intervals: bool = True,
+) -> tuple[GroupComparison, ...]:
     """Every two groups on every measure, each role corrected by itself; ``each`` has a row per participant."""
     return tuple(
         one
         for role in get_args(Role)
-        for one in compare_groups(each, [name for name in roles if roles[name] == role], order=order)
+        for one in compare_groups(
+            each, [name for name in roles if roles[name] == role], order=order, log_measures=logs, intervals=intervals
+        )
     )
 
 
-def _changes(rows: pd.DataFrame, measures: Sequence[str]) -> dict[tuple[int, int], pd.DataFrame]:
-    """By pair of sessions, the block's first and each later one, every participant's change; NaN who has only one."""
+def list_changes(rows: pd.DataFrame, measures: Sequence[str]) -> dict[tuple[int, int], pd.DataFrame]:
+    """By pair of sessions, the block's first and each later one, every participant's change; NaN who has only one.
+
+    A pair of sessions that no participant has both of is left out.
+    """
     values = {
-        int(str(session)): part.set_index(["group", "participant"])[list(measures)].astype(float)
+        int(str(session)): part.groupby(["group", "participant"])[list(measures)].mean().astype(float)
         for session, part in rows.groupby("session")
     }
     first, *later = sorted(values) or [0]
-    return {(first, session): values[session] - values[first] for session in later}
+    changed = {(first, session): (values[session] - values[first]).reset_index() for session in later}
+    return {sessions: change for sessions, change in changed.items() if change[list(measures)].notna().any(axis=None)}
 
 
 def _estimate(
-    each: pd.DataFrame, measures: Sequence[str], sessions: tuple[int, int], order: Sequence[str]
+    each: pd.DataFrame,
+    measures: Sequence[str],
+    sessions: tuple[int, int],
+    order: Sequence[str],
+    logs: Collection[str],
 ) -> Iterator[SessionChange]:
     for measure in measures:
         for group in order:
             values = each.loc[each["group"] == group, measure].dropna().to_numpy(np.float64)
             if len(values):
-                found = estimate_mean(group, values)
-                yield SessionChange(measure, group, sessions, found.people, found.estimate, found.interval, found.p)
+                test = paired_test(values)
+                interval, p = (
+                    (test.interval(), test.p()) if test and test.error > 0 else ((math.nan, math.nan), math.nan)
+                )
+                yield SessionChange(
+                    measure, group, sessions, len(values), float(values.mean()), interval, p, measure in logs
+                )
 
 
-def _set_aside(rows: pd.DataFrame, episodes: pd.DataFrame) -> dict[str, str]:
-    """Find the measures that omit those who failed, where some did."""
-    late = int((~episodes["success"].astype(bool)).sum())
+def set_measures_aside(rows: pd.DataFrame, *, late: int) -> dict[str, str]:
+    """Find the measures that omit those who failed, where some did; ``late`` episodes ended without success."""
     never = int((rows["all_keys_discovered_s"].isna() & (rows["keys_total"] > 0)).sum())
     why = {
         "excess_steps_mean": f"omits {late} episodes without success" if late else "",
@@ -302,7 +463,8 @@ def _set_aside(rows: pd.DataFrame, episodes: pd.DataFrame) -> dict[str, str]:
     return {name: reason for name, reason in why.items() if reason and rows[name].notna().any()}
 
 
-def _roles(names: Sequence[str], analysis: AnalysisSpec) -> dict[str, Role]:
+def assign_roles(names: Sequence[str], analysis: AnalysisSpec) -> dict[str, Role]:
+    """What the protocol says of each measure."""
     roles: dict[str, Role] = dict.fromkeys(names, "exploratory")
     roles |= {name: "secondary" for name in analysis.secondary_measures if name in roles}
     roles |= {name: "primary" for name in (analysis.primary_measure,) if name in roles}
@@ -385,5 +547,5 @@ def _groups_in(order: Sequence[str], rows: pd.DataFrame) -> pd.DataFrame:
 def _measures(rows: pd.DataFrame, names: list[str], by: list[str]) -> pd.DataFrame:
     long = rows.melt(by, names, var_name="measure")
     table = long.groupby(["measure", *by], sort=False)["value"].agg(n="count", mean="mean", sd="std").reset_index()
-    order = {name: place for place, name in enumerate(MEASURES)}
+    order = {name: place for place, name in enumerate(dict.fromkeys([*MEASURES, *names]))}
     return table.sort_values("measure", key=lambda names: names.map(order), kind="stable").reset_index(drop=True)

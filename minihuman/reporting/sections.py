@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from minihuman.admin.enrolment_entries import open_enrolment_log
+from minihuman.admin.enrolment_entries import LookTaken, open_enrolment_log, read_enrolment_log
 from minihuman.admin.status import GroupCounts, ParticipantFlow, count_all_interventions, count_participant_flow
 from minihuman.dataset.log_files import SkippedLog
 from minihuman.dataset.recording_quality import LATE_MS, RecordingQuality
@@ -20,6 +20,7 @@ from minihuman.reporting.elements import (
     AnswerCounts,
     Cell,
     Table,
+    format_difference,
     format_interval,
     format_mean_sd,
     format_number,
@@ -28,8 +29,17 @@ from minihuman.reporting.elements import (
     format_with_interval,
     to_records,
 )
-from minihuman.reporting.results import MEASURES, BlockResults, BlockSurvival, EquivalenceResult, Role, SessionChange
+from minihuman.reporting.results import (
+    BlockResults,
+    BlockSurvival,
+    EquivalenceResult,
+    Role,
+    SessionChange,
+    WithinResults,
+    label_measure,
+)
 from minihuman.statistics.comparison import GroupComparison, PowerAnalysis
+from minihuman.statistics.paired import PairedComparison
 from minihuman.statistics.proportions import wilson_interval
 from minihuman.statistics.two_part_model import PartComparison, TwoPartComparison
 
@@ -37,22 +47,71 @@ _FACTORS = {  # of what a difference of logarithms is a factor
     "log_excess_steps_mean": "the excess steps, plus one",
     "log_steps_ratio_mean": "the steps",
 }
-FEW_PARTICIPANTS = 5  # participants per group, below which an effect size is uninformative
 
 
 def difference_statement(one: GroupComparison, block: str) -> str:
     """How far apart two groups are in a block, in one sentence."""
-    name = MEASURES[one.measure]
-    said = f"{name[0].upper()}{name[1:]}, block {block}: {one.first} minus {one.second} "
+    name = label_measure(one.measure)
+    per = "over" if one.is_log else "minus"
+    said = f"{name[0].upper()}{name[1:]}, block {block}: {one.first} {per} {one.second} "
     if one.reason and math.isnan(one.p):
         return f"{said}was not compared ({one.reason})."
-    few = " With so few participants the effect size is uninformative." if min(one.n) < FEW_PARTICIPANTS else ""
     never = " Groups of these sizes cannot reach p < 0.05, whatever the difference." if one.smallest_p >= 0.05 else ""
+    size = ""
+    if not math.isnan(one.g):
+        size = f"; standardised difference g {format_number(one.g, 2)}, interval {format_interval(one.g_interval, 2)}"
     return (
-        f"{said}is {format_number(one.difference, sign='+')} (95 % interval {format_interval(one.interval, sign='+')}"
-        f"{_as_factor(one)}; permutation p {format_p_value(one.p)}; Hedges' g {format_number(one.g, 2)}, "
-        f"interval {format_interval(one.g_interval, 2)}; {one.n[0]} and {one.n[1]} participants).{few}{never}"
+        f"{said}is {_as_stated(one)}{_as_factor(one)}; permutation p {format_p_value(one.p)}{size}; "
+        f"{one.n[0]} and {one.n[1]} participants).{never}"
     )
+
+
+def _as_stated(one: GroupComparison | PairedComparison) -> str:
+    """The difference, or the ratio that a difference of logarithms is, and its interval; the bracket stays open."""
+    if one.is_log:
+        bounds = (math.exp(one.interval[0]), math.exp(one.interval[1]))
+        ratio = format_number(math.exp(one.difference))
+        return f"{ratio} (ratio of geometric means; 95 % interval {format_interval(bounds)}"
+    return f"{format_number(one.difference, sign='+')} (95 % interval {format_interval(one.interval, sign='+')}"
+
+
+def paired_statement(one: PairedComparison) -> str:
+    """How far apart two conditions are within participants, in one sentence."""
+    name = label_measure(one.measure)
+    never = " So few participants cannot reach p < 0.05, whatever the difference." if one.smallest_p >= 0.05 else ""
+    per = "over" if one.is_log else "minus"
+    return (
+        f"{name[0].upper()}{name[1:]}, within participants: {one.first} {per} {one.second} "
+        f"is {_as_stated(one)}; paired permutation p {format_p_value(one.p)}, Holm {format_p_value(one.p_holm)}; "
+        f"{one.n} participants).{never}"
+    )
+
+
+def conditions_table(found: WithinResults) -> Table | None:
+    """Conditions compared within participants."""
+    rows = [
+        (
+            label_measure(one.measure), found.roles[one.measure], format_pair(one.first, one.second), str(one.n),
+            ", ".join(map(format_number, one.means)),
+            format_difference(one.difference, one.interval, is_log=one.is_log),
+            format_p_value(one.p), format_p_value(one.p_holm), format_p_value(one.smallest_p),
+        )
+        for one in found.comparisons
+    ]  # fmt: skip
+    heads = ("measure", "named before", "conditions", "n", "means", "difference", "p", "p (Holm)", "smallest p")
+    return Table(heads, rows, words=3) if rows else None
+
+
+def crossover_table(found: WithinResults) -> Table | None:
+    """Effects of condition, position and carry-over; None where the order is the same for everyone."""
+    rows = [
+        (
+            label_measure(one.measure), one.effect, f"{one.freedom[0]}, {one.freedom[1]}", format_number(one.f),
+            format_p_value(one.p),
+        )
+        for one in found.effects
+    ]  # fmt: skip
+    return Table(("measure", "effect", "degrees of freedom", "F", "p"), rows, words=2) if rows else None
 
 
 def _as_factor(one: GroupComparison) -> str:
@@ -67,7 +126,7 @@ def _as_factor(one: GroupComparison) -> str:
 def equivalence_statement(one: EquivalenceResult, roles: Mapping[str, Role]) -> str:
     """Whether two groups are shown to be equivalent, in one sentence."""
     (primary,) = (name for name, role in roles.items() if role == "primary")
-    name = MEASURES[primary]
+    name = label_measure(primary)
     shown = "are equivalent" if one.test.alike else "are not shown to be equivalent"
     return (
         f"{name[0].upper()}{name[1:]}: {one.first} and {one.second} {shown} within {one.test.bounds[1]:g}, the "
@@ -96,10 +155,11 @@ def survival_table(found: BlockSurvival) -> Table | None:
             format_pair(a, b), f"{one.n[0]}, {one.n[1]}", f"{one.never[0]}, {one.never[1]}",
             format_number(one.until), f"{format_number(one.means[0])}, {format_number(one.means[1])}",
             format_with_interval(one.difference, one.interval, sign="+"), format_p_value(one.p),
+            format_p_value(one.logrank_p),
         )
         for a, b, one in found.compared
     ]  # fmt: skip
-    heads = ("groups", "n", "never", "observed (s)", "restricted means (s)", "difference (95 %)", "p")
+    heads = ("groups", "n", "never", "observed (s)", "restricted means (s)", "difference (95 %)", "p", "curves: p")
     return Table(heads, rows) if rows else None
 
 
@@ -117,12 +177,12 @@ def session_table(one: BlockResults) -> Table | None:
     def change_cells(change: SessionChange | None) -> tuple[str, ...]:
         if change is None:
             return ("0", "\N{EN DASH}", "\N{EN DASH}")
-        estimate = format_with_interval(change.estimate, change.interval, sign="+")
+        estimate = format_difference(change.estimate, change.interval, is_log=change.is_log, sign="+")
         return (str(change.n), estimate, format_p_value(change.p))
 
     rows = [
         (
-            MEASURES[measure], group,
+            label_measure(measure), group,
             *(session_cell(values.get((measure, group, session))) for session in sessions),
             *(cell for session in sessions[1:] for cell in change_cells(changes.get((measure, group, session)))),
         )
@@ -144,9 +204,9 @@ def session_changes_table(one: BlockResults) -> Table | None:
     several = len({sessions for sessions, _ in one.changes_compared}) > 1
     rows = [
         (
-            MEASURES[each.measure] + (f", session {first} to {later}" if several else ""),
+            label_measure(each.measure) + (f", session {first} to {later}" if several else ""),
             format_pair(each.first, each.second), f"{each.n[0]}, {each.n[1]}",
-            format_with_interval(each.difference, each.interval, sign="+"),
+            format_difference(each.difference, each.interval, is_log=each.is_log, sign="+"),
             format_p_value(each.p), format_p_value(each.p_holm),
         )
         for (first, later), each in one.changes_compared
@@ -377,6 +437,7 @@ class FlowSection(NamedTuple):
 
     table: Table | None
     interventions: str = ""  # what was done by hand, in counts
+    looks: Table | None = None  # of a sequential study
 
 
 def flow_section(source: Path, participants: pd.DataFrame) -> FlowSection | None:
@@ -395,7 +456,33 @@ def flow_section(source: Path, participants: pd.DataFrame) -> FlowSection | None
     counting = participants[participants["exclusion_reason"].isna()].groupby("group")["participant"].nunique()
     counts = {str(group): int(n) for group, n in counting.items()}
     table = flow_table(found, counts, _count_excluded(participants))
-    return FlowSection(table, ", ".join(f"{count} {what}" for what, count in by_hand.items()))
+    looks = [line for line in read_enrolment_log(source) if isinstance(line, LookTaken)]
+    return FlowSection(table, ", ".join(f"{count} {what}" for what, count in by_hand.items()), looks_table(looks))
+
+
+def looks_table(looks: Sequence[LookTaken]) -> Table | None:
+    """A row per look at a sequential study; None without any."""
+    estimates = list(
+        dict.fromkeys(name for look in looks for name in look.estimates if name not in ("look", "crossed"))
+    )
+    rows = [
+        (
+            str(look.look),
+            *(str(int(its[0])) for its in _find_groups(look).values()),
+            *(f"{look.estimates[name]:.3g}" if name in look.estimates else "\N{EN DASH}" for name in estimates),
+            "stopped" if look.stop else "went on",
+        )
+        for look in looks
+    ]
+    if not rows:
+        return None
+    groups = [f"n, {group}" for group in _find_groups(looks[0])]
+    names = {"p": "p, adjusted for the looks", "boundary": "stops at |z|"}
+    return Table(("look", *groups, *(names.get(name, name) for name in estimates), "study"), rows)
+
+
+def _find_groups(look: LookTaken) -> dict[str, Sequence[float]]:
+    return {name: its for name, its in look.statistics.items() if isinstance(its, list) and its}
 
 
 def _count_excluded(participants: pd.DataFrame) -> dict[str, dict[str, int]]:

@@ -11,12 +11,12 @@ import pandas as pd
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.store import CachedSession
 from minihuman.figures.figure_data import strip_events
-from minihuman.figures.style import save_figure
-from minihuman.figures.teaching_figures import ratings_figure, steering_figure
+from minihuman.figures.figure_files import draw_figure_files
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 from minihuman.log.model.teaching_events import NO_ADVICE, TeachingRecord
 from minihuman.log.read.session_reader import read_log
 from minihuman.reporting.elements import ReportFigure, Table, format_number
+from minihuman.reporting.study_measures import TeachingMeasure
 
 TaughtEpisode = tuple[EpisodeLog, TeachingRecord]
 _MS_PER_MIN = 60_000.0
@@ -84,13 +84,13 @@ def teaching_figures(logs: Mapping[str, SessionLog], out: Path) -> Iterator[Repo
         for block, episodes in group_taught_by_block(log).items():
             where = out / f"{block}_steering_{name.replace(' ', '_')}"
             stripped = [strip_events(episode) for episode, _ in episodes]
-            png, _ = save_figure(steering_figure(stripped), where)
+            png, _ = draw_figure_files(where, "teaching_figures.steering_figure", stripped)
             yield ReportFigure(
                 block, png, f"Who was in control in block {block}, {name}; a line marks a change of policy."
             )
             if any(taught.ratings for _, taught in episodes):
                 where = out / f"{block}_ratings_{name.replace(' ', '_')}"
-                png, _ = save_figure(ratings_figure(stripped), where)
+                png, _ = draw_figure_files(where, "teaching_figures.ratings_figure", stripped)
                 said = f"Ratings in block {block}, {name}: presses, and the share of good ones among the last ten"
                 yield ReportFigure(block, png, f"{said}; a dotted line marks a change of policy.")
 
@@ -128,19 +128,43 @@ def teaching_section(logs: Mapping[str, SessionLog]) -> TeachingSection | None:
     )
 
 
-def _row(name: str, block: str, episodes: Sequence[TaughtEpisode]) -> tuple[str, ...]:
+def measure_teaching(episodes: Sequence[TaughtEpisode]) -> dict[str, float]:
+    """The measures of a session's block that a protocol can name as ``teaching:NAME``."""
     steps = np.concatenate([taught.by_person for _, taught in episodes])
+    return {
+        "takeovers": sum(taught.interventions for _, taught in episodes) / len(episodes),
+        "person": float(steps.mean()),
+        "minutes": sum(steering_minutes(episode, taught) for episode, taught in episodes),
+        "agreement": policy_agreement(episodes),
+        "gain": autonomy_gain_per_min(episodes),
+    }
+
+
+def tabulate_teaching(logs: Mapping[str, SessionLog]) -> pd.DataFrame:
+    """A row per session and block with an agent: participant, session, block and the measures of teaching."""
+    rows = [
+        {
+            "participant": log.plan.participant.id,
+            "session": log.plan.session,
+            "block": block,
+            **measure_teaching(episodes),
+        }
+        for log in logs.values()
+        for block, episodes in group_taught_by_block(log).items()
+    ]
+    return pd.DataFrame(rows, columns=["participant", "session", "block", *TeachingMeasure.LABELS])
+
+
+def _row(name: str, block: str, episodes: Sequence[TaughtEpisode]) -> tuple[str, ...]:
     ratings = [rating.value for _, taught in episodes for rating in taught.ratings]
+    measured = measure_teaching(episodes)
     return (
         name,
         block,
         str(len(episodes)),
         str(len({taught.policy for _, taught in episodes if taught.policy})),
-        format_number(sum(taught.interventions for _, taught in episodes) / len(episodes), 2),
-        format_number(float(steps.mean()), 2),
-        format_number(sum(steering_minutes(episode, taught) for episode, taught in episodes), 2),
-        format_number(policy_agreement(episodes), 2),
-        format_number(autonomy_gain_per_min(episodes), 2, sign="+"),
+        *(format_number(measured[which], 2) for which in ("takeovers", "person", "minutes", "agreement")),
+        format_number(measured["gain"], 2, sign="+"),
         str(sum(value > 0 for value in ratings)),
         str(sum(value < 0 for value in ratings)),
     )

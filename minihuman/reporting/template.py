@@ -19,6 +19,7 @@ from jinja2.sandbox import SandboxedEnvironment
 from minihuman.errors import ReportError
 
 REPORT, CAPTIONED_TABLE, STYLE = "report.html.j2", "captioned_table.html.j2", "report.css"
+PARTICIPANTS = "participants.html.j2"
 
 
 def render_template(name: str, shown: Mapping[str, Any], templates: Path | None = None) -> str:

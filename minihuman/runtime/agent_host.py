@@ -26,7 +26,7 @@ from minihuman.agents.agent import (
 from minihuman.errors import MinihumanError
 from minihuman.experiment.activities.activity import ActivityRequest, RequestHandler
 from minihuman.experiment.activities.agent_blocks import Advice, AdviceRequest, NewPolicy, PolicyGiven, PolicyRequest
-from minihuman.experiment.activities.block_plans import LATEST_POLICY, AgentPlayPlan
+from minihuman.experiment.activities.block_plans import LATEST_POLICY, AgentPlayPlan, TeamPlayPlan
 from minihuman.experiment.activities.correction import CorrectionPlan, EpisodeRequest
 from minihuman.experiment.activities.preferences import ClipOffered, ClipRequest, EpisodeClip, PreferencesPlan
 from minihuman.experiment.machine.events import Event
@@ -41,6 +41,7 @@ from minihuman.log.paths import SegmentPath
 from minihuman.log.read.session_reader import read_log
 from minihuman.runtime.learner_process import LearnerProcess, LearnerRequest
 from minihuman.runtime.plugin_calls import describe_failure, limit_answer_time, locate_error
+from minihuman.runtime.team_host import TeamMember, TeamTable
 from minihuman.worlds.adapters.world import World
 
 _ClipStart = tuple[EpisodeLog, int]  # the episode, and the step whose picture is the first
@@ -360,7 +361,14 @@ class AgentHost(RequestHandler):
 
 
 def make_agent_host(
-    protocol: Protocol, plan: SessionPlan, data: Path, *, patient: bool = False, logged: Sequence[Event] = ()
+    protocol: Protocol,
+    plan: SessionPlan,
+    data: Path,
+    *,
+    patient: bool = False,
+    logged: Sequence[Event] = (),
+    teams: TeamTable | None = None,
+    changed: Callable[[], None] = lambda: None,
 ) -> RequestHandler | None:
     """Make the host of a session's agent; None where no part has one and the group is drawn.
 
@@ -373,11 +381,25 @@ def make_agent_host(
         data: the data folder.
         patient: wait for the learner, as no participant waits.
         logged: the events so far of a segment that is resumed.
+        teams: those of this process; None: the session's own, where only agents can sit beside its person.
+        changed: called when a member of the session's team did something that may answer a request of it.
     """
     if is_allocation_pending(plan):
         return GroupDrawHost(
-            protocol, plan, data, lambda drawn: make_agent_host(protocol, drawn, data, patient=patient)
+            protocol,
+            plan,
+            data,
+            lambda drawn: make_agent_host(protocol, drawn, data, patient=patient, teams=teams, changed=changed),
         )
+    if any(isinstance(part.plan, TeamPlayPlan) for part in plan.parts):
+        alone = _make_host(protocol, plan, data, patient=patient, logged=logged)
+        return TeamMember(teams or TeamTable(protocol, data), plan, alone, patient=patient, changed=changed)
+    return _make_host(protocol, plan, data, patient=patient, logged=logged)
+
+
+def _make_host(
+    protocol: Protocol, plan: SessionPlan, data: Path, *, patient: bool, logged: Sequence[Event]
+) -> RequestHandler | None:
     plans = [part.plan for part in plan.parts if isinstance(part.plan, AgentPlayPlan)]
     if not plans and not any(isinstance(part.plan, PreferencesPlan | CorrectionPlan) for part in plan.parts):
         return None

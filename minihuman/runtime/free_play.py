@@ -1,31 +1,15 @@
 """Free play: a world controlled by keys and shown on the screen, without protocol and without log."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from minihuman.display.windows.window import Clock, Window
-from minihuman.experiment.keys import DIGITS
+from minihuman.experiment.bindings import assign_usual_keys
 from minihuman.experiment.machine.inputs import KeyDown, Stop
 from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
 from minihuman.worlds.adapters.world import StepResult, World
 from minihuman.worlds.contract import Palette, View
 
-# What players' fingers expect, for the action names of Minigrid, Miniworld and Gymnasium's classics.
-_USUAL_KEYS: Mapping[str, str] = {
-    "left": "left",
-    "turn_left": "left",
-    "right": "right",
-    "turn_right": "right",
-    "forward": "up",
-    "move_forward": "up",
-    "up": "up",
-    "down": "down",
-    "move_back": "down",
-    "pickup": "page_up",
-    "drop": "page_down",
-    "toggle": "space",
-    "done": "end",
-}
 _ANEW = "backspace"
 _AIR_NS = 200_000_000  # a toolkit that blocks in C does not see Ctrl-C
 
@@ -40,22 +24,6 @@ class FreePlay:
     palette: Palette = "classic"
 
 
-def assign_usual_keys(actions: Sequence[str]) -> dict[str, str]:
-    """A key for each action: the arrows and their like where the name says so, else digits in order."""
-    keys: dict[str, str] = {}
-    for action in actions:
-        usual = _USUAL_KEYS.get(action)
-        if usual and usual not in keys:
-            keys[usual] = action
-    digits = iter(DIGITS)
-    for action in actions:
-        if action not in keys.values():
-            digit = next(digits, None)
-            if digit is not None:
-                keys[digit] = action
-    return keys
-
-
 def run_free_play(play: FreePlay, window: Window, clock: Clock) -> int:
     """Let a person play layout after layout until Escape or the window's cross; says how many were begun.
 
@@ -63,7 +31,7 @@ def run_free_play(play: FreePlay, window: Window, clock: Clock) -> int:
         WorldError: if the world cannot be made or drawn.
     """
     world = World(play.world, trusted=True)
-    keys = assign_usual_keys(world.action_names)
+    keys = assign_usual_keys(world)
     presses = _presses(window, clock)
     begun = 0
     try:

@@ -1,5 +1,6 @@
 """Host a participant's session on this machine: plan, window, devices and log around one session."""
 
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -11,7 +12,8 @@ from minihuman.errors import WorldError
 from minihuman.experiment.activities.activity import RequestHandler
 from minihuman.experiment.machine.events import FINAL_END_REASONS
 from minihuman.experiment.machine.pending_allocation import build_session
-from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.plan.session_plan import SessionPlan, needs_gamepad
 from minihuman.experiment.protocol.protocol import decode_logged_protocol
 from minihuman.log.paths import SegmentPath
 from minihuman.log.record.file_lock import require_unclaimed
@@ -33,15 +35,18 @@ def host_session(
     *,
     markers: bool = False,
     agent: RequestHandler | None = None,
+    begun: Callable[[SessionMachine], None] = lambda session: None,
 ) -> Path | None:
     """Run a session in an open window and return its log; with ``markers`` also send its events by LSL.
 
     None where no consent was given, or it ended before the group was drawn: then nothing was written, and the slot is
-    free again. ``agent`` answers what the session requests from outside; see ``agent_host``.
+    free again. ``agent`` answers what the session requests from outside; see ``agent_host``. ``begun`` is given the
+    session before its first input.
 
     Raises:
         DeviceError: if a device that the protocol asks for is not there, or there is no LSL to send markers by.
         LogError: if the log exists already or cannot be written.
+        WindowError: if the protocol needs a gamepad and none is connected.
         WorldError: if the world failed; the log has the reason and everything before.
         OSError: if the data folder cannot be written.
     """
@@ -56,10 +61,12 @@ def host_session(
             **worlds,
             **clock.facts(),
             **window.facts(),
+            **(window.open_gamepad() if needs_gamepad(plan) else {}),
             **of_devices,
         }
         require_unclaimed(SegmentPath.of_plan(data, plan))
         session = build_session(plan, World, facts, picture_px=_four_to_three(window.picture_px))
+        begun(session)
 
         def open_log() -> Recorder:
             log = McapRecorder(data, session.plan, started_ns=clock.started_unix_ns)
@@ -76,7 +83,9 @@ def host_session(
         free_slot(data / plan.study, plan.participant.id, session.end_reason)
     if session.failure is not None:
         failure = f"{type(session.failure).__name__}: {session.failure}"
-        raise WorldError(f"the world failed ({failure}); the log up to the failure is {path}") from session.failure
+        raise WorldError(
+            f"the world failed ({failure}); what was recorded up to then is in {path}"
+        ) from session.failure
     return path
 
 

@@ -6,6 +6,7 @@ The clock is virtual and no picture is drawn, so that a session takes as long as
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from itertools import product
 from pathlib import Path
@@ -25,7 +26,7 @@ from minihuman.experiment.activities.correction import CorrectionActivity, Corre
 from minihuman.experiment.activities.preferences import PairAnswer, PreferencesActivity, PreferencesPlan
 from minihuman.experiment.activities.questions.question import Click
 from minihuman.experiment.activities.questions.questionnaire import QuestionsActivity
-from minihuman.experiment.keys import KEY_NAMES
+from minihuman.experiment.keys import BUTTON_NAMES
 from minihuman.experiment.machine.inputs import (
     Input,
     KeyDown,
@@ -58,6 +59,7 @@ from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
 from minihuman.runtime.plugin_calls import limit_answer_time, locate_error
 from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.team_host import TeamTable
 from minihuman.simulation.participant import (
     KeyPress,
     SimulatedParticipant,
@@ -235,7 +237,7 @@ class SimulatedWindow(Window):
     def _type(self, text: str) -> None:
         self._coming.append(TextInput(self._clock() + round(READING_MS * NS_PER_MS), text))
 
-    def _play(self, play: RunningEpisode) -> tuple[str, float]:
+    def _play(self, play: RunningEpisode) -> tuple[str, float, float]:
         self._begin(play)
         self._useless_presses = 0 if play.steps != self._steps_at_last_key else self._useless_presses + 1
         self._steps_at_last_key = play.steps
@@ -243,7 +245,7 @@ class SimulatedWindow(Window):
             message = f"{MOST_USELESS_PRESSES} keys in a row led to no step of {play.plan.world}"
             raise PlayerFailedError(message, "no key that steps")
         press = self._ask(play)
-        return press.key, press.delay_ms
+        return press.key, press.delay_ms, press.hold_ms
 
     def _ask(self, play: RunningEpisode) -> KeyPress:
         """The player's next key.
@@ -277,11 +279,11 @@ class SimulatedWindow(Window):
         else:
             press = self._ask(play) if part.who == "person" else None
         if press is not None:
-            self._press(press.key, press.delay_ms)
+            self._press(press.key, press.delay_ms, press.hold_ms)
 
-    def _press(self, key: str, delay_ms: float) -> None:
+    def _press(self, key: str, delay_ms: float, hold_ms: float = HOLD_MS) -> None:
         down_ns = self._clock() + round(delay_ms * NS_PER_MS)
-        self._coming += [KeyDown(down_ns, key, key), KeyUp(down_ns + round(HOLD_MS * NS_PER_MS), key, key)]
+        self._coming += [KeyDown(down_ns, key, key), KeyUp(down_ns + round(hold_ms * NS_PER_MS), key, key)]
         self._coming.sort(key=lambda happened: happened.t_ns)
 
 
@@ -301,9 +303,14 @@ def _failures_named() -> Iterator[None]:
 def _checked(press: object) -> KeyPress:
     if not isinstance(press, KeyPress):
         answered = f"a {type(press).__name__}, not a KeyPress"
-        raise PlayerFailedError(f"it answered with {answered}", f"answered with {answered}")
-    if press.key not in KEY_NAMES or not 0 <= press.delay_ms * NS_PER_MS <= LONGEST_NS:
-        raise PlayerFailedError(f"it answered with {press!r}, which no keyboard can do", "an impossible key press")
+        raise PlayerFailedError(
+            f"it answered with {answered}, which is not a possible answer", f"answered with {answered}"
+        )
+    longest = max(press.delay_ms, press.hold_ms) * NS_PER_MS
+    if press.key not in BUTTON_NAMES or min(press.delay_ms, press.hold_ms) < 0 or not longest <= LONGEST_NS:
+        raise PlayerFailedError(
+            f"it answered with {press!r}, which is not a possible key press", "an impossible key press"
+        )
     return press
 
 
@@ -334,24 +341,62 @@ def simulate(protocol: Protocol, data: Path, *, participants: int, seed: int, pl
     require_free_slots(protocol, data / protocol.study.name, participants)
     _require_player(protocol, player, seed)  # one that cannot play must not cost a slot
     left = Counter[int]()  # by place: who left no data
-    for _ in range(participants):
+
+    def begin() -> tuple[SessionPlan, SimulatedParticipant]:
         plan = plan_next_session(protocol, data)
         place = plan.participant.index
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(place, *filter(None, (left[place],)))))
-        person = make_participant(player, rng)
-        log, reason = _play(protocol, plan, person, data, facts, before=left[place])
-        if log is None:
-            free_slot(data / plan.study, plan.participant.id, reason)
-            left[place] += 1
-        else:
+        return plan, make_participant(player, rng)
+
+    if any(its.team is not None and len(its.team.persons) > 1 for its in protocol.blocks):
+        yield from _simulate_teams(protocol, data, [begin() for _ in range(participants)], facts)
+        return
+    for _ in range(participants):
+        plan, person = begin()
+        yield from _play_sessions(protocol, data, plan, person, facts, left)
+
+
+def _simulate_teams(
+    protocol: Protocol, data: Path, people: list[tuple[SessionPlan, SimulatedParticipant]], facts: dict[str, str]
+) -> Iterator[Path]:
+    """All at once, a thread each, as they wait for each other; what they do depends on no thread's speed."""
+    teams = TeamTable(protocol, data, lambda: 0.0, gather=len(people))
+
+    def play(one: tuple[SessionPlan, SimulatedParticipant]) -> list[Path]:
+        try:
+            return list(_play_sessions(protocol, data, *one, facts, Counter(), teams))
+        finally:
+            teams.depart()
+
+    with ThreadPoolExecutor(len(people), "minihuman-team") as pool:
+        for logs in pool.map(play, people):
+            yield from logs
+
+
+def _play_sessions(
+    protocol: Protocol,
+    data: Path,
+    plan: SessionPlan,
+    person: SimulatedParticipant,
+    facts: dict[str, str],
+    left: Counter[int],
+    teams: TeamTable | None = None,
+) -> Iterator[Path]:
+    """All sessions of one person, who is counted in ``left`` if there are no data of them."""
+    place = plan.participant.index
+    log, reason = _play(protocol, plan, person, data, facts, before=left[place], teams=teams)
+    if log is None:
+        free_slot(data / plan.study, plan.participant.id, reason)
+        left[place] += 1
+    else:
+        yield log
+    for session in range(2, len(protocol.sessions) + 1):
+        if reason != "complete":
+            break
+        plan = plan_next_session(protocol, data, participant=plan.participant.id, session=session, any_day=True)
+        log, reason = _play(protocol, plan, person, data, facts, teams=teams)
+        if log is not None:
             yield log
-        for session in range(2, len(protocol.sessions) + 1):
-            if reason != "complete":
-                break
-            plan = plan_next_session(protocol, data, participant=plan.participant.id, session=session, any_day=True)
-            log, reason = _play(protocol, plan, person, data, facts)
-            if log is not None:
-                yield log
 
 
 def _require_player(protocol: Protocol, player: str, seed: int) -> None:
@@ -365,7 +410,7 @@ def _require_player(protocol: Protocol, player: str, seed: int) -> None:
         plan = expand_protocol(protocol, enrol_participant(protocol, 0, group.name), session=session, overridden=True)
         for episode in plan.episodes:
             made_from = episode.world, episode.options
-            if protocol.block(episode.block_name).kind == "play" and made_from not in tried:
+            if protocol.block(episode.block_name).kind in ("play", "team") and made_from not in tried:
                 tried.append(made_from)
                 with closing(World(*made_from)) as world:
                     world.reset(episode.seed)
@@ -387,6 +432,7 @@ def _play(
     facts: dict[str, str],
     *,
     before: int = 0,
+    teams: TeamTable | None = None,
 ) -> tuple[Path | None, str]:
     """Return the log (None if screened out before the group was drawn) and why the session ended."""
     clock = VirtualClock()
@@ -395,7 +441,7 @@ def _play(
     log = DeferredRecorder(plan, lambda: McapRecorder(data, session.plan, started_ns=time.time_ns()))
     recorder = BufferedRecorder(log)
     window = SimulatedWindow(player, session, clock, before=before, at_rest=recorder.flush)
-    agent = make_agent_host(protocol, plan, data, patient=True)
+    agent = make_agent_host(protocol, plan, data, patient=True, teams=teams)
     try:
         path = run_session(session, window, recorder, clock, agent=agent, finished=record_log_end)
     except PlayerFailedError as error:

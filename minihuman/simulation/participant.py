@@ -19,10 +19,11 @@ from minihuman.worlds.adapters.world import World
 
 @dataclass(frozen=True, slots=True)
 class KeyPress:
-    """A key, and the delay from the picture or the last key to its press."""
+    """A key, the delay from the picture or the last key to its press, and how long it is held."""
 
     key: str
     delay_ms: float
+    hold_ms: float = 90.0
 
 
 class SimulatedParticipant(abc.ABC):

@@ -82,7 +82,7 @@ class GridExplorer:
         env = world.unwrapped
         if not isinstance(env, GridEngine):
             raise SimulationError(
-                f"{world.id} is not a grid world; the exploring participant plays grid worlds only, so choose another"
+                f"{world.id} is not a grid world, which the exploring participant needs; choose another participant"
             )
         self._env = env
         self._explorer = Explorer(env.state, env.image_shape[0])
@@ -119,6 +119,6 @@ class ExploringParticipant(SimulatedParticipant):
         path = self._searcher.plan()
         if not path:
             raise SimulationError(
-                f"{world.id}: explored all and cannot complete the mission; choose another participant"
+                f"{world.id}: explored the whole world without completing the mission; choose another participant"
             )
         return press_action(path[0], self._key_of, world, DELAY_MS)

@@ -294,7 +294,8 @@ class SupervisorParticipant(SimulatedTeacher):
     def _next(self, world: World, path: list[str]) -> KeyPress:
         if not path:
             raise SimulationError(
-                f"{world.id}: the supervisor has no plan; show it the whole world with full_knowledge=1"
+                f"{world.id}: the supervisor found no plan in what it has seen; show it the whole world with "
+                "full_knowledge=1"
             )
         return press_action(path[0], self._key_of, world, REPEAT_MS)
 

@@ -1,11 +1,15 @@
 """Comparisons of two groups: differences with permutation tests and effect sizes, equivalence tests, and the power of
 such a comparison. States the reason where a test cannot be made.
+
+What members of one team did is not independent, so a team has one value, the mean over its members, and tests over
+participants become tests over teams: the permutation of |Welch's t| then regroups whole teams.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, islice
+from functools import lru_cache
+from itertools import combinations
 
 import numpy as np
 import pandas as pd
@@ -14,12 +18,17 @@ from scipy import special
 
 LEVEL = 0.95
 RESAMPLES = 9_999
+ALPHA = 0.05
+LEAST_PER_GROUP = 5  # participants per group, below whom nothing is standardised
+_SMALL = 10  # participants in the smaller of unequal groups, below whom t floors p
 _AT_ONCE = 200_000  # values permuted at a time
+_KEPT_SIZE = 200  # participants, up to whom regroupings are kept for the next measure: 16 MB
 SEED = 20_230_613  # of the permutations, so that the same data give the same p
 LARGEST_G = 10  # above it a standardised difference says only that a spread is next to nothing
-_TIES = 100 * np.finfo(np.float64).eps  # by so much may two that are equal come out apart
+_TIES = 1e-9  # by so much, relative, may two squared t that are equal come out apart
+_NO_SPREAD = 1e-13  # of the squared deviations, a share that rounding leaves where there are none
 _NOTHING = (math.nan, math.nan)
-_LARGEST_T = 1e9  # finite, as regroupings are told apart by subtraction
+_LARGEST_T = 1e18  # squared
 
 Values = NDArray[np.float64]
 
@@ -34,64 +43,90 @@ class GroupComparison:
     n: tuple[int, int]  # participants that tell the measure
     means: tuple[float, float]
     difference: float
-    interval: tuple[float, float]  # Welch's t interval of the difference
+    interval: tuple[float, float]  # 95 %, of the differences that the permutation test does not reject
     p: float  # permutation test of |Welch's t|, two-sided
     p_holm: float  # corrected for all the comparisons made together
     smallest_p: float  # that groups of these sizes could have come to
-    g: float  # Hedges' g
+    g: float  # of the average SD; NaN below five a group
     g_interval: tuple[float, float]
     reason: str = ""  # why the two were not compared, or not in every way; "" where they were
+    is_log: bool = False  # the difference is one of natural logarithms, and the means are geometric
 
 
 def compare_groups(
-    rows: pd.DataFrame, measures: Sequence[str], *, order: Sequence[str] = ()
+    rows: pd.DataFrame,
+    measures: Sequence[str],
+    *,
+    order: Sequence[str] = (),
+    log_measures: Collection[str] = (),
+    intervals: bool = True,
 ) -> tuple[GroupComparison, ...]:
     """Compare every two groups on every measure; ``rows`` has one row a participant, with ``group`` and the measures.
 
     Of a pair, the group that is earlier in ``order`` comes first; without an order, the earlier in the alphabet. A pair
-    that cannot be compared has its reason. p is corrected over all (Holm, 1979).
+    that cannot be compared has its reason. p is corrected over all (Holm, 1979). ``log_measures`` hold natural
+    logarithms: their means are reported as geometric means.
+    Without ``intervals``, which take most of the time, nothing but p and means is computed.
     """
     groups = list(order) or sorted({str(group) for group in rows["group"]})
-    theirs = {group: rows.loc[rows["group"].astype(str) == group, list(measures)] for group in groups}
-    told = {
-        (group, measure): part[measure].dropna().to_numpy(float)
-        for group, part in theirs.items()
+    values = {
+        (group, measure): rows.loc[rows["group"].astype(str) == group, measure].dropna().to_numpy(float)
+        for group in groups
         for measure in measures
     }
     pairs = [(measure, a, b) for measure in measures for a, b in combinations(groups, 2)]
-    ps = permutation_ps([(told[a, measure], told[b, measure]) for measure, a, b in pairs])
-    return correct_comparisons(
-        [
-            _compared(measure, (a, told[a, measure]), (b, told[b, measure]), p)
-            for (measure, a, b), p in zip(pairs, ps, strict=True)
-        ]
-    )
+    tests = permutation_tests([(values[a, measure], values[b, measure]) for measure, a, b in pairs])
+    found = [
+        _compare(
+            measure,
+            (a, values[a, measure]),
+            (b, values[b, measure]),
+            test,
+            is_log=measure in log_measures,
+            intervals=intervals,
+        )
+        for (measure, a, b), test in zip(pairs, tests, strict=True)
+    ]
+    return correct_comparisons(found)
 
 
-def _compared(measure: str, first: tuple[str, Values], second: tuple[str, Values], p: float) -> GroupComparison:
-    """Two groups, each a name and one value a participant, and the p of their difference."""
+def _compare(
+    measure: str,
+    first: tuple[str, Values],
+    second: tuple[str, Values],
+    test: "PermutationTest | None",
+    *,
+    is_log: bool,
+    intervals: bool,
+) -> GroupComparison:
+    """Compare two groups, each a name and one value a participant."""
     (first_name, a), (second_name, b) = first, second
     n = len(a), len(b)
     means = tuple(float(values.mean()) if len(values) else math.nan for values in (a, b))
+    shown = tuple(map(math.exp, means)) if is_log else means
     one = GroupComparison(
-        measure, first_name, second_name, n, (means[0], means[1]), means[0] - means[1], _NOTHING, math.nan, math.nan,
-        math.nan, math.nan, _NOTHING,
+        measure, first_name, second_name, n, (shown[0], shown[1]), means[0] - means[1], _NOTHING, math.nan, math.nan,
+        math.nan, math.nan, _NOTHING, is_log=is_log,
     )  # fmt: skip
-    if min(n) < 2:
+    if test is None:
         few = first_name if n[0] <= n[1] else second_name
         return replace(one, reason=f"{min(n)} in {few}: two a group are the least")
-    one = replace(one, p=p, smallest_p=smallest_p(n))
+    one = replace(one, p=test.p(), smallest_p=smallest_p(n))
+    if not intervals:
+        return one
     spreads = a.std(ddof=1), b.std(ddof=1)
     if max(spreads) == 0:
         return replace(one, reason="nobody in either group differs from the others")
-    one = replace(one, interval=compare_means(a, b).interval(LEVEL))
+    one = replace(one, interval=test.interval())
     if min(spreads) == 0:
-        alike, at = (first_name, means[0]) if spreads[0] == 0 else (second_name, means[1])
+        alike, at = (first_name, shown[0]) if spreads[0] == 0 else (second_name, shown[1])
         return replace(one, reason=f"everybody in {alike} is at {at:g}: no standardised difference")
-    g, half = hedges_g(a, b)
+    if min(n) < LEAST_PER_GROUP:
+        return one
+    g, interval = standardise(a, b, one.interval)
     if abs(g) > LARGEST_G:
         return replace(one, reason="spreads are next to nothing: no standardised difference")
-    return replace(one, g=g, g_interval=(g - half, g + half))
+    return replace(one, g=g, g_interval=interval)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,51 +155,162 @@ def compare_means(a: Values, b: Values) -> Welch:
     return Welch(float(a.mean() - b.mean()), math.sqrt(sum(parts)), float(freedom))
 
 
-def permutation_p(a: Values, b: Values) -> float:
-    """The two-sided p of |Welch's t| over regroupings: all of them where there are fewer than RESAMPLES.
+@dataclass(frozen=True, slots=True, eq=False)
+class PermutationTest:
+    """The permutation test of |Welch's t| of two groups, for any shift between their means.
 
     Studentised (Janssen, 1997), so that a test of means stays one where spreads and sizes differ: of the plain
-    difference, 5 against 25 with SDs 3 to 1 reject a true null in 27 to 29 % of studies.
+    difference, 5 against 25 with SDs 3 to 1 reject a true null in 27 to 29 % of studies. The interval holds the shifts
+    that the same regroupings do not reject at 5 %, so that it never contradicts p.
     """
-    return permutation_ps([(a, b)])[0]
+
+    n: tuple[int, int]
+    difference: float
+    error: float  # of the difference, Welch's
+    freedom: float  # and its degrees of freedom
+    sum_of_squares: float  # within groups
+    members: Values  # (regroupings,) how many of the first group stay in it
+    sums: Values  # (regroupings,) in the first group, of deviations from the own group's mean
+    own_sums: Values  # (regroupings,) the same, over those who stay
+    squares: Values  # (regroupings,) of those deviations
+    drawn: int  # 1 where regroupings were drawn: the groups as they were are one more of them
+
+    def p(self, shift: float = 0.0) -> float:
+        """The two-sided p of a difference of ``shift``.
+
+        Groups of unequal sizes, of which one is below ten, make regroupings reject a true null too often if the small
+        one varies more, so there p is no smaller than Welch's t has it; below four participants, than a t with the
+        smaller group's degrees of freedom, which is never too small for normal values (Mickey and Brown, 1966).
+        """
+        p = self.regrouped_p(shift)
+        if self.error > 0 and smallest_p(self.n) < ALPHA and (freedom := floor_freedom(self.n, self.freedom)):
+            p = max(p, float(2 * special.stdtr(freedom, -abs(self.difference - shift) / self.error)))
+        return p
+
+    def regrouped_p(self, shift: float = 0.0) -> float:
+        """The share of regroupings that are at least as far apart as the groups, once the first is moved by -shift."""
+        (n, m), d = self.n, self.difference - shift
+        sums, squares = self.sums + d * self.members, self.squares + d * (2 * self.own_sums + d * self.members)
+        total, total_squares = n * d, self.sum_of_squares + n * d * d
+        scale = total_squares / (n + m)
+        rest = total - sums
+        apart = (sums / n - rest / m) ** 2
+        error = _squared_error(squares - sums**2 / n, n, scale)
+        error += _squared_error(total_squares - squares - rest**2 / m, m, scale)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = np.where(apart <= _NO_SPREAD * scale, 0.0, np.minimum(apart / error, _LARGEST_T))
+        least = 0.0 if d * d <= _NO_SPREAD * scale else _LARGEST_T
+        if least and self.error**2 > _NO_SPREAD * scale:
+            least = min((d / self.error) ** 2, _LARGEST_T)
+        as_far = int(np.count_nonzero(t >= least * (1 - _TIES)))
+        return (as_far + self.drawn) / (len(t) + self.drawn)
+
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval of the difference; NaN where no difference could have p < 0.05."""
+        if not self.error > 0 or smallest_p(self.n) >= ALPHA:
+            return _NOTHING
+        return invert_test(self.p, self.difference, self.error)
 
 
-def permutation_ps(pairs: Sequence[tuple[Values, Values]]) -> list[float]:
-    """The p of each pair of groups, as ``permutation_p``; NaN where a group has fewer than two.
+def invert_test(p: Callable[[float], float], estimate: float, error: float) -> tuple[float, float]:
+    """The interval of the values that a two-sided test does not reject at 5 %, searched outwards from the estimate."""
+    zero_rejected = p(0.0) < ALPHA
+    return (
+        _search_bound(p, estimate, -error, zero_rejected=zero_rejected),
+        _search_bound(p, estimate, error, zero_rejected=zero_rejected),
+    )
 
-    Pairs of the same sizes are regrouped in the same ways, which are then made once.
+
+def _search_bound(p: Callable[[float], float], estimate: float, step: float, *, zero_rejected: bool) -> float:
+    inside, outside = estimate, math.nan
+    if -estimate * step > 0:  # 0 lies on this side, and what p says of it stands
+        inside, outside = (estimate, 0.0) if zero_rejected else (0.0, math.nan)
+    while math.isnan(outside):
+        if p(inside + step) < ALPHA:
+            outside = inside + step
+        else:
+            inside, step = inside + step, 2 * step
+    while abs(outside - inside) > 1e-6 * abs(step):
+        middle = (inside + outside) / 2
+        inside, outside = (inside, middle) if p(middle) < ALPHA else (middle, outside)
+    return inside
+
+
+def _squared_error(squares: Values, n: int, scale: float) -> Values:
+    """Of a mean, from its group's sum of squares; exactly 0 where only rounding leaves any."""
+    return np.where(squares <= _NO_SPREAD * scale * n, 0.0, squares / (n * (n - 1)))
+
+
+def permutation_tests(pairs: Sequence[tuple[Values, Values]]) -> list[PermutationTest | None]:
+    """The test of each pair of groups over their regroupings, all of them if there are at most RESAMPLES.
+
+    None where a group has fewer than two. Pairs of the same sizes are regrouped in the same ways.
     """
-    found = [math.nan] * len(pairs)
+    found: list[PermutationTest | None] = [None] * len(pairs)
     sizes = [(len(a), len(b)) for a, b in pairs]
     for n, m in sorted({size for size in sizes if min(size) > 1}):
         places = [place for place, size in enumerate(sizes) if size == (n, m)]
-        together = {place: np.concatenate(pairs[place]) for place in places}
-        least = {place: float(_welch(*pairs[place], axis=-1)) * (1 - _TIES) for place in places}
-        as_far = dict.fromkeys(places, 0)
-        regroupings = 0
-        for orders in _regroupings(n, m):
-            regroupings += len(orders)
-            for place, values in together.items():
-                regrouped = values[orders]
-                as_far[place] += int((_welch(regrouped[:, :n], regrouped[:, n:], axis=-1) >= least[place]).sum())
-        drawn = int(special.comb(n + m, n, exact=True) > RESAMPLES)  # the groups as they were are one more of them
-        for place in places:
-            found[place] = (as_far[place] + drawn) / (regroupings + drawn)
+        means = [(float(pairs[place][0].mean()), float(pairs[place][1].mean())) for place in places]
+        deviations = np.array(
+            [np.concatenate([pairs[at][0] - a, pairs[at][1] - b]) for at, (a, b) in zip(places, means, strict=True)]
+        )
+        ours = np.arange(n + m) < n
+        columns = np.concatenate([deviations, deviations**2, deviations * ours, ours[None]]).T
+        totals = np.concatenate([chosen @ columns for chosen in draw_regroupings(n, m)])
+        drawn = int(special.comb(n + m, n, exact=True) > RESAMPLES)
+        count = len(places)
+        for at, (place, (a, b)) in enumerate(zip(places, means, strict=True)):
+            squares = deviations[at] ** 2
+            parts = np.array([squares[:n].sum() / (n * (n - 1)), squares[n:].sum() / (m * (m - 1))])
+            error = math.sqrt(parts.sum())
+            freedom = float(parts.sum() ** 2 / (parts**2 / (n - 1, m - 1)).sum()) if error > 0 else math.nan
+            found[place] = PermutationTest(
+                (n, m), a - b, error, freedom, float(squares.sum()), totals[:, -1], totals[:, at],
+                totals[:, 2 * count + at], totals[:, count + at], drawn,
+            )  # fmt: skip
     return found
 
 
-def _regroupings(n: int, m: int) -> Iterator[NDArray[np.int32]]:
-    """Orders of all members, the first ``n`` of which are the first group: every one, or RESAMPLES drawn ones."""
+def draw_regroupings(n: int, m: int) -> Iterable[Values]:
+    """Batches of (regroupings, n + m): 1 for those in the first group; every one, or RESAMPLES drawn ones."""
+    if n + m <= _KEPT_SIZE:
+        return _kept_regroupings(n, m)
+    return _make_regroupings(n, m)
+
+
+@lru_cache(maxsize=8)
+def _kept_regroupings(n: int, m: int) -> tuple[Values, ...]:
+    return tuple(_make_regroupings(n, m))
+
+
+def _make_regroupings(n: int, m: int) -> Iterator[Values]:
     total, at_once = n + m, max(1, _AT_ONCE // (n + m))
     if special.comb(total, n, exact=True) <= RESAMPLES:
-        chosen = combinations(range(total), n)
-        while some := list(islice(chosen, at_once)):
-            yield np.array([[*one, *sorted({*range(total)} - {*one})] for one in some], np.int32)
+        yield _membership(np.array(list(combinations(range(total), n))), total)
         return
     rng = np.random.default_rng(SEED)
     for begin in range(0, RESAMPLES, at_once):
         in_order = np.tile(np.arange(total, dtype=np.int32), (min(at_once, RESAMPLES - begin), 1))
-        yield rng.permuted(in_order, axis=1, out=in_order)
+        yield _membership(rng.permuted(in_order, axis=1, out=in_order)[:, :n], total)
+
+
+def _membership(first: NDArray[np.int_], total: int) -> Values:
+    members = np.zeros((len(first), total))
+    np.put_along_axis(members, first, 1.0, axis=1)
+    return members
+
+
+def floor_freedom(n: tuple[int, int], freedom: float) -> float:
+    """The degrees of freedom of the t below which a permutation test's p may not fall; 0 where there is none.
+
+    Args:
+        n: participants per group.
+        freedom: Welch's.
+    """
+    small = min(n)
+    if small < 4:
+        return small - 1
+    return freedom if small < _SMALL and n[0] != n[1] else 0
 
 
 def smallest_p(n: tuple[int, int]) -> float:
@@ -175,13 +321,28 @@ def smallest_p(n: tuple[int, int]) -> float:
     return (2 if n[0] == n[1] else 1) / regroupings
 
 
-def hedges_g(a: Values, b: Values) -> tuple[float, float]:
-    """Hedges' g and half the width of its 95 % interval (Hedges and Olkin, 1985)."""
-    n, m = len(a), len(b)
-    pooled = math.sqrt(((n - 1) * a.var(ddof=1) + (m - 1) * b.var(ddof=1)) / (n + m - 2))
-    g = float((a.mean() - b.mean()) / pooled) * (1 - 3 / (4 * (n + m) - 9))
-    variance = (n + m) / (n * m) + 0.5 * g**2 / (n + m - 3.94)
-    return g, float(special.ndtri(0.5 + LEVEL / 2)) * math.sqrt(variance)
+def standardise(a: Values, b: Values, interval: tuple[float, float]) -> tuple[float, tuple[float, float]]:
+    """The difference of means over the average SD, g (Bonett, 2008; Hedges' correction), and its 95 % interval.
+
+    The standardiser assumes no equal variances. The interval recovers both errors, of the difference from its
+    ``interval`` and of the SD from chi square with Satterthwaite's degrees of freedom (Zou and Donner, 2008), and has
+    0 inside where that of the difference has.
+    """
+    variances = np.array([a.var(ddof=1), b.var(ddof=1)])
+    freedom = float(variances.sum() ** 2 / (variances**2 / (len(a) - 1, len(b) - 1)).sum())
+    inverse = (1 - 3 / (4 * freedom - 1)) / math.sqrt(float(variances.mean()))
+    least, most = inverse * np.sqrt(special.chdtri(freedom, (0.975, 0.025)) / freedom)
+    difference = float(a.mean() - b.mean())
+    sign = 1 if difference >= 0 else -1
+    near, far = sorted((sign * interval[0], sign * interval[1]))
+    middle = abs(difference) * inverse
+    low = near * inverse
+    if near > 0:
+        product = near * (2 * abs(difference) - near) * least * (2 * inverse - least)
+        low = middle - math.sqrt(max(middle**2 - product, 0.0))
+    high = middle + math.hypot((far - abs(difference)) * inverse, abs(difference) * (most - inverse))
+    bounds = sorted((sign * low, sign * high))
+    return difference * inverse, (bounds[0], bounds[1])
 
 
 def correct_comparisons(found: Sequence[GroupComparison]) -> tuple[GroupComparison, ...]:
@@ -200,14 +361,6 @@ def holm_correction(ps: Sequence[float]) -> list[float]:
         largest = max(largest, min(1.0, p * (len(known) - rank)))
         found[place] = largest
     return found
-
-
-def _welch(a: Values, b: Values, axis: int) -> Values:
-    """|Welch's t|; very large where groups without any spread differ, 0 where they do not."""
-    apart = np.abs(a.mean(axis=axis) - b.mean(axis=axis))
-    error = np.sqrt(a.var(axis=axis, ddof=1) / a.shape[axis] + b.var(axis=axis, ddof=1) / b.shape[axis])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(apart < 1e-12, 0.0, np.minimum(apart / error, _LARGEST_T))
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,7 +386,7 @@ def check_equivalence(a: Values, b: Values, bounds: tuple[float, float]) -> Equi
     """
     low, high = bounds
     if not low < 0 < high:
-        raise ValueError(f"equivalence bounds are {low:g} and {high:g}; use one below 0 and one above")
+        raise ValueError(f"equivalence bounds must be one below and one above 0, not {low:g} and {high:g}")
     if min(len(a), len(b)) < 2 or max(np.ptp(a), np.ptp(b)) == 0:
         return None
     found = compare_means(a, b)
@@ -285,3 +438,29 @@ def t_test_power(d: float, n: tuple[int, int], *, level: float = LEVEL) -> float
     # the other tail is nothing by then, and SciPy's is NaN
     below = float(special.nctdtr(freedom, shift, -critical)) if shift < _ONE_SIDED else 0.0
     return above + below
+
+
+def find_units(teams: pd.DataFrame) -> dict[str, str]:
+    """The unit of each participant who ever played with another person: all whom a chain of teams connects.
+
+    Args:
+        teams: rows of the table "teams" of one block, with participant and team.
+
+    Returns:
+        By participant, the unit's name: the id of one of its teams. Participants whose partners were agents are
+        units of their own, and left out.
+    """
+    unit: dict[str, str] = {}
+    for team, rows in teams.groupby("team", sort=True):
+        members = sorted(set(rows["participant"]))
+        if len(members) < 2:
+            continue
+        joined = {unit[member] for member in members if member in unit}
+        unit |= {member: str(team) for member, of in tuple(unit.items()) if of in joined}
+        unit |= dict.fromkeys(members, str(team))
+    return unit
+
+
+def name_units(rows: pd.DataFrame, units: Mapping[str, str]) -> pd.DataFrame:
+    """Rows with their unit in the place of the participant, so that whatever clusters by participant does by team."""
+    return rows.assign(participant=rows["participant"].map(lambda who: units.get(str(who), str(who))))

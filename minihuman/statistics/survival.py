@@ -9,8 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from minihuman.statistics.comparison import Values, compare_means
+from minihuman.statistics.comparison import ALPHA, RESAMPLES, Values, draw_regroupings, floor_freedom
 
+LEAST_EVENTS = 5  # a group, below which a restricted mean is too uncertain for an interval and a p
+_TIES = 1e-9  # by so much, relative, may two equal differences come out apart
+_AT_ONCE = 40_000  # values regrouped at a time: what stays in a core's cache
 Flags = NDArray[np.bool_]
 
 
@@ -25,7 +28,7 @@ class SurvivalTimes:
         """Refuse what is none."""
         if self.times.shape != self.observed.shape or self.times.ndim != 1 or np.isnan(self.times).any():
             shapes = f"times has shape {self.times.shape} and observed {self.observed.shape}"
-            raise ValueError(f"{shapes}; give one finite time and one flag per participant")
+            raise ValueError(f"{shapes}; give one finite time and one observed flag per participant")
 
     def waiting(self, at: Values) -> NDArray[np.int64]:
         """How many are still waiting at some times: the line under a survival figure."""
@@ -50,8 +53,9 @@ class SurvivalComparison:
     until: float  # restricted means look at the time up to here: as far as both groups' curves are known
     means: tuple[float, float]  # restricted means
     difference: float
-    interval: tuple[float, float]
-    p: float  # log-rank
+    interval: tuple[float, float]  # NaN below LEAST_EVENTS events in a group
+    p: float  # of the difference: permutation, as the interval
+    logrank_p: float
 
 
 def kaplan_meier(waited: SurvivalTimes) -> SurvivalCurve:
@@ -74,20 +78,114 @@ def restricted_mean(waited: SurvivalTimes, until: float) -> float:
 def compare_survival(first: SurvivalTimes, second: SurvivalTimes) -> SurvivalComparison | None:
     """Two groups compared by restricted means and the log-rank test; None where a group has fewer than two.
 
-    The interval is Welch's over pseudo-observations (Andersen, Hansen and Klein, 2004), one a person: where everybody
-    was watched to the end it is that of the times themselves, cut there.
+    Interval and p are of one permutation test of the studentised difference (Horiguchi and Uno, 2020; Ditzhaus et al.,
+    2023): participants are regrouped with their times, and curves, horizon and Greenwood's variance are computed again.
+    If all were watched to the end, it is the test of |Welch's t| of the times, cut there.
     """
     n = len(first.times), len(second.times)
     if min(n) < 2:
         return None
-    until = min(_known_until(first), _known_until(second), float(max(first.times.max(), second.times.max())))
-    means = restricted_mean(first, until), restricted_mean(second, until)
-    pseudo = [_pseudo(waited, until) for waited in (first, second)]
-    interval = (math.nan, math.nan)
-    if max(np.ptp(pseudo[0]), np.ptp(pseudo[1])) > 0:
-        interval = compare_means(*pseudo).interval()
+    waited = SurvivalTimes(
+        np.concatenate([first.times, second.times]), np.concatenate([first.observed, second.observed])
+    )
+    own = _compare_means(waited, (np.arange(sum(n)) < n[0])[None].astype(float))
+    means = float(own.means[0][0]), float(own.means[1][0])
+    interval, p = _test(waited, n, own)
     never = int((~first.observed).sum()), int((~second.observed).sum())
-    return SurvivalComparison(n, never, until, means, means[0] - means[1], interval, logrank_p(first, second))
+    return SurvivalComparison(
+        n, never, float(own.until[0]), means, means[0] - means[1], interval, p, logrank_p(first, second)
+    )
+
+
+def _test(waited: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") -> tuple[tuple[float, float], float]:
+    """The interval of the difference and its p; NaN below LEAST_EVENTS, or where no difference could have p < 0.05."""
+    refused = (math.nan, math.nan), math.nan
+    if not own.enough[0] or not own.error[0] > 0:
+        return refused
+    drawn = [
+        _compare_means(waited, part)
+        for members in draw_regroupings(*n)
+        for part in np.array_split(members, members.size // _AT_ONCE + 1)
+    ]
+    enough = np.concatenate([one.enough for one in drawn])  # those that would be refused say nothing of this study
+    apart = np.sort(np.concatenate([one.apart for one in drawn])[enough])[::-1]
+    extra = int(special.comb(sum(n), n[0], exact=True) > RESAMPLES)  # the groups as they were
+    rank = math.ceil(ALPHA * (len(apart) + extra)) - extra
+    if rank < 1 or not math.isfinite(apart[rank - 1]):
+        return refused
+    observed, critical = float(own.apart[0]), float(apart[rank - 1]) * (1 + _TIES)
+    p = (int(np.count_nonzero(apart >= observed * (1 - _TIES))) + extra) / (len(apart) + extra)
+    parts = np.array([float(part[0]) for part in own.parts])
+    satterthwaite = float(parts.sum() ** 2 / (parts**2 / (n[0] - 1, n[1] - 1)).sum())
+    if freedom := floor_freedom(n, satterthwaite):
+        p = max(p, float(2 * special.stdtr(freedom, -observed)))
+        critical = max(critical, float(special.stdtrit(freedom, 1 - ALPHA / 2)))
+    difference, half = float(own.means[0][0] - own.means[1][0]), critical * float(own.error[0])
+    return (difference - half, difference + half), p
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _RestrictedMeans:
+    """Two groups' restricted means for each of some regroupings."""
+
+    until: Values  # (regroupings,)
+    means: tuple[Values, Values]
+    parts: tuple[Values, Values]  # squared standard errors
+    enough: Flags  # (regroupings,) LEAST_EVENTS in both groups
+
+    @property
+    def error(self) -> Values:
+        return np.sqrt(self.parts[0] + self.parts[1])
+
+    @property
+    def apart(self) -> Values:
+        """The difference in standard errors, without its sign."""
+        difference = np.abs(self.means[0] - self.means[1])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(difference <= _TIES * self.until, 0.0, difference / self.error)
+
+
+def _compare_means(waited: SurvivalTimes, members: Values) -> _RestrictedMeans:
+    """The restricted means of two groups; ``members`` is (regroupings, n), 1 for participants in the first."""
+    times, place = np.unique(waited.times, return_inverse=True)
+    at = (np.arange(len(times))[:, None] == place).astype(np.float64)
+    whole, events, first = at.sum(axis=1), at @ waited.observed, members.T
+    left, came = at @ first, (at * waited.observed) @ first
+    groups = [_Group.follow(left, came), _Group.follow(whole[:, None] - left, events[:, None] - came)]
+    until = np.minimum(np.minimum(*(one.known_until(times) for one in groups)), times[-1])
+    width = np.diff(np.minimum(times[:, None], until), axis=0, prepend=0.0)
+    inside = times[:, None] <= until
+    enough = np.logical_and(*((one.came * inside).sum(axis=0) >= LEAST_EVENTS for one in groups))
+    (mean, part), (other_mean, other_part) = (one.mean_and_error(width) for one in groups)
+    return _RestrictedMeans(until, (mean, other_mean), (part, other_part), enough)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Group:
+    """One group's curve at the times of both, (times, regroupings)."""
+
+    came: Values
+    at_risk: Values
+    share: Values  # just after
+
+    @classmethod
+    def follow(cls, left: Values, came: Values) -> "_Group":
+        at_risk = np.cumsum(left[::-1], axis=0)[::-1]
+        return cls(came, at_risk, np.cumprod(1 - came / np.maximum(at_risk, 1), axis=0).astype(np.float64))
+
+    def known_until(self, times: Values) -> Values:
+        """How far the curve is known: for ever where it came to the last one of all."""
+        last = np.count_nonzero(self.at_risk, axis=0) - 1
+        return np.where(self.share[-1] <= _TIES, math.inf, times[last])
+
+    def mean_and_error(self, width: Values) -> tuple[Values, Values]:
+        """The area under the curve, and its squared standard error (Greenwood, with n / (n - 1))."""
+        area = width.copy()
+        area[1:] *= self.share[:-1]
+        area = np.cumsum(area, axis=0)
+        rest, size = area[-1] - area, float(self.at_risk[0, 0])
+        variance = (rest**2 * self.came / np.maximum(self.at_risk * (self.at_risk - self.came), 1)).sum(axis=0)
+        return area[-1], variance * size / (size - 1)
 
 
 def logrank_p(first: SurvivalTimes, second: SurvivalTimes) -> float:
@@ -103,19 +201,3 @@ def logrank_p(first: SurvivalTimes, second: SurvivalTimes) -> float:
     if not variance > 0:
         return math.nan
     return float(2 * special.ndtr(-abs(first.observed.sum() - expected) / math.sqrt(variance)))
-
-
-def _known_until(waited: SurvivalTimes) -> float:
-    """How far the curve is known: for ever where it came to the last one of all."""
-    last = float(waited.times.max())
-    return math.inf if waited.observed[waited.times == last].all() else last
-
-
-def _pseudo(waited: SurvivalTimes, until: float) -> Values:
-    n, whole = len(waited.times), restricted_mean(waited, until)
-    others = np.arange(n)
-    without = [
-        restricted_mean(SurvivalTimes(waited.times[others != one], waited.observed[others != one]), until)
-        for one in range(n)
-    ]
-    return n * whole - (n - 1) * np.array(without)

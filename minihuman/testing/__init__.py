@@ -10,6 +10,7 @@ Each check raises `ContractError`, which names the broken guarantee. All built-i
 
 from minihuman.testing.agent_contract import check_agent
 from minihuman.testing.checks import ContractError
+from minihuman.testing.design_contract import check_design
 from minihuman.testing.device_contract import check_device
 from minihuman.testing.exporter_contract import check_exporter
 from minihuman.testing.learner_contract import check_learner
@@ -23,6 +24,7 @@ __all__ = [
     "TypedWindow",
     "check_activity",
     "check_agent",
+    "check_design",
     "check_device",
     "check_exporter",
     "check_learner",

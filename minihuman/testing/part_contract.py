@@ -33,7 +33,7 @@ from minihuman.worlds.adapters.world import World
 
 _SIZE_PX = (1280, 720)
 _PLAYER = "random"
-_MAX_INPUTS = 2_000
+_MAX_INPUTS = 1_000
 _STUDY: dict[str, Any] = {
     "study": {"name": "contract", "version": "1", "seed": 5, "participants": 4, "closing": ""},
     "keys": {"keyboard_check": False},

@@ -10,7 +10,7 @@ import numpy as np
 
 from minihuman.display.windows.window import VirtualClock
 from minihuman.errors import PlayerFailedError, SimulationError
-from minihuman.experiment.keys import KEY_NAMES
+from minihuman.experiment.keys import BUTTON_NAMES
 from minihuman.experiment.machine.events import KeyPressed, SessionEnded
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
@@ -105,7 +105,7 @@ class _WatchedParticipant(SimulatedParticipant):
         require(isinstance(press, KeyPress), f"press() gave a {type(press).__name__}, not a KeyPress")
         assert press is not None
         require(world.state_hash() == before, "press() changed the world; a player only looks at it")
-        require(press.key in KEY_NAMES, f"press() gave the key {press.key!r}, which no keyboard has")
+        require(press.key in BUTTON_NAMES, f"press() gave the key {press.key!r}, which no keyboard has")
         in_time = isinstance(press.delay_ms, int | float) and math.isfinite(press.delay_ms)
         require(
             in_time and 0 <= press.delay_ms <= MAX_WAIT_MS,

@@ -93,7 +93,7 @@ def check_world(
     with _registered(make) as world_id:
         chance = np.random.default_rng(seeds[0])
         world = World(world_id, options, trusted=True)
-        actions = chance.integers(len(world.action_names), size=steps).tolist()
+        actions = chance.integers(len(world.actions.numbers), size=steps).tolist()
         try:
             _says_what_it_is(world)
             played = _plays_alike(world, World(world_id, options, trusted=True), seeds, actions)
@@ -115,9 +115,9 @@ def check_world(
 
 def _says_what_it_is(world: World) -> None:
     names = world.action_names
-    require(
-        len(names) == int(world.action_space.n), f"{world.id}: {len(names)} action names, not {world.action_space.n}"
-    )
+    space = world.action_space
+    wrong = isinstance(space, gymnasium.spaces.Discrete) and len(names) != int(space.n)
+    require(not wrong, f"{world.id}: {len(names)} action names for {space}")
     require(len(set(names)) == len(names), f"{world.id}: two actions share a name: {', '.join(names)}")
     observed = world.reset(0)
     inside = world.observation in world.observation_space
@@ -299,7 +299,9 @@ def _ends(world: World, seed: int) -> bool:
     except WorldError:
         require(world.state_hash() == before, f"{world.id}: a step after the end is refused, and changes the state")
     else:
-        raise ContractError(f"{world.id}: a step after the end is accepted; raise a WorldError that asks for a reset")
+        raise ContractError(
+            f"{world.id}: step() is accepted after the end of an episode; raise a WorldError that asks for a reset"
+        )
     return True
 
 

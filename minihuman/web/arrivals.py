@@ -184,7 +184,7 @@ class Arrivals:
         if not key:
             (token,) = self.recruits.issue(1)
             key = hash_link_token(token)
-        participant, plan = self.recruits.standing().came.get(key), None
+        participant, plan = self.recruits.find_participant(key), None
         if participant is None:
             first = self._first_time(key, who)
             if isinstance(first, Rejection):

@@ -1,4 +1,4 @@
-"""Episodes that the page computes: the states and tiles that it needs, and its steps compared with the session's.
+"""Episodes that the page computes: the states and arrays that it needs, and its steps compared with the session's.
 
 The page runs the kernels that the session's world runs, compiled to WebAssembly, so that a key is stepped and drawn
 where the participant is. The session's step decides: each key brings the digest of the page's step, and where it is not
@@ -7,7 +7,7 @@ the session's own, that is noted, and the page gets the session's state. No I/O.
 
 import hashlib
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -16,15 +16,20 @@ from numpy.typing import NDArray
 
 from minihuman.experiment.machine.events import Event, Stepped
 from minihuman.experiment.machine.running_episode import RunningEpisode
-from minihuman.web.messages import AtlasMessage, GridState, KeyMessage
+from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.web.messages import ArraysMessage, FirstPersonState, GridState, KeyMessage, TickMessage, WorldState
+from minihuman.worlds.adapters.spaces import Action
 from minihuman.worlds.adapters.world import StepResult, World
-from minihuman.worlds.grid.core.digest import digest_step
+from minihuman.worlds.first_person.page_scene import copy_state, describe
+from minihuman.worlds.first_person.rules import digest_state
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.pictures.drawing import atlas
 from minihuman.worlds.grid.pictures.tiles import GridPalette
 from minihuman.worlds.source_digest import module_digest
+from minihuman.worlds.step_digest import digest_step
 
 if TYPE_CHECKING:
+    from minihuman.worlds.first_person.env import FirstPersonEnv
     from minihuman.worlds.grid.object_kinds import ObjectKind
 
 TERMINATED, TRUNCATED = 1, 2  # in a digest
@@ -41,21 +46,31 @@ class PageWorld(World):
     def __init__(self, world_id: str, options: dict[str, Any] | None = None) -> None:
         super().__init__(world_id, options)
         self._keeps_steps = self.is_compiled
-        self._stepped: tuple[NDArray[np.int32], NDArray[np.uint8]] | None = None
+        self._stepped: tuple[NDArray[Any], ...] = ()
 
-    def step(self, action: int) -> StepResult:
+    def step(self, action: Action) -> StepResult:
         """Do an action, as any world does."""
         result = super().step(action)
         if self._keeps_steps:  # a copy: an episode that has ended gives its world to the next one
-            self._stepped = self.unwrapped.state.row.copy(), self.observation["image"]
+            env = self.unwrapped
+            is_grid = isinstance(env, GridEngine)
+            self._stepped = (env.state.row.copy(), self.observation["image"]) if is_grid else copy_state(env)
         return result
 
     def digest(self, reward: float, *, terminated: bool, truncated: bool) -> str:
         """The digest of the last step and what came of it in the episode, 16 hexadecimal digits."""
-        assert self._stepped is not None
         ends = TERMINATED if terminated else TRUNCATED if truncated else 0
         outcome = np.array([np.float64(reward).view(np.uint64), ends], np.uint64)
-        return f"{int(digest_step(*self._stepped, outcome)):016x}"
+        digest: Any = digest_step if isinstance(self.unwrapped, GridEngine) else digest_state
+        return f"{int(digest(*self._stepped, outcome)):016x}"
+
+
+def can_compute(play: RunningEpisode) -> bool:
+    """Whether a page can compute an episode: kernels alone step its world, and draw the view of it."""
+    world = play.world
+    if not isinstance(world, PageWorld) or not world.is_compiled:
+        return False
+    return isinstance(world.unwrapped, GridEngine) or play.plan.view != "full"
 
 
 class ComputedEpisode:
@@ -70,30 +85,19 @@ class ComputedEpisode:
         assert isinstance(play.world, PageWorld)
         self.is_elsewhere = False  # the page is, or may be
         self.sent_step = -1  # of the state that was sent last
-        self._play, self._world = play, play.world
+        self._play, self._world, self._picture_px = play, play.world, picture_px
         self._differs = False  # since the last step that was the same
-        env: GridEngine = play.world.unwrapped
-        tile_px, palette = env.tiles(play.plan.view, picture_px, play.plan.palette)
-        self.atlas = pack_atlas(tile_px, palette, env.kinds)
-        self._in_view = palette == "minigrid"
 
-    def state(self) -> GridState:
-        """Where the session is."""
-        env: GridEngine = self._world.unwrapped
-        saved = env.save()
+    def state(self) -> tuple[WorldState, list[ArraysMessage]]:
+        """Where the session is, and the arrays that the page needs for it."""
         self.is_elsewhere, self.sent_step = False, self._play.steps
-        return GridState(
-            step=self._play.steps,
-            row=_run_lengths(saved.row),
-            rng_state=[str(word) for word in saved.rng_state.tolist()],
-            view_size=env.image_shape[0],
-            full=self._play.plan.view == "full",
-            in_view=self._in_view,
-            atlas=self.atlas.name,
+        env, plan = self._world.unwrapped, self._play.plan
+        return (_grid_state if isinstance(env, GridEngine) else _first_person_state)(
+            env, plan, self._play.steps, self._picture_px
         )
 
-    def compare(self, message: KeyMessage, events: Sequence[Event]) -> str:
-        """Compare a key's step in the page with the session's; how they differ, "" if that is known or they do not."""
+    def compare(self, message: KeyMessage | TickMessage, events: Sequence[Event]) -> str:
+        """Compare a message's step in the page with the session's; how they differ, "" if known or they do not."""
         stepped = next((event for event in events if isinstance(event, Stepped)), None)
         own = "" if stepped is None else self._digest(stepped)
         if message.digest == own:
@@ -104,12 +108,58 @@ class ComputedEpisode:
             return ""
         self._differs = True
         if stepped is None:
-            return f"key {message.key} made a step of episode {self._play.plan.episode + 1} in the page, and none here"
+            cause = f"key {message.key}" if isinstance(message, KeyMessage) else "time"
+            return f"{cause} made a step of episode {self._play.plan.episode + 1} in the page, and none here"
         where = f"step {stepped.step} of episode {stepped.episode + 1}"
         return f"{where} was computed otherwise in the page: its digest is {message.digest}, here it is {own}"
 
     def _digest(self, stepped: Stepped) -> str:
         return self._world.digest(stepped.reward, terminated=stepped.terminated, truncated=stepped.truncated)
+
+
+def _grid_state(
+    env: GridEngine, plan: EpisodePlan, steps: int, picture_px: tuple[int, int]
+) -> tuple[GridState, list[ArraysMessage]]:
+    assert plan.view != "text", "no page computes it"
+    saved, (tile_px, palette) = env.save(), env.tiles(plan.view, picture_px, plan.palette)
+    tiles = pack_atlas(tile_px, palette, env.kinds)
+    state = GridState(
+        step=steps,
+        row=_run_lengths(saved.row),
+        rng_state=_words(saved.rng_state),
+        view_size=env.image_shape[0],
+        full=plan.view == "full",
+        in_view=palette == "minigrid",
+        atlas=tiles.name,
+    )
+    return state, [tiles]
+
+
+def _first_person_state(
+    env: "FirstPersonEnv", plan: EpisodePlan, steps: int, picture_px: tuple[int, int]
+) -> tuple[FirstPersonState, list[ArraysMessage]]:
+    state, scene = describe(env, plan.palette, picture_px)
+    tables = pack_arrays(scene.tables)
+    textures = [_pack_texture(pixels.tobytes()) for pixels in scene.textures]
+    things, numbers, walls, rng_state, rooms, edges, looks = state
+    sent = FirstPersonState(
+        step=steps,
+        things=things.tobytes(),
+        numbers=numbers.tobytes(),
+        walls=walls.tobytes(),
+        rng_state=_words(rng_state),
+        rooms=rooms.tobytes(),
+        edges=edges.tobytes(),
+        looks=looks,
+        scene=tables.name,
+        textures=[texture.name for texture in textures],
+        size=picture_px,
+    )
+    return sent, [tables, *textures]
+
+
+def _words(rng_state: NDArray[np.uint64]) -> list[str]:
+    return [str(word) for word in rng_state.tolist()]
 
 
 def _run_lengths(row: NDArray[np.int32]) -> list[int]:
@@ -120,10 +170,23 @@ def _run_lengths(row: NDArray[np.int32]) -> list[int]:
 
 
 @lru_cache(maxsize=16)
-def pack_atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...]" = ()) -> AtlasMessage:
+def pack_atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...]" = ()) -> ArraysMessage:
     """Draw the tiles of a size and palette once, and pack them for pages."""
     drawn = atlas(tile_px, palette, kinds)
-    arrays = [array.tobytes() for array in (drawn.number, drawn.under, drawn.tiles, drawn.agents, drawn.carried)]
-    content = b"".join(arrays)
-    name = hashlib.sha256(content).hexdigest()[:16]
-    return AtlasMessage(name, tile_px, drawn.carried.shape[1], [len(each) for each in arrays], zlib.compress(content))
+    names = ("number", "under", "tiles", "agents", "carried")
+    sizes = np.array([tile_px, drawn.carried.shape[1]], np.int32)
+    arrays = {name: getattr(drawn, name) for name in names}
+    return pack_arrays({"px": sizes, **arrays, "tiles": drawn.tiles.view(np.uint8)})
+
+
+def pack_arrays(arrays: Mapping[str, NDArray[Any]]) -> ArraysMessage:
+    """Pack arrays for pages, under a digest of them."""
+    entries = [(name, str(array.dtype), array.nbytes) for name, array in arrays.items()]
+    content = b"".join(array.tobytes() for array in arrays.values())
+    digest = hashlib.sha256(repr(entries).encode() + content).hexdigest()[:16]
+    return ArraysMessage(digest, entries, zlib.compress(content))
+
+
+@lru_cache(maxsize=64)
+def _pack_texture(pixels: bytes) -> ArraysMessage:
+    return pack_arrays({"pixels": np.frombuffer(pixels, np.uint8)})

@@ -25,9 +25,10 @@ from minihuman.errors import LogError, MinihumanError
 from minihuman.experiment.machine.events import FINAL_END_REASONS, Event, SessionStarted
 from minihuman.experiment.machine.inputs import ExperimenterCommand, Stop
 from minihuman.experiment.machine.pending_allocation import build_session
-from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.plan.session_plan import SessionPlan, needs_gamepad
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.replay import resume_from_events
+from minihuman.experiment.words import InterfaceWords
 from minihuman.log.paths import LOG_SUFFIX, SegmentPath, session_folder, study_folder
 from minihuman.log.record.disk import GroupCommit, RecorderSettings
 from minihuman.log.record.file_lock import is_being_recorded, require_unclaimed
@@ -37,12 +38,19 @@ from minihuman.log.record.recorder import DeferredRecorder, Recorder
 from minihuman.log.system import current_system, monotonic_s
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.command_inbox import CommandInbox, inbox_path
+from minihuman.runtime.team_host import TeamTable
 from minihuman.trust import SOURCE_FACT
 from minihuman.web import messages
 from minihuman.web.arrivals import Admission, Arrival, Arrivals, Rejection, identify_visitor
 from minihuman.web.completion import Completion, build_completion, classify_ending, get_page_texts, get_session_code
 from minihuman.web.computed import PageWorld, kernels_digest
-from minihuman.web.eligibility import BrowserProperties, check_eligibility, collect_browser_facts
+from minihuman.web.eligibility import (
+    BrowserProperties,
+    check_eligibility,
+    collect_browser_facts,
+    list_touch_keys,
+    needs_keyboard,
+)
 from minihuman.web.messages import KEY_CODES, IncomingStream
 from minihuman.web.outbox import PageSettings
 from minihuman.web.session_host import SessionHost
@@ -66,11 +74,13 @@ class HostStorage:
         protocol: the study; the policies of its agents lie beside it.
         data: the data folder.
         group_commit: writes for all sessions of a process.
+        teams: those of the sessions of a process.
     """
 
     protocol: Protocol
     data: Path
     group_commit: GroupCommit
+    teams: TeamTable | None = None
 
 
 @dataclass(slots=True)
@@ -96,6 +106,7 @@ def start_host(
     settings: PageSettings,
     *,
     at_sync: Callable[[], None],
+    at_team_change: Callable[[], None] = lambda: None,
 ) -> HostedSession:
     """Start a host for a new segment; nothing is on the disk before the consent.
 
@@ -119,12 +130,19 @@ def start_host(
     require_unclaimed(SegmentPath.of_plan(disk.data, plan))
     session = build_session(plan, PageWorld, facts, picture_px=settings.picture_px, renders_steps=False)
     recorder = DeferredRecorder(plan, opened)
-    host = SessionHost(session, recorder, PageWorld, settings, agent=make_agent_host(disk.protocol, plan, disk.data))
+    agent = make_agent_host(disk.protocol, plan, disk.data, teams=disk.teams, changed=at_team_change)
+    host = SessionHost(session, recorder, PageWorld, settings, agent=agent)
     return HostedSession(host, recorder, started_ns, _name(disk.data, plan), files)
 
 
 def resume_host(
-    part: Path, disk: HostStorage, facts: Mapping[str, str], settings: PageSettings, *, at_sync: Callable[[], None]
+    part: Path,
+    disk: HostStorage,
+    facts: Mapping[str, str],
+    settings: PageSettings,
+    *,
+    at_sync: Callable[[], None],
+    at_team_change: Callable[[], None] = lambda: None,
 ) -> HostedSession:
     """Resume the segment of a live file: the session is fed its own log.
 
@@ -150,7 +168,9 @@ def resume_host(
         left=left,
         settings=RecorderSettings(group=disk.group_commit, on_sync=at_sync),
     )
-    agent = make_agent_host(disk.protocol, plan, disk.data, logged=left.events)
+    agent = make_agent_host(
+        disk.protocol, plan, disk.data, logged=left.events, teams=disk.teams, changed=at_team_change
+    )
     host = SessionHost(session, recorder, PageWorld, settings, agent=agent, logged=left.events, unwritten=unwritten)
     return HostedSession(host, recorder, left.started_ns, _name(disk.data, plan), [recorder])
 
@@ -161,7 +181,8 @@ def _refuse_other_rules(part: Path, events: Sequence[Event], facts: Mapping[str,
     for name in {*began, *facts}:
         if (name in _RULES or name.startswith(SOURCE_FACT)) and began.get(name) != facts.get(name):
             raise LogError(
-                f"{part} was recorded with {name} {began.get(name)!r}, but this server has {facts.get(name)!r}"
+                f"{part} was recorded with {name} {began.get(name)!r}, but this server has {facts.get(name)!r}; resume "
+                "it with the version that recorded it"
             )
 
 
@@ -170,6 +191,7 @@ def _name(data: Path, plan: SessionPlan) -> str:
 
 
 LOG = logging.getLogger("minihuman")
+_ACTS = messages.KeyMessage | messages.PointerMessage | messages.TextMessage | messages.AxisMessage  # of a person
 _AHEAD_NS = 5_000_000_000  # a page's clock may be so far before ours, and a thousandth more with time
 _MAX_OUTAGE_NS = 86_400_000_000_000
 
@@ -255,7 +277,8 @@ class Connection:
             if self.over is not None:
                 self.host.outgoing.add(self.over)
         now_ns = max(self.now_ns(), self.host.last_at_ns + 1)
-        words = get_page_texts(self.host.session.plan.language)
+        plan = self.host.session.plan
+        words = get_page_texts(plan.language)
         welcome = messages.Welcome(
             segment=self.segment,
             life=self.life,
@@ -263,14 +286,16 @@ class Connection:
             heard=self._incoming.received,
             now=now_ns,
             keys=dict(KEY_CODES),
+            touch=list_touch_keys(plan),
+            gamepad=needs_gamepad(plan),
             token=self.admission.token,
-            words=words,
+            words=words | {"quit_title": InterfaceWords(plan.language, plan.words)["quit.title"]},
             taken=self.host.last_at_ns,
         )
         return welcome, hello.heard if again else 0
 
-    def take(self, numbered: messages.NumberedMessage) -> None:
-        """Take a message of the page's stream. A log that cannot be written ends the session.
+    def take(self, numbered: messages.NumberedMessage, *, more: bool = False) -> None:
+        """Take a message of the page's stream; ``more`` came with it. A log that cannot be written ends the session.
 
         Raises:
             MessageError: if it is out of order, or of another time.
@@ -279,22 +304,22 @@ class Connection:
         if self.dismissed or not self._incoming.take(numbered.n):
             return
         try:
-            self._take_new(numbered)
+            self._take_new(numbered, more=more)
         except messages.MessageError:
             self._incoming.received = before  # it was refused, so that the page must not hear that it was taken
             raise
 
-    def _take_new(self, numbered: messages.NumberedMessage) -> None:
+    def _take_new(self, numbered: messages.NumberedMessage, *, more: bool) -> None:
         now_ns = self.now_ns()
         if numbered.at > now_ns + _AHEAD_NS + now_ns // 1000:
             raise messages.MessageError(
-                f"message {numbered.n} has time {numbered.at} ns, but the session is at {now_ns} ns"
+                f"message {numbered.n} has time {numbered.at} ns, but the session is at {now_ns} ns; reload the page"
             )
         if self.host.over:
             return
-        if isinstance(numbered.what, messages.KeyMessage | messages.PointerMessage | messages.TextMessage):
+        if isinstance(numbered.what, _ACTS):
             self.acted_s = monotonic_s()
-        self._guarded(lambda: self.host.receive(numbered.n, numbered.at, numbered.what))
+        self._guarded(lambda: self.host.receive(numbered.n, numbered.at, numbered.what, more=more))
         self.changed.set()
 
     def poll(self) -> bool:
@@ -465,7 +490,7 @@ class ConnectionFactory:
         self.facts: Mapping[str, str] = {}  # of this machine
         self._arrivals, self._data, self._connections = arrivals, data, connections
         arrivals.hosted = connections
-        self._disk = HostStorage(arrivals.protocol, data, group or GroupCommit())
+        self._disk = HostStorage(arrivals.protocol, data, group or GroupCommit(), TeamTable(arrivals.protocol, data))
         self.recorded: set[Connection] = set()  # of leased sessions, whose logs have grown
         self._wakes = _WakeQueue(self.recorded)
         web = arrivals.protocol.web
@@ -480,8 +505,8 @@ class ConnectionFactory:
         """Find or make the connection for a hello."""
         if hello.version != messages.MESSAGE_VERSION:
             return TurnedAway("old", self._words["busy"])  # it is loaded again by itself
-        has_blocks = bool(self._arrivals.protocol.blocks)  # which no touch screen can play
-        if reason := check_eligibility(self._web, _browser_properties(hello.facts), needs_keyboard=has_blocks):
+        needed = needs_keyboard(self._arrivals.protocol)
+        if reason := check_eligibility(self._web, _browser_properties(hello.facts), needs_keyboard=needed):
             who = identify_visitor(hello.platform, self._web.recruitment_platforms)
             return self._turned(reason, person=who.id if who is not None else "")
         came_with = hashlib.sha256(repr((hello.token, sorted(hello.platform.items()))).encode()).digest()
@@ -530,8 +555,12 @@ class ConnectionFactory:
             for connection in opened:
                 self._wakes.wake(connection)
 
+        def ask_team() -> None:
+            for connection in opened:
+                connection.loop.call_soon_threadsafe(connection.poll)
+
         try:
-            hosted = await asyncio.to_thread(self._hosted, admission, facts, wake)
+            hosted = await asyncio.to_thread(self._hosted, admission, facts, wake, ask_team)
         except (MinihumanError, OSError):
             if admission.lease is not None and self._arrivals.leases is not None:
                 await asyncio.to_thread(self._arrivals.leases.release, admission.lease)
@@ -542,9 +571,11 @@ class ConnectionFactory:
         wake()
         return connection
 
-    def _hosted(self, admission: Admission, facts: dict[str, str], wake: Callable[[], None]) -> HostedSession:
+    def _hosted(
+        self, admission: Admission, facts: dict[str, str], wake: Callable[[], None], ask_team: Callable[[], None]
+    ) -> HostedSession:
         """Start or resume a host; blocks for the disk."""
-        hosted = self._start_or_resume(admission, facts, wake)
+        hosted = self._start_or_resume(admission, facts, wake, ask_team)
         if admission.lease is not None:
             hosted.segment = _name(Path(admission.lease.grant.name), hosted.host.session.plan)
             files = hosted.files
@@ -553,18 +584,22 @@ class ConnectionFactory:
             )
         return hosted
 
-    def _start_or_resume(self, admission: Admission, facts: dict[str, str], wake: Callable[[], None]) -> HostedSession:
+    def _start_or_resume(
+        self, admission: Admission, facts: dict[str, str], wake: Callable[[], None], ask_team: Callable[[], None]
+    ) -> HostedSession:
         if admission.part is not None:
             if is_being_recorded(admission.part):
-                raise LogError(f"{admission.part} is being written by another server")
+                raise LogError(f"{admission.part} is being written by another server; reload the page in a moment")
             with contextlib.suppress(LogError, FileNotFoundError):
                 left_ns = current_system().clock.wall_ns() - admission.part.stat().st_mtime_ns
                 if left_ns <= self._web.reconnect_timeout_s * 1e9:
-                    return resume_host(admission.part, self._disk, facts, self._settings, at_sync=wake)
+                    return resume_host(
+                        admission.part, self._disk, facts, self._settings, at_sync=wake, at_team_change=ask_team
+                    )
         plan = admission.plan or self._arrivals.plan(admission)
         if admission.lease is not None and self._arrivals.leases is not None and admission.lease.grant.copied:
             self._arrivals.leases.store(admission.lease, SegmentPath.of_plan(self._data, plan).log)
-        return start_host(plan, self._disk, facts, self._settings, at_sync=wake)
+        return start_host(plan, self._disk, facts, self._settings, at_sync=wake, at_team_change=ask_team)
 
     def _inbox(self, admission: Admission) -> CommandInbox:
         """Where the experimenter asks for something."""

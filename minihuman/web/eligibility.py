@@ -12,7 +12,10 @@ from typing import Literal
 import msgspec
 
 from minihuman.errors import escape_control_characters
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.protocol.specs import WebSpec
+from minihuman.experiment.words import InterfaceWords
 
 _TEXTS = {
     "browser": re.compile(r"[A-Za-z ]{1,24}"),
@@ -77,3 +80,22 @@ def check_eligibility(online: WebSpec, browser: BrowserProperties, *, needs_keyb
     if online.max_rtt_ms and browser.rtt_ms is not None and browser.rtt_ms > online.max_rtt_ms:
         return "latency"
     return ""
+
+
+MAX_TOUCH_KEYS = 12  # buttons of 48 px that leave half of a phone's screen to the world
+_TOUCHED_KINDS = ("play", "trials")  # of blocks; agents need keys beside those of the pool
+
+
+def needs_keyboard(protocol: Protocol) -> bool:
+    """Whether a study cannot be done with buttons on a touch screen that stand for the keys of its pool."""
+    kinds_need = any(block.kind not in _TOUCHED_KINDS for block in protocol.blocks) or bool(protocol.activities)
+    return kinds_need or (bool(protocol.blocks) and len(protocol.keys.pool) > MAX_TOUCH_KEYS)
+
+
+def list_touch_keys(plan: SessionPlan) -> dict[str, str]:
+    """The keys that buttons stand for on a touch screen, each with its words; none where there are too many."""
+    if len(plan.key_pool) > MAX_TOUCH_KEYS:
+        return {}
+    words = InterfaceWords(plan.language, plan.words, plan.fonts)
+    labels = {key: cap for key, cap, _ in words.labels((*plan.key_pool, "escape"))}
+    return {**labels, "enter": words["button.go_on"]}

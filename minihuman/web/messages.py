@@ -15,7 +15,7 @@ import msgspec
 from msgspec import Meta
 
 from minihuman.errors import MinihumanError
-from minihuman.experiment.keys import DIGITS, FUNCTION, LETTERS
+from minihuman.experiment.keys import DIGITS, FUNCTION, LETTERS, PAD_AXES
 
 KEY_CODES: Mapping[str, str] = (
     {f"Digit{digit}": digit for digit in DIGITS}
@@ -45,6 +45,7 @@ Ns = Annotated[int, Meta(ge=0, le=2**53)]
 Number = Annotated[int, Meta(ge=0, le=2**31)]
 ShortText = Annotated[str, Meta(max_length=64)]
 LongText = Annotated[str, Meta(max_length=2000)]
+Digest = Annotated[str, Meta(pattern=r"^([0-9a-f]{16})?$")]
 Fraction = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
@@ -62,7 +63,7 @@ class KeyMessage(msgspec.Struct, tag="key", tag_field="t", forbid_unknown_fields
     repeat: bool = False
     trusted: bool = True  # False: a script made it, no keyboard
     # of the step that the page made by itself, 16 hexadecimal digits; "" where it made none
-    digest: Annotated[str, Meta(pattern=r"^([0-9a-f]{16})?$")] = ""
+    digest: Digest = ""
 
 
 class DisplayedMessage(msgspec.Struct, tag="shown", tag_field="t", forbid_unknown_fields=True):
@@ -80,6 +81,8 @@ class DisplayedMessage(msgspec.Struct, tag="shown", tag_field="t", forbid_unknow
 class TickMessage(msgspec.Struct, tag="tick", tag_field="t", forbid_unknown_fields=True):
     """The time came at which the session asked for a tick."""
 
+    digest: Digest = ""  # as a key's
+
 
 class TextMessage(msgspec.Struct, tag="typed", tag_field="t", forbid_unknown_fields=True):
     """The keyboard's layout or the input method made text."""
@@ -95,6 +98,21 @@ class PointerMessage(msgspec.Struct, tag="pointer", tag_field="t", forbid_unknow
     y: Fraction
     target: ShortText = ""
     along: Fraction = 0.0
+
+
+class AxisMessage(msgspec.Struct, tag="axis", tag_field="t", forbid_unknown_fields=True):
+    """An axis of a gamepad moved."""
+
+    axis: Literal[PAD_AXES]  # type: ignore[valid-type]
+    value: Annotated[float, Meta(ge=-1.0, le=1.0)]
+
+
+class GamepadMessage(msgspec.Struct, tag="pad", tag_field="t", forbid_unknown_fields=True):
+    """A gamepad was seen for the first time."""
+
+    id: ShortText
+    axes: Number
+    buttons: Number
 
 
 class FocusMessage(msgspec.Struct, tag="focus", tag_field="t", forbid_unknown_fields=True):
@@ -131,6 +149,8 @@ PageMessage = (
     | TickMessage
     | TextMessage
     | PointerMessage
+    | AxisMessage
+    | GamepadMessage
     | FocusMessage
     | RoundTripMessage
     | CommandEcho
@@ -184,12 +204,14 @@ def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck 
         MessageError: if it is none, or over its limits.
     """
     if len(text) > MAX_PAGE_MESSAGE_BYTES:
-        raise MessageError(f"a message has {len(text)} bytes; at most {MAX_PAGE_MESSAGE_BYTES} are allowed")
+        raise MessageError(
+            f"a message has {len(text)} bytes; at most {MAX_PAGE_MESSAGE_BYTES} are allowed; reload the page"
+        )
     try:
         message: Hello | NumberedMessage | PageAck | Ping = _FROM_PAGE.decode(text)
         return message
     except (msgspec.DecodeError, msgspec.ValidationError, UnicodeError, RecursionError) as error:
-        raise MessageError(f"a message from a page cannot be decoded: {error}") from error
+        raise MessageError(f"a message from a page cannot be decoded ({error}); reload the page") from error
 
 
 class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):
@@ -201,9 +223,11 @@ class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):
     heard: int  # the last of the page's messages that was taken
     now: int  # the session's time, about
     keys: dict[str, str]  # a browser's name of a key's place -> ours
+    touch: dict[str, str]  # our name of each key that the study is played with -> what a button for it says
     token: str  # of a link made just now, to come back by; "" if the page had one
     words: dict[str, str]  # what the page says around a session
     taken: int  # the time of the last of the page's messages that the session has: it may not be acknowledged
+    gamepad: bool  # whether the study is played with one
 
 
 class Refusal(msgspec.Struct, tag="refused", tag_field="t"):
@@ -266,7 +290,7 @@ class FilmFrame(msgspec.Struct, tag="frame", tag_field="t"):
     picture: int
 
 
-class GridState(msgspec.Struct):
+class GridState(msgspec.Struct, tag="grid", tag_field="world"):
     """A grid world's state, for the page to compute the steps that follow it."""
 
     step: int
@@ -276,6 +300,25 @@ class GridState(msgspec.Struct):
     full: bool  # the picture is of the whole world
     in_view: bool  # and drawn as Minigrid draws it
     atlas: str  # the name of its tiles
+
+
+class FirstPersonState(msgspec.Struct, tag="first_person", tag_field="world"):
+    """A first-person world's state, for the page to compute the steps that follow it; arrays are little-endian."""
+
+    step: int
+    things: bytes
+    numbers: bytes
+    walls: bytes
+    rng_state: list[str]
+    rooms: bytes
+    edges: bytes
+    looks: int  # things of its scene
+    scene: str  # the name of its tables
+    textures: list[str]  # the names of the textures
+    size: tuple[int, int]  # of the picture, pixels
+
+
+WorldState = GridState | FirstPersonState
 
 
 class EpisodeRules(msgspec.Struct, tag="rules", tag_field="t"):
@@ -290,16 +333,15 @@ class EpisodeRules(msgspec.Struct, tag="rules", tag_field="t"):
     most_steps: int
     held: bool  # the last picture stays for a while
     keep: int  # pictures before this number are of no use any more, but for those on a screen
-    computed: GridState | None = None  # where the page computes it; else scenes are sent ahead
+    computed: WorldState | None = None  # where the page computes it; else scenes are sent ahead
+    team: Literal["", "turns", "ticks"] = ""  # whose joint steps the server closes
 
 
-class AtlasMessage(msgspec.Struct, tag="atlas", tag_field="t"):
-    """Tiles of grid worlds, for the page to keep under their name, which is a digest."""
+class ArraysMessage(msgspec.Struct, tag="arrays", tag_field="t"):
+    """Tiles of grid worlds, a first-person scene or a texture, for the page to keep under their name, a digest."""
 
     name: str
-    tile_px: int
-    small_px: int  # of a thing that is carried
-    sizes: list[int]  # bytes of each array: number, under, tiles, agents, carried
+    arrays: list[tuple[str, str, int]]  # name, NumPy's name of its numbers, bytes
     packed: bytes  # all of them, by zlib
 
 
@@ -308,7 +350,7 @@ class StateCorrection(msgspec.Struct, tag="state", tag_field="t"):
 
     through: int
     episode: int
-    state: GridState
+    state: WorldState
 
 
 class EpisodeState(msgspec.Struct, tag="now", tag_field="t"):
@@ -320,7 +362,7 @@ class EpisodeState(msgspec.Struct, tag="now", tag_field="t"):
     step: int = -1
     node: int = -1
     who: str = ""  # steers, "agent" or "person"; "" where an agent never does
-    action: int = -1  # that the agent makes next, unless the person takes over
+    action: int = -1  # that the agent makes next, unless the person takes over; a team's: own, of a step that is open
     limit: int | None = None  # beside an agent: from when on keys do nothing
 
 
@@ -376,7 +418,7 @@ class PictureMessage(msgspec.Struct, frozen=True):
 ServerMessage = (
     ScreenMessage
     | FilmFrame
-    | AtlasMessage
+    | ArraysMessage
     | EpisodeRules
     | StateCorrection
     | AgentControl
@@ -444,7 +486,9 @@ class OutgoingStream(Generic[Message]):
             MessageError: if that number was never sent.
         """
         if number > self.last_number:
-            raise MessageError(f"message {number} was acknowledged, but the last one sent is {self.last_number}")
+            raise MessageError(
+                f"message {number} was acknowledged, but the last one sent is {self.last_number}; reload the page"
+            )
         while self._kept and self._kept[0][0] <= number:
             self._kept.popleft()
 
@@ -467,7 +511,8 @@ class IncomingStream:
         """
         if number > self.received + 1:
             raise MessageError(
-                f"message {number} arrived after message {self.received}; the messages in between are missing"
+                f"message {number} arrived after message {self.received}; the messages in between are missing; reload "
+                "the page"
             )
         new = number == self.received + 1
         self.received = max(self.received, number)

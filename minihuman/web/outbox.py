@@ -15,16 +15,17 @@ from numpy.typing import NDArray
 from minihuman.experiment.activities.activity import WorldFactory
 from minihuman.experiment.activities.agent_blocks import FLASH_NS, REPEAT_INTERVAL_NS, AgentPlayActivity
 from minihuman.experiment.activities.correction import CorrectionBegun, CorrectionEnded, CorrectionStepped
+from minihuman.experiment.activities.team_play import TeamEpisode
 from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, Event, Stepped
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import Screen
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.web import messages
-from minihuman.web.computed import ComputedEpisode, PageWorld
+from minihuman.web.computed import ComputedEpisode, can_compute
 from minihuman.web.image_cache import ImageCache, ImageEncoding
 from minihuman.web.limits import PREFETCH_BACKLOG
-from minihuman.web.look_ahead import LookAheadGraph, compute_depth
+from minihuman.web.look_ahead import LookAheadGraph
 from minihuman.web.messages import AgentControl, OutgoingStream
 from minihuman.web.prefetch import FilmPrefetcher, ScreenPrefetcher, advances_by_itself, describe_screen
 from minihuman.worlds.adapters.world import World
@@ -52,7 +53,7 @@ class PageSettings:
 
     picture_px: tuple[int, int] = (400, 300)
     encoding: ImageEncoding = "auto"
-    deepest: int = 6  # steps that are looked ahead; 0: none
+    looks_ahead: bool = True
 
 
 class Outbox:
@@ -80,12 +81,16 @@ class Outbox:
         self._computed: ComputedEpisode | None = None  # by the page; else there is a graph
         self._look_ahead_graph: LookAheadGraph | None = None
         self._own_world: World | None = None  # that may be reset
-        self._atlases: set[str] = set()  # that the page has
+        self._arrays: set[str] = set()  # that the page has
         self._page_plays = False  # an episode
         self._screen: Screen | None = None  # that the page has
+        self._screen_play: RunningEpisode | None = None  # that was played then
+        self._said: object = None  # below its picture
         self._screen_id = self._screen_name = 0
         self._episode = -1  # whose steps these are
         self._scenes: list[int] = []  # the names of those that its steps led to; -1 if unknown
+        self._of_team = False  # it is a team's: the page shows the own action before the others'
+        self._early: messages.DisplayedMessage | None = None  # such a picture, until the step is closed
         for event in logged:
             match event:
                 case EpisodeStarted():
@@ -110,10 +115,30 @@ class Outbox:
         """Whether a picture that was shown is one of the present episode's steps."""
         return message.episode == self._episode and message.step < len(self._scenes)
 
+    def keep_early(self, message: messages.DisplayedMessage) -> None:
+        """Keep word of a picture that a team's page showed before its step was closed."""
+        if self._of_team and (message.episode, message.step) == (self._episode, len(self._scenes)):
+            self._early = message
+
+    def take_early(self) -> messages.DisplayedMessage | None:
+        """What was kept, once its step is closed."""
+        early = self._early
+        if early is None or not self.knows(early):
+            return None
+        self._early = None
+        return early
+
+    def is_corrected(self, message: messages.DisplayedMessage) -> bool:
+        """Whether a team's step came out otherwise than a picture had shown it."""
+        if not self._of_team or self._look_ahead_graph is None:
+            return False
+        pictures, scene = self._look_ahead_graph.pictures, self._scenes[message.step]
+        return scene in pictures and pictures.get(message.node, -1) not in (-1, pictures[scene])
+
     def difference(self, message: messages.DisplayedMessage) -> str:
         """How a step's picture was another than the session's; "" where it was the same."""
         scene = self._scenes[message.step]
-        if not scene >= 0 <= message.node or scene == message.node:
+        if self._of_team or not scene >= 0 <= message.node or scene == message.node:
             return ""
         return f"step {message.step} of episode {message.episode + 1} was shown as scene {message.node}, it is {scene}"
 
@@ -127,18 +152,30 @@ class Outbox:
         """Whether the page waits for word of where a message led: it knows of a step that it computed."""
         if isinstance(message, messages.DisplayedMessage | messages.RoundTripMessage | messages.LateInputMessage):
             return False
+        if isinstance(message, messages.TickMessage):
+            return not message.digest
         if not isinstance(message, messages.KeyMessage):
             return True
         return not message.digest if message.down else not self._ignores_releases
 
-    def compare(self, message: messages.KeyMessage, events: Sequence[Event]) -> str:
-        """Compare a key's step in the page with the session's; how they differ, "" if they do not."""
-        return "" if self._computed is None else self._computed.compare(message, events)
+    def compare(self, message: messages.PageMessage, events: Sequence[Event]) -> str:
+        """Compare a message's step in the page with the session's; how they differ, "" if they do not."""
+        if self._computed is None or not isinstance(message, messages.KeyMessage | messages.TickMessage):
+            return ""
+        return self._computed.compare(message, events)
 
     # Where the session went
 
-    def follow(self, events: list[Event]) -> None:
-        """Send the page where the session went, and move the look-ahead there."""
+    @property
+    def is_computed(self) -> bool:
+        """Whether the page computes the episode."""
+        return self._computed is not None
+
+    def follow(self, events: list[Event], *, answers: bool = True) -> None:
+        """Send the page where the session went, and move the look-ahead there.
+
+        ``answers`` is false where more is followed before anything is sent.
+        """
         coming = None if self._session.over else self._session.part.next_play
         ended = any(isinstance(event, EpisodeEnded | CorrectionEnded) for event in events)
         for event in events:
@@ -149,7 +186,8 @@ class Outbox:
                     self._stepped(event, ended=ended)
         if coming is not None:
             self._look_from(coming)
-        self._send_state()
+        if answers:
+            self._send_state()
 
     def _look_from(self, play: RunningEpisode) -> None:
         """Send the rules of an episode that has begun or is about to, once, and what the page goes ahead by."""
@@ -159,15 +197,14 @@ class Outbox:
         self.send_prefetched()  # as long as its pictures are known
         self._plan = plan
         actions = {key: play.world.action_names.index(name) for key, name in plan.key_map.keys.items()}
+        of_team = self._of_team = isinstance(play, TeamEpisode)
+        self._early = None
         noop = None if plan.noop is None else play.world.action_names.index(plan.noop)
         self._image_cache.forget()
         keep = self._image_cache.next
         self._computed = self._look_ahead_graph = None
         if self._computes(play):
             self._computed = ComputedEpisode(play, self._settings.picture_px)
-            if self._computed.atlas.name not in self._atlases:
-                self._atlases.add(self._computed.atlas.name)
-                self.outgoing.add(self._computed.atlas)
         else:
             self._look_ahead_graph = LookAheadGraph(
                 plan,
@@ -176,6 +213,8 @@ class Outbox:
                 self._settings.picture_px,
                 self._image_cache,
                 world=self._world_for(plan),
+                # a team's ticks also have the others' actions; where keys combine, any step is possible
+                blind=(of_team and play.real_time) or play.repeats_held or not play.world.actions.is_discrete,
             )
             if play.steps:
                 self._look_ahead_graph.move_to(play.world)
@@ -186,23 +225,32 @@ class Outbox:
             messages.EpisodeRules(
                 episode=plan.episode,
                 actions=actions,
-                real_time=plan.pace == "real_time",
+                real_time=plan.pace == "real_time" and not of_team,
                 period=max(1, round(plan.step_period_ms * 1e6)),
                 noop=noop,
                 auto_repeat=plan.auto_repeat,
                 most_steps=min(limits),
+                team=("ticks" if play.real_time else "turns") if of_team else "",
                 held=getattr(self._session.part.part.plan, "hold_ms", 0.0) > 0,
                 keep=keep,
-                computed=None if self._computed is None else self._computed.state(),
+                computed=None if self._computed is None else self._page_state(self._computed),
             )
         )
         self._send_look_ahead()
 
+    def _page_state(self, computed: ComputedEpisode) -> messages.WorldState:
+        """Where the session is, once the page has the arrays for it."""
+        state, arrays = computed.state()
+        for each in arrays:
+            if each.name not in self._arrays:
+                self._arrays.add(each.name)
+                self.outgoing.add(each)
+        return state
+
     def _computes(self, play: RunningEpisode) -> bool:
         """Whether the page computes an episode."""
         computed = getattr(self._session.part.part.plan, "computed", "server")
-        compiled = isinstance(play.world, PageWorld) and play.world.is_compiled
-        return self.page_computes and computed == "page" and compiled
+        return self.page_computes and computed == "page" and can_compute(play)
 
     def _world_for(self, plan: EpisodePlan) -> World:
         """A world of the outbox's own for an episode, the last one's if it will do."""
@@ -218,22 +266,21 @@ class Outbox:
             self._scenes.append(-1)
             return
         if ended or self._session.play is None:  # its world may have been reset for the next episode
-            scene = self._look_ahead_graph.leads_to(stepped.action)
-            self._scenes.append(-1 if scene is None else scene.name)
+            edge = self._look_ahead_graph.root.edges.get(stepped.action)
+            self._scenes.append(-1 if edge is None else edge[0].name)
             return
-        self._scenes.append(self._look_ahead_graph.step(stepped.action, self._session.play.world).name)
+        if self._of_team:  # others acted, too
+            self._look_ahead_graph.move_to(self._session.play.world)
+            self._scenes.append(self._look_ahead_graph.root.name)
+        else:
+            self._scenes.append(self._look_ahead_graph.step(stepped.action, self._session.play.world).name)
         self._send_look_ahead()
 
-    def grow(self, rtt_ns: int, rate_hz: float) -> bool:
+    def grow(self, rtt_ns: int) -> bool:
         """Draw one picture of a film, or look one scene or screen further ahead; False if nothing is left.
 
-        ``send_prefetched`` sends what was found.
-
-        Args:
-            rtt_ns: the round trip.
-            rate_hz: keys per second.
+        ``send_prefetched`` sends what was found. ``rtt_ns`` is the round trip.
         """
-        look_ahead_graph = self._look_ahead_graph
         if self._session.over or self.outgoing.kept > PREFETCH_BACKLOG:
             return False
         frame = self._film_prefetcher.grow()
@@ -241,16 +288,15 @@ class Outbox:
             self._send_pictures()
             self.outgoing.add(frame)
             return True
-        if self._session.play is None and self._settings.deepest and self._screen_prefetcher.grow(rtt_ns):
-            return True
-        if look_ahead_graph is None:
+        if not self._settings.looks_ahead:
             return False
-        deepest = self._settings.deepest
+        if self._session.play is None and self._screen_prefetcher.grow(rtt_ns):
+            return True
+        if self._look_ahead_graph is None:
+            return False
         part = self._session.part
         looks_on = isinstance(part, AgentPlayActivity) and not part.takes_over  # no key leads anywhere
-        depth = 0 if looks_on else compute_depth(rtt_ns, rate_hz)
-        look_ahead_graph.depth = min(deepest, depth)
-        return look_ahead_graph.grow()
+        return not looks_on and self._look_ahead_graph.grow()
 
     def send_prefetched(self) -> None:
         """Tell the page what was found ahead."""
@@ -271,12 +317,12 @@ class Outbox:
         self._image_cache = ImageCache(self._settings.encoding)
         self._screen_prefetcher = ScreenPrefetcher(self._number, self._lent)
         self._film_prefetcher = FilmPrefetcher(self._number)
-        self._screen = self._sent_state = self._sent_control = None
+        self._screen = self._screen_play = self._sent_state = self._sent_control = None
         self._screen_name = 0
         for number in asked:
             self.outgoing.add(messages.CommandMessage(number))
         self._plan = self._computed = self._look_ahead_graph = None
-        self._atlases.clear()
+        self._arrays.clear()
         self._page_plays = False
         if not self._session.over and begun:
             play = self._session.part.play or self._session.part.next_play  # also behind a pause
@@ -286,12 +332,16 @@ class Outbox:
 
     def _send_state(self) -> None:
         """Tell the page what it does not know of where the session is."""
-        screen = self._session.screen
-        tick_ns = self._session.next_tick_ns if not self._session.over else None
-        if screen is not self._screen:
+        play, part = (None, None) if self._session.over else (self._session.play, self._session.part)
+        tick_ns = self._next_tick_ns
+        is_known = self._computed is not None and play is not None and play is self._screen_play  # but for its step
+        self._screen_play = play
+        if not is_known and (screen := self._session.screen) is not self._screen:
             values, name = describe_screen(self._session, self._number, self._screen_name)
             self._screen = screen
-            if name != self._screen_name or not advances_by_itself(self._session):
+            said, self._said = self._said, values.get("controller_text")  # a team's, which the page cannot know
+            of_team = isinstance(self._session.play, TeamEpisode) and said != self._said
+            if name != self._screen_name or of_team or not advances_by_itself(self._session):
                 self._screen_id, self._screen_name = self._screen_id + 1, name
                 self._screen_prefetcher.start_from(self._session, name)
                 self._film_prefetcher.start_from(screen, name)
@@ -299,13 +349,14 @@ class Outbox:
                 self.outgoing.add(
                     messages.ScreenMessage(self._screen_id, self.through, self.at_ns, tick_ns, values, name)
                 )
-        play, part = (None, None) if self._session.over else (self._session.play, self._session.part)
         step = -1 if play is None else play.steps
         who, action, limit_ns = "", -1, None
         if play is not None and isinstance(part, AgentPlayActivity):
             who, limit_ns, advised = part.who, part.limit_ns, part.advised
             action = advised.action if advised is not None and advised.step == step else -1
             self._send_control(part, play.plan.episode, action)
+        elif isinstance(play, TeamEpisode) and not play.real_time and play.submitted is not None:
+            action = play.submitted.action
         if self._computed is not None:
             self._correct(play)
             step = min(step, 0)  # the page knows how far it went
@@ -317,13 +368,24 @@ class Outbox:
             episode = self._episode if play else -1
             self.outgoing.add(messages.EpisodeState(self.through, tick_ns, episode, step, node, who, action, limit_ns))
 
+    @property
+    def _next_tick_ns(self) -> int | None:
+        """When the page is to tell the time; the steps of real time that it computes it makes by itself."""
+        session = self._session
+        if session.over:
+            return None
+        computes = self._computed is not None and session.part.real_time
+        return getattr(session.part, "limit_ns", None) if computes else session.next_tick_ns
+
     def _correct(self, play: RunningEpisode | None) -> None:
         """Tell a page that computes where the session is, if it may be elsewhere or does not know since a pause."""
         assert self._computed is not None
         resumes = not self._page_plays and play is not None and self._computed.sent_step != play.steps
         self._page_plays = play is not None
         if play is not None and (resumes or self._computed.is_elsewhere):
-            self.outgoing.add(messages.StateCorrection(self.through, play.plan.episode, self._computed.state()))
+            self.outgoing.add(
+                messages.StateCorrection(self.through, play.plan.episode, self._page_state(self._computed))
+            )
 
     def _send_control(self, part: AgentPlayActivity, episode: int, action: int) -> None:
         """Tell what an agent means for this episode, and show the page where its next action leads."""
@@ -331,7 +393,7 @@ class Outbox:
         if control != self._sent_control:
             self._sent_control = control
             self.outgoing.add(control)
-        if self._look_ahead_graph is not None and action >= 0 and part.who == "agent" and self._settings.deepest:
+        if self._look_ahead_graph is not None and action >= 0 and part.who == "agent" and self._settings.looks_ahead:
             self._look_ahead_graph.look(action)
             self._send_look_ahead()
 

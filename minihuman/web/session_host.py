@@ -2,7 +2,7 @@
 
 The page is the only source of inputs, and stamps them; the session alone decides their effect, and what the page showed
 in advance is compared with it at every step. The offset between page and server clock comes from the message with the
-shortest round trip; the depth of the look-ahead from the round-trip time and the rate of key presses.
+shortest round trip.
 """
 
 from collections import deque
@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 from minihuman.experiment.activities.activity import RequestHandler, WorldFactory
 from minihuman.experiment.activities.agent_blocks import NewPolicy, PolicyRequest
 from minihuman.experiment.activities.preferences import ClipRequest
+from minihuman.experiment.activities.team_play import PictureCorrected, TeamAnswerRequest
+from minihuman.experiment.keys import PAD_DEAD_ZONE
 from minihuman.experiment.machine import inputs
 from minihuman.experiment.machine.events import Event, KeyPressed, Linked, Noted
 from minihuman.experiment.machine.pending_allocation import awaits_allocation
@@ -47,32 +49,6 @@ class PageClock:
         passed_ns = at_ns - self._first[0]
         drift = (offset_ns - self._first[1]) / passed_ns * 1e6 if passed_ns >= _DRIFT_AFTER_NS else None
         return Linked(at_ns, offset_ns, -(-least_ns // 2), link.latest, least_ns, drift)
-
-
-_LATEST = 8
-_USUAL_HZ = 3.0
-_PAUSE_NS = 2_000_000_000  # a longer pause does not count
-
-
-class KeyRate:
-    """Takes when keys were pressed."""
-
-    def __init__(self) -> None:
-        self._last_ns: int | None = None
-        self._between_ns: deque[int] = deque(maxlen=_LATEST)
-
-    def pressed(self, t_ns: int) -> None:
-        """A key was."""
-        if self._last_ns is not None and 0 < t_ns - self._last_ns < _PAUSE_NS:
-            self._between_ns.append(t_ns - self._last_ns)
-        self._last_ns = t_ns
-
-    @property
-    def hz(self) -> float:
-        """Keys a second, of the quicker half."""
-        if not self._between_ns:
-            return _USUAL_HZ
-        return 1e9 / sorted(self._between_ns)[len(self._between_ns) // 4]
 
 
 _POINTERS: dict[str, type[inputs.PointerPressed | inputs.PointerMoved | inputs.PointerReleased]] = {
@@ -131,11 +107,12 @@ class SessionHost:
         self._writes = 0  # of events
         self._begun = bool(logged)  # the session knows what time it is
         self._before_plan: list[Event] = []  # of the page's own, until the group is drawn
+        self._unwritten: list[Event] = []  # of messages that others came with
+        self._draws = True  # the page does not know the screen
         self._taken: deque[_PendingMessage] = deque()
         self._unheard = 0  # notes of what was done in segments before
         self._settled = 0  # the last message of the page's that is safe
         self._link = PageClock()
-        self._rate = KeyRate()
         self._asked: dict[int, Callable[[int], inputs.Input | None]] = {}  # what happens at the page's echo
         self._write(unwritten)
 
@@ -186,8 +163,14 @@ class SessionHost:
         self._taken.clear()
         self._mark_ns = self.last_at_ns
 
-    def receive(self, number: int, at_ns: int, message: messages.PageMessage) -> None:
+    def receive(self, number: int, at_ns: int, message: messages.PageMessage, *, more: bool = False) -> None:
         """Take a numbered message of the page's.
+
+        Args:
+            number: the message's.
+            at_ns: its time.
+            message: the message.
+            more: whether others came with it: of an episode that the page computes they are one write and one answer.
 
         Raises:
             LogError: if the log cannot be written.
@@ -202,21 +185,30 @@ class SessionHost:
             return
         if at_ns <= self.last_at_ns:
             raise messages.MessageError(
-                f"message {number} has time {at_ns} ns, which is not after the previous one's {self.last_at_ns} ns"
+                f"message {number} has time {at_ns} ns, which is not after the previous one's {self.last_at_ns} ns; "
+                "reload the page"
             )
         self.last_at_ns = self._outbox.at_ns = at_ns
         if not self._begun and not isinstance(message, messages.TickMessage):
             self._write(self.session.receive(inputs.Tick(at_ns)))
         self._begun = True
+        play = self.session.play if self._outbox.is_computed else None
+        self._draws = play is None
         events = self._events(message, at_ns)
-        if isinstance(message, messages.KeyMessage) and (difference := self._outbox.compare(message, events)):
+        difference = self._outbox.compare(message, events)
+        if difference:
             events = [Noted(at_ns, BROWSER_NOTE, difference), *events]
-        self._write(events)
+        waits = more and play is not None and self.session.play is play  # for the last of those that came together
+        if waits:
+            self._unwritten += events
+        else:
+            self._write(events)
         depends_on_next = isinstance(message, messages.DisplayedMessage) and not events  # kept until that is safe
-        unsaid = depends_on_next or awaits_allocation(self.session)
+        unsaid = depends_on_next or bool(self._unwritten) or awaits_allocation(self.session)
         self._taken.append(_PendingMessage(number, self._writes + unsaid))
-        self._outbox.follow(events)
-        self._answer()
+        self._outbox.follow(events, answers=not waits)
+        if not waits:
+            self._answer()
 
     def stop(self, stop: inputs.Stop | inputs.ExperimenterCommand) -> None:
         """End the session from outside, or do what the experimenter asks while no page is there.
@@ -248,10 +240,12 @@ class SessionHost:
             events = self.session.receive(given)
             self._write(events)
             self._outbox.follow(events)
+            if (early := self._outbox.take_early()) is not None:
+                self._write(self._step_shown(early, self.last_at_ns))
 
     def poll(self) -> bool:
         """See whether a learner that was asked has made something; True if there is something to tell the page."""
-        if not self.session.over and isinstance(self.session.request, ClipRequest):
+        if not self.session.over and isinstance(self.session.request, ClipRequest | TeamAnswerRequest):
             before = self._writes
             self._answer()
             return self._writes > before
@@ -284,6 +278,9 @@ class SessionHost:
         match message:
             case messages.RoundTripMessage():
                 return [self._link.linked(at_ns, message)]
+            case messages.GamepadMessage(id=name, axes=axes, buttons=buttons):
+                what = f"{axes} axes of -1 to 1, {buttons} buttons, dead zone {PAD_DEAD_ZONE}, read once a frame"
+                return [Noted(at_ns, BROWSER_NOTE, f"gamepad {name}: {what}")]
             case messages.LateInputMessage():
                 self._unheard += 1
                 if self._unheard > _MOST_UNHEARD:
@@ -309,7 +306,7 @@ class SessionHost:
 
     def _played(self, message: messages.PageMessage, at_ns: int) -> list[Event]:
         happened = self._input(message, at_ns)
-        return [] if happened is None else self.session.receive(happened, at_ns=at_ns)
+        return [] if happened is None else self.session.receive(happened, at_ns=at_ns, draws=self._draws)
 
     def _input(self, message: messages.PageMessage, at_ns: int) -> inputs.Input | None:
         match message:
@@ -319,7 +316,6 @@ class SessionHost:
                     return inputs.KeyUp(stamp_ns, message.key, message.symbol)
                 self._keys_down.add((stamp_ns, message.key))
                 self.presses += not message.repeat
-                self._rate.pressed(stamp_ns)
                 return inputs.KeyDown(stamp_ns, message.key, message.symbol, repeat=message.repeat)
             case messages.DisplayedMessage() if self._outbox.is_present(message):
                 return inputs.ScreenShown(at_ns, *_in_order(message, at_ns))
@@ -329,6 +325,8 @@ class SessionHost:
                 return inputs.TextInput(at_ns, "".join(letter for letter in message.text if letter.isprintable()))
             case messages.PointerMessage():
                 return _POINTERS[message.what](at_ns, message.x, message.y, message.target, message.along)
+            case messages.AxisMessage():
+                return inputs.AxisChanged(at_ns, message.axis, message.value)
             case messages.FocusMessage():
                 return inputs.FocusChanged(at_ns, message.focused)
             case messages.CommandEcho() if message.number in self._asked:
@@ -338,17 +336,23 @@ class SessionHost:
     def _step_shown(self, message: messages.DisplayedMessage, at_ns: int) -> list[Event]:
         """Word of a step's picture: held against where the session was then."""
         if not self._outbox.knows(message):
+            self._outbox.keep_early(message)
             return []
+        submit_ns, flip_ns = _in_order(message, at_ns)
+        if self._outbox.is_corrected(message):
+            return [PictureCorrected(at_ns, message.episode, message.step, submit_ns, flip_ns)]
         difference = self._outbox.difference(message)
         events: list[Event] = [Noted(at_ns, BROWSER_NOTE, difference)] if difference else []
-        submit_ns, flip_ns = _in_order(message, at_ns)
         return [
             *events,
-            *self.session.receive(inputs.ScreenShown(at_ns, submit_ns, flip_ns, message.step), at_ns=at_ns),
+            *self.session.receive(
+                inputs.ScreenShown(at_ns, submit_ns, flip_ns, message.step), at_ns=at_ns, draws=self._draws
+            ),
         ]
 
     def _write(self, events: Sequence[Event]) -> None:
         """Write what the session says; what the page says of itself before there is a plan comes with it."""
+        events, self._unwritten = [*self._unwritten, *events], []
         if awaits_allocation(self.session):
             self._before_plan += events
             return
@@ -363,7 +367,7 @@ class SessionHost:
 
     def grow(self) -> bool:
         """Look one scene, or one screen, further ahead; False if there is nothing to look at."""
-        return self._outbox.grow(self._link.rtt_ns or _FAR_RTT_NS, self._rate.hz)
+        return self._outbox.grow(self._link.rtt_ns or _FAR_RTT_NS)
 
     def send_prefetched(self) -> None:
         """Send what was prefetched since the last message."""

@@ -367,14 +367,61 @@ FIRST_PERSON_WORLDS: tuple[CatalogueEntry, ...] = (
     _entry("YMazeRight", "layouts.mazes:YMaze", "YMaze with the box on the right", goal_pos=(3.9, 0, 7.0)),
 )
 
-WORLDS: tuple[CatalogueEntry, ...] = GRID_WORLDS + BABYAI_WORLDS + FIRST_PERSON_WORLDS
+DRAWN_LEVEL = CatalogueEntry(
+    "Level-v0",
+    "minihuman.worlds.inside.entry_points:make_drawn_level",
+    summary="a level of your own, drawn as a diagram",
+    guards_itself=True,
+)
+
+_TEAMS = "minihuman.worlds.grid.layouts.team_layouts"
+
+
+def _team(name: str, where: str, summary: str, **options: Any) -> CatalogueEntry:
+    return CatalogueEntry(f"Team-{name}-v0", where, options, summary=summary, guards_itself=True)
+
+
+# made by `worlds.team.make_team`: several bodies act at once
+TEAM_WORLDS: tuple[CatalogueEntry, ...] = (
+    *(
+        _team(name, "minihuman.worlds.grid.kitchen:Kitchen", f"Cook soups together: {about}", layout=layout)
+        for name, layout, about in (
+            ("CrampedRoom", "cramped_room", "a small kitchen in which cooks get into each other's way"),
+            ("AsymmetricAdvantages", "asymmetric_advantages", "each side is nearer to something else"),
+            ("CoordinationRing", "coordination_ring", "two cooks go round in a circle"),
+            ("ForcedCoordination", "forced_coordination", "one has the onions, the other the pots"),
+            ("CounterCircuit", "counter_circuit_o_1order", "hand over the counter or walk around it"),
+        )
+    ),
+    _team("FourRooms", f"{_TEAMS}:TeamFourRooms", "Find the goal together in four rooms"),
+    _team(
+        "FourRooms3D",
+        "minihuman.worlds.first_person.layouts.team_rooms:TeamRooms",
+        "Find the red box together in first person",
+    ),
+    _team("DoorKey-TwoKeys", f"{_TEAMS}:TwoKeyDoorKey", "Two locked doors, a hand for each key"),
+    _team("SwapCorridor", f"{_TEAMS}:SwapCorridor", "Pass each other in a corridor with one bay: who gives way?"),
+    _team("CarryTogether", f"{_TEAMS}:CarryTogether", "Carry a load that needs two"),
+    _team("HideAndSeek", f"{_TEAMS}:HideAndSeek", "One seeks, the others hide"),
+)
+
+WORLDS: tuple[CatalogueEntry, ...] = (*GRID_WORLDS, *BABYAI_WORLDS, *FIRST_PERSON_WORLDS, DRAWN_LEVEL)
+
+
+TRIAL_WORLDS = {  # ids of what one trial is; not listed, as their options make them
+    "minihuman/Stimulus-v0": "minihuman.experiment.stimuli:Stimulus",
+    "minihuman/TwoStep-v0": "minihuman.experiment.stimuli:TwoStep",
+}
 
 
 def register() -> None:
     """Register every world; registering again changes nothing."""
     import gymnasium
 
-    for entry in WORLDS:
+    for world_id, entry_point in TRIAL_WORLDS.items():
+        if world_id not in gymnasium.registry:
+            gymnasium.register(world_id, entry_point=entry_point, disable_env_checker=True)
+    for entry in (*WORLDS, *TEAM_WORLDS):
         if entry.id not in gymnasium.registry:
             gymnasium.register(
                 entry.id,
@@ -391,4 +438,14 @@ def is_compiled_grid(world_id: str, options: Mapping[str, Any]) -> bool:
     return world_id in _COMPILED_GRIDS and options.get("view", "grid") == "grid"
 
 
-_COMPILED_GRIDS = frozenset(entry.id for entry in (*GRID_WORLDS, *BABYAI_WORLDS) if entry.entry_point == _MAKE_GRID)
+def is_first_person(world_id: str) -> bool:
+    """Whether a world of ours is seen through its agent's eyes: by our own sine, a page can compute it."""
+    return world_id in _FIRST_PERSON
+
+
+_FIRST_PERSON = frozenset(entry.id for entry in FIRST_PERSON_WORLDS)
+_COMPILED_GRIDS = frozenset(
+    entry.id
+    for entry in (*GRID_WORLDS, *BABYAI_WORLDS, DRAWN_LEVEL)
+    if entry.entry_point == _MAKE_GRID or entry is DRAWN_LEVEL
+)

@@ -9,7 +9,7 @@ from minihuman.errors import WorldError
 from minihuman.worlds.contract import Palette
 
 Colour = Literal["red", "green", "blue", "purple", "yellow", "grey"]
-COLOURS: tuple[str, ...] = get_args(Colour)
+COLOURS: tuple[Colour, ...] = get_args(Colour)
 
 Rgb = tuple[float, float, float]  # red, green, blue, 0 to 1
 

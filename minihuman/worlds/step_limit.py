@@ -24,7 +24,7 @@ def check_max_steps(max_steps: Any) -> int:
     """
     steps = whole_number(max_steps)
     if steps is None or not 1 <= steps <= LARGEST_STEP_LIMIT:
-        raise WorldError(f"max_steps is {max_steps!r}; it must be a whole number, 1 to {LARGEST_STEP_LIMIT}")
+        raise WorldError(f"max_steps is {max_steps!r}; use a whole number from 1 to {LARGEST_STEP_LIMIT}")
     return steps
 
 

@@ -59,7 +59,7 @@ def test_every_script_is_in_the_list():
 
 
 def test_every_script_is_tested():
-    others = ("learn/test_analysis.py", "cli/test_teach.py")
+    others = ("learn/test_analysis.py", "cli/test_teach.py", "test_error_rates.py", "designs/test_bars.py")
     tests = Path(__file__).read_text() + "".join((SCRIPTS.parent / "tests" / each).read_text() for each in others)
     scripts = [path for path in SCRIPTS.glob("*.py") if "__main__" in path.read_text()]
     assert len(scripts) > 5
@@ -83,3 +83,12 @@ def test_what_new_readers_judge_is_drawn_again_by_its_seed(tmp_path, monkeypatch
         text = (tmp_path / "first" / name).read_text()
         assert text == (tmp_path / "again" / name).read_text()
         assert len(text.splitlines()) == count
+
+
+@pytest.mark.long
+def test_each_attacker_is_held_out_of_the_fit_of_the_evidence(tmp_path, monkeypatch, capsys):
+    run(monkeypatch, "bots.py", tmp_path, "--people", 20, "--programs", 2)
+    rows = pd.read_csv(tmp_path / "bots.csv")
+    assert rows["who"].tolist()[5:] == ["constant", "ex-Gaussian", "screenshot", "replay", "knowing", "replay"]
+    assert rows["sessions"].tolist() == [12, 4, 2, 2, 20, 2, 2, 2, 2, 2, 2]
+    assert rows.loc[5, "auc"] >= 0.95

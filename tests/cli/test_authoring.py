@@ -8,8 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from minihuman.admin.legibility import require_legible
+from minihuman.admin.protocol_file import ProtocolDraft
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.protocol.schema import build_json_schema
-from minihuman.worlds.catalogue import WORLDS
+from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS
 from tests.seats.session_typist import agree, enter_at, until
 from tests.xserver import Typist
 
@@ -81,5 +85,41 @@ def test_it_says_its_version_and_helps_at_h() -> None:
 
 def test_every_world_is_listed_as_json():
     told = json.loads(minihuman("worlds", "--json").stdout)
-    assert [one["id"] for one in told] == [entry.id for entry in WORLDS]
+    assert [one["id"] for one in told] == [entry.id for entry in (*WORLDS, *TEAM_WORLDS)]
     assert all(one["summary"] for one in told)
+
+
+@pytest.mark.parametrize("language", ["en", "he", "nl"])
+@pytest.mark.parametrize(
+    ("templates", "sessions", "groups", "kind"),
+    [
+        (("two-days", "three-groups"), 2, 3, "play"),
+        (("trials", "two-days", "browser"), 2, 1, "trials"),
+        (("team",), 0, 1, "team"),
+        (("browser",), 0, 1, "play"),
+    ],
+)
+def test_a_template_is_a_study_that_can_be_shown(templates, sessions, groups, kind, language):
+    toml = ProtocolDraft(templates=templates, language=language).toml()
+    study = decode_protocol(toml.encode())
+    assert (len(study.sessions), len(study.groups)) == (sessions, groups)
+    assert {block.kind for block in study.blocks} == {kind}
+    assert study.web.open_access == bool({"browser", "team"} & {*templates})
+    assert study.study.language == language
+    if language == "he" and kind != "team":
+        require_legible(study, "the template")
+
+
+def test_the_blocks_of_a_template_keep_their_questionnaires():
+    study = decode_protocol(ProtocolDraft(templates=("two-days", "three-groups")).toml().encode())
+    plan = expand_protocol(study, enrol_participant(study, 0, "found"))
+    names = [part.name for part in plan.parts]
+    at = names.index("task-a"), names.index("task-b")
+    assert [names[place + 1] for place in at] == ["opinion", "opinion"]
+    assert [item.kind for item in plan.parts[at[0] + 1].plan.items] == ["likert"]
+
+
+def test_an_unknown_template_is_named_with_those_that_there_are(tmp_path: Path) -> None:
+    refused = minihuman("new", tmp_path, "--yes", "--template", "two-days,tree-groups")
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert "template 'tree-groups' is unknown; templates: two-days, three-groups" in refused.stderr

@@ -48,7 +48,7 @@ def test_annotate_writes_beside_the_log_and_can_be_taken_back(app, log):
 
 
 def test_a_mark_on_an_episode_that_is_not_there_is_refused(app, log):
-    with pytest.raises(LogError, match="has no episode 3; it has 1 to 2"):
+    with pytest.raises(LogError, match="has no episode 3; its episodes are 1 to 2"):
         run(app, "annotate", log, "--episode", 3, "--tag", "exclude")
 
 
@@ -135,6 +135,9 @@ def test_a_report_names_the_figures_in_its_folder_that_it_did_not_draw(app, tmp_
     assert (out / "figures" / "notes.txt").exists()
 
 
-@pytest.mark.parametrize("command", [name for names in SECTIONS.values() for name in names if name != "learn"])
+ALONE = [name for names in SECTIONS.values() for name in names if name not in ("learn", "bench")]  # not in a group
+
+
+@pytest.mark.parametrize("command", [*ALONE, "bench new", "bench run"])
 def test_every_command_has_help_with_an_example(app, command):
-    assert f"Example: minihuman {command}" in run(app, command, "--help").stdout
+    assert f"Example: minihuman {command}" in run(app, *command.split(), "--help").stdout

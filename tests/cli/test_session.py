@@ -107,7 +107,7 @@ def test_check_finds_an_exclusion_by_a_measure_there_is_not(tmp_path):
     path = edited(tmp_path, 'measure = "completed_share"', 'measure = "complete_share"')
     failed = typed("check", path).exception
     assert isinstance(failed, ReportError)
-    said = f"{path}: $.exclusions[0].measure is 'complete_share', no measure of a participant; there are "
+    said = f"{path}: $.exclusions[0].measure: 'complete_share' is not a measure of a participant; use one of "
     assert str(failed).startswith(said)
     assert "completed_share" in str(failed)
     assert "\n" not in str(failed)
@@ -139,12 +139,12 @@ def test_more_participants_than_slots_are_refused_before_anybody_plays(tmp_path,
     options = ("--data", tmp_path / "data", "--player", "optimal")
     failed = typed("simulate", grid_only, "--participants", 3, *options)
     assert isinstance(failed.exception, AllocationError)
-    assert "3 participants are more than the 2 free slots of study 'fourrooms-transfer'" in str(failed.exception)
+    assert "study 'fourrooms-transfer' has too few free slots (2) for 3 participants" in str(failed.exception)
     assert "which is 2" in str(failed.exception)
     assert (failed.stdout, (tmp_path / "data").exists()) == ("", False)
     assert typed("simulate", grid_only, "--participants", 1, *options).exit_code == 0
     failed = typed("simulate", grid_only, "--participants", 2, *options)
-    assert "2 participants are more than the 1 free slots" in str(failed.exception)
+    assert "has too few free slots (1) for 2 participants" in str(failed.exception)
     assert len(list((tmp_path / "data").rglob("*.mcap"))) == 1
 
 

@@ -16,7 +16,7 @@ def main(folder: Path) -> None:
     roots = sorted(path.parent for path in (folder / "lerobot").glob("*/*/meta"))
     assert roots, "nothing was exported"
     for root in roots:
-        dataset = LeRobotDataset(f"minihuman/{root.name}", root=root)
+        dataset = LeRobotDataset(f"minihuman/{root.name}", root=root, video_backend="pyav")  # torchcodec needs FFmpeg
         batch = next(iter(torch.utils.data.DataLoader(dataset, batch_size=4)))
         assert batch["action"].shape == (4, len(dataset.features["action"]["names"]))
         assert batch["observation.state"].shape[0] == 4

@@ -15,7 +15,7 @@ def write(out: Path) -> None:
     """One folder a format, in it one a study; unfinished episodes too."""
     for study in STUDIES:
         shutil.copytree(GOLDEN / study, out / "studies" / study)
-        for kind in ("minari", "lerobot", "imitation"):
+        for kind in ("minari", "lerobot", "imitation", "robomimic", "rlds"):
             export_study(kind, out / "studies" / study, out / kind / study, Selection(with_=("unfinished",)))
 
 

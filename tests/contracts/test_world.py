@@ -159,7 +159,7 @@ def test_a_labs_world_keeps_them(world):
         (NeverForgets, "reset again with seed 0: step 1 has another reward"),
         (DrawsFromElsewhere, "has another reward"),
         (ChangesWhileDrawn, "drawing it changes its state"),
-        (GoesOn, "a step after the end is accepted"),
+        (GoesOn, "is accepted after the end of an episode"),
     ],
 )
 def test_a_promise_that_is_not_kept_is_named(world, said):
@@ -180,8 +180,8 @@ def test_a_check_says_what_it_covered():
 
 
 def test_what_is_no_world_is_refused_as_anywhere():
-    with pytest.raises(WorldError, match="Discrete"):
-        check_world("Pendulum-v1")
+    with pytest.raises(WorldError, match="rgb_array"):
+        check_world("tests.worlds.corridor:tests/PictureLess-v0")
 
 
 def test_checking_leaves_nothing_registered():

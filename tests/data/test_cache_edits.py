@@ -27,6 +27,8 @@ from tests.builders import session, write_log
 from tests.counts import count
 from tests.study.studies import two_days
 
+pytestmark = pytest.mark.program  # whole studies are simulated
+
 Rows = dict[str, list[dict[str, object]]]
 CHANGED = "was changed by another program"
 

@@ -62,8 +62,8 @@ def test_without_marks_nothing_is_left_out(log):
     ("mark", "word"),
     [
         (Annotation("exclude", AT, episode=5), "1 to 4"),
-        (Annotation("Not good", AT), "not a lower-case word"),
-        (Annotation("exlude", AT), "close to 'exclude'"),
+        (Annotation("Not good", AT), "not a valid tag"),
+        (Annotation("exlude", AT), "too similar to the built-in tag 'exclude'"),
     ],
 )
 def test_a_mark_that_means_nothing_is_refused_and_not_written(log, mark, word):

@@ -10,6 +10,7 @@ from minihuman.dataset.annotations import Annotation, add_annotation
 from minihuman.dataset.selection import RULES, Selection
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
+from minihuman.dataset.table_columns import TABLES
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
 from minihuman.reporting.results import PRACTICE_ALONE, exclude_practice_alone, list_exclusions
@@ -105,3 +106,16 @@ def test_who_played_practice_alone_is_not_included() -> None:
     )
     reasons = exclude_practice_alone(people)["exclusion_reason"]
     assert reasons.fillna("").tolist() == [PRACTICE_ALONE, "", "", "", "idle"]
+
+
+def test_path_measures_that_are_filled_in_later_are_those_of_the_logs_where_a_participant_is_excluded(
+    study: Path,
+) -> None:
+    with StudyStore(StudySessions(study), with_shortest=False):
+        pass
+    found = []
+    for from_logs in (False, True):
+        with StudyStore(StudySessions(study, from_logs=from_logs), with_shortest=True) as store:
+            found.append({name: store.tables.table(name).to_pylist() for name in TABLES})
+    assert found[0] == found[1]
+    assert {row["participant"] for row in found[0]["blocks"] if row["exclusion_reason"]} == {"sub-01"}

@@ -16,13 +16,15 @@ from minihuman.dataset.annotations import Annotation, add_annotation
 from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import StudyStore
+from minihuman.dataset.store import StudyStore, needs_shortest_paths
 from minihuman.dataset.table_columns import TABLES
 from minihuman.dataset.table_files import write_tables
 from minihuman.errors import QueryError
 from minihuman.log.read.session_reader import read_log
 from tests.builders import session, write_log
 from tests.disks import fill, read_only, small_disk
+
+pytestmark = pytest.mark.program  # whole studies are simulated
 
 
 @pytest.fixture(scope="module")
@@ -192,7 +194,7 @@ def test_a_query_is_answered_in_lines_or_as_csv_and_changes_nothing(study):
     for wrong in ("select nothing from episodes", "drop table kept.steps", "nonsense"):
         with (
             StudyStore(StudySessions(study), with_shortest=False) as store,
-            pytest.raises(QueryError, match=r"the tables are|can only read the study.s tables"),
+            pytest.raises(QueryError, match=r"the tables are|use SELECT to read the study.s tables"),
         ):
             store.tables.query(wrong)
     assert rows(study) == before
@@ -226,7 +228,7 @@ def test_a_query_neither_writes_nor_reads_other_files(study, tmp_path, sql):
     assert done.returncode == 2
     assert done.stdout == ""
     assert len(done.stderr.splitlines()) == 1
-    assert "can only read the study's tables" in done.stderr
+    assert "read the study's tables" in done.stderr
     assert sorted(tmp_path.iterdir()) == before
 
 
@@ -239,3 +241,54 @@ def test_tables_are_made_and_written_without_pandas(study, tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", code, study, tmp_path / "out"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("sql", "needed"),
+    [
+        ("select count(*) from steps", False),
+        ("select count(*) from episodes", False),
+        ("select participant, median(2 * reward) from episodes group by all", False),
+        ("select * from steps", False),
+        ("select * from episodes", True),
+        ("from episodes", True),
+        ("table episodes", True),
+        ("select e from episodes e", True),
+        ("select to_json(episodes) from episodes", True),
+        ("select avg(e.excess_steps) from episodes e", True),
+        ("select columns('s.*') from blocks", True),
+        ("select participant from (select * from episodes)", True),
+        ("summarize episodes", True),
+        ("pivot episodes on block using avg(reward)", True),
+        ("select * from query('select spl from ' || 'episodes')", True),
+        ("no SQL at all", True),
+    ],
+)
+def test_a_query_asks_the_worlds_only_for_what_it_reads(sql, needed):
+    assert needs_shortest_paths(sql) is needed
+
+
+def test_counting_after_an_export_reads_no_log_again(study, monkeypatch):
+    with StudyStore(StudySessions(study, processes=1), with_shortest=False):
+        pass
+    monkeypatch.setattr("minihuman.log.read.session_reader.read_log", None)
+    sql = "select count(*) from episodes"
+    with StudyStore(StudySessions(study, processes=1), with_shortest=needs_shortest_paths(sql)) as store:
+        assert store.tables.count("episodes") > 0
+
+
+def test_a_report_after_an_export_asks_the_worlds_and_reads_no_log_again(study, monkeypatch):
+    log = next((study / "sub-01").rglob("*.mcap"))
+    add_annotation(read_log(log), Annotation("exclude", "2026-01-06T10:00:00Z", episode=1))
+    expected = {name: [] for name in TABLES}
+    for one in StudySessions(study, processes=1).rows(with_shortest=True):
+        for name in TABLES:
+            expected[name] += one.rows[name].to_pylist()
+    assert any(row["spl"] is not None for row in expected["episodes"])
+    rows(study)
+    no_reading(monkeypatch)
+    for _ in ("filled in", "kept"):
+        sessions = StudySessions(study, processes=1)
+        with StudyStore(sessions, with_shortest=True) as store:
+            assert {name: store.tables.table(name).to_pylist() for name in TABLES} == expected
+        assert not sessions.account.notes

@@ -241,7 +241,7 @@ def test_answer_times_count_from_when_the_question_was_shown(log):
 
 
 def test_a_rule_about_a_column_that_is_not_there_is_refused(log):
-    with pytest.raises(ReportError, match=r"\[0\]\.measure is 'yawns', no measure of an episode; there are .*steps"):
+    with pytest.raises(ReportError, match=r"\[0\]\.measure: 'yawns' is not a measure of an episode; use .*steps"):
         read_exclusion_rules(with_rules(log, [("too tired", "episode", "yawns", "above = 3")]).plan)
 
 
@@ -249,7 +249,7 @@ def test_parquet_csv_pandas_and_duckdb_agree_and_every_column_is_explained(log, 
     made = tabled(log)
     with TableDatabase(tmp_path / "one.duckdb") as kept:
         kept.insert({1: made, 2: made})
-        paths = write_tables(kept, tmp_path)
+        paths = write_tables(kept, tmp_path, empty=True)
     explained = json.loads((tmp_path / "dictionary.json").read_text())
     assert {path.name for path in paths} >= {"steps.parquet", "participants.csv", "dictionary.json"}
     for name in TABLES:

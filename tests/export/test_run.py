@@ -57,8 +57,11 @@ def test_tables_are_made_from_the_log_alone(study, tmp_path):
     """What takes the world itself, the fewest possible steps, is in the report's tables and not in these."""
     written(study, tmp_path / "out")
     described = json.loads((tmp_path / "out/dictionary.json").read_text())
-    for name, columns in TABLES.items():
-        table = pd.read_parquet(tmp_path / f"out/{name}.parquet")
+    assert {"steps", "episodes", "participants"} <= set(described)
+    assert {path.stem for path in (tmp_path / "out").glob("*.parquet")} == set(described)
+    for name in described:
+        table, columns = pd.read_parquet(tmp_path / f"out/{name}.parquet"), TABLES[name]
+        assert len(table), f"{name} has no row, and a file"
         assert (
             list(table.columns)
             == list(described[name])
@@ -87,7 +90,7 @@ def test_sessions_read_side_by_side_are_written_in_order_and_alike(study, tmp_pa
     assert [many / one.path for one in card.account.skipped] == damaged
     apart = [written(log, tmp_path / f"one-{number}") for number, log in enumerate(logs)]
     assert done.episodes == 20 * sum(one.episodes for one in apart)
-    for name in TABLES:
+    for name in json.loads((tmp_path / "all/dictionary.json").read_text()):
         pair = [pd.read_parquet(tmp_path / f"one-{number}/{name}.parquet") for number in range(2)]
         together = pd.read_parquet(tmp_path / f"all/{name}.parquet")
         who = [f"sub-{number:02}" for number in range(40)] if len(together) else []  # no device, no mark
@@ -129,7 +132,7 @@ def test_nothing_is_overwritten(study, tmp_path):
 def test_the_folder_one_is_in_is_refused_before_any_work(study, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     read: list[Path] = []
-    with pytest.raises(ExportError, match=r"\. is the current folder; name a new folder"):
+    with pytest.raises(ExportError, match=r"\. is the current folder; choose a new folder"):
         export_study("parquet", study, Path(), EVERYTHING, progress=read.append)
     assert not read
     assert not list(tmp_path.iterdir())
@@ -145,7 +148,8 @@ def test_a_selection_of_which_nothing_counts_leaves_nothing(study, tmp_path):
 
 def test_an_unknown_format_lists_the_known(study, tmp_path):
     with pytest.raises(
-        ExportError, match="'xlsx' is unknown; it is one of bids, croissant, csv, frictionless, imitation, lerobot, m"
+        ExportError,
+        match="'xlsx' is unknown; it is one of bids, croissant, csv, frictionless, hugging-face, im",
     ):
         written(study, tmp_path / "out", format_name="xlsx")
 

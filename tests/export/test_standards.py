@@ -351,8 +351,8 @@ def test_the_logs_and_what_was_made_of_them_are_beside(exported, studies):
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        ("participant,age,hand\nsub-01,old,left\n", "participants.csv:2: age is 'old', not of type 'integer'"),
-        ("participant,age,hand\nsub-01,31,both\n", "participants.csv:2: hand is 'both'; use left, right"),
+        ("participant,age,hand\nsub-01,old,left\n", "participants.csv:2: age is 'old'; use a value of type integer"),
+        ("participant,age,hand\nsub-01,31,both\n", "participants.csv:2: hand is 'both'; use one of left, right"),
         ("participant,age\nsub-01,31\n", "participants.csv has no column 'hand'"),
         ("participant,age,hand\nsub-01,,\nsub-01,,\n", "participants.csv:3: 'sub-01' appears twice"),
     ],

@@ -2,11 +2,10 @@
 
 import io
 
+import av
 import datasets
-import numpy as np
 import pytest
 from click.testing import CliRunner
-from PIL import Image
 from rerun.chunk import RrdReader
 
 from minihuman.cli.command_line import make_command_line
@@ -72,7 +71,7 @@ def test_a_changed_world_is_refused_and_then_exported_from_what_the_log_holds(tm
     source = study(tmp_path / "data", stored=True)
     before = exported(source, tmp_path / "before")
     monkeypatch.setattr(changing, "shade", 90)
-    with pytest.raises(ExportError, match=r"step 0: the observation differs .*, or take those in the log: --stored-fr"):
+    with pytest.raises(ExportError, match=r"step 0: the replayed observation .*, or export those in the log with --st"):
         exported(source, tmp_path / "refused")
     assert not (tmp_path / "refused").exists()
     assert exported(source, tmp_path / "after", stored_frames=True) == before
@@ -87,7 +86,7 @@ def test_a_log_that_holds_none_cannot_give_them(tmp_path, monkeypatch):
     with pytest.raises(ExportError, match=r"episode 1 has no stored observations .* export without --stored-frames"):
         exported(source, tmp_path / "out", stored_frames=True)
     monkeypatch.setattr(changing, "shade", 90)
-    with pytest.raises(ExportError, match=r"export with that version$"):
+    with pytest.raises(ExportError, match=r"export with \d+\.\d+\.\d+$"):
         exported(source, tmp_path / "out")
     with pytest.raises(LogError, match="no longer shows what the participant saw"):
         save_recording([read_log(log_in(source))], tmp_path / "view.rrd", with_view=True)
@@ -97,14 +96,16 @@ def test_the_replay_shows_what_the_log_holds_where_the_world_has_changed(tmp_pat
     log = read_log(log_in(study(tmp_path / "data", stored=True)))
     monkeypatch.setattr(changing, "shade", 90)
     saved = save_recording([log], tmp_path / "view.rrd", with_view=True)
-    rows = [
-        row
+    [film] = [
+        bytes(row["AssetVideo:blob"][0])
         for chunk in RrdReader(saved).stream().to_chunks()
-        if chunk.entity_path.endswith("/view")
         for row in chunk.to_record_batch().to_pylist()
+        if row.get("AssetVideo:blob")
     ]
-    shown = [np.array(Image.open(io.BytesIO(bytes(row["EncodedImage:blob"][0])))) for row in rows]
+    with av.open(io.BytesIO(film)) as container:
+        shown = [frame.to_ndarray(format="rgb24").astype(float) for frame in container.decode(video=0)]
     seen = [observation for episode in log.episodes for observation in episode.observations]
     assert len(shown) == len(seen) == 22
-    assert all(np.array_equal(one, other) for one, other in zip(shown, seen, strict=True))
-    assert {int(picture[0, 0, 0]) for picture in shown} == {40}
+    for one, other in zip(shown, seen, strict=True):  # a film's colours differ by some levels; the world's shade by 50
+        assert abs(one[: other.shape[0], : other.shape[1]] - other).mean() < 10
+    assert all(abs(picture[0, 0, 0] - 40) < 10 for picture in shown)

@@ -160,11 +160,11 @@ FOUND_BY = {  # the first seed that shows it
     "short write taken as whole": 13,
     "last chunk dropped": 1,
     "folder not synced": 0,
-    "renamed before its content": 15,
+    "renamed before its content": 24,
     "resent as new": 0,
     "sent taken for arrived": 0,
     "lost commit unnoticed": 171,
     "slot freed twice": 0,
     "time from the wall clock": 40,
-    "tabs mixed": 16,
+    "tabs mixed": 1,
 }

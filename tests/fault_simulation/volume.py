@@ -1,6 +1,7 @@
 """A disk that fails, and loses what was not made durable: real files in a folder, and what a power cut leaves."""
 
 import errno
+import fcntl
 import os
 import shutil
 from collections.abc import Callable
@@ -19,12 +20,12 @@ class _Content:
     """What a file holds when the power goes."""
 
     durable: bytearray = field(default_factory=bytearray)
-    pending: list[bytes | int] = field(default_factory=list)  # bytes appended, or the size it was cut to
+    pending: list[tuple[int, bytes] | int] = field(default_factory=list)  # bytes and where, or the size it was cut to
 
     def settle(self, *, lost: bool = False) -> None:
         """Make it durable; ``lost``: its size, not its data, as after an fsync that failed."""
         for change in self.pending:
-            _apply(self.durable, bytes(len(change)) if lost and isinstance(change, bytes) else change)
+            _apply(self.durable, change, blank=lost)
         self.pending = []
 
     def after_a_cut(self, schedule: Schedule) -> bytes:
@@ -33,17 +34,22 @@ class _Content:
             kept = schedule.rng.randint(0, len(self.pending))
             for change in self.pending[:kept]:
                 _apply(left, change)
-            if kept < len(self.pending) and isinstance(torn := self.pending[kept], bytes):
-                part = torn[: schedule.rng.randint(0, len(torn))]
-                left += bytes(len(part)) if schedule.chance(0.2) else part  # the size is there, the data are not
+            if kept < len(self.pending) and isinstance(torn := self.pending[kept], tuple):
+                at, data = torn
+                part = data[: schedule.rng.randint(0, len(data))]
+                _apply(left, (at, part), blank=schedule.chance(0.2))  # the size is there, the data are not
         return bytes(left)
 
 
-def _apply(content: bytearray, change: bytes | int) -> None:
+def _apply(content: bytearray, change: tuple[int, bytes] | int, *, blank: bool = False) -> None:
+    """Change it; ``blank``: what is new in it is zeros."""
     if isinstance(change, int):
         del content[change:]
-    else:
-        content += change
+        return
+    at, data = change
+    content.extend(bytes(max(0, at + len(data) - len(content))))
+    if not blank:
+        content[at : at + len(data)] = data
 
 
 class Volume:
@@ -159,16 +165,18 @@ class ProcessDisk(FileSystem):
         return fd
 
     def write(self, fd: int, data: bytes | memoryview) -> int:
-        """Append it, or a part of it."""
+        """Write it, or a part of it."""
         path = self._open[fd][0]
         dying = self._operation(f"write {path.name} {len(data)}", dies=False)
         self._refuse(path)
         rng = self.volume.schedule.rng
         cut = dying or (len(data) > 1 and self.volume.schedule.chance(self.short))
+        appends = fcntl.fcntl(fd, fcntl.F_GETFL) & os.O_APPEND
+        at = os.fstat(fd).st_size if appends else os.lseek(fd, 0, os.SEEK_CUR)
         taken = _OS.write(fd, data[: rng.randint(0 if dying else 1, len(data))] if cut else data)
         content = self.volume.live.get(path)
         if content is not None:
-            content.pending.append(bytes(data[:taken]))
+            content.pending.append((at, bytes(data[:taken])))
         wall_ns = self.volume.clock.wall_ns()
         os.utime(fd, ns=(wall_ns, wall_ns))
         if dying:

@@ -1,8 +1,17 @@
 """Figures as files."""
 
+import numpy as np
+import pytest
+
+from minihuman.figures import figure_files, style
+from minihuman.figures.figure_data import group_by_block
+from minihuman.figures.figure_files import digest_figure, draw_figure_files
 from minihuman.figures.path_figures import paths_figure
 from minihuman.figures.style import save_figure
 from tests.builders import session
+
+CURVES = {"grid_first": np.array([[0.1, 0.5], [0.3, 0.9]]), "direct": np.array([[0.0, 0.2], [0.1, np.nan]])}
+OPTIONS = {"measure": "reward", "limits": (0.0, 1.0)}
 
 
 def draw(stem):
@@ -15,3 +24,52 @@ def test_the_same_data_give_the_same_files_with_no_date_and_no_program_version(t
     assert [path.read_bytes() for path in first] == [path.read_bytes() for path in again]
     for word in (b"CreationDate", b"Matplotlib", b"matplotlib"):
         assert not any(word in path.read_bytes() for path in first)
+
+
+def test_a_figure_is_drawn_again_only_where_its_data_changed_or_a_file_is_not_whole(tmp_path, monkeypatch):
+    stem, drawn = tmp_path / "curve", []
+    save = style.save_figure
+    monkeypatch.setattr(style, "save_figure", lambda *given, **named: drawn.append(save(*given, **named)))
+
+    def count(curves=CURVES, **options):
+        draw_figure_files(stem, "learning_curves.learning_figure", curves, **{**OPTIONS, **options})
+        return len(drawn)
+
+    assert (count(), count()) == (1, 1)
+    first = {ending: stem.with_suffix(ending).read_bytes() for ending in (".png", ".pdf")}
+    assert count({**CURVES, "direct": CURVES["direct"] + 0.1}) == 2
+    assert stem.with_suffix(".png").read_bytes() != first[".png"]
+    assert count() == 3
+    for number, (ending, content) in enumerate(first.items(), 4):
+        assert stem.with_suffix(ending).read_bytes() == content
+        stem.with_suffix(ending).write_bytes(content[:-20])
+        assert count() == number
+    assert count() == 5
+
+
+@pytest.mark.parametrize(
+    ("curves", "options"),
+    [
+        ({**CURVES, "direct": CURVES["direct"][:1]}, OPTIONS),
+        ({"grid_first": CURVES["grid_first"], "straight": CURVES["direct"]}, OPTIONS),
+        (dict(reversed(CURVES.items())), OPTIONS),
+        (CURVES, {**OPTIONS, "measure": "Belohnung"}),
+        (CURVES, {**OPTIONS, "limits": None}),
+    ],
+    ids=["a participant fewer", "a group's name", "the groups' order", "the axis", "the limits"],
+)
+def test_a_digest_tells_figures_apart(curves, options):
+    assert digest_figure("a.b", (CURVES,), OPTIONS) == digest_figure("a.b", (dict(CURVES),), dict(OPTIONS))
+    assert digest_figure("a.b", (CURVES,), OPTIONS) != digest_figure("a.b", (curves,), options)
+
+
+def test_a_digest_follows_the_paths_of_an_episode_and_the_software(monkeypatch):
+    log, other = session(blocks=("grid",), episodes=1), session(blocks=("grid",), episodes=1)
+    digest = digest_figure("a.b", (group_by_block(log),), {})
+    assert digest_figure("a.b", (group_by_block(other),), {}) == digest
+    other.episodes[0].poses[1] += 0.25
+    assert digest_figure("a.b", (group_by_block(other),), {}) != digest
+    monkeypatch.setattr(figure_files, "_describe_software", lambda: ("another version",))
+    assert digest_figure("a.b", (group_by_block(log),), {}) != digest
+    with pytest.raises(TypeError, match="object, which has no digest"):
+        digest_figure("a.b", (object(),), {})

@@ -35,7 +35,7 @@ def test_a_participant_of_two_days_weighs_as_much_as_one_of_one_day():
     participants = group_by_participant([first, second, other], plan().world)
     share, _, _ = compute_occupancy(participants)
     assert (share[3, 4], share[5, 6], share[10, 12]) == pytest.approx((0.25, 0.25, 0.5))
-    assert occupancy_figure("w", participants).axes[0].get_title() == "w, 2 participants"
+    assert occupancy_figure("w", {"a": participants}).axes[0].get_title(loc="left") == "w, 2 participants"
 
 
 def test_metres_are_counted_in_half_metre_squares():
@@ -76,7 +76,9 @@ def test_each_group_has_its_line_its_band_and_its_size_in_the_legend():
     curves = {"grid_first": rng.random((4, 5)), "direct": rng.random((3, 5))}
     ax = draw_learning(Figure().subplots(), curves, measure="reward", limits=(0, 1))
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["grid_first (n = 4)", "direct (n = 3)"]
-    assert [line.get_linestyle() for line in ax.lines] == ["-", "--"]
+    means = [line for line in ax.lines if line.get_gid() not in ("participant: grid_first", "participant: direct")]
+    assert [line.get_linestyle() for line in means] == ["-", "--"]
+    assert len(ax.lines) - len(means) == 4 + 3  # participants, so few that each has a line
     assert [band.get_gid() for band in ax.collections] == ["band: grid_first", "band: direct"]
     heights = np.concatenate([band.get_paths()[0].vertices[:, 1] for band in ax.collections])
     assert heights.min() >= 0
@@ -85,7 +87,7 @@ def test_each_group_has_its_line_its_band_and_its_size_in_the_legend():
 
 def test_a_band_never_leaves_what_the_measure_can_be_but_blocks_no_value():
     ax = draw_learning(Figure().subplots(), {"all": session_rewards()}, measure="reward")
-    assert list(ax.lines[0].get_ydata()) == pytest.approx(session_rewards().mean(axis=0))
+    assert list(ax.lines[-1].get_ydata()) == pytest.approx(session_rewards().mean(axis=0))
 
 
 def test_a_share_of_everybody_has_an_interval_too():
@@ -136,3 +138,20 @@ def test_a_participant_of_two_sessions_has_a_curve_in_each_and_an_episode_nobody
     assert curves["a, session 1"][0] == pytest.approx([0.2, np.nan, 0.9], nan_ok=True)
     assert curves["a, session 2"][0] == pytest.approx([0.4, np.nan, np.nan], nan_ok=True)
     assert curves["b, session 1"][0] == pytest.approx([np.nan, 1.0, np.nan], nan_ok=True)
+
+
+def test_groups_are_beside_each_other_on_one_scale_the_darker_the_more():
+    groups = {"a": [[standing((3, 4), 5)]], "b": [[standing((3, 4), 1), standing((10, 12), 99)]]}
+    *panels, bar = occupancy_figure("w", groups).axes
+    assert [ax.get_title(loc="left") for ax in panels] == ["a, 1 participant", "b, 1 participant"]
+    assert len({(ax.collections[0].norm.vmin, ax.collections[0].norm.vmax) for ax in panels}) == 1
+    least, most = (sum(panels[1].collections[0].cmap(place)[:3]) for place in (0.0, 1.0))
+    assert most < least < 3
+    assert bar.get_ylabel().startswith("share of steps")
+
+
+def test_a_few_participants_have_a_line_each_and_many_have_none():
+    for count, lines in ((5, 5), (40, 0)):
+        values = np.random.default_rng(1).random((count, 6))
+        ax = draw_learning(Figure().subplots(), {"a": values}, measure="reward")
+        assert sum(line.get_gid() == "participant: a" for line in ax.lines) == lines

@@ -121,7 +121,7 @@ def test_a_map_whose_bounds_were_changed_is_refused_in_one_sentence(bounds):
     )
     for draw in (
         lambda: session_paths(replace(log, episodes=changed)),
-        lambda: occupancy_figure("world", [list(changed)]),
+        lambda: occupancy_figure("world", {"a": [list(changed)]}),
     ):
         with pytest.raises(LogError, match=r"a map's bounds are x .*minihuman verify") as refused:
             draw()

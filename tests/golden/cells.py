@@ -30,7 +30,7 @@ Cells = dict[str, dict[str, list[str | None]]]  # table, column, row
 def cells_of(study: Path, folder: Path) -> Cells:
     """Every table of a study as it is written today, by way of a folder; beside the study its cache is left."""
     with StudyStore(StudySessions(study), with_shortest=True) as store:
-        written = write_tables(store.tables, folder, kinds=("csv",))
+        written = write_tables(store.tables, folder, kinds=("csv",), empty=True)
     return {path.stem: _columns(path) for path in written if path.suffix == ".csv"}
 
 

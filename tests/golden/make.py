@@ -303,7 +303,76 @@ def make_failed_agent(data: Path) -> None:
         sys.path.remove(place)
 
 
+TEAM = """
+[study]
+name = "team"
+version = "1"
+seed = 11
+participants = 4
+[keys]
+pool = ["1", "2", "3"]
+keyboard_check = false
+[[groups]]
+name = "all"
+blocks = ["together"]
+[[blocks]]
+name = "together"
+kind = "team"
+world = "minihuman/Team-FourRooms-v0"
+episodes = 2
+actions = ["left", "right", "forward"]
+max_steps = 20
+[blocks.team]
+seats = ["person", "scripted:random"]
+roles = ["first", "second"]
+partner_disclosure = "debrief"
+"""
+
+
+def make_team(data: Path) -> None:
+    """Play two episodes together with an agent, and be told so at the end."""
+    segment(data, decode_protocol(TEAM.encode()), "random")
+
+
+ADAPTIVE = """
+[study]
+name = "adaptive"
+version = "1"
+seed = 11
+participants = 4
+[keys]
+pool = ["f", "j"]
+keyboard_check = false
+[allocation.design]
+name = "thompson"
+[[groups]]
+name = "bright"
+blocks = ["discs"]
+[[groups]]
+name = "dim"
+blocks = ["discs"]
+[[blocks]]
+name = "discs"
+kind = "trials"
+world = "minihuman/Stimulus-v0"
+options = { shape = "circle", correct = "left" }
+episodes = 8
+actions = ["left", "right"]
+max_steps = 1
+[blocks.design]
+name = "questplus"
+settings = { option = "size", values = [0.01, 0.02, 0.04, 0.08] }
+"""
+
+
+def make_adaptive(data: Path) -> None:
+    """Respond to trials that QUEST+ chooses, in a group that Thompson sampling assigned."""
+    segment(data, decode_protocol(ADAPTIVE.encode()), "observer:threshold=0.02")
+
+
 if __name__ == "__main__":
     make(Path(sys.argv[1]))
     make_everything_new(Path(sys.argv[1]), "last-of-v1")
     make_failed_agent(Path(sys.argv[1]))
+    make_team(Path(sys.argv[1]))
+    make_adaptive(Path(sys.argv[1]))

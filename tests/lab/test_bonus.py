@@ -44,8 +44,8 @@ def test_points_are_paid_to_who_earned_them(tmp_path):
     folder = study(tmp_path, bonus='[bonus]\nper_point = 0.05\nbase = 1\ncurrency = "GBP"')
     Recruitment(folder).remember(PlatformId("sub-01", "prolific", "5f2b"))
     first, second = format_payments_csv(compute_payments(folder)).splitlines()[1:]
-    assert first == "sub-01,1,prolific,5f2b,complete,30.00,2.50,GBP"
-    assert second == "sub-02,1,,,complete,30.00,2.50,GBP"
+    assert first == "sub-01,1,prolific,5f2b,complete,30.00,2.50,GBP,0.00"
+    assert second == "sub-02,1,,,complete,30.00,2.50,GBP,0.00"
     assert format_platform_payments(compute_payments(folder), "prolific") == "5f2b,2.50\n"
 
 
@@ -73,7 +73,7 @@ def test_nobody_whose_log_cannot_be_read_is_left_out_without_a_word(tmp_path):
 def test_a_session_that_was_copied_within_its_study_is_not_paid_twice(tmp_path):
     folder = study(tmp_path, bonus="[bonus]\nper_point = 0.05")
     shutil.copytree(folder / "sub-01", folder / "backup" / "sub-01")
-    with pytest.raises(LogError, match="are the same session; move one of them"):
+    with pytest.raises(LogError, match="record the same session; move one of them"):
         list(compute_payments(folder))
 
 

@@ -44,7 +44,7 @@ def test_the_next_run_names_the_session_and_the_command_and_takes_no_slot(tmp_pa
         run(protocol, data=tmp_path)
     assert str(refused.value) == (
         f"session 1 of sub-01 was cut off after 1 of 3 episodes; resume it: minihuman run {protocol} --data {tmp_path} "
-        "--participant sub-01; or go on with the next slot: --next-slot"
+        "--participant sub-01; or take the next slot with --next-slot"
     )
     typed = CliRunner().invoke(make_command_line(), ["run", str(protocol), "--data", str(tmp_path)])
     assert str(typed.exception) == str(refused.value)

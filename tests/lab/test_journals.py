@@ -154,8 +154,9 @@ def test_what_is_read_once_is_not_decoded_again(tmp_path: Path) -> None:
 def test_a_database_that_is_away_is_said_in_one_line(tmp_path: Path) -> None:
     pytest.importorskip("psycopg")
     (tmp_path / URL_FILE_NAME).write_text(f"postgresql:///none?host={tmp_path}")
-    with pytest.raises(OSError, match=r"the database of s/register\.jsonl cannot be queried"):
+    with pytest.raises(OSError, match=r"the database of s/register\.jsonl cannot be queried") as refused:
         open_journal(tmp_path / "s", ENROLMENT_FILE_NAME, words).read()
+    assert "\n" not in str(refused.value)
 
 
 def test_who_withdrew_by_the_register_is_in_nothing_that_is_read(data: Path) -> None:

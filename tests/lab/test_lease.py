@@ -267,7 +267,7 @@ def test_only_the_server_that_ended_a_session_finishes_its_log_after_a_kill(
         plan,
         HostStorage(protocol, machines[0], GroupCommit()),
         {"window": "web"},
-        PageSettings((96, 96), deepest=0),
+        PageSettings((96, 96), looks_ahead=False),
         at_sync=lambda: None,
     )
     lease = one.leases.acquire(name_session("tried", "sub-01", 1))

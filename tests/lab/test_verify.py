@@ -91,5 +91,5 @@ def test_a_policy_is_looked_for_in_the_study_of_a_session_in_several_files_and_f
         log = read_log(given)
         steered = TeachingRecord("ab" * 32, *(np.zeros(0),) * 3, (), ())
         taught = replace(log, episodes=(replace(log.episodes[0], taught=steered),))
-        with pytest.raises(LogError, match=re.escape(f"is not in {tmp_path / 'corridor' / 'policies'};")):
+        with pytest.raises(LogError, match=re.escape(f"is missing from {tmp_path / 'corridor' / 'policies'};")):
             list(verify_advice(taught, World))

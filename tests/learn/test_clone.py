@@ -20,11 +20,12 @@ from minihuman.learn.behaviour_cloning import (
 )
 from minihuman.learn.demonstrations import read_demonstrations
 from minihuman.learn.policy.evaluation import evaluate_policy, held_out_seed, make_random_policy, make_sampling_policy
-from minihuman.learn.policy.file import load_policy
+from minihuman.learn.policy.file import load_policy, save_atomically
 from minihuman.learn.policy.observation import ObservationEncoder, encode_whole_grid
 from minihuman.learn.ppo import TrainingHistory
 from minihuman.log.read.session_reader import read_log
 from minihuman.runtime.simulated_session import simulate
+from tests.disks import fill, small_disk
 
 pytestmark = pytest.mark.program
 
@@ -130,6 +131,15 @@ def test_held_out_episodes_are_not_training_episodes():
     assert min(held_out_seed(1, episode) for episode in range(100)) >= 2**31
 
 
+def test_a_policy_for_which_a_disk_has_no_room_is_named_and_not_there(tmp_path):
+    with small_disk(tmp_path, 1 << 16):
+        ballast = fill(tmp_path, but=0)
+        with pytest.raises(OSError, match="No space left on device") as refused:
+            save_atomically({"weights": torch.zeros(100_000)}, tmp_path / "policy.pt")
+        assert refused.value.filename == str(tmp_path / "policy.pt")
+        assert list(tmp_path.iterdir()) == [ballast]
+
+
 def test_what_is_ahead_is_above_the_middle():
     import gymnasium
 
@@ -176,7 +186,7 @@ def test_a_policy_for_another_world_is_refused_in_one_line(cloned, protocol, tmp
     out, _ = cloned
     other = tmp_path / "other.toml"
     other.write_text(PROTOCOL.replace("FourRooms", "GoToObj-Transfer"))
-    with pytest.raises(LearnError, match="was trained in minihuman/MiniGrid-FourRooms-v0, and block 'grid' plays"):
+    with pytest.raises(LearnError, match="was trained in minihuman/MiniGrid-FourRooms-v0, but block 'grid' plays"):
         list(simulate(read_protocol(other), tmp_path / "data", participants=1, seed=2, player=f"policy:{out}"))
 
 
@@ -207,14 +217,14 @@ def test_a_file_that_is_there_is_not_overwritten(cloned, logs):
 
 
 def test_one_participant_cannot_be_split(demonstrations):
-    with pytest.raises(LearnError, match="needs two or more participants"):
+    with pytest.raises(LearnError, match=r"only one participant, .*needs two or more"):
         split_by_participant(demonstrations.by(demonstrations.participants[:1]), share=0.2, seed=1)
 
 
 @pytest.mark.parametrize("size", [0, -5])
 def test_no_demonstrations_are_no_size_to_try(size, logs, tmp_path):
     study = replace(STUDY, sizes=(size, 5))
-    with pytest.raises(LearnError, match=f"demonstrations is {size}; use 1 or more"):
+    with pytest.raises(LearnError, match=f"{size} is not a valid number of demonstrations; use 1 or more"):
         clone_study(logs, tmp_path / "clone.pt", study, command="test")
 
 

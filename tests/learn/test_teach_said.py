@@ -97,7 +97,7 @@ def test_a_press_is_about_what_its_own_session_showed(once):
 def test_ratings_of_nothing_are_refused(once):
     silent = sitting(EMPTY, actions=3)[1].with_more(once.lessons)
     for name in ("tamer", "deep-coach", "preferences"):
-        with pytest.raises(LearnError, match="none of 0"):
+        with pytest.raises(LearnError, match="none of the 0"):
             make_learner(name).learn(LearningRequest(silent, np.random.default_rng(1)))
 
 

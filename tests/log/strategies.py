@@ -3,17 +3,19 @@
 import math
 from typing import get_args
 
+import msgspec
 import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from minihuman.experiment.activities import agent_blocks, correction, preferences
+from minihuman.experiment.activities import agent_blocks, correction, preferences, team_play
 from minihuman.experiment.activities.block_plans import CriterionSpec, PlayPlan
 from minihuman.experiment.activities.keyboard_check import KeyboardCheckPlan
 from minihuman.experiment.activities.pages import PagePlan
 from minihuman.experiment.activities.questions.question import QuestionItemSpec
 from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
 from minihuman.experiment.machine import events
+from minihuman.experiment.plan.designs import GroupAssignment, PlayedEpisode
 from minihuman.experiment.plan.session_plan import (
     BlockText,
     BonusSpec,
@@ -99,7 +101,13 @@ PLANS = st.builds(
     study_version=TEXTS,
     protocol_toml=st.binary(max_size=50),
     protocol_sha256=TEXTS,
-    participant=st.builds(Participant, st.just("sub-01"), COUNTS, TEXTS),
+    participant=st.builds(
+        Participant,
+        st.just("sub-01"),
+        COUNTS,
+        TEXTS,
+        assigned=st.none() | st.just(GroupAssignment("thompson", 1, {"a": [1.5, 0.5], "b": [0, 0]})),
+    ),
     session=st.integers(1, 99),
     study_seed=SEEDS,
     allocation_sha256=st.none() | TEXTS,
@@ -116,7 +124,14 @@ PLANS = st.builds(
     parts=st.lists(PARTS, max_size=3).map(tuple),
     words=st.dictionaries(TEXTS, TEXTS, max_size=2),
     language=st.sampled_from(["en", "zh"]),
-    standing=st.builds(ResumeState, COUNTS, FLOATS.filter(math.isfinite), st.just(("goal",)), st.just({"quiz": 1})),
+    standing=st.builds(
+        ResumeState,
+        COUNTS,
+        FLOATS.filter(math.isfinite),
+        st.just(("goal",)),
+        st.just({"quiz": 1}),
+        st.sampled_from([msgspec.UNSET, (PlayedEpisode({"size": 0.1}, 7, "goal", 1, 1.0),)]),
+    ),
     bonus=st.none() | st.just(BonusSpec(0.1, "EUR", 2.0, 5.0)),
     fonts=st.just(()) | st.just(("NotoSerif-Regular.ttf",)),
 )
@@ -199,6 +214,7 @@ EVENTS_BY_TYPE: dict[type[events.Event], st.SearchStrategy[events.Event]] = {
     events.PointerUsed: st.builds(
         events.PointerUsed, TIMES, st.sampled_from(["pressed", "moved", "released"]), FLOATS, FLOATS, TEXTS, FLOATS
     ),
+    events.AxisMoved: st.builds(events.AxisMoved, TIMES, TEXTS, FLOATS),
     events.AnswerChanged: st.builds(events.AnswerChanged, TIMES, COUNTS, TEXTS, TEXTS),
     events.Answered: st.builds(
         events.Answered,
@@ -219,6 +235,19 @@ EVENTS_BY_TYPE: dict[type[events.Event], st.SearchStrategy[events.Event]] = {
     events.Resumed: st.builds(events.Resumed, TIMES),
     events.Noted: st.builds(events.Noted, TIMES, TEXTS, TEXTS),
     events.Sampled: st.builds(events.Sampled, TIMES, TEXTS, st.lists(FLOATS, max_size=3).map(tuple), TEXTS),
+    events.DesignDecided: st.builds(
+        events.DesignDecided,
+        TIMES,
+        COUNTS,
+        COUNTS,
+        TEXTS,
+        COUNTS,
+        st.dictionaries(TEXTS, COUNTS | TEXTS, max_size=2),
+        st.none() | SEEDS,
+        st.booleans(),
+        st.dictionaries(TEXTS, FLOATS.filter(math.isfinite), max_size=2),
+        SEEDS,
+    ),
     events.Linked: st.builds(events.Linked, TIMES, TIMES, TIMES, TIMES, TIMES, st.none() | FLOATS),
     agent_blocks.PolicyGiven: st.builds(agent_blocks.PolicyGiven, TIMES, COUNTS, COUNTS, TEXTS, TEXTS),
     agent_blocks.LearnerAsked: st.builds(agent_blocks.LearnerAsked, TIMES, COUNTS, COUNTS),
@@ -271,6 +300,27 @@ EVENTS_BY_TYPE: dict[type[events.Event], st.SearchStrategy[events.Event]] = {
         st.lists(COUNTS, max_size=4).map(tuple),
         SEEDS,
     ),
+    team_play.TeamFormed: st.builds(
+        team_play.TeamFormed, TIMES, COUNTS, TEXTS, COUNTS, COUNTS, TEXTS, st.lists(TEXTS, max_size=3).map(tuple)
+    ),
+    team_play.SeatsReadied: st.builds(team_play.SeatsReadied, TIMES, COUNTS, st.lists(FLOATS, max_size=8).map(tuple)),
+    team_play.JointStepped: st.builds(
+        team_play.JointStepped,
+        TIMES,
+        COUNTS,
+        COUNTS,
+        st.lists(COUNTS, max_size=3).map(tuple),
+        st.lists(FLOATS, max_size=3).map(tuple),
+        st.lists(TEXTS, max_size=3).map(tuple),
+        SEEDS,
+        st.lists(FLOATS, max_size=8).map(tuple),
+    ),
+    team_play.InputLate: st.builds(team_play.InputLate, TIMES, COUNTS, COUNTS, COUNTS, TEXTS, TIMES),
+    team_play.PictureCorrected: st.builds(team_play.PictureCorrected, TIMES, COUNTS, COUNTS, TIMES, TIMES),
+    team_play.SeatTaken: st.builds(
+        team_play.SeatTaken, TIMES, COUNTS, COUNTS, COUNTS, st.sampled_from(get_args(team_play.SeatHolder))
+    ),
+    team_play.TeamEnded: st.builds(team_play.TeamEnded, TIMES, COUNTS, st.sampled_from(get_args(team_play.GoneReason))),
     correction.NothingToCorrect: st.builds(correction.NothingToCorrect, TIMES, COUNTS, COUNTS),
     correction.CorrectionSeen: st.builds(correction.CorrectionSeen, TIMES, COUNTS, COUNTS, COUNTS, TIMES, TIMES),
     correction.CorrectionBegun: st.builds(correction.CorrectionBegun, TIMES, *[COUNTS] * 5, SEEDS, TIMES),

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from minihuman.experiment.activities.registry import find_kind, list_built_in_kinds
 from minihuman.experiment.machine import events as ev
+from minihuman.log import topics
 from minihuman.log.codec import decode_event, encode_event, load_activity_rows
-from minihuman.log.preview import encode_previews
+from minihuman.log.preview import PreviewEncoder
 from minihuman.log.read.session_reader import read_events
 from minihuman.log.record.disk import RecorderSettings
 from minihuman.log.record.mcap_recorder import McapRecorder
@@ -26,7 +27,7 @@ def of_kinds() -> set[type[ev.Event]]:
 
 
 def test_every_kind_of_event_has_a_strategy() -> None:
-    assert set(EVENTS_BY_TYPE) == {*get_args(ev.Event), *of_kinds()} - {ev.ActivityEvent}
+    assert set(EVENTS_BY_TYPE) == {*get_args(ev.Event), *of_kinds(), ev.DesignDecided} - {ev.ActivityEvent}
 
 
 @pytest.mark.long
@@ -60,7 +61,28 @@ def test_any_events_written_are_read_in_the_same_order(start: ev.SessionStarted,
 
 
 def test_what_viewers_get_is_no_event_of_its_own() -> None:
+    previews = PreviewEncoder(STARTED_NS)
     for event in session_events(session_plan(episodes=1)):
         topic, message = encode_event(event)
-        for drawn_on, drawn in encode_previews(topic, message.SerializeToString(), started_ns=STARTED_NS):
+        for drawn_on, drawn in previews.encode(topic, message.SerializeToString()):
             assert decode_event(drawn_on, drawn.SerializeToString()) is None
+
+
+def test_viewers_get_an_episodes_poses_at_its_end_or_where_the_segment_is_cut_off() -> None:
+    events = session_events(session_plan(episodes=2))
+    ends = [place for place, event in enumerate(events) if isinstance(event, ev.EpisodeEnded)]
+    previews, found = PreviewEncoder(STARTED_NS), []
+    for place, event in enumerate(events[: ends[1]]):  # the second episode is cut off
+        topic, message = encode_event(event)
+        drawn = [one for name, one in previews.encode(topic, message.SerializeToString()) if name == topics.POSE]
+        assert bool(drawn) == (place == ends[0])
+        found += drawn
+    found += [one for _, one in previews.finish()]
+    told = [
+        [one.pose for one in part if isinstance(one, ev.EpisodeStarted | ev.Stepped)]
+        for part in (events[: ends[0]], events[ends[0] : ends[1]])
+    ]
+    assert [[(one.position.x, one.position.z) for one in path.poses] for path in found] == [
+        [(pose.x, pose.z) for pose in poses if pose is not None] for poses in told
+    ]
+    assert list(previews.finish()) == []

@@ -10,10 +10,10 @@ from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto,
 from minihuman.experiment.activities.registry import list_built_in_kinds
 from minihuman.log import proto
 from minihuman.log.codec import list_activity_topics
-from minihuman.log.topics import TOPICS, schema_bytes
+from minihuman.log.topics import RARE_TOPICS, TOPICS, schema_bytes
 
 FOLDER = Path(proto.__file__).parent
-ALL = (*TOPICS, *list_activity_topics(list_built_in_kinds()))
+ALL = (*TOPICS, *RARE_TOPICS, *list_activity_topics(list_built_in_kinds()))
 FILES = ("minihuman_v1", "minihuman_agent_v1")
 DOCS = Path(__file__).parents[2] / "docs" / "log-format.md"
 
@@ -33,6 +33,19 @@ def test_the_committed_python_is_what_the_proto_generates(generated: FileDescrip
         node.value for node in ast.walk(code) if isinstance(node, ast.Constant) and isinstance(node.value, bytes)
     ]
     assert FileDescriptorProto.FromString(committed[0]) == _without_json_names(generated)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_the_committed_python_asks_for_no_newer_protobuf_than_is_admitted(name: str) -> None:
+    made_by = re.search(r"Protobuf Python Version: ([\d.]+)", (FOLDER / f"{name}_pb2.py").read_text())
+    admitted = re.search(r'"protobuf>=([\d.]+)"', (DOCS.parents[1] / "pyproject.toml").read_text())
+    assert made_by
+    assert admitted
+    assert _version(made_by[1]) <= _version(admitted[1]), "generate with grpcio-tools 1.66.2"
+
+
+def _version(text: str) -> tuple[int, ...]:
+    return tuple(map(int, text.split(".")))
 
 
 def _without_json_names(file: FileDescriptorProto) -> FileDescriptorProto:

@@ -1,8 +1,10 @@
 """The public API: the notebook in the docs runs, names say little and much, and importing takes nothing heavy."""
 
+import gc
 import re
 import subprocess
 import sys
+import weakref
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +15,7 @@ import pytest
 import minihuman
 from minihuman.dataset.annotations import Annotation, add_annotation
 from minihuman.errors import LogError, QueryError
+from minihuman.log.read import session_reader
 from minihuman.log.read.session_reader import read_log
 from tests.builders import session, write_log
 from tests.export.study import recorded
@@ -160,7 +163,7 @@ def test_no_public_function_is_hidden_by_a_package_of_its_name():
 
 
 def test_every_public_name_is_there_and_explained():
-    assert len(minihuman.__all__) < 20
+    assert len(minihuman.__all__) < 24
     for name in set(minihuman.__all__) - {"__version__"}:
         thing = getattr(minihuman, name)
         assert thing.__doc__
@@ -187,3 +190,19 @@ def test_a_study_and_a_session_are_opened_by_functions_of_their_own(by_hand):
     assert isinstance(minihuman.open_study(folder), minihuman.Study)
     with pytest.raises(LogError, match="is not a folder"):
         minihuman.open_study(next(by_hand.rglob("*.mcap")))
+
+
+def test_one_session_is_opened_and_no_other(by_hand, monkeypatch):
+    study, opened = minihuman.open_study(by_hand), []
+    real = session_reader.read_log
+    monkeypatch.setattr(session_reader, "read_log", lambda path: opened.append(path) or real(path))
+    assert study["sub-02"].participant == "sub-02"
+    assert len(opened) == 1
+
+
+def test_going_through_a_study_keeps_no_session(by_hand):
+    sessions = iter(minihuman.open_study(by_hand))
+    first = weakref.ref(next(sessions))
+    assert next(sessions) is not None
+    gc.collect()
+    assert first() is None

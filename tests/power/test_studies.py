@@ -62,7 +62,7 @@ def test_a_persons_value_is_the_mean_over_episodes_time_outs_at_the_limit():
 
 
 def test_a_world_whose_best_way_nobody_knows_has_no_excess():
-    with pytest.raises(ReportError, match=r"too few simulated participants \(0\) have a value for spl"):
+    with pytest.raises(ReportError, match=r"only 0 simulated participants have a value for spl"):
         compute_values(episodes(feasible_steps=[np.nan] * 3), "spl")
 
 

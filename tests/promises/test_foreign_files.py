@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from minihuman import simulate, verify
 from minihuman.admin.protocol_file import MAX_PROTOCOL_BYTES, read_protocol
 from minihuman.errors import LearnError, ProtocolError
 from tests.promises.sessions import TOML
@@ -42,10 +43,10 @@ def _refusal(folder: Path, more: str) -> str:
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("/dev/zero", "leads out of the protocol's folder"),
-        ("/etc/passwd", "leads out of the protocol's folder"),
-        ("../outside.png", "leads out of the protocol's folder"),
-        ("link.png", "leads out of the protocol's folder"),
+        ("/dev/zero", "is outside the protocol's folder"),
+        ("/etc/passwd", "is outside the protocol's folder"),
+        ("../outside.png", "is outside the protocol's folder"),
+        ("link.png", "is outside the protocol's folder"),
         ("pipe", "is not a regular file"),
         (".", "is not a regular file"),
         ("long", "is larger than 16777216 bytes"),
@@ -60,6 +61,15 @@ def test_a_picture_is_a_png_of_the_protocols_folder(folder: Path, name: str, sai
 def test_a_picture_in_the_folder_is_read(folder: Path) -> None:
     (folder / "p.toml").write_text(f'{TEXT}\n[[pages]]\nname = "look"\nimages = ["seen.png"]\n')
     assert read_protocol(folder / "p.toml").files == {"seen.png": (folder / "seen.png").read_bytes()}
+
+
+def test_a_session_whose_page_showed_a_picture_is_proven_without_the_folder(folder: Path) -> None:
+    parts = TEXT.replace('blocks = ["small"]', 'parts = ["look", "small"]')
+    (folder / "p.toml").write_text(f'{parts}\n[[pages]]\nname = "look"\ntext = "A page."\nimages = ["seen.png"]\n')
+    (log,) = simulate(folder / "p.toml", participants=1, data=folder.parent / "data")
+    found = list(verify(log))
+    assert found
+    assert all(line.ok for line in found), found
 
 
 @pytest.mark.parametrize("make", [lambda path: os.mkfifo(path), lambda path: path.symlink_to("/dev/zero")])
@@ -82,7 +92,10 @@ def test_a_policy_is_read_as_one_before_anything_is_kept(folder: Path, name: str
         "episodes = 1", f'kind = "takeover"\nagent = {{ policy = "{name}", step_ms = 400 }}\nepisodes = 1'
     )
     (folder / "p.toml").write_text(text)
-    with pytest.raises(ProtocolError, match=r"agent.policy: .*(leads out|is not a policy file|is not a regular file)"):
+    with pytest.raises(
+        ProtocolError,
+        match=r"agent.policy: .*(is outside the protocol's folder|is not a policy file|is not a regular file)",
+    ):
         read_protocol(folder / "p.toml")
 
 
@@ -115,7 +128,7 @@ def test_malformed_policies_are_each_refused_in_a_sentence(tmp_path: Path) -> No
         (but(image_shape=(3, 100_000, 100_000)), "an image of 3 x 100000 x 100000"),
         (but(image_shape=(3, 2_000, 1_000)), "features_extractor"),
         (but(action_names=("left",)), "action_net.bias is"),
-        (but(image_shape="wide"), "its card cannot be read"),
+        (but(image_shape="wide"), "its model card cannot be read"),
         (weigh("action_net.bias", torch.full((3,), float("nan"))), "is not a tensor of finite 32-bit floats"),
         (weigh("action_net.weight", torch.zeros(1).expand(100_000, 100_000)), "is not a tensor of finite"),
     ):

@@ -97,8 +97,8 @@ class Logs:
 def compare_tables(logs: Logs, folder: Path, tally: Tally) -> None:
     """CSV or Parquet files of all tables, with the columns that no world is asked for."""
     for name in TABLES:
-        path = folder / f"{name}.csv"
-        rows = read_csv(path) if path.exists() else pq.read_table(folder / f"{name}.parquet").to_pylist()
+        path, other = folder / f"{name}.csv", folder / f"{name}.parquet"  # no file where there is no row
+        rows = read_csv(path) if path.exists() else pq.read_table(other).to_pylist() if other.exists() else []
         tally.rows(f"{folder.name} {name}", rows, logs.tables[name], without=NEEDING_WORLD)
 
 
@@ -301,7 +301,8 @@ def compare_lerobot(logs: Logs, out: Path, tally: Tally) -> None:
             row
             for path in sorted(root.glob("data/*/*.parquet"))
             for row in pq.read_table(
-                path, columns=["action", "action_index", "next.reward", "next.done", "next.success", "time_s", "index"]
+                path,
+                columns=["action", "discrete_action", "next.reward", "next.done", "next.success", "time_s", "index"],
             ).to_pylist()
         ]
         episodes = [
@@ -326,7 +327,7 @@ def compare_lerobot(logs: Logs, out: Path, tally: Tally) -> None:
             actions = [[float(episode.start.action_names[step.action] == name) for name in names] for step in steps]
             for column, expected in (
                 ("action", actions),
-                ("action_index", [step.action for step in steps]),
+                ("discrete_action", [step.action for step in steps]),
                 ("next.reward", [step.reward for step in steps]),
                 ("next.done", last),
                 ("next.success", [one and episode.outcome == "goal" for one in last]),

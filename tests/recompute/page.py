@@ -8,10 +8,10 @@ import json
 import math
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html.parser import HTMLParser
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +44,7 @@ MEASURES = {
 }
 UNASKED = {"log_steps_ratio_mean", "reaction_median_ms"}
 FACTORS = {"log_excess_steps_mean": "the excess steps, plus one", "log_steps_ratio_mean": "the steps"}
+LOGS = ("playing_s_mean", "response_median_ms", "all_keys_discovered_s", "reaction_median_ms")
 RESAMPLES = 9_999
 NOTHING = "\N{EN DASH}"
 MINUS = "\N{MINUS SIGN}"
@@ -165,16 +166,30 @@ class Compared:
     groups: tuple[str, str]
     n: tuple[int, int]
     means: tuple[float, float]
-    interval: tuple[float, float]
+    interval: tuple[Near, Near] | None
     p: Near
     smallest_p: float
     g: float
-    g_interval: tuple[float, float]
+    g_interval: tuple[Near, Near] | None
     reason: str
+    is_log: bool = False
 
     @property
     def difference(self) -> float:
         return self.means[0] - self.means[1]
+
+
+def near_interval(value: float, bounds: tuple[Near, Near] | None, *, sign: str = "-", is_log: bool = False) -> Expected:
+    """A number and its interval in brackets; of logarithms the ratio."""
+    if is_log:
+        value = math.exp(value)
+        bounds = bounds and (exponential(bounds[0]), exponential(bounds[1]))
+    first = ("\N{MULTIPLICATION SIGN}" if is_log else "") + number(value, sign="-" if is_log else sign)
+    return (first,) if bounds is None else (f"{first} (", bounds[0], " to ", bounds[1], ")")
+
+
+def exponential(near: Near) -> Near:
+    return Near(math.exp(near.value), math.exp(near.value) * near.error * 1.01)
 
 
 def welch(a: Any, b: Any, axis: int = -1) -> Any:
@@ -184,13 +199,119 @@ def welch(a: Any, b: Any, axis: int = -1) -> Any:
         return np.where(apart < 1e-12, 0.0, np.minimum(apart / error, 1e9))
 
 
+class Regrouped:
+    """The permutation test of two groups for any shift, every regrouping written out."""
+
+    def __init__(self, a: Any, b: Any) -> None:
+        self.a, self.b = a, b
+        n, total = len(a), len(a) + len(b)
+        self.exact = special.comb(total, n, exact=True) <= RESAMPLES
+        if self.exact:
+            chosen = [[*one, *(at for at in range(total) if at not in one)] for one in combinations(range(total), n)]
+            self.orders = np.array(chosen)
+        else:
+            self.orders = np.random.default_rng(1).random((RESAMPLES, total)).argsort(axis=1)
+
+    def p(self, shift: float = 0.0) -> float:
+        a, n, m = self.a - shift, len(self.a), len(self.b)
+        values = np.concatenate([a, self.b])[self.orders]
+        observed = float(welch(a, self.b))
+        as_far = int((welch(values[:, :n], values[:, n:]) >= observed * (1 - 1e-9)).sum())
+        p = (as_far + (not self.exact)) / (len(self.orders) + (not self.exact))
+        if (
+            max(np.ptp(a), np.ptp(self.b))
+            and smallest_p(n, m) < 0.05
+            and (min(n, m) < 4 or (n != m and min(n, m) < 10))
+        ):
+            by_t = stats.ttest_ind(a, self.b, equal_var=False)
+            freedom = by_t.df if min(n, m) > 3 else min(n, m) - 1
+            p = max(p, float(2 * stats.t.sf(abs(by_t.statistic), freedom)))
+        return p
+
+    def interval(self) -> tuple[Near, Near] | None:
+        if not max(np.ptp(self.a), np.ptp(self.b)) or smallest_p(len(self.a), len(self.b)) >= 0.05:
+            return None
+        error = math.sqrt(np.var(self.a, ddof=1) / len(self.a) + np.var(self.b, ddof=1) / len(self.b))
+        return invert(self.p, float(np.mean(self.a) - np.mean(self.b)), error, exact=self.exact)
+
+
+def invert(p: Any, estimate: float, error: float, *, exact: bool) -> tuple[Near, Near]:
+    """The interval that a test does not reject; drawn resamples leave p uncertain by five standard errors."""
+    slack = 0.0 if exact else 5 * math.sqrt(2 * 0.05 * 0.95 / RESAMPLES)
+    bounds = []
+    for side in (-1, 1):
+        near, middle, far = (search(p, estimate, side * error, 0.05 + more) for more in (slack, 0.0, -slack))
+        bounds.append(Near(middle, max(abs(middle - near), abs(far - middle)) + 2e-5 * error))
+    return bounds[0], bounds[1]
+
+
+def search(p: Any, inside: float, step: float, alpha: float) -> float:
+    outside = inside + step
+    while p(outside) >= alpha:
+        inside, step = outside, 2 * step
+        outside = inside + step
+    while abs(outside - inside) > 1e-6 * abs(step):
+        middle = (inside + outside) / 2
+        inside, outside = (inside, middle) if p(middle) < alpha else (middle, outside)
+    return inside
+
+
+class Flipped:
+    """The paired permutation test for any shift, every flip of signs written out."""
+
+    def __init__(self, values: Any) -> None:
+        self.values, n = values, len(values)
+        self.exact = n <= 13
+        self.signs = np.random.default_rng(1).choice([1.0, -1.0], (RESAMPLES, n))
+        if self.exact:
+            self.signs = np.array(list(product((1.0, -1.0), repeat=n)))
+
+    def p(self, shift: float = 0.0) -> float:
+        moved = self.values - shift
+        least = abs(moved.sum()) - 1e-9 * np.abs(moved).sum()
+        as_far = int((np.abs(self.signs @ moved) >= least).sum())
+        return float(as_far + (not self.exact)) / (len(self.signs) + (not self.exact))
+
+    def interval(self) -> tuple[Near, Near] | None:
+        n = len(self.values)
+        if not np.ptp(self.values) or 2.0 ** (1 - n) >= 0.05:
+            return None
+        error = float(np.std(self.values, ddof=1)) / math.sqrt(n)
+        return invert(self.p, float(np.mean(self.values)), error, exact=self.exact)
+
+
 def permutation_p(a: Any, b: Any) -> Near:
-    ways = special.comb(len(a) + len(b), len(a), exact=True)
-    drawn = RESAMPLES if ways > RESAMPLES else math.inf
-    found = stats.permutation_test(
-        (a, b), welch, vectorized=True, n_resamples=drawn, alternative="greater", axis=0, batch=2_000, rng=1,
+    test = Regrouped(a, b)
+    return near_p(test.p(), exact=test.exact)
+
+
+def standardised(a: Any, b: Any, bounds: tuple[Near, Near]) -> tuple[float, tuple[Near, Near]]:
+    """The difference over the average SD, and its interval at both ends of what the difference's may be."""
+
+    def ends(low: float, high: float) -> tuple[float, float]:
+        if apart < 0:
+            low, high = ends_of(-high, -low)
+            return -high, -low
+        return ends_of(low, high)
+
+    def ends_of(low: float, high: float) -> tuple[float, float]:
+        size = abs(apart)
+        below = low * scale
+        if low > 0:
+            below = size * scale - math.sqrt((size * scale) ** 2 - low * (2 * size - low) * least * (2 * scale - least))
+        return below, size * scale + math.hypot((high - size) * scale, size * (most - scale))
+
+    apart = float(np.mean(a) - np.mean(b))
+    first, second = float(np.var(a, ddof=1)), float(np.var(b, ddof=1))
+    freedom = (first + second) ** 2 / (first**2 / (len(a) - 1) + second**2 / (len(b) - 1))
+    root = math.sqrt((first + second) / 2)
+    scale = (1 - 3 / (4 * freedom - 1)) / root
+    least, most = (scale * math.sqrt(float(stats.chi2.ppf(at, freedom)) / freedom) for at in (0.025, 0.975))
+    middle = ends(bounds[0].value, bounds[1].value)
+    wide = ends(bounds[0].value - bounds[0].error, bounds[1].value + bounds[1].error)
+    return apart * scale, (
+        Near(middle[0], abs(wide[0] - middle[0]) * 1.5 + 1e-9), Near(middle[1], abs(wide[1] - middle[1]) * 1.5 + 1e-9)
     )  # fmt: skip
-    return near_p(float(found.pvalue), exact=ways <= RESAMPLES)
 
 
 def near_p(p: float, *, exact: bool = False) -> Near:
@@ -210,30 +331,34 @@ def welch_interval(a: Any, b: Any, level: float = 0.95) -> tuple[float, float]:
     return float(found.low), float(found.high)
 
 
-def compare(measure: str, groups: tuple[str, str], a: Any, b: Any) -> Compared:
+def compare(measure: str, groups: tuple[str, str], a: Any, b: Any, *, is_log: bool = False) -> Compared:
     n = len(a), len(b)
     means = tuple(float(np.mean(one)) if len(one) else math.nan for one in (a, b))
     plain = (measure, groups, n, means)
     if min(n) < 2:
         few = groups[0] if n[0] <= n[1] else groups[1]
         reason = f"{min(n)} in {few}: two a group are the least"
-        return Compared(*plain, NONE, Near(math.nan, 0), math.nan, math.nan, NONE, reason)
-    p, least, spreads = permutation_p(a, b), smallest_p(*n), (float(np.std(a, ddof=1)), float(np.std(b, ddof=1)))
+        return Compared(*plain, None, Near(math.nan, 0), math.nan, math.nan, None, reason, is_log)
+    test = Regrouped(a, b)
+    p, least = near_p(test.p(), exact=test.exact), smallest_p(*n)
+    spreads = (float(np.std(a, ddof=1)), float(np.std(b, ddof=1)))
     if max(spreads) == 0:
         reason = "nobody in either group differs from the others"
-        return Compared(*plain, NONE, p, least, math.nan, NONE, reason)
-    bounds = welch_interval(a, b)
+        return Compared(*plain, None, p, least, math.nan, None, reason, is_log)
+    bounds = test.interval()
     if min(spreads) == 0:
         at = 0 if spreads[0] == 0 else 1
-        reason = f"everybody in {groups[at]} is at {means[at]:g}: no standardised difference"
-        return Compared(*plain, bounds, p, least, math.nan, NONE, reason)
-    pooled = math.sqrt(((n[0] - 1) * np.var(a, ddof=1) + (n[1] - 1) * np.var(b, ddof=1)) / (sum(n) - 2))
-    g = (means[0] - means[1]) / pooled * (1 - 3 / (4 * sum(n) - 9))
-    half = stats.norm.ppf(0.975) * math.sqrt(sum(n) / (n[0] * n[1]) + 0.5 * g**2 / (sum(n) - 3.94))
+        value = math.exp(means[at]) if is_log else means[at]
+        reason = f"everybody in {groups[at]} is at {value:g}: no standardised difference"
+        return Compared(*plain, bounds, p, least, math.nan, None, reason, is_log)
+    if min(n) < 5:
+        return Compared(*plain, bounds, p, least, math.nan, None, "", is_log)
+    assert bounds is not None
+    g, g_bounds = standardised(a, b, bounds)
     if abs(g) > 10:
         reason = "spreads are next to nothing: no standardised difference"
-        return Compared(*plain, bounds, p, least, math.nan, NONE, reason)
-    return Compared(*plain, bounds, p, least, g, (g - half, g + half), "")
+        return Compared(*plain, bounds, p, least, math.nan, None, reason, is_log)
+    return Compared(*plain, bounds, p, least, g, g_bounds, "", is_log)
 
 
 class Study:
@@ -352,11 +477,13 @@ def expected_page(study: Study) -> Iterator[tuple[str, Any]]:
             "say nothing about people."
         ),
     )
+    yield from expected_answer(study)
     yield from expected_flow(study)
     for block in study.in_order_of_play():
         yield from expected_block(study, block)
     yield from expected_answers(study)
     yield "h2", "Paths"
+    yield "summary", "A participant of each group"
     yield from expected_quality(study)
     yield from expected_exclusions(study)
     yield "h2", "Logs skipped"
@@ -365,6 +492,42 @@ def expected_page(study: Study) -> Iterator[tuple[str, Any]]:
 
 
 FINAL = ("complete", "screened_out", "declined")
+
+
+def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
+    """What was asked, the answer, and who is excluded."""
+    target = study.target()
+    rows = [row for row in study.blocks if row["block"] == target]
+    order = [group for group in study.order if any(row["group"] == group for row in rows)]
+    if len(order) > 1:
+        primary = study.analysis.get("primary_measure", "")
+        names = f"{', '.join(order[:-1])} and {order[-1]}"
+        measure = MEASURES[primary] if primary else "every measure"
+        yield "p", f"Asked: how groups {names} in block {target} differ in {measure}."
+        compared = Block(study, target)
+        for one in compared.headline:
+            yield "p", difference(one, target)
+        if "equivalence_margin" in study.analysis:
+            yield from equivalences(compared.people, order, primary, float(study.analysis["equivalence_margin"]))
+    else:
+        yield "p", "One group: nothing is compared between groups."
+    included = {row["participant"] for row in study.participants if row["exclusion_reason"] is None}
+    reasons: dict[str, set[str]] = defaultdict(set)
+    for row in study.participants:
+        if row["exclusion_reason"] is not None and row["participant"] not in included:
+            reasons[row["exclusion_reason"]].add(row["participant"])
+    excluded = ", ".join(f"{len(codes)} ({reason})" for reason, codes in reasons.items()) or "none"
+    yield (
+        "p",
+        (
+            f"Participants excluded: {excluded}. The p of these sentences are not corrected. In the tables, p (Holm) "
+            "is corrected over measures and pairs of groups: within the primary measure, within the secondary ones, "
+            "and within all others. Every other p on this page (waiting times, rewards in two parts, change over "
+            "episodes, sessions, order) is exploratory, and none is corrected across blocks."
+        ),
+    )
+    if study.blocks:
+        yield "p", "Every participant in every measure, to filter and sort."
 
 
 def expected_flow(study: Study) -> Iterator[tuple[str, Any]]:
@@ -438,6 +601,7 @@ def expected_flow(study: Study) -> Iterator[tuple[str, Any]]:
             "was recorded and came again is counted each time, since nothing recorded could identify them."
         ),
     )
+    yield "summary", "Flow by group"
     yield "table", table
     notes = [json.loads(line) for path in study.folder.rglob("*.marks.jsonl") for line in path.read_text().splitlines()]
     by_hand = [line for line in lines if line.keys() & {"withdrawn", "replaced", "recovered", "any_day"}]
@@ -456,44 +620,65 @@ def is_finished(session: Session) -> bool:
     return session.end_reason in ("complete", "declined")
 
 
+class Block:
+    """A block's rows, and its groups compared."""
+
+    def __init__(self, study: Study, block: str) -> None:
+        self.rows = rows = pd.DataFrame([row for row in study.blocks if row["block"] == block])
+        self.begun = [row for row in study.episodes if row["block"] == block]
+        self.episodes = [row for row in self.begun if row["exclusion_reason"] is None]
+        self.order = [group for group in study.order if (rows["group"] == group).any()]
+        self.analysis = analysis = study.analysis if block == study.target() else {}
+        self.primary, secondary = analysis.get("primary_measure", ""), list(analysis.get("secondary_measures", []))
+        named = [self.primary, *secondary]
+        late = sum(not row["success"] for row in self.episodes)
+        never = int((rows["all_keys_discovered_s"].isna() & (rows["keys_total"] > 0)).sum())
+        aside = {}
+        if late and rows["excess_steps_mean"].notna().any():
+            aside["excess_steps_mean"] = f"omits {late} episodes without success"
+        if never and rows["all_keys_discovered_s"].notna().any():
+            why = f"omits {never} who never discovered them all; compared below with these censored"
+            aside["all_keys_discovered_s"] = why
+        self.aside = {name: why for name, why in aside.items() if name not in named}
+        self.measures = [
+            name
+            for name in MEASURES
+            if rows[name].notna().any() and name not in self.aside and (name not in UNASKED or name in named)
+        ]
+        self.columns = rows[["group", "participant", "session", *MEASURES]].astype(dict.fromkeys(MEASURES, float))
+        self.people = means_of(self.columns)
+        self.logs = {name for name in LOGS if name in self.measures and not (rows[name].astype(float) <= 0).any()}
+        self.scaled = self.columns.assign(**{name: np.log(self.columns[name]) for name in self.logs})
+        self.roles = dict.fromkeys(self.measures, "exploratory")
+        self.roles |= {name: "secondary" for name in secondary if name in self.roles}
+        self.roles |= {self.primary: "primary"} if self.primary in self.roles else {}
+        self.comparisons = compare_all(means_of(self.scaled), self.roles, self.order, self.logs)
+
+    @property
+    def headline(self) -> list[Compared]:
+        first = next(iter(sorted(self.roles, key=list(MEASURES).index)), "")
+        chosen = self.primary if self.primary in self.roles else first
+        return [one for one in self.comparisons if one.measure == chosen]
+
+
+def means_of(columns: pd.DataFrame) -> pd.DataFrame:
+    return columns.drop(columns="session").groupby(["group", "participant"]).mean().reset_index()
+
+
 def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
-    rows = pd.DataFrame([row for row in study.blocks if row["block"] == block])
-    begun = [row for row in study.episodes if row["block"] == block]
-    episodes = [row for row in begun if row["exclusion_reason"] is None]
-    order = [group for group in study.order if (rows["group"] == group).any()]
-    analysis = study.analysis if block == study.target() else {}
-    primary, secondary = analysis.get("primary_measure", ""), list(analysis.get("secondary_measures", []))
-    named = [primary, *secondary]
-    late = sum(not row["success"] for row in episodes)
-    never = int((rows["all_keys_discovered_s"].isna() & (rows["keys_total"] > 0)).sum())
-    aside = {}
-    if late and rows["excess_steps_mean"].notna().any():
-        aside["excess_steps_mean"] = f"omits {late} episodes without success"
-    if never and rows["all_keys_discovered_s"].notna().any():
-        why = f"omits {never} who never discovered them all; compared below with these censored"
-        aside["all_keys_discovered_s"] = why
-    aside = {name: why for name, why in aside.items() if name not in named}
-    measures = [
-        name
-        for name in MEASURES
-        if rows[name].notna().any() and name not in aside and (name not in UNASKED or name in named)
-    ]
-    columns = rows[["group", "participant", "session", *MEASURES]].astype(dict.fromkeys(MEASURES, float))
-    people = columns.drop(columns="session").groupby(["group", "participant"]).mean().reset_index()
-    roles = dict.fromkeys(measures, "exploratory")
-    roles |= {name: "secondary" for name in secondary if name in roles}
-    roles |= {primary: "primary"} if primary in roles else {}
-    comparisons = compare_all(people, roles, order)
+    found = Block(study, block)
+    rows, begun, episodes, order = found.rows, found.begun, found.episodes, found.order
+    primary, aside, measures, people = found.primary, found.aside, found.measures, found.people
+    roles, comparisons, headline = found.roles, found.comparisons, found.headline
     alone = len(order) == 1 and len(study.order) > 1
     worlds = ", ".join(dict.fromkeys(row["world"] for row in episodes))
     end = f"; played by {order[0]} alone, so nothing is compared" if alone else ""
     end = end or ("; the block that all groups are compared on" if block == study.target() and len(order) > 1 else "")
     yield "h2", f"Block {block}"
     yield "p", f"{worlds}{': ' if worlds else ''}{len(episodes)} episodes included{end}."
-    chosen = primary if primary in roles else next(iter(sorted(roles, key=list(MEASURES).index)), "")
-    headline = [one for one in comparisons if one.measure == chosen]
-    for one in headline:
-        yield "p", difference(one, block)
+    if block != study.target() or len(order) < 2:
+        for one in headline:
+            yield "p", difference(one, block)
     if comparisons and primary not in roles:
         yield (
             "p",
@@ -507,9 +692,11 @@ def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
         for group in order:
             values = people.loc[people["group"] == group, name].dropna()
             table.append([MEASURES[name], group, str(len(values)), mean_sd(values)])
+    yield "summary", "Measures and subjects"
     yield "table", table
     yield from expected_subjects(rows, people, order)
     if comparisons:
+        yield "summary", "All comparisons of groups"
         yield "table", comparison_table(comparisons, roles)
     missing = [one for one in comparisons if one.reason]
     if missing:
@@ -526,10 +713,8 @@ def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
     if aside:
         told = "; ".join(f"{MEASURES[name]} ({why})" for name, why in aside.items())
         yield "p", f"Not compared, because a group that fails more would look better: {told}."
-    if "equivalence_margin" in analysis:
-        yield from equivalences(people, order, primary, float(analysis["equivalence_margin"]))
     if rows["session"].nunique() > 1:
-        yield from expected_sessions(columns, measures, roles, order)
+        yield from expected_sessions(found)
     missed = Counter(row["group"] for row in episodes if row["steps"] and not row["success"])
     played = Counter(row["group"] for row in episodes if row["steps"])
     if missed:
@@ -544,6 +729,8 @@ def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
     yield from expected_survival(rows, begun, order)
     yield from expected_parts(episodes, order)
     yield from expected_growth(episodes, order)
+    if headline:
+        yield "summary", "Power of these sizes"
     for one in headline:
         yield "p", power(one.n)
 
@@ -552,38 +739,43 @@ def pair(groups: tuple[str, str]) -> str:
     return f"{groups[0]} {MINUS} {groups[1]}"
 
 
-def compare_all(people: pd.DataFrame, roles: Mapping[str, str], order: Sequence[str]) -> list[Compared]:
+def compare_all(
+    people: pd.DataFrame, roles: Mapping[str, str], order: Sequence[str], logs: Collection[str]
+) -> list[Compared]:
     found = []
     for role in ("primary", "secondary", "exploratory"):
         for name in (name for name in roles if roles[name] == role):
             values = {group: people.loc[people["group"] == group, name].dropna().to_numpy(float) for group in order}
-            found += [compare(name, (a, b), values[a], values[b]) for a, b in combinations(order, 2)]
+            found += [
+                compare(name, (a, b), values[a], values[b], is_log=name in logs) for a, b in combinations(order, 2)
+            ]
     return found
 
 
 def difference(one: Compared, block: str) -> Expected:
-    said = f"{capital(MEASURES[one.measure])}, block {block}: {one.groups[0]} minus {one.groups[1]} "
+    per = "over" if one.is_log else "minus"
+    said = f"{capital(MEASURES[one.measure])}, block {block}: {one.groups[0]} {per} {one.groups[1]} "
     if one.reason and math.isnan(one.p.value):
         return f"{said}was not compared ({one.reason})."
-    few = " With so few participants the effect size is uninformative." if min(one.n) < 5 else ""
     never = " Groups of these sizes cannot reach p < 0.05, whatever the difference." if one.smallest_p >= 0.05 else ""
-    factor = ""
-    if one.measure in FACTORS and not math.isnan(one.interval[0]):
-        bounds = [math.exp(bound) for bound in one.interval]
-        factor = (
-            f"; as a factor of {FACTORS[one.measure]}: {number(math.exp(one.difference), 2)}, {interval(bounds, 2)}"
-        )
+    bounds: tuple[str | Near, ...] = ("n/a",)
+    factor: tuple[str | Near, ...] = ()
+    value = number(math.exp(one.difference)) if one.is_log else number(one.difference, sign="+")
+    if one.interval is not None:
+        low, high = map(exponential, one.interval) if one.is_log else one.interval
+        bounds = (low, " to ", high)
+        if one.measure in FACTORS:
+            low, high = map(exponential, one.interval)
+            ratio = number(math.exp(one.difference), 2)
+            factor = (f"; as a factor of {FACTORS[one.measure]}: {ratio}, ", low, " to ", high)
+    g: tuple[str | Near, ...] = ()
+    if one.g_interval is not None:
+        g = (f"; standardised difference g {number(one.g, 2)}, interval ", one.g_interval[0], " to ", one.g_interval[1])
+    of = "ratio of geometric means; " if one.is_log else ""
     return (
-        (
-            f"{said}is {number(one.difference, sign='+')} (95 % interval {interval(one.interval, sign='+')}{factor}; "
-            "permutation p "
-        ),
-        one.p,
-        (
-            f"; Hedges' g {number(one.g, 2)}, interval {interval(one.g_interval, 2)}; {one.n[0]} and {one.n[1]} "
-            f"participants).{few}{never}"
-        ),
-    )
+        f"{said}is {value} ({of}95 % interval ", *bounds, *factor, "; permutation p ", one.p, *g,
+        f"; {one.n[0]} and {one.n[1]} participants).{never}",
+    )  # fmt: skip
 
 
 class Holm:
@@ -600,13 +792,17 @@ def comparison_table(comparisons: Sequence[Compared], roles: Mapping[str, str]) 
     heads += ["means"] if several else [f"mean, {group}" for group in pairs[0]]
     table: list[list[Any]] = [[*heads, "difference", "p", "p (Holm)", "smallest p", "g"]]
     for one in comparisons:
-        means = [number(mean) for mean in one.means]
+        means = [number(math.exp(mean) if one.is_log else mean) for mean in one.means]
+        g: Expected = number(one.g, 2) if one.g_interval is None else (
+            f"{number(one.g, 2)} (", one.g_interval[0], " to ", one.g_interval[1], ")",
+        )  # fmt: skip
         table.append(
             [
                 MEASURES[one.measure], *([roles[one.measure]] if named else []),
                 *([pair(one.groups)] if several else []), f"{one.n[0]}, {one.n[1]}",
-                *([", ".join(means)] if several else means), with_interval(one.difference, one.interval), one.p,
-                Holm(roles[one.measure]), p_value(one.smallest_p), with_interval(one.g, one.g_interval, 2),
+                *([", ".join(means)] if several else means),
+                near_interval(one.difference, one.interval, is_log=one.is_log), one.p,
+                Holm(roles[one.measure]), p_value(one.smallest_p), g,
             ]
         )  # fmt: skip
     return table
@@ -661,13 +857,16 @@ def mean_interval(values: Any) -> tuple[float, tuple[float, float], float]:
     return mean, (float(bounds.low), float(bounds.high)), float(found.pvalue)
 
 
-def expected_sessions(
-    columns: pd.DataFrame, measures: Sequence[str], roles: Mapping[str, str], order: Sequence[str]
-) -> Iterator[tuple[str, Any]]:
+def expected_sessions(found: Block) -> Iterator[tuple[str, Any]]:
+    columns, measures, roles, order = found.columns, found.measures, found.roles, found.order
     sessions = sorted(columns["session"].unique())
     of = {session: columns[columns["session"] == session].set_index(["group", "participant"]) for session in sessions}
+    scaled = {
+        session: found.scaled[found.scaled["session"] == session].set_index(["group", "participant"])
+        for session in sessions
+    }
     later = sessions[1:]
-    changes = {session: (of[session][measures] - of[sessions[0]][measures]).reset_index() for session in later}
+    changes = {session: (scaled[session][measures] - scaled[sessions[0]][measures]).reset_index() for session in later}
     several = len(later) > 1
     heads = ["measure", "group", *(f"session {session}" for session in sessions)]
     for session in later:
@@ -685,20 +884,23 @@ def expected_sessions(
                 if not len(values):
                     cells += ["0", NOTHING, NOTHING]
                     continue
-                mean, bounds, p = mean_interval(values)
-                cells += [str(len(values)), with_interval(mean, bounds, sign="+"), p_value(p)]
+                test = Flipped(values)
+                bounds = test.interval() if len(values) > 1 else None
+                p: Any = near_p(test.p(), exact=test.exact) if len(values) > 1 and np.ptp(values) else "n/a"
+                change = near_interval(float(np.mean(values)), bounds, sign="+", is_log=name in found.logs)
+                cells += [str(len(values)), change, p]
             table.append([MEASURES[name], group, *cells])
-    yield "h3", "Sessions"
+    yield "summary", "Sessions"
     yield "table", table
     told = {session: change for session, change in changes.items() if change[measures].notna().any(axis=None)}
     rows: list[list[Any]] = []
     for session, change in told.items():
-        for one in compare_all(change, roles, order):
+        for one in compare_all(change, roles, order, found.logs):
             label = MEASURES[one.measure] + (f", session {sessions[0]} to {session}" if len(told) > 1 else "")
             rows.append(
                 [
                     label, pair(one.groups), f"{one.n[0]}, {one.n[1]}",
-                    with_interval(one.difference, one.interval, sign="+"), one.p,
+                    near_interval(one.difference, one.interval, sign="+", is_log=one.is_log), one.p,
                     Holm(f"{session} {roles[one.measure]}"),
                 ]
             )  # fmt: skip
@@ -726,7 +928,7 @@ def expected_survival(rows: pd.DataFrame, begun: Sequence[Row], order: Sequence[
             found = its["all_keys_discovered_s"].to_numpy(float)
             whole = np.array([watched[row["participant"], row["session"]] for row in its.to_dict("records")], float)
             waited[group] = np.where(np.isnan(found), whole, found), ~np.isnan(found)
-    table = [["groups", "n", "never", "observed (s)", "restricted means (s)", "difference (95 %)", "p"]]
+    table = [["groups", "n", "never", "observed (s)", "restricted means (s)", "difference (95 %)", "p", "curves: p"]]
     for a, b in combinations(waited, 2):
         groups = waited[a], waited[b]
         n = [len(times) for times, _ in groups]
@@ -743,7 +945,10 @@ def expected_survival(rows: pd.DataFrame, begun: Sequence[Row], order: Sequence[
             many, places = len(times), np.arange(len(times))
             without = [restricted_mean(times[places != at], seen[places != at], until) for at in places]
             pseudo.append(many * mean - (many - 1) * np.array(without))
-        bounds = welch_interval(*pseudo)
+        bounds, of_means = None, "n/a"
+        if min(int((seen & (times <= until)).sum()) for times, seen in groups) >= 5:
+            test = Regrouped(*pseudo)
+            bounds, of_means = test.interval(), near_p(test.p(), exact=test.exact)
         censored = [stats.CensoredData.right_censored(times, ~seen) for times, seen in groups]
         p = math.nan
         if any(seen.any() for _, seen in groups):
@@ -753,11 +958,12 @@ def expected_survival(rows: pd.DataFrame, begun: Sequence[Row], order: Sequence[
         table.append(
             [
                 pair((a, b)), f"{n[0]}, {n[1]}", f"{never[0]}, {never[1]}", number(until),
-                f"{number(means[0])}, {number(means[1])}", with_interval(means[0] - means[1], bounds, sign="+"),
-                p_value(p),
+                f"{number(means[0])}, {number(means[1])}", near_interval(means[0] - means[1], bounds, sign="+"),
+                of_means, p_value(p),
             ]
         )  # fmt: skip
     if len(table) > 1:
+        yield "summary", "Time until all keys were discovered"
         yield "table", table
 
 
@@ -841,6 +1047,7 @@ def expected_parts(episodes: Sequence[Row], order: Sequence[str]) -> Iterator[tu
         table.append([pair((a, b)), f"{n[0]}, {n[1]}", earned, *cells, both])
     if len(table) == 1:
         return
+    yield "summary", "Reward in two parts"
     yield "table", table
     if missing:
         yield "p", f"Not estimated: {'; '.join(missing)}."
@@ -918,6 +1125,7 @@ def expected_growth(episodes: Sequence[Row], order: Sequence[str]) -> Iterator[t
             apart = float(values.mean() - base.mean())
             many = str(len(values) + len(base))
             table.append([f"{group} minus {reference}: {name}", many, *near_cells(apart, bounds, p)])
+    yield "summary", "Change over the episodes"
     yield "table", table
 
 
@@ -999,6 +1207,7 @@ def expected_quality(study: Study) -> Iterator[tuple[str, Any]]:
         who = session.who
         pauses = f"{len(session.pauses)}, {paused_s:.0f} s"
         table.append([who["participant"], str(who["session"]), str(presses), str(lost), pauses, segments])
+    yield "summary", "By session"
     yield from long_table(table)
 
 
@@ -1035,12 +1244,14 @@ def expected_exclusions(study: Study) -> Iterator[tuple[str, Any]]:
     yield "table", [["reason", "level", "removed"], *totals]
     each = [[row["exclusion_reason"], row["participant"], str(row["session"]), "all"] for row in people]
     each += [[row["exclusion_reason"], row["participant"], str(row["session"]), str(row["episode"])] for row in single]
-    yield from long_table([["reason", "participant", "session", "episode"], *each])
+    yield "summary", "Each exclusion"
+    yield "table", [["reason", "participant", "session", "episode"], *each]
 
 
 def compare_page(study: Study, page: Path, tally: Tally) -> list[str]:
     """Compare a page element by element; return its methods paragraphs, which are checked by themselves."""
-    items = [item for item in read_page(page) if item[0] != "figcaption"]
+    figures = ("Figures", "More figures")
+    items = [item for item in read_page(page) if item[0] != "figcaption" and item[1] not in figures]
     at = next(place for place, item in enumerate(items) if item[:2] == ("h2", "Methods"))
     end = next(place for place, item in enumerate(items) if item[:2] == ("h2", "Tables"))
     found = items[: at + 1]

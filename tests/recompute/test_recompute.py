@@ -8,6 +8,8 @@ import pytest
 from tests.counts import count
 from tests.recompute.play import OUTPUTS, PROTOCOLS, play_study, recompute_outputs, write_outputs
 
+pytestmark = pytest.mark.program  # whole studies are simulated
+
 SMALL = next(path for path in PROTOCOLS if path.stem == "kadur")
 
 

@@ -97,8 +97,8 @@ def test_reading_changes_nothing(built):
 
 def test_the_page_holds_everything_and_fetches_nothing(built):
     text = built[0][0].read_text()
-    assert text.count("<img") == text.count("data:image/png;base64,") == 14
-    assert not re.search(r"""(src|href)=["'](?!data:|tables/)""", text)
+    assert text.count("<img") == text.count("data:image/png;base64,") == 18
+    assert not re.search(r"""(src|href)=["'](?!data:|tables/|participants\.html|#)""", text)
     assert "<script" not in text
     for words in (
         "Log of the excess steps over the shortest path (without the goal: at the limit), block room: direct",
@@ -140,13 +140,14 @@ def contents(folder):
     return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_a_second_report_is_the_same_to_the_byte_and_no_figure_of_it_is_drawn(built, study, tmp_path, monkeypatch):
-    def refuse(*_):
+def test_a_second_report_is_the_same_to_the_byte_and_no_figure_of_it_is_drawn(built, study, monkeypatch):
+    def refuse(*_, **__):
         raise AssertionError("drawn again")
 
+    first = contents(built[0][0].parent)
     monkeypatch.setattr(style, "save_figure", refuse)
-    build_report(StudySessions(study, processes=1), tmp_path / "out")
-    assert contents(tmp_path / "out") == contents(built[0][0].parent)
+    build_report(StudySessions(study, processes=1), built[0][0].parent)
+    assert contents(built[0][0].parent) == first
 
 
 @pytest.mark.parametrize("became", ["a mark", "another selection"])
@@ -191,7 +192,7 @@ def test_two_studies_are_not_mixed(study, tmp_path):
     shutil.copytree(study / "sub-01", both / "transfer" / "sub-01")
     other = session(participant="sub-01", episodes=1)
     write_log(dataclasses.replace(other, plan=msgspec.structs.replace(other.plan, study="another")), both)
-    with pytest.raises(ReportError, match="a report is of one study"):
+    with pytest.raises(ReportError, match="name the folder of a single study"):
         build_report(StudySessions(both, processes=1), tmp_path / "out")
 
 
@@ -210,13 +211,13 @@ def test_a_report_of_one_version_describes_those_who_played_it_and_no_others(tmp
         assert [one.quality.participant for one in store.kept if one.quality] == ["sub-02"]
     export_study("psych-ds", tmp_path / "transfer", tmp_path / "out", Selection(version=("2",)))
     assert msgspec.json.decode((tmp_path / "out/dataset_description.json").read_bytes())["version"] == "2"
-    with pytest.raises(ReportError, match="--participant sub-07 selects none of its sessions"):
+    with pytest.raises(ReportError, match="no session that matches --participant sub-07"):
         build_report(StudySessions(tmp_path, Selection(participant=("sub-07",)), processes=1), tmp_path / "none")
 
 
 def test_a_folder_without_a_log_says_so(tmp_path):
     (tmp_path / "empty").mkdir()
-    with pytest.raises(ReportError, match="holds no session log that can be read"):
+    with pytest.raises(ReportError, match="contains no readable session log"):
         build_report(StudySessions(tmp_path / "empty"), tmp_path / "out")
     with pytest.raises(LogError, match="does not exist"):
         build_report(StudySessions(tmp_path / "nowhere"), tmp_path / "out")

@@ -71,7 +71,9 @@ def test_blocks_that_the_page_computed_are_named_where_a_page_did():
     kernels = replace(log.segments[0], facts={"page_kernels": "eafdd193f1072bf8"})
     for segment, says in ((log.segments[0], False), (kernels, True)):
         text = build_methods([plan], [measure_recording_quality(replace(log, segments=(segment,)))])[-2]
-        assert ("stepped and drew block grid ahead of the server (kernels eafdd193f1072bf8)" in text) is says
+        assert (
+            "stepped and drew blocks first-person and grid ahead of the server (kernels eafdd193f1072bf8)" in text
+        ) is says
 
 
 @pytest.mark.parametrize("keys", [3, 5])

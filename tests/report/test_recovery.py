@@ -14,7 +14,7 @@ from minihuman.dataset.sessions import StudySessions
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.reporting.results import compute_results
 from minihuman.runtime.simulated_session import simulate
-from minihuman.statistics.comparison import permutation_p
+from minihuman.statistics.comparison import permutation_tests
 from tests.builders import made, plan, session_of
 from tests.counts import count
 
@@ -85,7 +85,8 @@ def test_without_an_effect_p_is_small_as_rarely_as_it_should_be():
     small = []
     for seed in range(count(5, 2_000)):
         rng = np.random.default_rng([7, seed])
-        small.append(permutation_p(rng.normal(0.7, 0.1, 6), rng.normal(0.7, 0.1, 6)) < 0.05)
+        (test,) = permutation_tests([(rng.normal(0.7, 0.1, 6), rng.normal(0.7, 0.1, 6))])
+        small.append(test is not None and test.p() < 0.05)
     assert stats.binomtest(sum(small), len(small), 0.05, alternative="greater").pvalue > 0.001
 
 

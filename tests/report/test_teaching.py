@@ -29,6 +29,8 @@ from minihuman.reporting.teaching_section import (
 )
 from tests.report.pages import page
 
+pytestmark = pytest.mark.program  # whole studies are simulated
+
 TAUGHT = Path(__file__).parents[1] / "golden" / "v1" / "taught"
 
 

@@ -137,7 +137,7 @@ def test_a_device_that_fails_stops_the_session_and_says_so(tmp_path):
     clock = OnTheClock()
     device = EyeTracker(fails_after=3)
     device.open(clock)
-    with pytest.raises(LogError, match="a device failed: the cable is out"):
+    with pytest.raises(LogError, match="a recording device failed: the cable is out"):
         sat(tmp_path, {"gaze": device}, clock)
     [part_or_log] = tmp_path.rglob("*.mcap*")
     assert len(read_log(part_or_log).segments[0].samples) <= 3

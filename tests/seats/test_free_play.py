@@ -1,9 +1,10 @@
 from collections.abc import Iterator
 
 from minihuman.display.windows.window import ScriptedWindow, VirtualClock
+from minihuman.experiment.bindings import assign_keys
 from minihuman.experiment.machine.inputs import KeyDown, KeyUp, Stop
 from minihuman.experiment.machine.screens import PlayScreen, TextScreen
-from minihuman.runtime.free_play import FreePlay, assign_usual_keys, run_free_play
+from minihuman.runtime.free_play import FreePlay, run_free_play
 
 WORLD = "minigrid:MiniGrid-Empty-5x5-v0"  # the goal is two steps ahead, a turn, two steps
 TO_THE_GOAL = ("up", "up", "right", "up", "up")
@@ -60,7 +61,7 @@ def test_closing_the_window_ends_it() -> None:
 
 def test_actions_without_a_usual_key_get_digits() -> None:
     actions = ("turn_left", "turn_right", "move_forward", "jump", "left")
-    assert assign_usual_keys(actions) == {
+    assert assign_keys(actions) == {
         "left": "turn_left",
         "right": "turn_right",
         "up": "move_forward",

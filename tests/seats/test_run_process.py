@@ -68,7 +68,7 @@ def test_an_exception_inside_a_world_leaves_a_finished_log(tmp_path):
     with started(tmp_path, "crash") as station:
         assert station.wait(timeout=PATIENCE_S) != 0
         said = station.stderr.read().decode()
-    assert "the world failed (RuntimeError: the corridor has collapsed); the log up to the failure is" in said
+    assert "the world failed (RuntimeError: the corridor has collapsed); what was recorded up to then is in" in said
     log = the_log(tmp_path)
     assert log.clean
     assert log.end_reason == "world_error"

@@ -43,7 +43,7 @@ def test_a_world_that_fails_at_its_first_step_is_named_before_anybody_sits_down(
     with pytest.raises(ProtocolError) as caught:
         warm_up(protocol(corridor, "crash"), "study.toml")
     assert str(caught.value) == (
-        f"study.toml: $.blocks[0].world: {corridor} fails (RuntimeError: the corridor has collapsed)"
+        f"study.toml: $.blocks[0].world: {corridor} cannot be played (RuntimeError: the corridor has collapsed)"
     )
 
 

@@ -18,14 +18,26 @@ from minihuman.statistics.comparison import (
     compare_groups,
     compare_means,
     compute_power,
-    hedges_g,
     holm_correction,
-    permutation_p,
-    permutation_ps,
+    permutation_tests,
     smallest_p,
+    standardise,
     t_test_power,
 )
 from tests.counts import count
+
+
+def the_p(a, b):
+    (test,) = permutation_tests([(np.asarray(a, float), np.asarray(b, float))])
+    return test.p()
+
+
+def welch(a, b, axis):
+    """|Welch's t|; very large where groups without any spread differ, 0 where they do not."""
+    apart = np.abs(a.mean(axis=axis) - b.mean(axis=axis))
+    error = np.sqrt(a.var(axis=axis, ddof=1) / a.shape[axis] + b.var(axis=axis, ddof=1) / b.shape[axis])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(apart < 1e-12, 0.0, np.minimum(apart / error, 1e9))
 
 
 def groups(**values):
@@ -62,20 +74,20 @@ def test_p_is_scipys_to_the_last_bit_whichever_pairs_are_asked_for_together(kind
     pairs = [(KINDS[kind](rng.normal(0, 1, n)), KINDS[kind](rng.normal(0.4, 2, m))) for n, m in sizes]
     peers = [
         stats.permutation_test(
-            pair, comparison._welch, n_resamples=RESAMPLES, batch=500, vectorized=True, alternative="greater",
+            pair, welch, n_resamples=RESAMPLES, batch=500, vectorized=True, alternative="greater",
             rng=np.random.default_rng(SEED),
         ).pvalue
         for pair in pairs
     ]  # fmt: skip
-    assert permutation_ps(pairs) == peers
-    assert [permutation_p(a, b) for a, b in pairs] == peers
+    assert [test.regrouped_p() for test in permutation_tests(pairs)] == peers
+    assert [permutation_tests([pair])[0].regrouped_p() for pair in pairs] == peers
 
 
 def test_a_pair_with_one_alone_has_no_p_beside_others_that_have():
     a, b = np.array([1.0, 2.0, 5.0]), np.array([7.0, 8.0])
-    found = permutation_ps([(a[:1], b), (a, b)])
-    assert math.isnan(found[0])
-    assert found[1] == permutation_p(a, b)
+    found = permutation_tests([(a[:1], b), (a, b)])
+    assert found[0] is None
+    assert found[1].p() == the_p(a, b)
 
 
 def test_welchs_interval_and_p_are_scipys():
@@ -87,17 +99,37 @@ def test_welchs_interval_and_p_are_scipys():
         assert compare_means(a, b).interval() == pytest.approx(tuple(peer.confidence_interval()), rel=1e-12)
 
 
-def test_the_interval_is_welchs():
+@pytest.mark.parametrize("sizes", [(12, 7), (5, 5), (3, 9), (20, 25)])
+def test_the_interval_ends_where_the_test_of_shifted_values_begins_to_reject(sizes):
     rng = np.random.default_rng(0)
-    a, b = rng.normal(1, 1, 12), rng.normal(0, 3, 7)
+    a, b = rng.normal(1, 1, sizes[0]), rng.normal(0, 3, sizes[1])
     (found,) = compare_groups(groups(a=a, b=b), ["reward"])
-    variances = a.var(ddof=1) / 12, b.var(ddof=1) / 7
-    error = math.sqrt(sum(variances))
-    freedom = sum(variances) ** 2 / (variances[0] ** 2 / 11 + variances[1] ** 2 / 6)
-    half = stats.t.ppf(0.975, freedom) * error
-    assert found.interval == pytest.approx((found.difference - half, found.difference + half))
-    pooled = math.sqrt((11 * a.var(ddof=1) + 6 * b.var(ddof=1)) / 17)
-    assert found.g == pytest.approx(found.difference / pooled * (1 - 3 / (4 * 17 - 1)), rel=1e-3)
+    width = found.interval[1] - found.interval[0]
+    for bound, outwards in zip(found.interval, (-1, 1), strict=True):
+        inside, outside = (bound - 1e-3 * width * outwards, bound + 1e-3 * width * outwards)
+        assert the_p(a - inside, b) >= 0.05 > the_p(a - outside, b)
+    assert found.interval[0] < found.difference < found.interval[1]
+
+
+DRAWS = (
+    lambda rng, n: rng.normal(rng.normal(0, 1), rng.choice([0.3, 1, 3]), n),
+    lambda rng, n: rng.lognormal(rng.normal(0, 0.5), 1, n),
+    lambda rng, n: rng.binomial(10, rng.beta(9, 1), n) / 10,
+    lambda rng, n: rng.choice(5, n) * 1.0,
+)
+
+
+def test_interval_p_and_g_never_contradict_each_other():
+    rng, checked = np.random.default_rng(8), 0
+    for number in range(count(120, 2000)):
+        n, m = rng.integers(2, 20, 2)
+        draw = DRAWS[number % len(DRAWS)]
+        (found,) = compare_groups(groups(a=draw(rng, n), b=draw(rng, m)), ["reward"])
+        for low, high in (found.interval, found.g_interval):
+            if not math.isnan(low):
+                assert (found.p < 0.05) != (low <= 0 <= high), (number, found)
+                checked += 1
+    assert checked > 100
 
 
 def test_groups_without_any_spread_still_have_a_difference():
@@ -117,12 +149,12 @@ def test_a_group_of_one_stays_in_the_table_with_the_reason():
 def test_a_group_where_everybody_timed_out_has_a_difference_and_no_standardised_one():
     (found,) = compare_groups(groups(a=[40.0, 60.0, 50.0], b=[250.0, 250.0, 250.0]), ["reward"])
     assert found.reason == "everybody in b is at 250: no standardised difference"
-    assert found.interval[0] < -200 < found.interval[1]
+    assert np.isnan(found.interval).all()  # three and three cannot have p < 0.05, so no interval can tell
     assert math.isnan(found.g)
 
 
 def test_nobody_differs_next_to_nothing_means_no_huge_g():
-    (found,) = compare_groups(groups(a=[1.0, 1.001, 1.0], b=[2.0, 2.0, 2.001]), ["reward"])
+    (found,) = compare_groups(groups(a=[1.0, 1.001, 1.0, 1.0, 1.0], b=[2.0, 2.0, 2.001, 2.0, 2.0]), ["reward"])
     assert found.reason == "spreads are next to nothing: no standardised difference"
 
 
@@ -135,26 +167,61 @@ def test_the_smallest_p_of_the_papers_five_and_five_cannot_survive_ten_measures(
     assert smallest_p((40, 40)) == pytest.approx(1e-4)
 
 
-def test_hedges_g_agrees_with_statsmodels():
+def test_g_of_equal_groups_is_hedges_g_of_statsmodels():
     rng = np.random.default_rng(3)
-    a, b = rng.normal(1, 1, 9), rng.normal(0, 2, 14)
-    g, variance = effectsize_smd(a.mean(), a.std(ddof=1), 9, b.mean(), b.std(ddof=1), 14)
-    found, half = hedges_g(a, b)
-    assert found == pytest.approx(g, rel=2e-3)
-    assert half == pytest.approx(1.96 * math.sqrt(variance), rel=0.02)
+    a, b = rng.normal(1, 1, 14), rng.normal(0, 1, 14)
+    b = (b - b.mean()) / b.std(ddof=1) * a.std(ddof=1)  # of one SD, so that both standardisers are the same
+    g, variance = effectsize_smd(a.mean(), a.std(ddof=1), 14, b.mean(), b.std(ddof=1), 14)
+    (found,) = compare_groups(groups(a=a, b=b), ["reward"])
+    assert found.g == pytest.approx(g, rel=2e-3)
+    assert np.ptp(found.g_interval) / 2 == pytest.approx(1.96 * math.sqrt(variance), rel=0.1)
+
+
+def test_below_five_a_group_nothing_is_standardised():
+    (found,) = compare_groups(groups(a=[1.0, 2.0, 4.0, 3.5], b=[2.0, 3.0, 5.0, 8.0, 9.0]), ["reward"])
+    assert math.isnan(found.g)
+    assert found.reason == ""
+
+
+def test_a_measure_of_logarithms_has_geometric_means():
+    (found,) = compare_groups(
+        groups(a=np.log([2.0, 8.0, 4.0]), b=np.log([1.0, 1.0, 8.0])), ["reward"], log_measures=("reward",)
+    )
+    assert found.means == pytest.approx((4.0, 2.0))
+    assert math.exp(found.difference) == pytest.approx(2.0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("truth", [0.0, 1.0, 2.0])
+def test_the_interval_of_g_holds_the_truth_where_the_small_group_varies_more(truth):
+    rng, studies, held = np.random.default_rng(21), count(150, 2000), 0
+    for _ in range(studies):
+        a, b = rng.normal(truth * math.sqrt((2.5**2 + 1) / 2), 2.5, 6), rng.normal(0, 1, 18)
+        (test,) = permutation_tests([(a, b)])
+        low, high = standardise(a, b, test.interval())[1]
+        held += low <= truth <= high
+    print(f"g {truth}: {held / studies:.3f} of {studies} intervals hold it")
+    assert stats.binomtest(held, studies, 0.93, alternative="less").pvalue > 0.01
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("sizes", "spreads", "at_most"),
-    [((5, 25), (3, 1), 0.08), ((8, 16), (2, 1), 0.08), ((10, 10), (3, 1), 0.065), ((12, 12), (1, 1), 0.065)],
+    [
+        ((5, 25), (3, 1), 0.065),
+        ((8, 16), (2, 1), 0.065),
+        ((10, 10), (3, 1), 0.065),
+        ((12, 12), (1, 1), 0.065),
+        ((4, 20), (2.5, 1), 0.065),
+        ((2, 18), (2.5, 1), 0.065),
+    ],
 )
 def test_a_true_null_is_rejected_as_rarely_as_it_should_be(sizes, spreads, at_most):
     rng, studies = np.random.default_rng(11), count(60, 1000)
     rejected = 0
     for _ in range(studies):
         a, b = (rng.normal(0, spread, size) for size, spread in zip(sizes, spreads, strict=True))
-        rejected += permutation_p(a, b) < 0.05
+        rejected += the_p(a, b) < 0.05
     print(f"{sizes} SD {spreads}: {rejected / studies:.3f} of {studies} studies reject a true null")
     assert stats.binomtest(rejected, studies, at_most, alternative="greater").pvalue > 0.01
     if sizes[0] == sizes[1]:

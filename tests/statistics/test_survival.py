@@ -1,7 +1,10 @@
+from itertools import combinations
+
 import numpy as np
 import pytest
 from scipy import stats
 
+from minihuman.statistics.comparison import permutation_tests
 from minihuman.statistics.survival import SurvivalTimes, compare_survival, kaplan_meier, logrank_p, restricted_mean
 from tests.counts import count
 
@@ -40,12 +43,66 @@ def test_watched_to_the_end_the_restricted_mean_is_that_of_the_times_cut_there()
     assert restricted_mean(watched(times, 30.0), 30.0) == pytest.approx(np.minimum(times, 30).mean())
 
 
-def test_watched_to_the_end_the_interval_is_welchs():
-    a, b = np.array([3.0, 8.0, 20.0, 50.0]), np.array([5.0, 31.0, 32.0, 40.0, 12.0])
+def test_watched_to_the_end_the_test_is_that_of_the_times_cut_there():
+    a, b = np.array([3.0, 8.0, 20.0, 50.0, 11.0, 2.0]), np.array([5.0, 31.0, 32.0, 40.0, 12.0, 29.0, 28.0, 27.0])
     found = compare_survival(watched(a, 30.0), watched(b, 30.0))
-    peer = stats.ttest_ind(np.minimum(a, 30), np.minimum(b, 30), equal_var=False)
-    assert found.interval == pytest.approx(tuple(peer.confidence_interval(0.95)))
-    assert (found.n, found.never, found.until) == ((4, 5), (1, 3), 30.0)
+    (test,) = permutation_tests([(np.minimum(a, 30), np.minimum(b, 30))])
+    assert found.p == pytest.approx(test.p())
+    assert found.interval == pytest.approx(test.interval(), abs=0.05)
+    assert np.mean(found.interval) == pytest.approx(test.difference)
+    assert (found.n, found.never, found.until) == ((6, 8), (1, 3), 30.0)
+
+
+def studentised(a, b):
+    """The difference of restricted means in standard errors, by Greenwood's sum."""
+    ends = [np.inf if one.observed[one.times == one.times.max()].all() else one.times.max() for one in (a, b)]
+    until = min(*ends, max(a.times.max(), b.times.max()))
+    square = 0.0
+    for one in (a, b):
+        n, whole = len(one.times), restricted_mean(one, until)
+        for time in np.unique(one.times[one.observed & (one.times <= until)]):
+            at_risk, came = (one.times >= time).sum(), (one.observed & (one.times == time)).sum()
+            if at_risk > came:
+                rest = whole - restricted_mean(one, time)
+                square += rest**2 * came / (at_risk * (at_risk - came)) * n / (n - 1)
+    enough = all((one.observed & (one.times <= until)).sum() >= 5 for one in (a, b))
+    return abs(restricted_mean(a, until) - restricted_mean(b, until)) / np.sqrt(square), enough
+
+
+def test_of_censored_times_p_is_the_share_of_regroupings_not_refused_that_are_as_far_apart():
+    times = np.array([3.0, 8, 13, 20, 34, 50, 21, 29, 31, 40, 57, 90])
+    both = SurvivalTimes(times, ~np.isin(times, (34, 57)))
+
+    def split(first):
+        rest = np.setdiff1d(np.arange(12), first)
+        return [SurvivalTimes(both.times[part], both.observed[part]) for part in (np.array(first), rest)]
+
+    own, enough = studentised(*split(range(6)))
+    assert enough
+    apart = [value for value, enough in (studentised(*split(one)) for one in combinations(range(12), 6)) if enough]
+    found = compare_survival(*split(range(6)))
+    assert found.p == pytest.approx(np.mean(np.array(apart) >= own * (1 - 1e-9)))
+    assert (found.p < 0.05) == (found.interval[0] > 0 or found.interval[1] < 0)
+
+
+@pytest.mark.long
+def test_of_waits_censored_at_random_a_true_null_is_seldom_rejected():
+    rejected, studies, rng = 0, count(300, 3000), np.random.default_rng(12)
+    for _ in range(studies):
+        pair = []
+        for n in (10, 20):
+            times, stopped = rng.exponential(40, n), rng.exponential(93, n)
+            pair.append(SurvivalTimes(np.minimum(times, stopped), times <= stopped))
+        rejected += compare_survival(*pair).p < 0.05
+    print(f"10 v 20 waits, 30 % censored at random: p < 0.05 in {rejected / studies:.3f} of {studies}")
+    assert stats.binomtest(rejected, studies, 0.065, alternative="greater").pvalue > 0.01
+
+
+def test_below_five_events_in_a_group_a_restricted_mean_has_no_interval_and_no_p():
+    found = compare_survival(watched([3, 8, 20, 25, 50, 60], 30.0), watched(np.arange(1.0, 19.0), 30.0))
+    assert found.difference > 0
+    assert np.isnan([found.p, *found.interval]).all()
+    assert found.logrank_p < 0.05
 
 
 def test_it_never_came_to_anybody():
@@ -60,7 +117,7 @@ def test_one_person_is_no_group():
 
 @pytest.mark.parametrize("bad", [([1.0, 2.0], [True]), ([np.nan], [True])])
 def test_times_without_an_end_are_refused(bad):
-    with pytest.raises(ValueError, match="one finite time and one flag"):
+    with pytest.raises(ValueError, match="one finite time and one observed flag"):
         SurvivalTimes(np.array(bad[0]), np.array(bad[1]))
 
 

@@ -76,5 +76,7 @@ def test_a_plan_that_the_kind_cannot_read_is_said(bell):
 
 
 def test_a_kind_that_nobody_has_is_said():
-    with pytest.raises(ProtocolError, match="activity 'bell' is unknown; it is one of correction, keyboard_check"):
+    with pytest.raises(
+        ProtocolError, match="activity 'bell' is unknown; it is one of correction, debrief, keyboard_check"
+    ):
         plan_of(PARTS.format(rings=3), ["ring"])

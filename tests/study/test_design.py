@@ -9,6 +9,7 @@ import pytest
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.errors import AllocationError, ProtocolError
 from minihuman.experiment.plan.allocation import build_allocation_list, build_latin_square
+from minihuman.experiment.plan.dry_run import describe_worlds
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol, list_part_names
 from minihuman.experiment.protocol.protocol import decode_logged_protocol, decode_protocol
 from tests.study.studies import CORRIDOR, plan_of, protocol
@@ -242,12 +243,60 @@ def test_a_log_s_protocol_that_later_rules_refuse_is_refused_in_order_where_nobo
     two = CORRIDOR.replace('"corridor"', '"two"').replace(', "crash"', "") + 'key_map = "carry_over"\n'
     text = '[study]\nname = "s"\nversion = "1"\nseed = 0\n[[groups]]\nname = "g"\nparts = ["corridor", "two"]\n'
     study = decode_logged_protocol(f"{text}{CORRIDOR}{two}".encode())
-    with pytest.raises(ProtocolError, match="4 actions carried to 3"):
+    with pytest.raises(ProtocolError, match="3 actions for a key map with 4"):
         expand_protocol(study, enrol_participant(study, 0))
-    with pytest.raises(ProtocolError, match="not TOML"):
+    with pytest.raises(ProtocolError, match="not valid TOML"):
         decode_logged_protocol(b"[study")
 
 
 def test_a_language_without_words_of_ours_says_what_is_missing():
     with pytest.raises(ProtocolError, match=r"is 'ko', which is none of en, de.*missing, the first is direction"):
         plan_of("[[pages]]\nname='p'\n", ["p"], language="ko")
+
+
+_LISTS = """
+[[groups]]
+name = "all"
+parts = ["mazes"]
+[[orders]]
+name = "mazes"
+parts = [["a", "load"], ["b", "load"], ["c", "load"]]
+[[questions]]
+name = "load"
+form = "nasa-tlx"
+"""
+
+
+def test_a_latin_square_of_lists_keeps_each_block_with_its_questionnaire():
+    blocks = "".join(CORRIDOR.replace('"corridor"', f'"{name}"', 1) for name in "abc")
+    study = protocol(_LISTS + blocks, participants=12)
+    orders = [list_part_names(study, slot, "all", 1) for slot in build_allocation_list(study)]
+    assert all(names[1::2] == ["load"] * 3 for names in orders)
+    assert set(Counter(tuple(names[::2]) for names in orders).values()) == {2}  # Williams' six rows for three, twice
+    with pytest.raises(ProtocolError, match=r"orders\[0\].parts\[1\]\[1\].*'lode', which is not a part"):
+        protocol(_LISTS.replace('["b", "load"]', '["b", "lode"]') + blocks)
+    with pytest.raises(ProtocolError, match="names a part twice"):
+        protocol(_LISTS.replace('["b", "load"]', '["a"]') + blocks)
+
+
+@pytest.mark.parametrize(
+    ("actions", "said"), [('["left", "right", "forward"]', "toggle"), ('["left", "right", "forward", "toggle"]', "")]
+)
+def test_a_block_whose_actions_do_not_open_its_doors_is_named(actions: str, said: str) -> None:
+    text = f"""
+    [study]
+    name = "doors"
+    version = "1"
+    seed = 1
+    [[groups]]
+    name = "all"
+    blocks = ["two"]
+    [[blocks]]
+    name = "two"
+    world = "minihuman/MiniGrid-MultiRoom-N2-S4-v0"
+    episodes = 1
+    actions = {actions}
+    max_steps = 40
+    """
+    found = list(describe_worlds(decode_protocol(text.encode())))
+    assert [said] * bool(said) == [line.split(" uses ")[1].split(",")[0] for line in found]

@@ -153,12 +153,12 @@ def test_a_name_is_no_code(code):
 
 
 def test_an_unknown_group_lists_the_known():
-    with pytest.raises(ProtocolError, match=r"no group 'control'.*grid-first, direct"):
+    with pytest.raises(ProtocolError, match=r"no group 'control'; its groups are grid-first, direct"):
         enrol_participant(PROTOCOL, 0, "control")
 
 
 def test_a_participant_beyond_the_list_is_refused():
-    with pytest.raises(AllocationError, match=r"outside the list of 60; raise \$\.study\.participants"):
+    with pytest.raises(AllocationError, match=r"60 slots and none for participant 61; raise \$\.study\.participants"):
         enrol_participant(PROTOCOL, 60)
 
 
@@ -167,17 +167,21 @@ def test_a_participant_beyond_the_list_is_refused():
     [
         ("minihuman/MiniGrid-FourRooms-v0", "", "page"),
         ("minihuman/MiniGrid-FourRooms-v0", 'computed = "server"', "server"),
-        ("minihuman/MiniGrid-FourRooms-v0", 'pace = "real_time"\nstep_period_ms = 300.0', "server"),
+        ("minihuman/MiniGrid-FourRooms-v0", 'view = "text"', "server"),
+        ("minihuman/MiniGrid-FourRooms-v0", 'pace = "real_time"\nstep_period_ms = 300.0', "page"),
+        (
+            "minihuman/MiniGrid-FourRooms-v0",
+            'pace = "real_time"\nstep_period_ms = 300.0\nhold = "repeat"',
+            "server",
+        ),
         ("minihuman/MiniGrid-FourRooms-v0", 'options = { view = "first_person" }', "server"),
         ("minihuman/MiniGrid-GoToObj-Transfer-v0", "", "server"),
-        ("minihuman/MiniWorld-FourRooms-v0", "", "server"),
+        ("minihuman/MiniWorld-FourRooms-v0", "", "page"),
         ("lab_worlds:lab/Maze-v0", "", "server"),
         ("lab_worlds:lab/Maze-v0", 'computed = "page"', "page"),
     ],
 )
-def test_turn_based_grid_worlds_of_ours_are_computed_by_the_page_unless_the_protocol_says_otherwise(
-    world, more, computed
-):
+def test_worlds_of_ours_are_computed_by_the_page_unless_the_protocol_says_otherwise(world, more, computed):
     toml = f"""
     [study]
     name = "tried"

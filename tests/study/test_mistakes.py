@@ -100,7 +100,8 @@ MISTAKES = [
     ('step_period_ms = 300.0', 'step_period_ms = 300.0\nview = "top"', 41, ["'top'", "partial, full"]),
     ('step_period_ms = 300.0', 'step_period_ms = 300.0\npalette = 3', 41, ["block 'h'", "is 3", '"classic"']),
     ('key_map = "new"', 'key_map = "cary_over"', 30, ["block 'g'", "'cary_over'", "did you mean 'carry_over'?"]),
-    ('step_period_ms = 300.0', 'step_period_ms = 300.0\ncomputed = "page"', 41, ["block 'h'", "real_time", "'server'"]),
+    ('step_period_ms = 300.0', 'hold = "repeat"\nstep_period_ms = 300.0\ncomputed = "page"', 42, ["block 'h'", "held"]),
+    ('seeds = "new"', 'view = "text"\ncomputed = "page"', 30, ["block 'g'", "view is 'text'", "use 'server'"]),
     ('seeds = "new"', 'computed = "phone"', 29, ["block 'g'", "'phone'", "page, server"]),
     ('seeds = "new"', 'seeds = [1, 2]', 29, ["block 'g'", "2 seeds for 3", "one an episode"]),
     ('seeds = "new"', 'seeds = [1, 2, -3]', 29, ["block 'g'", "negative", "0 or more"]),
@@ -115,7 +116,7 @@ MISTAKES = [
     ('minihuman/MiniGrid-Empty-5x5-v0', 'MiniGrid-GoToObj-Transfer-v0', 35, ["'minihuman/MiniGrid-GoToObj-Tr"]),
     ('minihuman/MiniGrid-Empty-5x5-v0', 'minihuman/MiniGrid-Emty-5x5-v0', 35, ["did you mean 'minihuman/MiniGrid-Emp"]),
     ('minihuman/MiniGrid-Empty-5x5-v0', 'nowhere:lab/Maze-v0', 35, ["block 'h'", "nowhere", "install"]),
-    ('MiniGrid-FourRooms-v0"', 'MiniGrid-GoToObj-Transfer-v0"\ncomputed = "page"', 26, ["block 'g'", "no page runs"]),
+    ('MiniGrid-FourRooms-v0"', 'MiniGrid-GoToObj-Transfer-v0"\ncomputed = "page"', 26, ["block 'g'", "are Python"]),
     ('max_steps = 20', 'max_steps = 2000', 38, ["block 'h'", "is 2000", "ask for 100 or fewer"]),
     ('step_period_ms = 300.0', 'step_period_ms = 300.0\noptions = { colour = "red" }', 35, ["block 'h'", "colour"]),
 ]  # fmt: skip

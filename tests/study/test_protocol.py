@@ -83,13 +83,13 @@ def test_the_papers_study_is_two_groups_of_ten_episodes_a_block_on_keys_one_to_n
         ("seed = 7", "seed = 7\nmin_rest_s = inf", "demo.toml: $.study.min_rest_s is inf; a rest is 0 to 86400 s"),
         ("seed = 7", "seed = 7\nmin_rest_s = nan", "demo.toml: $.study.min_rest_s is nan; a rest is 0 to 86400 s"),
         ("[study]", "toml = 1\n[study]", "demo.toml: $.toml is not a field"),
-        ("[study]", "[study", "demo.toml: not TOML"),
+        ("[study]", "[study", "demo.toml: this is not valid TOML"),
     ],
 )
 def test_a_mistake_is_one_line_with_file_path_and_way_out(old, new, message):
     said = broken(old, new)
     assert without_place(said).startswith(message)
-    assert "not TOML" in said or re.match(r"demo\.toml:\d+: ", said)
+    assert "not valid TOML" in said or re.match(r"demo\.toml:\d+: ", said)
 
 
 def without_place(said: str) -> str:
@@ -105,7 +105,7 @@ def test_a_carried_key_map_needs_as_many_actions():
 
 
 def test_bytes_that_are_no_text_say_so():
-    with pytest.raises(ProtocolError, match="byte 0 is not UTF-8"):
+    with pytest.raises(ProtocolError, match="byte 0 is not valid UTF-8"):
         decode_protocol(b"\xff", "x.toml")
 
 

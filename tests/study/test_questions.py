@@ -257,3 +257,71 @@ def test_after_the_last_try_the_study_ends_or_goes_on(failed, reason):
         desk.press("enter")
     assert desk.of(SessionEnded)[0].reason == reason
     assert desk.of(EpisodesSkipped) == []
+
+
+MATRIX = 'kind = "likert"\npoints = 5\nstatements = { calm = "I felt calm.", tense = "I felt tense.", odd = "Odd." }'
+
+
+def matrix(**more) -> Desk:
+    rest = f'[[questions]]\nname = "q"\n[[questions.items]]\nname = "mood"\nask = "Just now:"\n{MATRIX}\n'
+    return Desk(plan_of(rest, ["q"], **more))
+
+
+def test_each_statement_of_a_matrix_is_an_answer_of_its_own():
+    desk = matrix()
+    desk.press("4")
+    point(desk, "option:5")  # the second row's first point
+    desk.press("enter")
+    assert not desk.of(Answered)
+    assert desk.session.screen.note
+    desk.press("down", "right", "right", "enter")
+    given = [(event.item, json.loads(event.value), event.kind) for event in desk.of(Answered)]
+    assert given == [("mood_calm", 4, "likert"), ("mood_tense", 1, "likert"), ("mood_odd", 4, "likert")]
+
+
+@pytest.mark.parametrize("language", ["en", "ar"])
+def test_a_matrix_is_pointed_at_where_it_is_drawn(language):
+    screen = matrix(language=language).session.screen
+    rows = [[find_spot(screen, HD, x / 300, y / 200)[0] for x in range(300)] for y in range(20, 160)]
+    found = dict.fromkeys(tuple(name for name in dict.fromkeys(row) if name.startswith("option")) for row in rows)
+    expected = [tuple(f"option:{row * 5 + point}" for point in range(5)) for row in range(3)]
+    assert [row for row in found if row] == [row[::-1] if language == "ar" else row for row in expected]
+
+
+SKIP = """
+[[questions]]
+name = "q"
+[[questions.items]]
+name = "smokes"
+kind = "choice"
+ask = "Do you smoke?"
+options = ["yes", "no"]
+[[questions.items]]
+name = "many"
+kind = "number"
+ask = "How many a day?"
+only_if = { smokes = [1] }
+[[questions.items]]
+name = "sleeps"
+kind = "choice"
+ask = "Do you sleep well?"
+options = ["yes", "no"]
+"""
+
+
+@pytest.mark.parametrize(
+    ("smokes", "items", "progress"),
+    [("1", ["smokes", "many", "sleeps"], "Question 3 of 3"), ("2", ["smokes", "sleeps"], "Question 2 of 2")],
+)
+def test_a_question_is_skipped_where_an_earlier_answer_rules_it_out(smokes, items, progress):
+    desk = Desk(plan_of(SKIP, ["q"]))
+    desk.press(smokes, "enter")
+    if smokes == "1":
+        type_text(desk, "7")
+        desk.press("enter")
+    assert desk.session.screen.progress == progress
+    desk.press("page_up")
+    assert desk.session.screen.question == ("How many a day?" if smokes == "1" else "Do you smoke?")
+    desk.press("enter", "1", "enter")
+    assert list(dict.fromkeys(event.item for event in desk.of(Answered))) == items
+    assert desk.of(SessionEnded)[0].reason == "complete"

@@ -129,7 +129,7 @@ def test_check_counts_the_slots_of_each_stratum():
 
 
 def test_a_stratum_that_is_none_is_refused():
-    with pytest.raises(AllocationError, match="'up' is not a stratum; there are left, right, both"):
+    with pytest.raises(AllocationError, match="'up' is not a stratum; use one of left, right, both"):
         find_slot(study(HAND), 0, "up")
     with pytest.raises(AllocationError, match="has no strata"):
         find_slot(study(""), 0, "left")

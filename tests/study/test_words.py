@@ -2,17 +2,21 @@
 
 import re
 import string
+from pathlib import Path
 
 import pytest
 
 from minihuman.display.text import select_typefaces
+from minihuman.errors import ProtocolError
 from minihuman.experiment import words
 from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.protocol.protocol import decode_logged_protocol, decode_protocol
 from minihuman.experiment.protocol.specs import SHIPPED_FORMS, load_form
 from minihuman.experiment.words import LANGUAGES, InterfaceWords
 from tests.typefaces import need_faces
 
 ENGLISH = words.load_words("en")
+OWN_LANGUAGE = Path(__file__).parents[1] / "recompute/protocols/kadur.toml"  # with every word but a team's
 OTHERS = [language for language in LANGUAGES if language != "en"]
 # printed so on keys in these countries, or the same word in both languages
 SHARED = {"Esc", "Tab", "Alt", "Ctrl", "Num", "Insert", "{points} points", "ltr", "AltGr", "Points", "Enter"}
@@ -42,7 +46,7 @@ def test_every_character_of_a_language_has_a_face(language):
     assert select_typefaces(language).missing("".join(words.load_words(language).values())) == ""
 
 
-@pytest.mark.parametrize("language", ["zh", "ja", "ar"])
+@pytest.mark.parametrize("language", ["zh", "ja", "ar", "he"])
 def test_a_language_with_another_script_has_no_latin_word_but_names_of_keys(language):
     for key, text in words.load_words(language).items():
         if key != "direction":
@@ -87,3 +91,16 @@ def test_a_sign_stays_before_its_number_also_from_right_to_left():
 def test_less_than_a_tenth_of_a_point_is_none():
     assert screen_texts.format_points(-0.04) == "0"
     assert screen_texts.format_points(-0.06) == "-0.1"
+
+
+def test_a_language_of_ones_own_needs_a_teams_words_only_for_a_team():
+    assert "team.title" not in words.flatten_words(decode_protocol(OWN_LANGUAGE.read_bytes()).words)
+
+
+def test_a_log_whose_own_language_lacks_a_newer_word_is_read():
+    whole = OWN_LANGUAGE.read_bytes().replace(b'language = "he"', b'language = "yi"')  # a language that we lack
+    older = re.sub(rb"(?m)^getting_ready .*$", b"", whole, count=1)
+    assert older != whole
+    with pytest.raises(ProtocolError, match="1 are missing"):
+        decode_protocol(older)
+    assert decode_logged_protocol(older).study.name

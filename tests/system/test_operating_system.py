@@ -27,6 +27,7 @@ from minihuman.operating_system import (
     retry_when_shared,
     windows_disposition,
 )
+from tests.disks import fill, small_disk
 from tests.log.samples import STARTED_NS, session_plan
 
 PACKAGE = Path(minihuman.__file__).parent
@@ -89,7 +90,7 @@ def test_a_library_of_c_is_called_in_one_module_each():
     assert {name for name, tree in TREES.items() if "ctypes" in _imports(tree)} == CTYPES.keys()
 
 
-_OF_LINUX = ("/proc", "/sys/")
+_OF_LINUX = ("/proc/", "/sys/")
 
 
 def test_no_path_of_linux_stands_elsewhere():
@@ -167,7 +168,7 @@ def test_a_name_that_every_system_keeps_is_taken(name: str) -> None:
 
 @pytest.mark.parametrize("study", ["nul", "maze."])
 def test_a_study_is_not_begun_under_such_a_name(tmp_path: Path, study: str) -> None:
-    with pytest.raises(LogError, match=r"cannot name a folder on every system: Windows .*; choose another name"):
+    with pytest.raises(LogError, match=r"cannot be a folder name on every system: Windows .*; choose another name"):
         McapRecorder(tmp_path, msgspec.structs.replace(session_plan(), study=study), started_ns=STARTED_NS)
     assert list(tmp_path.iterdir()) == []
 
@@ -245,6 +246,19 @@ def test_a_file_is_replaced_while_it_is_open_and_its_reader_keeps_the_old_one(tm
     assert read_at(fd, 100, 3) == b"\r\nline!"
     assert old.read_bytes() == b"new"
     os.close(fd)
+
+
+def test_a_file_for_which_the_disk_has_no_room_is_as_it_was(tmp_path: Path) -> None:
+    with small_disk(tmp_path, 1 << 16):
+        kept, absent = tmp_path / "kept", tmp_path / "absent"
+        operating_system.write_atomically("old", kept)
+        ballast = fill(tmp_path, but=0)
+        for path in (kept, absent):
+            with pytest.raises(OSError, match="No space left on device") as refused:
+                operating_system.write_atomically("new" * 10_000, path)
+            assert refused.value.filename == str(path)
+        assert {path.name for path in tmp_path.iterdir()} == {"kept", ballast.name}
+        assert kept.read_text() == "old"
 
 
 def test_a_lock_that_is_not_waited_for_says_who_has_it(tmp_path: Path) -> None:

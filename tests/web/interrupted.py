@@ -30,10 +30,20 @@ class Interrupted:
     notes: list[str] = field(default_factory=list)  # of the page's own: what was shown and was not so
 
 
+KINDS = "cut", "cut", "kill", "kill", "reload"
+
+
 def interrupt(
-    folder: Path, *, times: int, seed: int, rtt_ms: float = 80.0, world=GRID, computed: str = "page"
+    folder: Path,
+    *,
+    times: int,
+    seed: int,
+    rtt_ms: float = 80.0,
+    world=GRID,
+    computed: str = "page",
+    kinds: tuple[str, ...] = KINDS,
 ) -> Interrupted:
-    """Play through as many interruptions, then to the session's end."""
+    """Play through as many interruptions of these kinds, then to the session's end."""
     chance = random.Random(seed)
     found = Interrupted()
     # the machine itself may be stopped meanwhile
@@ -49,7 +59,7 @@ def interrupt(
         somebody.to_play()
         for _ in range(times):
             press(somebody, chance, chance.randint(4, 14))
-            what = chance.choice(("cut", "cut", "kill", "kill", "reload"))
+            what = chance.choice(kinds)
             found.happened[what] += 1
             _do(what, somebody, served, wire, chance)
         press(somebody, chance, 6)

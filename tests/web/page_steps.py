@@ -3,7 +3,8 @@
 import numpy as np
 
 from minihuman.web.computed import PageWorld
-from minihuman.web.messages import EpisodeRules, GridState
+from minihuman.web.messages import EpisodeRules, FirstPersonState, GridState, WorldState
+from minihuman.worlds.first_person import rules as first_person
 
 
 class PageSteps:
@@ -18,16 +19,12 @@ class PageSteps:
         assert rules.computed is not None
         self.rules = rules
         self.start = rules.computed  # where the server said last that it was
-        self._world = PageWorld(world_id)
-        self._world.reset(0)
+        self._inside = _GridSteps(world_id) if isinstance(rules.computed, GridState) else _FirstPersonSteps()
         self.place(rules.computed)
 
-    def place(self, state: GridState) -> None:
+    def place(self, state: WorldState) -> None:
         """Go where the server is."""
-        env, runs = self._world.unwrapped, np.array(state.row)
-        row = np.repeat(runs[::2], runs[1::2]).astype(np.int32)
-        words = np.array([int(word) for word in state.rng_state], np.uint64)
-        env.restore(env.save()._replace(row=row, rng_state=words))
+        self._inside.place(state, np.array([int(word) for word in state.rng_state], np.uint64))
         self.start, self.step, self.ended = state, state.step, False
 
     def press(self, key: str) -> str:
@@ -39,8 +36,46 @@ class PageSteps:
         """Make a step; its digest, "" if the episode is over."""
         if self.ended:
             return ""
-        made = self._world.step(action)
+        reward, terminated, truncated = self._inside.step(action)
         self.step += 1
-        truncated = made.truncated or (self.step >= self.rules.most_steps and not made.terminated)
-        self.ended = made.terminated or truncated
-        return self._world.digest(made.reward, terminated=made.terminated, truncated=truncated)
+        truncated = truncated or (self.step >= self.rules.most_steps and not terminated)
+        self.ended = terminated or truncated
+        return self._inside.digest(reward, terminated, truncated)
+
+
+class _GridSteps:
+    def __init__(self, world_id: str) -> None:
+        self._world = PageWorld(world_id)
+        self._world.reset(0)
+
+    def place(self, state: WorldState, words: np.ndarray) -> None:
+        assert isinstance(state, GridState)
+        env, runs = self._world.unwrapped, np.array(state.row)
+        row = np.repeat(runs[::2], runs[1::2]).astype(np.int32)
+        env.restore(env.save()._replace(row=row, rng_state=words))
+
+    def step(self, action: int) -> tuple[float, bool, bool]:
+        made = self._world.step(action)
+        return made.reward, made.terminated, made.truncated
+
+    def digest(self, reward: float, terminated: bool, truncated: bool) -> str:
+        return self._world.digest(reward, terminated=terminated, truncated=truncated)
+
+
+class _FirstPersonSteps:
+    def place(self, state: WorldState, words: np.ndarray) -> None:
+        assert isinstance(state, FirstPersonState)
+        sent = (state.things, state.numbers, state.walls, state.rooms, state.edges)
+        things, self._numbers, walls, rooms, edges = (np.frombuffer(each).copy() for each in sent)
+        self._things, self._words = things.reshape(-1, first_person.COLUMNS), words
+        self._plan = walls.reshape(-1, 4), words, rooms.reshape(-1, 7), edges.reshape(-1, 4)
+
+    def step(self, action: int) -> tuple[float, bool, bool]:
+        status = first_person.step(self._things, self._numbers, *self._plan, action)
+        ends = bool(status & first_person.TERMINATED), bool(status & first_person.TRUNCATED)
+        return float(self._numbers[first_person.REWARD]), *ends
+
+    def digest(self, reward: float, terminated: bool, truncated: bool) -> str:
+        ends = 1 if terminated else 2 if truncated else 0
+        outcome = np.array([np.float64(reward).view(np.uint64), ends], np.uint64)
+        return f"{int(first_person.digest_state(self._things, self._numbers, self._words, outcome)):016x}"

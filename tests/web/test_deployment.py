@@ -13,10 +13,16 @@ import click
 import pytest
 import yaml
 
+from minihuman.admin.remote_store import STORE_URL_FILE_NAME
 from minihuman.cli.command_line import make_command_line
+from minihuman.dataset.journal import URL_FILE_NAME
 from minihuman.errors import ProtocolError
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.web.deployment import Deployment, write_deployment
+from minihuman.web.deployment.check import CheckResult, DeploymentCheckError, check_deployment
+from tests.counts import count
+from tests.lab.database import database, fresh
+from tests.lab.object_store import object_store
 
 PROTOCOL = Path(__file__).parents[2] / "protocols" / "online.toml"
 ADDRESS = "https://study.example.org"
@@ -100,9 +106,9 @@ def test_a_second_time_keeps_the_password_which_only_its_owner_reads(folders):
 
 @pytest.mark.parametrize("address", ["study.example.org", "http://study.example.org", f"{ADDRESS}/a", f"{ADDRESS}:444"])
 def test_an_address_that_caddy_cannot_answer_is_refused(address):
-    with pytest.raises(ProtocolError, match=r"--address is .*; give a host"):
+    with pytest.raises(ProtocolError, match=r"--address .* is not valid; use https:// and a host"):
         Deployment(address)
-    with pytest.raises(ProtocolError, match="--bucket is 'logs'; give an object store's"):
+    with pytest.raises(ProtocolError, match="--bucket 'logs' is not valid; use s3:// and a bucket"):
         Deployment(ADDRESS, bucket="logs")
 
 
@@ -110,3 +116,36 @@ def test_a_study_with_a_trained_agent_brings_what_plays_it(tmp_path):
     study = decode_protocol(PROTOCOL.with_name("teach-fourrooms.toml").read_bytes())
     write_deployment(study, tmp_path, ALONE)
     assert "[web,learn]" in (tmp_path / "Containerfile").read_text()
+
+
+@pytest.mark.program
+@pytest.mark.long
+def test_a_check_restarts_and_kills_servers_and_finds_everything_that_was_acknowledged(tmp_path):
+    people, said = count(6, 300), []
+    with database() as url, object_store() as store:
+        (tmp_path / URL_FILE_NAME).write_text(f"{fresh(url)}\n")
+        (tmp_path / STORE_URL_FILE_NAME).write_text(f"{store}/{tmp_path.name}\n")
+        result = check_deployment(tmp_path, people, on_progress=said.append)
+    assert result.passed, result
+    assert (result.participants, result.complete, result.lost, result.twice) == (people, people, 0, 0)
+    assert [line.split(",")[0] for line in said[1:]] == [
+        "server 1 restarted",
+        "server 2 restarted",
+        "server 1 killed",
+    ]
+    assert result.acknowledged > 10 * people
+    assert result.moved
+    assert result.interrupted
+
+
+@pytest.mark.parametrize("wrong", ["complete", "lost", "twice", "differences"])
+def test_a_check_with_anything_amiss_has_not_passed(wrong):
+    fine = {"participants": 3, "complete": 3, "interrupted": 3, "moved": 1, "acknowledged": 40}
+    assert CheckResult(**fine, lost=0, twice=0, differences=0).passed
+    amiss = {"lost": 0, "twice": 0, "differences": 0, wrong: 1}
+    assert not CheckResult(**{**fine, **amiss}).passed
+
+
+def test_a_check_without_a_database_names_the_file_that_it_needs(tmp_path):
+    with pytest.raises(DeploymentCheckError, match=r"register\.url does not exist; write the address into it"):
+        check_deployment(tmp_path, 1)

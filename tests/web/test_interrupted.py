@@ -11,7 +11,7 @@ from minihuman.log.read.session_reader import read_events
 from tests.counts import count
 from tests.web.browser import PATIENCE_MS, browsing
 from tests.web.interrupted import interrupt
-from tests.web.protocols import study
+from tests.web.protocols import FIRST_PERSON, study
 from tests.web.serving import line, serving
 
 CODES = {"Digit1": "1", "Digit2": "2", "Digit3": "3", "Enter": "enter"}
@@ -35,6 +35,18 @@ def test_cut_killed_and_loaded_again_each_press_is_logged_once_and_the_log_is_pr
     assert found.complaints == []
     assert found.notes == []
     assert found.segments == 1
+
+
+@pytest.mark.long
+@pytest.mark.program
+def test_two_hundred_cuts_in_first_person_lose_no_press(tmp_path: Path) -> None:
+    times = count(3, 200)
+    found = interrupt(tmp_path, times=times, seed=27, world=FIRST_PERSON, kinds=("cut",))
+    assert found.happened == {"cut": times}
+    assert found.logged == [CODES[code] for code in found.heard]
+    assert found.steps == found.accepted > 5 * times
+    assert found.complaints == []
+    assert found.notes == []
 
 
 @pytest.mark.program

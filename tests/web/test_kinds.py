@@ -22,5 +22,5 @@ def test_studies_are_served(name):
 def test_a_kind_that_needs_a_window_is_not(monkeypatch):
     monkeypatch.setattr(process, "find_kind", lambda name: replace(find_kind(name), browser=name != "takeover"))
     study = read_protocol(PROTOCOLS / "teach-fourrooms.toml")
-    with pytest.raises(ProtocolError, match="part 'teach' has kind 'takeover', which needs a window"):
+    with pytest.raises(ProtocolError, match="part 'teach' is of kind 'takeover', which cannot be shown in a browser"):
         require_browser_support(study)

@@ -25,7 +25,7 @@ from tests.web.protocols import study
 pytestmark = [pytest.mark.program, pytest.mark.long]
 SERVERS, PEOPLE = count(2, 8), count(4, 1_000)
 MS = 1_000_000
-SETTINGS = PageSettings(picture_px=(96, 96), deepest=0)
+SETTINGS = PageSettings(picture_px=(96, 96), looks_ahead=False)
 WEB = "image_size_px = [96, 96]\nopen_access = true"
 
 
@@ -62,6 +62,36 @@ def served_by(folders: list[Path]) -> None:
     logs = [path for folder in dict.fromkeys(folders) for path in folder.rglob("*.mcap")]
     played = Counter(path.name.partition("_")[0] for path in logs)
     assert played == Counter(line.participant for line in lines), "each of them once, at one server"
+
+
+def test_everybody_who_joins_at_one_of_three_servers_at_once_has_a_slot_of_their_own(tmp_path: Path) -> None:
+    each = count(20, 3_334)
+    with database() as url:
+        machines = [tmp_path / f"machine-{number}" for number in range(3)]
+        address = fresh(url)
+        for machine in machines:
+            machine.mkdir()
+            (machine / URL_FILE_NAME).write_text(address + "\n")
+            path = study(machine, web=WEB)
+            path.write_text(path.read_text().replace("participants = 500", f"participants = {3 * each}"))
+        spawn = multiprocessing.get_context("spawn")
+        servers = [spawn.Process(target=join, args=(str(machine), each)) for machine in machines]
+        for server in servers:
+            server.start()
+        for server in servers:
+            server.join()
+        assert [server.exitcode for server in servers] == [0, 0, 0]
+        lines = read_enrolled(machines[0] / "tried")
+        assert sorted(line.index for line in lines) == list(range(3 * each))
+        assert len({line.participant for line in lines}) == 3 * each
+
+
+def join(folder: str, people: int) -> None:
+    """Let people arrive one after the other, in a process of its own; nobody plays."""
+    data = Path(folder)
+    arrivals = Arrivals(decode_protocol((data / "tried.toml").read_bytes()), data)
+    seated = [arrivals.arrive(Arrival()) for _ in range(people)]
+    assert all(isinstance(one, Admission) for one in seated)
 
 
 def serve(folder: str, people: int) -> None:

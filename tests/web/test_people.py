@@ -116,11 +116,9 @@ def test_each_day_has_a_code_of_its_own_and_it_is_told_again_by_a_server_that_wa
         assert again.told["url"].endswith("DAY1")
 
 
-def test_who_has_only_a_touch_screen_is_told_so_where_keys_are_played_whatever_the_study_requires(
-    tmp_path, monkeypatch
-):
+def test_who_has_only_a_touch_screen_is_told_so_where_a_keyboard_is_required(tmp_path, monkeypatch):
     monkeypatch.setattr(typed_page, "FACTS", {**typed_page.FACTS, "mouse": False, "touch": True})
-    with served(tmp_path, web=f"require_keyboard = false\n{CODES}") as server:
+    with served(tmp_path, web=CODES) as server:
         one = page(server)
         assert takes_part(one, within_s=60).refused == "keyboard"
         assert one.told["words"].endswith("Your code: S3")

@@ -39,6 +39,7 @@ SETTINGS = PageSettings(picture_px=(84, 84))
 TIMED = "inter_trial_interval_ms = 120\nfixation_ms = 90\nfinal_frame_ms = 210\n"
 REAL_TIME = 'pace = "real_time"\nstep_period_ms = 150\nnoop_action = "done"\n'
 PAGES = 'instructions = "Go."\nrest_text = "Rest."\n'
+DESIGN = 'design = { name = "level-replay", settings = { seeds = [3, 4, 5], replay = 0.6 } }\n'
 WITH_DONE = GRID[0], (*GRID[1], "done")
 
 
@@ -96,8 +97,8 @@ def about(event: Event) -> tuple[Any, ...]:
 
 @pytest.mark.parametrize(
     ("block", "world"),
-    [("", GRID), (TIMED, GRID), (PAGES, GRID), (REAL_TIME, WITH_DONE), ("auto_repeat = true\n", GRID)],
-    ids=["plain", "timed", "pages", "real-time", "repeat"],
+    [("", GRID), (TIMED, GRID), (PAGES, GRID), (REAL_TIME, WITH_DONE), ("auto_repeat = true\n", GRID), (DESIGN, GRID)],
+    ids=["plain", "timed", "pages", "real-time", "repeat", "design"],
 )
 def test_the_same_inputs_give_the_same_events_as_in_a_window_but_for_facts(tmp_path: Path, block: str, world) -> None:
     plan, presses = plan_of(tmp_path, block, world), script()
@@ -123,7 +124,7 @@ def test_what_a_page_computes_is_what_a_window_shows_and_nothing_is_looked_ahead
     told = [type(message) for message in page.told]
     assert told.count(messages.LookAheadUpdate) == 0
     assert told.count(messages.PictureMessage) <= 2, "but for those that stay at an episode's end"
-    assert told.count(messages.AtlasMessage) == 1
+    assert told.count(messages.ArraysMessage) == 1
 
 
 def test_word_of_a_picture_and_of_the_line_is_answered_with_nothing(tmp_path: Path) -> None:
@@ -145,8 +146,8 @@ def test_word_of_a_picture_and_of_the_line_is_answered_with_nothing(tmp_path: Pa
 
 @pytest.mark.parametrize(
     ("block", "world", "computes"),
-    [(TIMED, GRID, False), (TIMED, GRID, True), (REAL_TIME, WITH_DONE, False)],
-    ids=["timed", "computed", "real-time"],
+    [(TIMED, GRID, False), (TIMED, GRID, True), (REAL_TIME, WITH_DONE, False), (DESIGN, GRID, False)],
+    ids=["timed", "computed", "real-time", "design"],
 )
 def test_killed_after_any_event_it_goes_on_where_it_was(tmp_path: Path, block: str, world, computes: bool) -> None:
     """Everything that was not acknowledged is said again, to a machine that was fed its own log."""

@@ -16,7 +16,7 @@ import msgspec
 from websockets.asyncio.client import ClientConnection, connect
 
 from minihuman.web.computed import kernels_digest
-from minihuman.web.messages import MESSAGE_VERSION, EpisodeRules, GridState
+from minihuman.web.messages import MESSAGE_VERSION, EpisodeRules, WorldState
 from tests.counts import PATIENCE_S
 from tests.web.page_steps import PageSteps
 
@@ -90,6 +90,7 @@ class TypedPage:
             tuple[int, int, int], tuple[int, bool]
         ] = {}  # episode, scene, action -> scene, whether it ends
         self._now: dict[str, Any] | None = None
+        self._seen: tuple[int, int, int] | None = None  # episode, step and scene of a team's picture
         self._trail: list[tuple[int, int]] = []  # message and action of what is not confirmed
         self._due_ns: int | None = None
         self._told_due_ns = 0
@@ -210,7 +211,7 @@ class TypedPage:
                     self.steps = PageSteps(self._computes, rules)
             case "state":
                 assert self.steps is not None
-                self.steps.place(msgspec.convert(message["state"], GridState))
+                self.steps.place(msgspec.convert(message["state"], WorldState))
                 for number, action in self._trail:
                     if number > message["through"]:
                         self.steps.act(action)
@@ -241,6 +242,12 @@ class TypedPage:
         self.counts.steps += now["step"] > 0 and (self._now is None or now["step"] != self._now["step"])
         self._now = now
         self._trail = [(number, action) for number, action in self._trail if number > now["through"]]
+        seen = (now["episode"], now["step"], now["node"])
+        if self._rules[now["episode"]]["team"] and now["action"] < 0 and seen != self._seen:
+            at_ns, self._seen = self._now_ns(), seen
+            self.say(
+                t="shown", submit=at_ns, flip=at_ns, waits=now["step"] > 0, episode=seen[0], step=seen[1], node=seen[2]
+            )
 
     # What is done
 
@@ -270,12 +277,14 @@ class TypedPage:
             return
         episode, step, scene = self._now["episode"], self._now["step"], self._now["node"]
         known = True
+        rules = self._rules[episode]
+        if rules["team"] == "turns" and (self._trail or self._now["action"] >= 0):
+            return  # others are waited for
         for _, action in self._trail:
             scene, ended = self._edges.get((episode, scene, action), (-1, False))
             step, known = step + 1, known and scene >= 0
             if ended:
                 return  # the page waits, too
-        rules = self._rules[episode]
         key = self._rng.choice(sorted(rules["actions"]))
         action = rules["actions"][key]
         number = self.say(t="key", key=key, down=True, stamp=self._now_ns())
@@ -285,6 +294,7 @@ class TypedPage:
         led = self._edges.get((episode, scene, action)) if known else None
         if led is not None:
             self.counts.ahead += 1
+            self._seen = (episode, step + 1, led[0])
             submit_ns, waits = self._now_ns(), not led[1] and step + 1 < rules["most_steps"]
             await asyncio.sleep(FLIP_S)
             shown = {"episode": episode, "step": step + 1, "node": led[0]}

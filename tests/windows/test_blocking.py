@@ -68,3 +68,9 @@ def test_what_was_drawn_and_could_not_be_written_leaves_no_trace() -> None:
     said = TextScreen("one", "no room", "")
     window.show(said)
     assert np.array_equal(window.display, compose_screen(said, SIZE_PX))
+
+
+def test_no_two_keys_have_one_time_even_where_the_toolkit_gives_them_one() -> None:
+    window = Kept()
+    heard = [window._key(True, "a", "a", 50), window._key(True, "b", "b", 50), window._key(False, "a", "a", 49)]
+    assert [event.t_ns for (event,) in heard] == [50, 51, 52]

@@ -16,7 +16,7 @@ def test_both_toolkits_are_installed_pygame_first() -> None:
 
 
 def test_an_unknown_window_is_named_with_those_there_are() -> None:
-    with pytest.raises(WindowError, match=r"'sdl' is unknown; it is one of auto, pygame, pyglet"):
+    with pytest.raises(WindowError, match=r"unknown window 'sdl'; use one of auto, pygame, pyglet"):
         open_window("sdl", time.monotonic_ns)
 
 

@@ -7,10 +7,19 @@ from itertools import product
 import numpy as np
 import pytest
 
+from minihuman.display.drawing.play_screens import locate_picture
 from minihuman.display.drawing.screen import find_spot
 from minihuman.display.windows.blocking_window import TITLE
 from minihuman.experiment.machine.inputs import Input, KeyDown, PointerMoved, PointerPressed, PointerReleased, TextInput
-from minihuman.experiment.machine.screens import OptionList, QuestionScreen, Screen, Slider, TextField, TextScreen
+from minihuman.experiment.machine.screens import (
+    OptionList,
+    PlayScreen,
+    QuestionScreen,
+    Screen,
+    Slider,
+    TextField,
+    TextScreen,
+)
 from tests.window_host import HostedWindow
 from tests.xserver import Typist
 
@@ -106,3 +115,20 @@ def test_elsewhere_neither_mouse_nor_text_is_told_of(desk: tuple[HostedWindow, T
     heard = hear(window)
     assert not [one for one in heard if isinstance(one, TextInput | PointerPressed | PointerMoved | PointerReleased)]
     assert [one.key for one in heard if isinstance(one, KeyDown)] == ["b"]
+
+
+def test_a_click_in_the_worlds_picture_says_where_in_it(desk: tuple[HostedWindow, Typist]) -> None:
+    window, typist = desk
+    picture = np.full((100, 200, 3), 90, np.uint8)
+    for takes_clicks in (False, True):
+        window.show(PlayScreen(picture, "", "", accepts_pointer=takes_clicks))
+        left, top, width, height = locate_picture(picture, SIZE_PX)
+        typist.point(TITLE, (left + width * 0.25) / SIZE_PX[0], (top + height * 0.75) / SIZE_PX[1])
+        typist.button(True)
+        typist.button(False)
+        typist.point(TITLE, (left + width * 0.5) / SIZE_PX[0], (top + height * 1.05) / SIZE_PX[1])
+        typist.button(True)
+        typist.button(False)
+        clicks = [one for one in hear(window) if isinstance(one, PointerPressed)]
+        assert [one.target for one in clicks] == ["picture"] * takes_clicks
+    assert (clicks[0].x, clicks[0].y) == pytest.approx((0.25, 0.75), abs=0.01)

@@ -41,4 +41,18 @@ class Paddle(gymnasium.Env):
         return picture
 
 
+class Arcade(Paddle):
+    """A world that cannot be copied, as an emulator's: what runs inside refuses."""
+
+    def __init__(self, render_mode: str | None = None) -> None:
+        super().__init__(render_mode)
+        self.machine = Machine()
+
+
+class Machine:
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Machine":
+        raise TypeError("cannot pickle 'Machine' object")
+
+
+gymnasium.register("tests/Arcade-v0", entry_point=Arcade, max_episode_steps=200)
 gymnasium.register("tests/Paddle-v0", entry_point=Paddle, max_episode_steps=200)

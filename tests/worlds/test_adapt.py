@@ -103,7 +103,6 @@ def test_an_action_that_does_not_exist_is_refused():
         ("NoSuchWorld-v0", {}, "NoSuchWorld"),
         ("no_such_package:Maze-v0", {}, "install the package"),
         ("tests.worlds.corridor:tests/PictureLess-v0", {}, "no render mode 'rgb_array'"),
-        ("Pendulum-v1", {}, "Discrete"),
         (CORRIDOR, {"length": 3}, "options {'length': 3} are invalid"),
     ],
 )

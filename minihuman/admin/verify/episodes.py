@@ -1,17 +1,25 @@
-"""Verify a log's episodes: replay them from world id, options, seed and actions, and compare every number."""
+"""Verify a log's episodes: replay them from world id, options, seed and actions, and compare every number.
+
+The logs of a team's members are compared with each other too; a member who withdrew is only named.
+"""
 
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import groupby
+from pathlib import Path
 
 import numpy as np
 
+from minihuman.admin.enrolment_entries import TeamRecorded, list_team_entries
 from minihuman.experiment.activities.activity import WorldFactory
+from minihuman.experiment.activities.block_plans import PERSON
 from minihuman.experiment.machine.events import EpisodeStarted, Stepped
 from minihuman.experiment.machine.running_episode import RunningEpisode, WorldFailedError
 from minihuman.experiment.replay import renders_same_images
-from minihuman.log.model.session_log import EpisodeLog, SessionLog, pose_as_row
+from minihuman.log.model.session_log import EpisodeLog, SessionLog, TeamRecord, pose_as_row
+from minihuman.log.paths import list_sessions, session_folder
+from minihuman.log.read.session_reader import read_log
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.source_digest import rules_digest
 
@@ -46,7 +54,9 @@ def verify_episodes(log: SessionLog, make_world: WorldFactory = World) -> Episod
     """
     episodes = steps = n_other_renderer = 0
     same = all(renders_same_images(segment.facts) for segment in log.segments)
-    for (world_id, options), group in groupby(log.episodes, lambda episode: (episode.plan.world, episode.plan.options)):
+    for (world_id, options), group in groupby(
+        log.episodes, lambda episode: (episode.plan.world, episode.world_options)
+    ):
         with closing(make_world(world_id, options)) as world:
             unlike = world.drawn and not same
             for episode in group:
@@ -71,12 +81,20 @@ def _differences(episode: EpisodeLog, world: World) -> Iterator[str]:
     plan = episode.plan
     play = RunningEpisode(plan, world, picture_px=None)
     yield from _at_start(episode.start, play.start(episode.start.t_ns), f"{episode.name} reset")
-    for index, action in enumerate(episode.actions):
+    for index, action in enumerate(episode.actions_taken):
         where = f"{episode.name} step {index + 1}"
         if play.outcome is not None:
             yield f"{where}: logged, but the episode now ends at step {index} with {play.outcome!r}"
-        again = play.step(0, int(action), key=episode.step_keys[index], key_t_ns=0)
+        again = play.step(0, action, key=episode.step_keys[index], key_t_ns=0)
         yield from _at_step(episode, index, again, where)
+        if episode.team is not None and tuple(episode.team.rewards[index]) != world.unwrapped.rewards:
+            rewards = episode.team.rewards[index].tolist()
+            yield f"{where}: rewards {rewards} in the log, now {list(world.unwrapped.rewards)}"
+    if episode.team is not None:
+        if difference := episode.team.find_difference(plan.seed):
+            yield f"{episode.name}: {difference}"
+        if not np.array_equal(episode.team.actions[:, episode.team.seat], episode.actions):
+            yield f"{episode.name}: the joint actions of seat {episode.team.seat} are not the seat's own"
     if episode.end_cause and episode.outcome in ("timeout", "agent_failed") and play.outcome is None:
         return  # a time limit or a failure ended it: the replay of the session's inputs compares when
     if play.outcome != episode.outcome and episode.outcome not in (None, "abandoned"):
@@ -114,3 +132,67 @@ def _hashes(where: str, state: int, state_now: int, observation: int, observatio
     for name, logged, now in (("state", state, state_now), ("observation", observation, observation_now)):
         if logged != now:
             yield f"{where}: {name} hash {logged:016x} in the log, now {now:016x}"
+
+
+_Played = dict[tuple[int, int], tuple[EpisodeLog, TeamRecord]]  # by episode and attempt
+
+
+def verify_teams(study: Path) -> Iterator[tuple[str, bool]]:
+    """Compare the joint actions in the logs of each team's members; yield lines, each with whether it is good news.
+
+    A log that was cut off is compared as far as it goes.
+
+    Raises:
+        LogError: if a log cannot be read.
+    """
+    for entry in list_team_entries(study):
+        people = [seat for seat, kind in enumerate(entry.seats) if kind == PERSON]
+        if len(people) < 2:
+            continue
+        found = {seat: _read_episodes(study, entry, str(seat)) for seat in people}
+        where = f"team {entry.team}, block {entry.block}"
+        gone = [seat for seat in people if str(seat) not in entry.members]
+        wrong = list(_compare_members(found))
+        yield from ((f"{where}: {line}", False) for line in wrong)
+        for seat in gone:
+            yield f"{where}: seat {seat} withdrawn", True
+        if not wrong:
+            here = {seat: played for seat, played in found.items() if played}
+            steps = max((sum(len(team.actions) for _, team in played.values()) for played in here.values()), default=0)
+            seats = " and ".join(map(str, here)) or "none"
+            yield f"{where}: {steps} joint steps, the same in each log here (seats {seats})", True
+
+
+def _read_episodes(study: Path, entry: TeamRecorded, seat: str) -> _Played:
+    """The episodes that a member played in this team; none of one who withdrew or has no log."""
+    code = entry.members.get(seat)
+    folder = None if code is None else session_folder(study.parent, study.name, code, entry.session)
+    if folder is None or not folder.is_dir() or not list_sessions(folder):
+        return {}
+    log = read_log(folder)
+    return {
+        (episode.plan.episode_in_block, episode.attempt): (episode, episode.team)
+        for episode in log.episodes
+        if episode.team is not None and (episode.team.team, episode.plan.block_name) == (entry.team, entry.block)
+    }
+
+
+def _compare_members(found: dict[int, _Played]) -> Iterator[str]:
+    (first, reference), *others = found.items()
+    for seat, played in others:
+        for (number, attempt), (episode, team) in played.items():
+            other = reference.get((number, attempt))
+            if other is None:
+                continue
+            n = min(len(team.actions), len(other[1].actions))
+            same = (team.actions[:n] == other[1].actions[:n]).all(axis=1)
+            hashes = episode.state_hashes[: n + 1] == other[0].state_hashes[: n + 1]
+            where = f"episode {number + 1} of the block"
+            if not same.all():
+                step = int((~same).argmax())
+                logged = f"{other[1].actions[step].tolist()}, seat {seat} {team.actions[step].tolist()}"
+                yield f"{where} step {step + 1}: seat {first} logged {logged}"
+            elif not hashes.all():
+                yield f"{where} step {int((~hashes).argmax())}: seats {first} and {seat} logged different states"
+            elif len(team.actions) == len(other[1].actions) and team.digest != other[1].digest:
+                yield f"{where}: seats {first} and {seat} logged different digests"

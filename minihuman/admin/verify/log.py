@@ -8,7 +8,7 @@ the replay of the episodes first.
 import hashlib
 import io
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import zip_longest
@@ -17,10 +17,13 @@ from pathlib import Path
 import msgspec
 import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from google.protobuf.message import Message
 from mcap.records import Attachment, Metadata
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
+from minihuman.admin.design_decisions import decide_again, verify_design_decisions
 from minihuman.admin.enrolment_entries import (
     find_incomplete_logs,
     find_slots_without_log,
@@ -34,10 +37,12 @@ from minihuman.admin.verify.episodes import describe_other_rules, verify_episode
 from minihuman.errors import LogError, MinihumanError
 from minihuman.experiment.activities.activity import WorldFactory
 from minihuman.experiment.activities.block_plans import PlayPlan
+from minihuman.experiment.activities.pages import PagePlan
 from minihuman.experiment.machine.events import (
     EpisodeEnded,
     EpisodesSkipped,
     Event,
+    ModelCall,
     SessionEnded,
     SessionStarted,
     Stepped,
@@ -45,7 +50,7 @@ from minihuman.experiment.machine.events import (
 )
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.plan.expansion import expand_protocol, parse_participant_code
-from minihuman.experiment.plan.session_plan import PlannedPart, SessionPlan
+from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart, SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
 from minihuman.experiment.protocol.strata import build_strata
 from minihuman.experiment.replay import MACHINE_VERSION, compare_replay
@@ -62,12 +67,13 @@ from minihuman.log.paths import (
     raise_as_log_error,
     study_folder,
 )
-from minihuman.log.preview import encode_previews
+from minihuman.log.preview import PreviewEncoder
 from minihuman.log.read.session_reader import list_session_files, read_log
 from minihuman.log.record.live_log import build_attachments, build_segment_metadata
 from minihuman.log.salvage.chunk import ChunkMessages, LogMessage
 from minihuman.log.salvage.scan import LogScanner
 from minihuman.log.salvage.summary_section import read_summary
+from minihuman.simulation.model_seat import SeatRecord, find_picture_size
 from minihuman.trust import Trust, find_changed_sources, list_foreign_modules
 from minihuman.worlds.adapters.world import World
 
@@ -87,15 +93,18 @@ class MessageVerifier:
         self._started_ns = started_ns
         self._decode = decode
         self._live = live
+        self._previews = PreviewEncoder(started_ns)
         self._drawn: list[LogMessage] = []  # for viewers, since the last message that holds the truth
+        self._last: LogMessage | None = None  # of those
 
-    def check(self, message: LogMessage) -> tuple[Event | None, list[str]]:
+    def check(self, message: LogMessage, schema: str) -> tuple[Event | None, list[str]]:
         """The event in a message, None in one for viewers; and what of it is not as minihuman writes it."""
         topic = message.channel.topic
         if topic in _FOR_VIEWERS:
             self._drawn.append(message)
+            self._previews.is_pose_per_step |= schema == PoseInFrame.DESCRIPTOR.full_name
             return None, []
-        drawn, self._drawn = self._drawn, []
+        drawn, self._drawn, self._last = self._drawn, [], message
         where = f"message {message.sequence} on {topic}"
         try:
             event = self._decode(topic, message.data)
@@ -114,13 +123,20 @@ class MessageVerifier:
         return event, wrong + self._viewers(message, drawn, where)
 
     def left(self) -> list[str]:
-        """What is for viewers at the end, behind everything that it could repeat."""
-        return [f"a message on {message.channel.topic} repeats nothing" for message in self._drawn]
+        """What is for viewers at the end: the poses of an episode that was cut off, and nothing else."""
+        if self._last is None:
+            return [f"a message on {message.channel.topic} repeats nothing" for message in self._drawn]
+        return self._compare(list(self._previews.finish()), self._last, self._drawn, "the segment's end")
 
     def _viewers(self, message: LogMessage, drawn: list[LogMessage], where: str) -> list[str]:
+        expected = list(self._previews.encode(message.channel.topic, message.data))
+        return self._compare(expected, message, drawn, where)
+
+    def _compare(
+        self, expected: list[tuple[str, Message]], message: LogMessage, drawn: list[LogMessage], where: str
+    ) -> list[str]:
         if self._live and not drawn:
             return []
-        expected = list(encode_previews(message.channel.topic, message.data, started_ns=self._started_ns))
         if [topic for topic, _ in expected] != [other.channel.topic for other in drawn]:
             found = ", ".join(other.channel.topic for other in drawn) or "none"
             return [f"{where} is repeated for viewers on {found}; it should be on {[topic for topic, _ in expected]}"]
@@ -239,7 +255,7 @@ def find_log_differences(path: Path, make_world: WorldFactory) -> Iterator[str]:
                 *_end(segment, found.segments[: number + 1], finished=found.finished),
                 *_plan(segment),
                 *(f"well-formed: {rule}" for rule in find_violations(segment.events)),
-                *compare_replay(segment.events, make_world),
+                *_replay(segment, make_world),
             ):
                 yield f"{where}: {complaint}"
     known = read_chain_heads(study_folder(path), path.name)
@@ -250,6 +266,17 @@ def find_log_differences(path: Path, make_world: WorldFactory) -> Iterator[str]:
                 f"segment {segment.number} ended with chain {chain[:16]}; the enrolment log says "
                 f"{known[segment.number][:16]}"
             )
+
+
+def _replay(segment: _LogSegment, make_world: WorldFactory) -> Iterator[str]:
+    """Compare with a replay; where a model sat, also every prompt, its picture and how each answer was read."""
+    started = segment.started
+    if started is None or not any(isinstance(event, ModelCall) for event in segment.events):
+        yield from compare_replay(segment.events, make_world)
+        return
+    spec = decode_logged_protocol(started.plan.protocol_toml).model
+    picture_px = find_picture_size(spec)
+    yield from compare_replay(segment.events, make_world, follow=SeatRecord(spec).follow, picture_px=picture_px)
 
 
 def _read(path: Path) -> _LogContents:
@@ -305,7 +332,7 @@ def _read(path: Path) -> _LogContents:
                 )
                 if record.channel.topic == topics.PLAN:
                     found.plans.append(record.data)
-                event, wrong = proof.check(record)
+                event, wrong = proof.check(record, "" if schema is None else schema.name)
                 found.complaints += (f"segment {segment.number}: {complaint}" for complaint in wrong)
                 if event is not None:
                     segment.events.append(event)
@@ -405,6 +432,7 @@ def _plan(segment: _LogSegment) -> Iterator[str]:
         yield "plan: protocol_sha256 is not the protocol's"
     try:
         protocol = decode_logged_protocol(plan.protocol_toml)
+        protocol = msgspec.structs.replace(protocol, files=_page_pictures(protocol, plan) | plan.files)
         again = expand_protocol(protocol, plan.participant, session=plan.session, overridden=plan.overridden)
         yield from _slot(protocol, segment, plan)
         if parse_participant_code(plan.participant.id) != plan.participant.index:
@@ -416,17 +444,39 @@ def _plan(segment: _LogSegment) -> Iterator[str]:
         logged, now = getattr(plan, name), getattr(again, name)
         if name == "parts":
             now = tuple(_without_later_fields(part, before) for part, before in zip_longest(now, logged))
+        if name == "words":  # a language has got more of them since
+            now = {key: text for key, text in now.items() if key in logged}
+        if name == "episodes":
+            now = tuple(_without_trig(episode, before) for episode, before in zip_longest(now, logged))
         if name not in _ONCE_PER_PLAN and logged != now:
             yield f"plan: {name} is not what the protocol gives"
+
+
+def _page_pictures(protocol: Protocol, plan: SessionPlan) -> dict[str, bytes]:
+    """The pictures of pages by the names that the protocol has for them; the log holds them page by page."""
+    return {
+        name: picture
+        for part in plan.parts
+        if isinstance(part.plan, PagePlan) and (page := protocol.page_for(part.name, plan.participant.group))
+        for name, picture in zip(page.images, part.plan.pictures, strict=False)
+    }
 
 
 def _without_later_fields(part: PlannedPart | None, logged: PlannedPart | None) -> PlannedPart | None:
     """A planned part without what plans did not say yet when the logged one was made."""
     if part is None or logged is None or not isinstance(part.plan, PlayPlan) or not isinstance(logged.plan, PlayPlan):
         return part
-    if logged.plan.computed is not msgspec.UNSET:
+    if logged.plan.computed == "page":
         return part
-    return msgspec.structs.replace(part, plan=msgspec.structs.replace(part.plan, computed=msgspec.UNSET))
+    # the server computed all first-person worlds, before that nothing was said
+    return msgspec.structs.replace(part, plan=msgspec.structs.replace(part.plan, computed=logged.plan.computed))
+
+
+def _without_trig(episode: EpisodePlan | None, logged: EpisodePlan | None) -> EpisodePlan | None:
+    """A planned episode as plans were when first-person worlds were played by the host's sine alone."""
+    if episode is None or logged is None or "trig" in logged.options or "trig" not in episode.options:
+        return episode
+    return msgspec.structs.replace(episode, options={k: v for k, v in episode.options.items() if k != "trig"})
 
 
 def _slot(protocol: Protocol, segment: _LogSegment, plan: SessionPlan) -> Iterator[str]:
@@ -436,7 +486,13 @@ def _slot(protocol: Protocol, segment: _LogSegment, plan: SessionPlan) -> Iterat
         yield f"plan: slot {who.place} is outside the allocation list of {len(slots)}"
         return
     slot = slots[who.place]
-    if not plan.overridden and slot.group != who.group:
+    if who.assigned is not None and protocol.allocation.design is not None:
+        again = decide_again(protocol, who.assigned, who.index, who.stratum).group
+        if again != who.group:
+            yield f"plan: participant's group {who.group!r}, by the statistics of {who.assigned.design} {again!r}"
+    elif (who.assigned is None) == (protocol.allocation.design is not None) and not plan.overridden:
+        yield "plan: the group's assignment is not by the protocol's design"
+    elif not plan.overridden and slot.group != who.group:
         yield f"plan: participant's group {who.group!r}, in the allocation list {slot.group!r}"
     if slot.stratum != who.stratum:
         yield f"plan: participant's stratum {who.stratum!r}, in the allocation list {slot.stratum!r}"
@@ -475,7 +531,7 @@ def find_sessions(given: Path, *, required: bool = True) -> list[Path]:
         found += [folder] if alone and len(sessions[0]) > 1 else [file for files in sessions for file in files]
     if not found and required:
         raise LogError(
-            f"{given} holds no session logs (*{LOG_SUFFIX} or *{PART_SUFFIX}); name a log or a study's folder"
+            f"{given} contains no session logs (*{LOG_SUFFIX} or *{PART_SUFFIX}); name a log or a study's folder"
         )
     return sorted(found)
 
@@ -537,8 +593,18 @@ def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
     ends = {log.name: _read_ends(log) for log, files in sessions if log in files}
     yield from find_incomplete_logs(journal.read(), ends)
     yield from find_slots_without_log(journal.read(), {log.name.partition("_")[0] for log, _ in sessions})
+    if protocol := _read_protocol(log for log, files in sessions if log in files):
+        yield from verify_design_decisions(study, protocol)
     if journal.unchained:
         yield f"{journal.unchained} lines of the enrolment log are unchained: an earlier version wrote them", True
+
+
+def _read_protocol(sessions: Iterable[Path]) -> Protocol | None:
+    """The protocol of a study's first log, where it has designs of the study; None if there is none."""
+    for log in sessions:
+        protocol = decode_logged_protocol(read_log(log).plan.protocol_toml)
+        return protocol if protocol.allocation.design or protocol.allocation.stopping else None
+    return None
 
 
 def _read_ends(log: Path) -> tuple[str, ...]:

@@ -25,6 +25,7 @@ _TOP = 0.10  # the mission's band, of the height
 _BOTTOM = 0.16  # legend and progress
 _MOST_ROWS = 3  # of the legend, in type that can be read
 _GAP = 1.4  # between a key's word and the next key, of the type size
+_WORTH_ENLARGING = 1.2  # by less a picture stays as it is, sharp
 _MARKS = {"good": theme.GOOD, "bad": theme.BAD, "neutral": theme.MUTED_INK}
 
 
@@ -59,22 +60,31 @@ def paint_picture(frame: NDArray[np.uint8], picture: NDArray[np.uint8]) -> Box:
     return left, top, width, height
 
 
+def locate_picture(picture: NDArray[np.uint8], size_px: Size) -> Box:
+    """Where a world's picture is drawn."""
+    shown = _fit(picture, *picture_size_px(size_px))
+    return _place(shown.shape[1], shown.shape[0], size_px)
+
+
 def _place(width: int, height: int, size_px: Size) -> Box:
     top, bottom = round(size_px[1] * _TOP), size_px[1] - round(size_px[1] * _BOTTOM)
     return (size_px[0] - width) // 2, top + (bottom - top - height) // 2, width, height
 
 
 def _fit(picture: NDArray[np.uint8], room_width: int, room_height: int) -> NDArray[np.uint8]:
-    """Enlarge by the largest whole number that fits; a picture too large for the room is averaged down into it."""
+    """Enlarge by the largest whole number that fits, smoothly where that would leave much room empty.
+
+    A picture too large for the room is averaged down into it.
+    """
     height, width = picture.shape[:2]
     scale = min(room_width // width, room_height // height)
     if scale > 1:
         return picture.repeat(scale, axis=0).repeat(scale, axis=1)
-    if scale == 1:
+    factor = min(room_width / width, room_height / height)
+    if scale == 1 and factor < _WORTH_ENLARGING:
         return picture
-    shrink = min(room_width / width, room_height / height)
-    smaller = (max(1, int(width * shrink)), max(1, int(height * shrink)))
-    return np.asarray(Image.fromarray(picture).resize(smaller, Image.Resampling.BOX))
+    how = Image.Resampling.BILINEAR if scale else Image.Resampling.BOX
+    return np.asarray(Image.fromarray(picture).resize((max(1, int(width * factor)), max(1, int(height * factor))), how))
 
 
 def draw_surroundings(play_frame: PlayFrame, size_px: Size) -> Sheet:

@@ -5,6 +5,7 @@ from minihuman.display.drawing.sheet import LINE_HEIGHT, MIN_TYPE_SIZE, Sheet, S
 from minihuman.experiment.machine.screens import (
     OptionList,
     QuestionScreen,
+    RatingMatrix,
     RatingScale,
     ShapeCanvas,
     Slider,
@@ -37,6 +38,8 @@ def draw_question(screen: QuestionScreen, size_px: Size) -> Sheet:
             _choices(sheet, screen.item, box)
         case RatingScale():
             _scale(sheet, screen.item, box)
+        case RatingMatrix():
+            _matrix(sheet, screen.item, box)
         case Slider():
             _slider(sheet, screen.item, box)
         case TextField():
@@ -58,6 +61,8 @@ def question_fits(screen: QuestionScreen, size_px: Size) -> bool:
     lines, type_px = sheet.fitted(screen.question, round(sheet.high * _TYPE), wide, room)
     if type_px < round(sheet.high * MIN_TYPE_SIZE) or len(lines) * type_px * LINE_HEIGHT > room:
         return False
+    if isinstance(screen.item, RatingMatrix):
+        return all(len(lines) < 3 for lines in _statement_lines(sheet, screen.item, wide))
     if isinstance(screen.item, OptionList):
         rows = _option_rows(sheet, screen.item, wide, (_BOTTOM - _TOP - 0.06) * sheet.high - room)
         return rows is not None
@@ -66,6 +71,8 @@ def question_fits(screen: QuestionScreen, size_px: Size) -> bool:
 
 def _room(screen: QuestionScreen) -> float:
     """How much of the height the question's own words have."""
+    if isinstance(screen.item, RatingMatrix):
+        return 0.10
     if not isinstance(screen.item, OptionList):
         return 0.30
     return max(0.10, 0.58 - 0.075 * len(screen.item.options)) if len(screen.item.options) < 7 else 0.10
@@ -156,6 +163,50 @@ def _scale(sheet: Sheet, item: RatingScale, box: tuple[float, float, float, floa
         sheet.spots.append(Spot(f"option:{number}", x - unit / 2, y - reach * 1.6, x + unit / 2, bottom + small))
     if not words:
         _ends(sheet, item.low, item.high, (left, right), y + reach * 1.4 + small)
+
+
+_STATEMENT_SHARE = 0.42  # of the width; the points have the rest
+
+
+def _statement_lines(sheet: Sheet, item: RatingMatrix, wide: float) -> list[list[str]]:
+    return [sheet.wrap(row, sheet.min_type_px, wide * _STATEMENT_SHARE - sheet.high * 0.03) for row in item.rows]
+
+
+def _matrix(sheet: Sheet, item: RatingMatrix, box: tuple[float, float, float, float]) -> None:
+    """A row for each statement, its points beside it in reading order; what they mean stands above them."""
+    left, top, right, bottom = box
+    rtl, small, wide = sheet.locale.rtl, sheet.min_type_px, right - left
+    low, high = (left, right - wide * _STATEMENT_SHARE) if rtl else (left + wide * _STATEMENT_SHARE, right)
+    unit, words = (high - low) / len(item.points), all(not point.isdecimal() for point in item.points)
+    heads = [sheet.wrap(point, small, unit * 0.96) for point in item.points] if words else []
+    if words:
+        for place, lines in enumerate(reversed(heads) if rtl else heads):
+            for number, line in enumerate(lines):
+                sheet.put((low + unit * (place + 0.5), top + small * (number * 1.2 + 0.6)), line, small, theme.INK, "m")
+    else:
+        _ends(sheet, item.low, item.high, (low, high), top)
+    top += small * 1.2 * max(2, *map(len, heads)) + small * 0.6 if heads else small * 2.4
+    tall = min((bottom - top) / len(item.rows), sheet.high * 0.09)
+    reach = min(unit * 0.36, tall * 0.36)
+    for row, lines in enumerate(_statement_lines(sheet, item, wide)):
+        y = top + tall * (row + 0.5)
+        if row == item.cursor:
+            stripe = (left, y - tall * 0.46, right, y + tall * 0.46)
+            sheet.draw.rounded_rectangle(stripe, radius=small * 0.4, outline=theme.EDGE)
+        x = right - sheet.high * 0.015 if rtl else left + sheet.high * 0.015
+        for number, line in enumerate(lines):
+            offset = (number - (len(lines) - 1) / 2) * small * 1.2
+            sheet.put((x, y + offset), line, small, theme.INK, "r" if rtl else "l")
+        for point, label in enumerate(item.points):
+            place = len(item.points) - 1 - point if rtl else point
+            x, chosen = low + unit * (place + 0.5), item.chosen[row] == point
+            circle = (x - reach, y - reach, x + reach, y + reach)
+            fill, outline = (theme.HIGHLIGHT,) * 2 if chosen else (theme.SURFACE, theme.MUTED_INK)
+            sheet.draw.ellipse(circle, fill=fill, outline=outline, width=max(2, round(sheet.high / 360)))
+            if not words:
+                sheet.put((x, y), label, small, theme.BACKGROUND if chosen else theme.INK, "m")
+            cell = (low + unit * place, y - tall / 2, low + unit * (place + 1), y + tall / 2)
+            sheet.spots.append(Spot(f"option:{row * len(item.points) + point}", *cell))
 
 
 def _ends(sheet: Sheet, low: str, high: str, sides: tuple[float, float], y: float) -> None:

@@ -18,6 +18,7 @@ from minihuman.display.drawing.play_screens import (
     draw_mark,
     draw_steering,
     draw_surroundings,
+    locate_picture,
     paint_picture,
     picture_size_px,
 )
@@ -34,7 +35,16 @@ from minihuman.experiment.machine.screens import (
     TextScreen,
 )
 
-__all__ = ["Box", "Size", "compose_screen", "find_spot", "measure_along_spot", "picture_size_px", "repaint_screen"]
+__all__ = [
+    "Box",
+    "Size",
+    "compose_screen",
+    "find_spot",
+    "locate_in_picture",
+    "measure_along_spot",
+    "picture_size_px",
+    "repaint_screen",
+]
 
 
 def compose_screen(screen: Screen, size_px: Size) -> NDArray[np.uint8]:
@@ -80,6 +90,13 @@ def find_spot(screen: Screen, size_px: Size, x: float, y: float) -> tuple[str, f
         return "", 0.0
     spot = next((spot for spot in _sheet(screen, size_px).spots if spot.holds(x * size_px[0], y * size_px[1])), None)
     return ("", 0.0) if spot is None else (spot.name, spot.along(x * size_px[0]))
+
+
+def locate_in_picture(screen: PlayScreen, size_px: Size, x: float, y: float) -> tuple[float, float] | None:
+    """Where (x, y), 0..1 of the screen, lies in the world's picture, 0..1 of it; None beside it."""
+    left, top, width, height = locate_picture(screen.picture, size_px)
+    inside = (x * size_px[0] - left) / width, (y * size_px[1] - top) / height
+    return inside if all(0 <= share < 1 for share in inside) else None
 
 
 def measure_along_spot(screen: Screen, size_px: Size, name: str, x: float) -> float:

@@ -15,6 +15,7 @@ from minihuman.display.drawing.play_screens import Box
 from minihuman.display.drawing.screen import (
     compose_screen,
     find_spot,
+    locate_in_picture,
     measure_along_spot,
     picture_size_px,
     repaint_screen,
@@ -33,7 +34,7 @@ from minihuman.experiment.machine.inputs import (
     ScreenShown,
     TextInput,
 )
-from minihuman.experiment.machine.screens import Screen, TextScreen
+from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
 from minihuman.plugins import check_plugin_type, list_plugin_names, load_plugin
 
 REPEAT_DELAY_NS = 500_000_000  # the usual desktop's: half a second, then 30 a second
@@ -202,6 +203,9 @@ class BlockingWindow(Window):
         """Convert an event of the main mouse button at (x, y), 0..1 of the picture from its top left."""
         if not self._accepts[1] or self._shown is None or (kind is PointerPressed) != (self._pressed_in is None):
             return []
+        if isinstance(self._shown, PlayScreen):
+            inside = locate_in_picture(self._shown, self.size_px, x, y)
+            return [kind(self._clock(), *inside, "picture")] if kind is PointerPressed and inside else []
         if self._pressed_in is None:
             target, along = find_spot(self._shown, self.size_px, x, y)
         else:
@@ -248,12 +252,14 @@ def open_window(name: str, clock: Clock, *, fullscreen: bool = False, size_px: S
             refusals.append(error)
     if refusals:
         raise refusals[0]
-    raise WindowError(f"no window is registered under {WINDOW_GROUP!r}; reinstall minihuman with `pip install`")
+    raise WindowError(
+        f"no window is registered under {WINDOW_GROUP!r}; install it with `pip install --force-reinstall`"
+    )
 
 
 def _open(name: str, clock: Clock, *, fullscreen: bool, size_px: Size) -> Window:
     if name not in list_windows():
-        raise WindowError(f"window {name!r} is unknown; it is one of {', '.join((AUTO_WINDOW, *list_windows()))}")
+        raise WindowError(f"unknown window {name!r}; use one of {', '.join((AUTO_WINDOW, *list_windows()))}")
     window = load_plugin(WINDOW_GROUP, name, WindowError, what="window")(clock, fullscreen=fullscreen, size_px=size_px)
     check_plugin_type(window, Window, WindowError, group=WINDOW_GROUP, name=name)
     assert isinstance(window, Window)  # checked just now

@@ -258,7 +258,7 @@ class _Server:
         self._root = self._x.XDefaultRootWindow(self._display)
         if not self._same_clock():
             self.close()
-            raise OSError("the X server uses another clock")
+            raise OSError("the X server's clock differs from the system's monotonic clock")
 
     def close(self) -> None:
         """Hang up; a second call does nothing."""

@@ -12,10 +12,18 @@ from numpy.typing import NDArray
 from minihuman.display.drawing.play_screens import Box
 from minihuman.display.drawing.sheet import Size
 from minihuman.display.windows.blocking_window import DEFAULT_SIZE_PX, TITLE, BlockingWindow
+from minihuman.display.windows.gamepad import GAMEPAD_EVENTS, Gamepad
 from minihuman.display.windows.keyboard import ON_RECEIPT, SERVER_TIME, X11KeyTimes, key_from_scancode, key_to_scancode
 from minihuman.display.windows.window import Clock
 from minihuman.errors import WindowError
-from minihuman.experiment.machine.inputs import Input, PointerMoved, PointerPressed, PointerReleased, Stop
+from minihuman.experiment.machine.inputs import (
+    AxisChanged,
+    Input,
+    PointerMoved,
+    PointerPressed,
+    PointerReleased,
+    Stop,
+)
 
 _NS_PER_MS = 1_000_000
 _SAY_WHERE = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
@@ -72,6 +80,7 @@ class PygameWindow(BlockingWindow):
             ) from error
         self._fullscreen = fullscreen
         self._closed = False
+        self._gamepad: Gamepad | None = None
         self._key_times = _key_times(clock) if driver == "x11" else None
         pygame.mouse.set_visible(False)
         pygame.key.stop_text_input()  # an input method would swallow keys
@@ -144,7 +153,24 @@ class PygameWindow(BlockingWindow):
                 return self._pointer(PointerReleased, *self._along(event.pos))
             case pygame.QUIT:
                 return [Stop(t_ns, "window_closed")]
+            case kind if self._gamepad is not None and kind in GAMEPAD_EVENTS:
+                found = []
+                for name, value in self._gamepad.read(event):
+                    if isinstance(value, bool):
+                        found += self._key(value, name, "gamepad", t_ns)
+                    else:
+                        found.append(AxisChanged(t_ns, name, value))
+                return found
         return []
+
+    def open_gamepad(self) -> dict[str, str]:
+        """Take inputs of the first gamepad that is connected.
+
+        Raises:
+            WindowError: if there is none.
+        """
+        self._gamepad = Gamepad()
+        return self._gamepad.facts()
 
     def _along(self, place_px: tuple[int, int]) -> tuple[float, float]:
         width, height = self.size_px
@@ -180,6 +206,8 @@ class PygameWindow(BlockingWindow):
         """Give the display back."""
         if not self._closed:
             self._closed = True
+            if self._gamepad is not None:
+                self._gamepad.close()
             if self._key_times is not None:
                 self._key_times.close()
             pygame.display.quit()

@@ -146,7 +146,7 @@ def _open(*, fullscreen: bool, size_px: Size) -> "PygletNativeWindow":
         import pyglet
 
         if pyglet.options["headless"]:
-            raise WindowError("pyglet is in headless mode in this process; use --window pygame")
+            raise WindowError("pyglet is in headless mode, so it cannot open a window; use --window pygame")
         from minihuman.display.windows.pyglet_native import PygletNativeWindow
 
         window = PygletNativeWindow(TITLE, None if fullscreen else size_px)

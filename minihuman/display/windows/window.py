@@ -7,6 +7,7 @@ tests and the replay of sessions.
 import abc
 from collections.abc import Callable, Iterable, Sequence
 
+from minihuman.errors import WindowError
 from minihuman.experiment.machine.inputs import Input, ScreenShown, Stop
 from minihuman.experiment.machine.screens import Screen
 
@@ -20,8 +21,10 @@ class Window(abc.ABC):
     def show(self, screen: Screen) -> ScreenShown:
         """Draw a screen, flip, and say when it was submitted and when the flip returned."""
 
-    def show_after(self, screen: Screen, written: Callable[[], None]) -> ScreenShown:
+    def show_after(self, screen: Screen, written: Callable[[], None]) -> ScreenShown | None:
         """Show a screen when ``written`` has returned; until then a window may draw it, but not flip.
+
+        None where another thread shows it: that it was is then one of the inputs of `wait`.
 
         Raises:
             LogError: as ``written`` does; then the screen is not shown.
@@ -39,6 +42,14 @@ class Window(abc.ABC):
     @abc.abstractmethod
     def facts(self) -> dict[str, str]:
         """Toolkit, version, display size, refresh rate, how keys are identified. No names of people or machines."""
+
+    def open_gamepad(self) -> dict[str, str]:
+        """Take inputs of a gamepad from now on; device, axes, dead zone and polling, for the log.
+
+        Raises:
+            WindowError: if none is connected, or the window's toolkit reads none.
+        """
+        raise WindowError(f"a {type(self).__name__} reads no gamepad, which the protocol needs; use --window pygame")
 
     @property
     def picture_px(self) -> tuple[int, int] | None:

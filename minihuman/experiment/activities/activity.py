@@ -54,6 +54,12 @@ class SessionContext:
         self.key_map: KeyMap | None = None  # in force
         self.points = plan.standing.points
         self.tries = dict(plan.standing.tries)
+        self.waited_ns = plan.standing.waited_ns or 0  # in lobbies
+        self.stranded = bool(plan.standing.stranded)  # without a partner, in a block that ended for it
+        self.teams: tuple[str, ...] = ()  # that the segment was in, the latest last
+        self.partners: set[str] = set()  # what the others in them were: "person", "agent"
+        self.keys_down: dict[str, int] = {}  # the latest last, with when each went down
+        self.axes: dict[str, float] = {}  # where those of the gamepad are
         self._make_world = make_world
         self._world: tuple[tuple[str, dict[str, Any]], World] | None = None
         self._events: list[Event] = []

@@ -1,13 +1,15 @@
-"""Plans of blocks: which episodes are played, what is shown around them, when a block ends, and the agent that plays
-along.
+"""Plans of blocks: which episodes are played, what is shown around them, when a block ends, and the agent or the team
+that plays along.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Literal
 
 import msgspec
 
-from minihuman.experiment.keys import KEY_NAMES, RESERVED_KEYS
+from minihuman.experiment.keys import BUTTON_NAMES, RESERVED_KEYS
+from minihuman.experiment.plan.designs import DesignSpec
 
 
 class CriterionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -42,6 +44,28 @@ class PointsSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 ComputedBy = Literal["page", "server"]
 
 
+class AxisBinding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What an axis of a gamepad moves."""
+
+    component: int  # of the action's vector, from 0
+    scale: float = 1.0  # sensitivity; below 0 the axis is inverted
+
+
+class SpotBinding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a click in the world's picture does: an action with its place."""
+
+    x: int  # the component that gets the place from left to right
+    y: int  # and from top to bottom
+    action: str = ""  # an element that is done with it: "choice_0_6"
+
+
+class Bindings(msgspec.Struct, frozen=True):
+    """What moves an action's vector beside keys. In a plan where a block says so alone."""
+
+    axes: dict[str, AxisBinding] = {}  # of the gamepad
+    spot: SpotBinding | None = None
+
+
 class PlayPlan(msgspec.Struct, frozen=True):
     """A block: which episodes, and what surrounds them. Empty texts and times of 0 show nothing."""
 
@@ -65,6 +89,9 @@ class PlayPlan(msgspec.Struct, frozen=True):
     show_points: bool = False  # the running total is on the screen
     mission: str = ""  # instead of the world's own words
     computed: ComputedBy | msgspec.UnsetType = msgspec.UNSET  # who steps and draws first in a browser; unset before
+    trial: "TrialRules | msgspec.UnsetType" = msgspec.UNSET  # unset where episodes are no trials
+    bindings: Bindings | msgspec.UnsetType = msgspec.UNSET  # unset where keys alone act
+    design: DesignSpec | msgspec.UnsetType = msgspec.UNSET  # that resolves each episode; unset where none does
 
 
 LATEST_POLICY = "latest"  # the policy that an earlier part of the session ended with
@@ -103,9 +130,102 @@ def check_agent(agent: AgentPlan, pool: tuple[str, ...]) -> list[tuple[str, str]
             found.append((name, f"is {getattr(agent, name):g}; use 0 to 86400 s"))
     for name in ("hand_back", "good", "bad"):
         key = getattr(agent, name)
-        if key not in KEY_NAMES:
+        if key not in BUTTON_NAMES:
             found.append((name, f"is {key!r}, which is not a key"))
         elif key in RESERVED_KEYS or key in pool:
             whose = "the session itself uses" if key in RESERVED_KEYS else "may have an action ($.keys.pool)"
             found.append((name, f"is {key!r}, which {whose}; choose another"))
     return found
+
+
+PERSON = "person"
+SEAT_GRAMMAR = "'person', 'policy:FILE', 'scripted:NAME' or 'planner'"
+
+
+class TeamPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """``[blocks.team]`` in the protocol: who sits where in a world with several bodies."""
+
+    seats: tuple[str, ...] = ()  # by body: "person", "policy:FILE", "scripted:NAME" or "planner"
+    roles: tuple[str, ...] = ()  # what each seat is called on its screen; none: no word
+    pairing: Literal["drawn", "fixed", "same", "round_robin"] = "drawn"  # who plays with whom
+    seat_keys: tuple[dict[str, str], ...] | msgspec.UnsetType = msgspec.UNSET  # key -> action, at one machine
+    late_ms: float = 100.0  # real_time: how long a tick waits for a seat's input
+    lobby_s: float = 300.0  # the longest wait for partners
+    partner_wait_s: float = 60.0  # the longest wait for a partner's input before partner_leaves
+    partner_leaves: Literal["agent", "end"] = "agent"  # an agent takes the seat, or the block ends
+    stand_in: str = "scripted:random"  # the agent that takes a seat
+    partner_return: Literal["seat", "watch", "end"] | msgspec.UnsetType = msgspec.UNSET  # unset: "seat", at once
+    partner_disclosure: Literal["", "always", "debrief"] = ""  # when people learn which partners are agents
+
+    @property
+    def persons(self) -> tuple[int, ...]:
+        """The seats of people."""
+        return tuple(seat for seat, kind in enumerate(self.seats) if kind == PERSON)
+
+    @property
+    def agents(self) -> tuple[str, ...]:
+        """The names of the agents that may hold a seat, as the agent registry and the protocol's files have them."""
+        kinds = [*self.seats, *([self.stand_in] if len(self.persons) > 1 and self.partner_leaves == "agent" else [])]
+        return tuple(dict.fromkeys(find_seat_agent(kind) for kind in kinds if kind != PERSON))
+
+
+def find_seat_agent(kind: str) -> str:
+    """The agent of a seat: a registered agent with its settings, or the name of a policy file."""
+    what, _, name = kind.partition(":")
+    return "optimal" if what == "planner" and not name else name
+
+
+class TeamPlayPlan(PlayPlan, frozen=True):
+    """A block that a team plays."""
+
+    team: TeamPlan = TeamPlan()
+    seeds: Literal["new", "same", "listed"] = "new"  # of a team's episodes: drawn for it, one for all, or the plan's
+
+
+def check_team(team: TeamPlan | None, pool: tuple[str, ...]) -> list[tuple[str, str]]:
+    """Every (field, complaint) about values that make no team; ``pool`` is the keys that may have an action."""
+    if team is None or len(team.seats) < 2:
+        return [("seats", f"has {len(team.seats) if team else 0} seats; give one for each body, {SEAT_GRAMMAR}")]
+    found = []
+    for kind in (*team.seats, team.stand_in):
+        what, _, name = kind.partition(":")
+        if kind not in (PERSON, "planner") and not (what in ("policy", "scripted") and name):
+            found.append(("seats", f"has {kind!r}; a seat is {SEAT_GRAMMAR}"))
+    if team.stand_in == PERSON:
+        found.append(("stand_in", "is 'person'; name an agent, such as 'scripted:random'"))
+    if not team.persons:
+        found.append(("seats", "has no 'person'; a session needs one"))
+    if team.seat_keys and len(team.seat_keys) != len(team.seats):
+        found.append(("seat_keys", f"has {len(team.seat_keys)} for {len(team.seats)} seats; give each seat its own"))
+    for key, seats in Counter(key for keys in team.seat_keys or () for key in keys).items():
+        if seats > 1:
+            found.append(("seat_keys", f"gives {key!r} to {seats} seats; a key belongs to one"))
+        if key not in pool:
+            found.append(("seat_keys", f"names {key!r}, which is not in $.keys.pool"))
+    if team.roles and len(team.roles) != len(team.seats):
+        found.append(("roles", f"has {len(team.roles)} for {len(team.seats)} seats; give one each, or none"))
+    for name, least, most in (("late_ms", 10, 10_000), ("lobby_s", 1, 86_400), ("partner_wait_s", 1, 86_400)):
+        if not least <= getattr(team, name) <= most:
+            found.append((name, f"is {getattr(team, name):g}; use {least} to {most}"))
+    if team.agents and not team.partner_disclosure:
+        found.append(("partner_disclosure", "is missing, but an agent can hold a seat; use 'always' or 'debrief'"))
+    return found
+
+
+ReadyPolicy = Literal["each", "first", "none"]
+
+
+class TrialRules(msgspec.Struct, frozen=True):
+    """What makes episodes into trials: they follow each other by the clock. In a plan where a block says so alone."""
+
+    ready: ReadyPolicy = "each"  # which episodes wait for Enter
+    feedback_ms: float = 0.0  # the feedback goes by itself; 0: by Enter
+    intervals_ms: tuple[float, ...] = ()  # before each episode, where they were drawn
+
+
+class StimuliSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """``[blocks.stimuli]`` in the protocol: a table with the options that each trial has for its world."""
+
+    file: str = ""  # CSV beside the protocol, columns by name
+    rows: tuple[dict[str, str | int | float | bool], ...] = ()  # or the rows themselves
+    order: Literal["shuffled", "fixed"] = "shuffled"

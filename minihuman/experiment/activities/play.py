@@ -6,12 +6,16 @@ and screens.
 
 from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
+from typing import Any
+
+import msgspec
 
 from minihuman.experiment.activities.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding, SessionContext
 from minihuman.experiment.activities.block_plans import PlayPlan
 from minihuman.experiment.activities.pages import BACK_KEYS, FORWARD_KEYS, PageReader, build_page_shown
 from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.events import (
+    DesignDecided,
     EndCause,
     EpisodesSkipped,
     KeyMapDrawn,
@@ -27,7 +31,10 @@ from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, 
 from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, RunningEpisode
 from minihuman.experiment.machine.screens import BlankScreen, PlayScreen, Screen, TextScreen
 from minihuman.experiment.machine.transitions import Phase, PhaseTransition, TransitionCause, TransitionTable
-from minihuman.experiment.plan.session_plan import PlannedPart
+from minihuman.experiment.plan.designs import DesignSpec, PlayedEpisode, make_design
+from minihuman.experiment.plan.random_streams import make_draw
+from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart
+from minihuman.worlds.hashing import hash64
 
 
 def _another_episode_follows(play: "PlayActivity") -> bool:
@@ -55,8 +62,8 @@ PHASE_CONDITIONS: "Mapping[Phase, Callable[[PlayActivity], bool]]" = {
     Phase.INSTRUCTIONS: lambda play: bool(play.plan.instruction),
     Phase.LEARNING: lambda play: play.learning_s > 0,
     Phase.PREPARING: lambda play: play.needs_new_world,
-    Phase.READY: lambda play: play.shows_ready_screen,
-    Phase.INTERVAL: lambda play: play.plan.interval_ms > 0,
+    Phase.READY: lambda play: play.shows_ready_screen and play.waits_for_ready,
+    Phase.INTERVAL: lambda play: play.interval_ms > 0,
     Phase.FIXATION: lambda play: play.plan.fixation_ms > 0,
     Phase.HOLD: lambda play: play.plan.hold_ms > 0,
     Phase.FEEDBACK: lambda play: bool(play.feedback_text),
@@ -129,38 +136,46 @@ class PhaseTimer:
     Args:
         plan: the block's.
         learning_s: how long the next episode may wait for an agent that learns.
+        interval_ms: how long the interval before the next episode is.
     """
 
-    def __init__(self, plan: PlayPlan, learning_s: Callable[[], float]) -> None:
+    def __init__(self, plan: PlayPlan, learning_s: Callable[[], float], interval_ms: Callable[[], float]) -> None:
         self._plan = plan
         self._learning_s = learning_s
+        self._interval_ms = interval_ms
+        self._feedback_ms = plan.trial.feedback_ms if plan.trial else 0.0
+        self._timed: tuple[StrEnum, ...] = (*_TIMED, Phase.FEEDBACK) if self._feedback_ms else _TIMED
         self._until_ns: int | None = None
 
     def begin(self, phase: StrEnum, now_ns: int) -> None:
         """A phase begins."""
-        if phase in _TIMED:
+        if phase in self._timed:
             self._until_ns = now_ns + self._lasts_ns(phase)
         elif phase is Phase.REST:
             self._until_ns = now_ns + round(self._plan.rest_s * NS_PER_S)
 
     def seen(self, phase: StrEnum, flip_ns: int) -> None:
         """Its screen reached the display: it stands from then on. Learning lasts however late it was seen."""
-        if phase in _TIMED and phase is not Phase.LEARNING and self._until_ns is not None:
+        if phase in self._timed and phase is not Phase.LEARNING and self._until_ns is not None:
             self._until_ns = flip_ns + self._lasts_ns(phase)
 
     def suspend(self, phase: StrEnum) -> None:
         """Something is in front; a rest goes on even so."""
-        if phase in _TIMED:
+        if phase in self._timed:
             self._until_ns = None
 
     def resume(self, phase: StrEnum, now_ns: int) -> None:
         """It stands again, for its whole time."""
-        if phase in _TIMED:
+        if phase in self._timed:
             self._until_ns = now_ns + self._lasts_ns(phase)
 
     def over(self, phase: StrEnum, now_ns: int) -> bool:
         """Whether a phase that time ends has stood long enough."""
-        return phase in _TIMED and self._until_ns is not None and now_ns >= self._until_ns
+        return phase in self._timed and self._until_ns is not None and now_ns >= self._until_ns
+
+    def ends(self, phase: StrEnum) -> bool:
+        """Whether time ends a phase, and no key."""
+        return phase in self._timed
 
     def due_ns(self, phase: StrEnum, now_ns: int) -> int | None:
         """When something changes by itself, a rest's next second too; None: never."""
@@ -176,7 +191,8 @@ class PhaseTimer:
 
     def _lasts_ns(self, phase: StrEnum) -> int:
         ms: dict[StrEnum, float] = {
-            Phase.INTERVAL: self._plan.interval_ms,
+            Phase.INTERVAL: self._interval_ms(),
+            Phase.FEEDBACK: self._feedback_ms,
             Phase.FIXATION: self._plan.fixation_ms,
             Phase.HOLD: self._plan.hold_ms,
             Phase.LEARNING: self._learning_s() * 1_000,
@@ -229,17 +245,65 @@ class BlockTally:
         return until is not None and not until.is_met(self._outcomes) and until.otherwise == "end"
 
 
+class BlockDesign:
+    """A block's design: asked before each episode, and once when the block is over.
+
+    Args:
+        spec: the design.
+        number: the part's index in the plan.
+        name: the part's.
+        context: the session, which takes the events.
+    """
+
+    def __init__(self, spec: DesignSpec, number: int, name: str, context: SessionContext) -> None:
+        self._spec, self._number, self._name, self._context = spec, number, name, context
+        self._design = make_design(spec)
+        self._decided: DesignDecided | None = None
+        self.history: list[PlayedEpisode] = []
+
+    def add_episode(self, play: RunningEpisode) -> None:
+        """An episode is over."""
+        plan, outcome = play.plan, play.outcome
+        assert outcome is not None
+        self.history.append(PlayedEpisode(plan.options, plan.seed, outcome, play.steps, play.return_))
+
+    def decide(self, *, goes_on: bool) -> bool:
+        """Ask about the next episode, or for the last estimates; whether the design ends the block."""
+        context, plan = self._context, self._context.plan
+        purpose = f"design-{self._name}-session-{plan.session}-episode-{context.next_episode}"
+        made = self._design.decide(self.history, make_draw(plan.study_seed, purpose, plan.participant.index))
+        options, seed = (dict(made.options), made.seed) if goes_on and not made.stop else ({}, None)
+        self._decided = DesignDecided(
+            *(context.now_ns, self._number, context.next_episode, self._spec.name, self._design.version),
+            options=options,
+            seed=seed,
+            stop=made.stop or not goes_on,
+            estimates=dict(made.estimates),
+            posterior=hash64(made.posterior),
+        )
+        context.emit(self._decided)
+        return made.stop and goes_on
+
+    def resolve(self, plan: EpisodePlan) -> EpisodePlan:
+        """The next episode as the design wants it."""
+        assert self._decided is not None, "a design decides before each episode"
+        options, seed = plan.options | self._decided.options, self._decided.seed
+        return msgspec.structs.replace(plan, options=options, seed=plan.seed if seed is None else seed)
+
+
 class BlockScreens:
     """A block's screens. Decides nothing.
 
     Args:
         plan: the block's.
         context: the session around it, for its words and points.
+        shows_progress: whether a line says which episode it is.
     """
 
-    def __init__(self, plan: PlayPlan, context: SessionContext) -> None:
+    def __init__(self, plan: PlayPlan, context: SessionContext, *, shows_progress: bool = True) -> None:
         self._plan = plan
         self._context = context
+        self._shows_progress = shows_progress
 
     def before(self, phase: StrEnum, reader: PageReader) -> Screen | None:
         """A screen without an episode; None where the phase shows one."""
@@ -294,6 +358,7 @@ class BlockScreens:
             mark=screen_texts.outcome_mark(play.outcome) if held and self._plan.marks else "",
             score_text=screen_texts.format_score(words, scored) if held and self._plan.points is not None else "",
             labels=words.labels(tuple(key for key, _ in legend)),
+            accepts_pointer=play.takes_clicks,
         )
 
     def _mission(self, play: RunningEpisode) -> str:
@@ -301,9 +366,12 @@ class BlockScreens:
 
     def _progress(self, play: RunningEpisode) -> str:
         total = self._context.points if self._plan.show_points else None
+        if not self._shows_progress:
+            return "" if total is None else screen_texts.format_total(self._context.words, total)
         return screen_texts.format_progress(self._context, self._plan, play.plan, total)
 
 
+POINTER = "pointer"  # a step's key where a click made it
 _TEXT_PHASES = (Phase.READY, Phase.FEEDBACK)
 
 
@@ -312,8 +380,12 @@ class PlayActivity(Activity):
 
     plan: PlayPlan
     can_copy = True
+    transitions: "TransitionTable[Any]" = PLAY_TRANSITIONS
+    phase_conditions: "Mapping[Phase, Callable[[Any], bool]]" = PHASE_CONDITIONS
     play: RunningEpisode | None = None
     learning_s = 0.0  # how long the next episode may wait for an agent that learns
+    shows_progress = True  # which episode of how many it is
+    has_begun = False  # an episode of the block, in this segment
 
     def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
         super().__init__(number, part, context)
@@ -321,11 +393,12 @@ class PlayActivity(Activity):
         self.phase = Phase.START
         self.shows_ready_screen: bool = True
         self._play: RunningEpisode | None = None  # from the ready screen to the end of the feedback
-        self._timer = PhaseTimer(self.plan, lambda: self.learning_s)
+        self._timer = PhaseTimer(self.plan, lambda: self.learning_s, lambda: self.interval_ms)
         self._limits = BlockTimeLimits(self.plan.max_s, self.plan.block_max_s)
         self._reader = PageReader(len(self.plan.instruction))
         self._tally = BlockTally(self.plan)
-        self._view = BlockScreens(self.plan, context)
+        self._design = BlockDesign(self.plan.design, number, part.name, context) if self.plan.design else None
+        self._view = BlockScreens(self.plan, context, shows_progress=self.shows_progress)
         self._flip_ns: int | None = None  # when the present text reached the display
         self._drawn: tuple[object, Screen] | None = None  # a world's picture is drawn once
 
@@ -339,8 +412,27 @@ class PlayActivity(Activity):
     @property
     def needs_new_world(self) -> bool:
         """Whether the next episode's world has to be made."""
-        plan = self.context.plan.episodes[self.context.next_episode]
+        plan = self.next_plan
         return not self.context.has_world(plan.world, plan.options)
+
+    @property
+    def next_plan(self) -> EpisodePlan:
+        """The next episode; a block whose episodes are resolved while it runs overrides it."""
+        plan = self.context.plan.episodes[self.context.next_episode]
+        return plan if self._design is None else self._design.resolve(plan)
+
+    @property
+    def waits_for_ready(self) -> bool:
+        """Whether the next episode waits for Enter."""
+        ready = self.plan.trial.ready if self.plan.trial else "each"
+        return ready == "each" or (ready == "first" and not self.has_begun)
+
+    @property
+    def interval_ms(self) -> float:
+        """How long the screen is empty before the next episode."""
+        drawn = self.plan.trial.intervals_ms if self.plan.trial else ()
+        place = self.context.next_episode - self.plan.first
+        return drawn[place] if place < len(drawn) else self.plan.interval_ms  # after the last there is none
 
     @property
     def feedback_text(self) -> str:
@@ -356,6 +448,8 @@ class PlayActivity(Activity):
             and self.context.next_episode == self.context.plan.first_episode
         ):
             self._tally.restore_outcomes(self.context.plan.standing.outcomes)
+            if self._design is not None:
+                self._design.history += self.context.plan.standing.history or ()
         self._decide()
         if not self.has_next_episode:
             self._end()
@@ -380,6 +474,8 @@ class PlayActivity(Activity):
                 self.context.emit_key(happened, "repeat", self.phase)
             case KeyDown():
                 self._key_outside_play(happened)
+            case PointerPressed(target="picture") if self.phase is Phase.PLAYING and self._current.takes_clicks:
+                self._click_in_play(happened)
             case PointerPressed(target="go_on" | "back" as target) if self.phase is Phase.INSTRUCTIONS:
                 self._turn(1 if target == "go_on" else -1, by_enter=True)
 
@@ -497,6 +593,14 @@ class PlayActivity(Activity):
             emit_key(press, "accepted", self.phase, action)
             self._stepped(play.step(self.context.now_ns, action, key=press.key, key_t_ns=press.t_ns))
 
+    def _click_in_play(self, press: PointerPressed) -> None:
+        play = self._current
+        action = play.find_click_action(press.x, press.y)
+        if play.real_time:
+            play.queue(press.t_ns, POINTER, action)
+        else:
+            self._stepped(play.step(self.context.now_ns, action, key=POINTER, key_t_ns=press.t_ns))
+
     def _key_outside_play(self, press: KeyDown) -> None:
         key, phase, emit_key = press.key, self.phase, self.context.emit_key
         if phase is Phase.INSTRUCTIONS and key in (*FORWARD_KEYS, *BACK_KEYS):
@@ -506,7 +610,9 @@ class PlayActivity(Activity):
             self._turn(by, by_enter=key in ENTER_KEYS)
         elif phase is Phase.READY and key in ENTER_KEYS and self._flip_ns is not None and press.t_ns < self._flip_ns:
             emit_key(press, "not_playing", phase)  # meant for the screen before: this one is not on the display yet
-        elif key in ENTER_KEYS and (phase in _TEXT_PHASES or (phase is Phase.REST and not self._rest_left_s)):
+        elif key in ENTER_KEYS and (
+            (phase in _TEXT_PHASES and not self._timer.ends(phase)) or (phase is Phase.REST and not self._rest_left_s)
+        ):
             emit_key(press, "accepted", phase)
             self._move(TransitionCause.DONE)
         else:
@@ -521,7 +627,7 @@ class PlayActivity(Activity):
 
     def _move(self, cause: TransitionCause) -> None:
         """Follow the table, and on through phases that have nothing to show. An impossible move changes nothing."""
-        move = PLAY_TRANSITIONS.find(self.phase, cause, self)
+        move = self.transitions.find(self.phase, cause, self)
         if move is None:
             return
         assert isinstance(move.end, Phase)
@@ -534,7 +640,7 @@ class PlayActivity(Activity):
         elif self.phase is Phase.READY:
             self._prepare()
         self._flip_ns = None
-        if not PHASE_CONDITIONS.get(self.phase, _always)(self):
+        if not self.phase_conditions.get(self.phase, _always)(self):
             self._move(TransitionCause.DONE)
             return
         self._timer.begin(self.phase, self.context.now_ns)
@@ -544,16 +650,25 @@ class PlayActivity(Activity):
 
     def _prepare(self) -> None:
         """Reset the world behind a text, so that play starts at once."""
-        plan = self.context.plan.episodes[self.context.next_episode]
-        self._play = RunningEpisode(
-            plan, self.context.world(plan.world, plan.options), picture_px=self.context.picture_px
-        )
+        self._play = self._make_episode(self.next_plan)
         self._play.picture()  # a world's first picture may have to be compiled: not after the key that starts play
         self.next_play = self._play
 
+    def _make_episode(self, plan: EpisodePlan) -> RunningEpisode:
+        world = self.context.world(plan.world, plan.options)
+        context = self.context
+        return RunningEpisode(
+            plan,
+            world,
+            picture_px=context.picture_px,
+            keys_down=context.keys_down,
+            bindings=self.plan.bindings,
+            axes=context.axes,
+        )
+
     def _start_episode(self) -> None:
         play, now_ns = self._current, self.context.now_ns
-        self.play, self.next_play = play, None
+        self.play, self.next_play, self.has_begun = play, None, True
         if self.context.key_map != play.plan.key_map:
             self.context.key_map = play.plan.key_map
             self.context.emit(KeyMapDrawn(now_ns, play.plan.episode, play.plan.key_map))
@@ -584,12 +699,20 @@ class PlayActivity(Activity):
             context.emit(Scored(context.now_ns, play.plan.episode, scored, context.points))
         context.next_episode += 1
         context.completed += 1
+        if self._design is not None:
+            self._design.add_episode(play)
         self._decide()
         self._between_episodes()
         self._move(TransitionCause.EPISODE_ENDED)
 
     def _decide(self) -> None:
         self._tally.decide(time_is_up=self._limits.block_is_over(self.context.now_ns))
+        if (
+            self._design is not None
+            and (self.has_next_episode or self._design.history)  # else the block was completed before
+            and self._design.decide(goes_on=self.has_next_episode)
+        ):
+            self._tally.skip = "design"
 
     def _end(self) -> None:
         self.phase = Phase.OVER
@@ -619,7 +742,7 @@ class PlayActivity(Activity):
         return self._timer.left_s(self.context.now_ns)
 
 
-def _always(_: PlayActivity) -> bool:
+def _always(_: object) -> bool:
     return True
 
 

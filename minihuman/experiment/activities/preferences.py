@@ -22,7 +22,8 @@ from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, catch_worl
 from minihuman.experiment.machine.screens import PairScreen, Screen
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.plan.random_streams import draw_permutation
-from minihuman.worlds.contract import Palette, View
+from minihuman.experiment.plan.session_plan import ShownView
+from minihuman.worlds.contract import Palette
 
 if TYPE_CHECKING:
     from minihuman.worlds.adapters.world import World
@@ -147,7 +148,7 @@ class EpisodeFilm(Sequence[ImageArray]):
         seed: int,
         actions: Sequence[int],
         *,
-        view: View,
+        view: ShownView,
         palette: Palette,
         picture_px: tuple[int, int] | None,
         first: int = 0,
@@ -155,7 +156,7 @@ class EpisodeFilm(Sequence[ImageArray]):
         self._world = world
         self._seed = seed
         self._actions = tuple(actions)
-        self._view: View = view
+        self._view: ShownView = view
         self._palette: Palette = palette
         self._picture_px = picture_px
         self._first = first
@@ -226,7 +227,7 @@ class PreferencesPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     equal: str = "b"
     cannot_tell: str = "n"
     again: str = "r"
-    view: View = "partial"
+    view: ShownView = "partial"
     palette: Palette = "classic"
 
 

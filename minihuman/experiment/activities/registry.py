@@ -24,7 +24,9 @@ def find_kind(name: str) -> ActivityKind:
     """
     kind = load_plugin(GROUP, name, ProtocolError, what="activity")
     if not isinstance(kind, ActivityKind):
-        raise ProtocolError(f"activity {name!r} is a {type(kind).__name__}; register a minihuman.ext.ActivityKind")
+        raise ProtocolError(
+            f"activity {name!r} is of type {type(kind).__name__}; register an instance of minihuman.ext.ActivityKind"
+        )
     return kind
 
 

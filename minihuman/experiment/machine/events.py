@@ -23,8 +23,15 @@ KeyVerdict = Literal[
     "release",  # a key came up
     "typing",  # it types into a text; what it typed is TextTyped
 ]
-EndCause = Literal["", "max_s", "block_max_s", "agent_failed"]  # what else than a step ended an episode
-SkipReason = Literal["criterion", "time", "given_up"]
+EndCause = Literal["", "max_s", "block_max_s", "agent_failed", "partner_left"]  # what else than a step ended an episode
+ModelCallState = Literal[
+    "asked",
+    "answered",
+    "failed",  # the server or the network gave no answer
+    "unknown",  # the program was killed before an answer was stored; counted as paid
+]
+ModelVerdict = Literal["", "valid", "invalid"]
+SkipReason = Literal["criterion", "time", "design", "given_up", "partner_left", "no_partner", "replaced"]
 PartEnd = Literal["done", "failed", "again", "over"]
 PauseReason = Literal["participant", "focus_lost", "quit_question", "abort_question", "experimenter"]
 EndReason = Literal[
@@ -120,6 +127,7 @@ class Stepped(TimedEvent):
     state_hash: int
     observation_hash: int
     onset: bool = False  # the picture after it shows a stimulus onset
+    action_vector: tuple[float, ...] = ()  # the action, flat, where actions are no numbers; ``action`` names it then
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -239,6 +247,14 @@ class PointerUsed(TimedEvent):
 
 
 @dataclass(frozen=True, slots=True)
+class AxisMoved(TimedEvent):
+    """An axis of a gamepad moved: -1 to 1, 0 in its dead zone; right and down are positive."""
+
+    axis: str
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
 class AnswerChanged(TimedEvent):
     """An answer is another now, not given yet."""
 
@@ -322,6 +338,53 @@ class ActivityEvent(TimedEvent):
     """
 
 
+@dataclass(frozen=True, slots=True)
+class DesignDecided(ActivityEvent):
+    """A design has decided on an episode: what the plan left open is resolved. Before the episode's reset."""
+
+    part: int
+    episode: int  # the next one; after the block's last, one more
+    design: str  # as the protocol names it
+    version: int
+    options: dict[str, Any]  # of the world, beside the block's own
+    seed: int | None  # of the reset; None: the plan's
+    stop: bool  # the block is over, by the design or by itself
+    estimates: dict[str, float]
+    posterior: int  # digest of all that the decision follows from
+
+
+@dataclass(frozen=True, slots=True)
+class ModelCall(ActivityEvent):
+    """What became of a request to a model: asked before it is sent, and its answer before it has an effect.
+
+    The session waits for the answer: both events have the time of the screen, and ``latency_ms`` says how much later
+    the answer counts.
+    """
+
+    call: int  # 1 for the session's first
+    state: ModelCallState
+    episode: int  # index of the episode that is played or comes next
+    step: int  # that the screen follows; 0 outside episodes
+    screen: str  # "play", "page" or "question"
+    attempt: int  # 1, or more after an invalid answer to the same screen
+    prompt_sha256: str  # of the messages, pictures by their digests
+    picture_sha256: str  # of the latest picture's pixels; "" without one
+    provider: str  # the protocol's label
+    model: str  # as asked for; once answered, as the server calls it
+    temperature: float
+    max_tokens: int
+    prompt_tokens: int = 0  # as the server counts; estimated where there is no answer
+    completion_tokens: int = 0
+    price: float = 0.0  # by the protocol's prices, in its currency
+    latency_ms: float = 0.0
+    answer: str = ""  # whole
+    reasoning: str = ""  # where the server gives it
+    finish_reason: str = ""
+    verdict: ModelVerdict = ""
+    reading: str = ""  # how a valid answer was read: "key 3", "choose 2", "text ...", "wait", "skip", "button go_on"
+    error: str = ""  # why there is no answer: "HTTP 429", "timeout"
+
+
 Event = (
     SessionStarted
     | KeyMapDrawn
@@ -339,6 +402,7 @@ Event = (
     | PageShown
     | TextTyped
     | PointerUsed
+    | AxisMoved
     | AnswerChanged
     | Answered
     | Paused

@@ -37,7 +37,7 @@ class TextInput(TimedInput):
 
 @dataclass(frozen=True, slots=True)
 class PointerInput(TimedInput):
-    """A mouse or a finger at (x, y), 0..1 of the drawn picture from its top left corner.
+    """A mouse or a finger at (x, y), 0..1 of the drawn picture from its top left corner; in play, of the world's.
 
     ``target`` names the spot in which it went down ("option:2", "slider", "go_on"; "" for none).
     """
@@ -64,6 +64,14 @@ class PointerReleased(PointerInput):
     """The button or the finger came up."""
 
     __slots__ = ()
+
+
+@dataclass(frozen=True, slots=True)
+class AxisChanged(TimedInput):
+    """An axis of a gamepad is at another place: -1 to 1, 0 in its dead zone."""
+
+    axis: str
+    value: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +134,7 @@ Input = (
     | KeyUp
     | TextInput
     | PointerInput
+    | AxisChanged
     | Tick
     | ScreenShown
     | FocusChanged

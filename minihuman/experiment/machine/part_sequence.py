@@ -121,7 +121,7 @@ class PartSequence:
         if not self._to_do:
             raise AllocationError(
                 f"{plan.participant.id} has completed all {len(plan.episodes)} episodes of session {plan.session}; "
-                "run another session or participant"
+                "choose another session or participant"
             )
 
     @property

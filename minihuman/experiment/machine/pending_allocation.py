@@ -88,10 +88,10 @@ class PendingAllocationSession(SessionMachine):
             return super().request
         return None if self._stratum is None else SlotRequest(self._stratum)
 
-    def receive(self, happened: Input, *, at_ns: int = 0) -> list[Event]:
+    def receive(self, happened: Input, *, at_ns: int = 0, draws: bool = True) -> list[Event]:
         """Take one input; at the draw, emit the events of all inputs so far."""
         if self._past is None:
-            return super().receive(happened, at_ns=at_ns)
+            return super().receive(happened, at_ns=at_ns, draws=draws)
         if isinstance(happened, SlotDrawn):
             return self._begin_again(happened.plan, self._past)
         self._past.append((happened, at_ns))

@@ -1,11 +1,12 @@
 """One running episode: what a key means, what a step gives and when the next tick is due. Knows no phases."""
 
 import copy
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +25,8 @@ from minihuman.experiment.machine.inputs import ScreenShown
 from minihuman.experiment.plan.session_plan import EpisodePlan
 
 if TYPE_CHECKING:
+    from minihuman.experiment.activities.block_plans import Bindings, SpotBinding
+    from minihuman.worlds.adapters.spaces import Action, ActionVector
     from minihuman.worlds.adapters.world import World  # imports Gymnasium, which reading a log does not need
 
 NS_PER_MS = 1_000_000
@@ -49,7 +52,7 @@ class _QueuedKey:
 
     t_ns: int
     key: str
-    action: int
+    action: "Action"
 
 
 class RunningEpisode:
@@ -59,9 +62,21 @@ class RunningEpisode:
         plan: the episode.
         world: one made for ``plan.world`` and ``plan.options``; it is reset here.
         picture_px: the largest picture wanted, width and height; None draws none.
+        keys_down: the keys that are held, the latest last, with the time of each press; they change meanwhile.
+        bindings: what moves an action's vector beside keys.
+        axes: where the gamepad's axes are; they change meanwhile.
     """
 
-    def __init__(self, plan: EpisodePlan, world: "World", *, picture_px: tuple[int, int] | None) -> None:
+    def __init__(
+        self,
+        plan: EpisodePlan,
+        world: "World",
+        *,
+        picture_px: tuple[int, int] | None,
+        keys_down: Mapping[str, int] | None = None,
+        bindings: "Bindings | msgspec.UnsetType" = msgspec.UNSET,
+        axes: Mapping[str, float] | None = None,
+    ) -> None:
         self.plan = plan
         self.world = world
         self.outcome: Outcome | None = None
@@ -71,11 +86,17 @@ class RunningEpisode:
         self.next_tick_ns: int | None = None  # None until a picture has been shown
         self._picture_px = picture_px
         self._queued: _QueuedKey | None = None
+        self._keys_down = {} if keys_down is None else keys_down
+        self._axes = {} if axes is None else axes
+        self._bindings = bindings
+        self._pressed: dict[str, int] = {}  # since the last tick, with the time of each press
         self._flips_ns: list[int] = []  # of the pictures shown since play began or went on, the last two
         self._shown_step = -1
         with catch_world_errors():
             self._action_of = {key: _index(plan, world, name) for key, name in plan.key_map.keys.items()}
             self._noop = None if plan.noop is None else _index(plan, world, plan.noop)
+            if bindings:
+                check_bindings(world, bindings)
             self._observed = world.reset(plan.seed)
             self._state_hash = world.state_hash()
 
@@ -93,6 +114,11 @@ class RunningEpisode:
     def real_time(self) -> bool:
         """Whether time, not a key, makes the steps."""
         return self.plan.pace == "real_time"
+
+    @property
+    def repeats_held(self) -> bool:
+        """Whether an action lasts while its key is held."""
+        return self.plan.hold == "repeat"
 
     def action_of(self, key: str) -> int | None:
         """The action number of a key; None if it has none."""
@@ -132,15 +158,34 @@ class RunningEpisode:
             self._shown_step = step
         if self.real_time and self.next_tick_ns is None:
             self.next_tick_ns = shown.flip_ns + self._period_ns
+        elif self.plan.response_deadline_ms and self.next_tick_ns is None and step == self.steps:
+            self.next_tick_ns = shown.flip_ns + round(self.plan.response_deadline_ms * NS_PER_MS)
         return FrameShown(shown.t_ns, self.plan.episode, step, shown.submit_ns, shown.flip_ns)
 
-    def queue(self, t_ns: int, key: str, action: int) -> None:
-        """Keep a key for the next tick; a later key takes its place."""
-        self._queued = _QueuedKey(t_ns, key, action)
+    @property
+    def takes_clicks(self) -> bool:
+        """Whether a click in the picture is an action."""
+        return bool(self._bindings and self._bindings.spot)
+
+    def find_click_action(self, x: float, y: float) -> "Action":
+        """The action of a click at (x, y), 0..1 of the world's picture from its top left corner."""
+        assert self._bindings
+        assert self._bindings.spot
+        with catch_world_errors():
+            return _point(self.world, self._bindings.spot, x, y)
+
+    def queue(self, t_ns: int, key: str, action: "Action") -> None:
+        """Keep a key for the next tick. A later key takes its place, unless keys that are held combine."""
+        if self.repeats_held:
+            self._pressed.pop(key, None)
+            self._pressed[key] = t_ns
+        else:
+            self._queued = _QueuedKey(t_ns, key, action)
 
     def suspend(self) -> None:
         """Stop the clock: what was queued is forgotten, and the next picture shown starts anew."""
         self._queued = None
+        self._pressed.clear()
         self.next_tick_ns = None
         self._flips_ns = []
         self._shown_step = -1
@@ -152,19 +197,63 @@ class RunningEpisode:
         """
         if self.next_tick_ns is None or t_ns < self.next_tick_ns:
             return None
+        if not self.real_time:  # nothing was pressed before the deadline
+            return None if self._noop is None else self.step(t_ns, self._noop, key="", key_t_ns=t_ns)
         self.next_tick_ns += self._period_ns * ((t_ns - self.next_tick_ns) // self._period_ns + 1)
+        if self.repeats_held:
+            return self._step_held(t_ns)
         press, self._queued = self._queued, None
         if press is not None:
             return self.step(t_ns, press.action, key=press.key, key_t_ns=press.t_ns)
         return None if self._noop is None else self.step(t_ns, self._noop, key="", key_t_ns=t_ns)
 
-    def step(self, t_ns: int, action: int, *, key: str, key_t_ns: int) -> Stepped:
-        """Step the world once. The plan's step limit counts as a truncation, whether or not the world has one."""
+    def _step_held(self, t_ns: int) -> Stepped | None:
+        """Step with the keys that are down or were pressed since the last tick, so that no press is lost.
+
+        The step's key is the latest of them, which counts as a response at the first tick after its press alone.
+        """
+        pressed, self._pressed = self._pressed, {}
+        before = [key for key in self._keys_down if key in self._action_of and key not in pressed]
+        keys = [*before, *pressed]  # the latest last
+        moved = self._moved_components()
+        if not keys and not moved:
+            return None if self._noop is None else self.step(t_ns, self._noop, key="", key_t_ns=t_ns)
+        with catch_world_errors():
+            number, vector = self.world.actions.combine([self._action_of[key] for key in keys] or [0])
+            for component, share in moved.items():
+                vector = self.world.actions.move(vector, component, share)  # type: ignore[union-attr]
+        latest = keys[-1] if keys else ""
+        return self.step(t_ns, vector or number, key=latest, key_t_ns=pressed.get(latest, t_ns), held=pressed)
+
+    def _moved_components(self) -> dict[int, float]:
+        """How far the gamepad's axes move which components of the action; none that rest."""
+        bound = self._bindings.axes if self._bindings else {}
+        moved: dict[int, float] = {}
+        for axis, binding in bound.items():
+            if share := self._axes.get(axis, 0.0) * binding.scale:
+                moved[binding.component] = moved.get(binding.component, 0.0) + share
+        return moved
+
+    def step(
+        self, t_ns: int, action: "Action", *, key: str, key_t_ns: int, held: Mapping[str, int] | None = None
+    ) -> Stepped:
+        """Step the world once. The plan's step limit counts as a truncation, whether or not the world has one.
+
+        Args:
+            t_ns: now.
+            action: a number, or a vector where actions are vectors.
+            key: that caused it; "" for none.
+            key_t_ns: when it was pressed.
+            held: the keys that were pressed since the last tick, where held keys step: another key answers no picture.
+        """
         assert self.started, "start() comes first"
         with catch_world_errors():
-            transition = self.world.step(action)
+            number, vector = self.world.actions.resolve(action)
+            transition = self.world.step(vector or number)
             pose, self._state_hash = self.world.pose(), self.world.state_hash()
-        self.actions.append(action)
+        self.actions.append(number)
+        if not self.real_time:
+            self.next_tick_ns = None  # the deadline runs from the next picture
         self.return_ += transition.reward
         spent = self.steps >= self.plan.max_steps and not transition.terminated
         truncated = transition.truncated or spent
@@ -176,7 +265,7 @@ class RunningEpisode:
             t_ns=t_ns,
             episode=self.plan.episode,
             step=self.steps,
-            action=action,
+            action=number,
             key=key,
             key_t_ns=key_t_ns,
             reward=transition.reward,
@@ -184,10 +273,11 @@ class RunningEpisode:
             terminated=transition.terminated,
             truncated=truncated,
             pose=pose,
-            rt_ms=self._rt_ms(key_t_ns) if key else None,
+            rt_ms=self._rt_ms(key_t_ns) if key and (held is None or key in held) else None,
             state_hash=self._state_hash,
             observation_hash=transition.observation_hash,
             onset=transition.onset,
+            action_vector=vector,
         )
 
     def clauses_done(self, t_ns: int) -> list[ClauseDone]:
@@ -224,7 +314,33 @@ class RunningEpisode:
         return (key_t_ns - seen[-1]) / NS_PER_MS if seen else None
 
 
+def check_bindings(world: "World", bindings: "Bindings") -> None:
+    """Try what moves an action's vector beside keys.
+
+    Raises:
+        WorldError: if the world has no vectors, or not these components.
+    """
+    if world.actions.is_discrete:
+        raise WorldError(
+            f"{world.id} has {world.action_space}; axes and clicks move vectors, so bind keys to its actions"
+        )
+    for binding in bindings.axes.values():
+        world.actions.require_component(binding.component)  # type: ignore[union-attr]
+    if bindings.spot is not None:
+        world.actions.value(_point(world, bindings.spot, 0.0, 1.0))
+
+
+def _point(world: "World", spot: "SpotBinding", x: float, y: float) -> "ActionVector":
+    if spot.action and spot.action not in world.action_names:
+        raise WorldError(f"{world.id} has no action {spot.action!r}; it has {', '.join(world.action_names)}")
+    actions = world.actions
+    vector = actions.combine([world.action_names.index(spot.action) if spot.action else 0])[1]
+    for component, share in ((spot.x, x), (spot.y, y)):
+        vector = actions.point(vector, component, share)  # type: ignore[union-attr]
+    return vector
+
+
 def _index(plan: EpisodePlan, world: "World", name: str) -> int:
     if name not in world.action_names:
-        raise WorldError(f"{plan.world} has no action {name!r}; it has {', '.join(world.action_names)}")
+        raise WorldError(f"{plan.world} has no action {name!r}; its actions are {', '.join(world.action_names)}")
     return world.action_names.index(name)

@@ -102,7 +102,12 @@ def format_progress(context: "SessionContext", block: PlayPlan, episode: Episode
     line = words.fill(key, **fields)
     if points is None:
         return line
-    return f"{line}    {_isolate_signs(words, words.fill('progress.points', points=format_points(points)))}"
+    return f"{line}    {format_total(words, points)}"
+
+
+def format_total(words: InterfaceWords, points: float) -> str:
+    """The points so far."""
+    return _isolate_signs(words, words.fill("progress.points", points=format_points(points)))
 
 
 def build_keyboard_check_screen(words: InterfaceWords, keys: Sequence[str], pressed: frozenset[str]) -> TextScreen:
@@ -140,12 +145,18 @@ def build_feedback_screen(
         total=PointsNumber(total),
     )
     body = _isolate_signs(words, _capitalise(body.strip()))
-    return TextScreen("", body, words["go_on"], progress_line, locale=words.locale)
+    prompt = "" if block.trial and block.trial.feedback_ms else words["go_on"]
+    return TextScreen("", body, prompt, progress_line, locale=words.locale)
 
 
 def build_learning_screen(words: InterfaceWords) -> TextScreen:
     """The agent learns from what it was shown; the next episode waits for it a while."""
     return TextScreen(words["learning.title"], words["learning.body"], "", locale=words.locale)
+
+
+def build_notice_screen(words: InterfaceWords, title: str, body: str, prompt: str = "") -> TextScreen:
+    """A few words, and what to press where that leads on."""
+    return TextScreen(title, body, prompt, locale=words.locale)
 
 
 def build_rest_screen(words: InterfaceWords, text: str, left_s: int) -> TextScreen:
@@ -234,15 +245,24 @@ def fill_score_fields(context: "SessionContext", text: str) -> str:
     return _isolate_signs(
         context.words,
         text.replace("{points}", format_points(context.points))
-        .replace("{bonus}", f"{compute_bonus(bonus, context.points):.2f}")
+        .replace("{bonus}", f"{compute_bonus(bonus, context.points, context.waited_ns, context.stranded):.2f}")
         .replace("{currency}", bonus.currency),
     )
 
 
-def compute_bonus(bonus: BonusSpec, points: float) -> float:
-    """What points are worth, in the bonus's currency."""
+def compute_bonus(bonus: BonusSpec, points: float, waited_ns: int = 0, stranded: bool = False) -> float:
+    """What a session earns, in the bonus's currency.
+
+    Args:
+        bonus: the protocol's.
+        points: the session's.
+        waited_ns: spent in lobbies; paid on top of all else.
+        stranded: whether others, or the study, kept it from being played: it earns the base pay at least.
+    """
     earned = max(0.0, bonus.base + bonus.per_point * points)
-    return earned if bonus.most is None else min(earned, bonus.most)
+    earned = earned if bonus.most is None else min(earned, bonus.most)
+    least = (bonus.base_pay or 0.0) if stranded else 0.0
+    return max(earned, least) + (bonus.waiting_per_min or 0.0) * waited_ns / 60e9
 
 
 def format_points(value: float) -> str:

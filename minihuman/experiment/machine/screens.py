@@ -65,10 +65,9 @@ class BlankScreen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlayScreen:
-    """The world's picture, with the mission above and the progress line below."""
+    """The world's picture, with the mission above and the progress line below; target "picture"."""
 
     accepts_text: ClassVar[bool] = False
-    accepts_pointer: ClassVar[bool] = False
     picture: NDArray[np.uint8]  # uint8[H, W, 3]
     mission: str
     progress: str
@@ -82,6 +81,7 @@ class PlayScreen:
     controller: ControlIndicator = ""  # a frame in their colour says who does; "" where an agent never does
     controller_text: str = ""  # the same in words
     flash: OutcomeMark = ""  # the frame for a moment: a press was taken
+    accepts_pointer: bool = False  # a click in the picture is an action
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,6 +120,18 @@ class RatingScale:
     low: str
     high: str
     chosen: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class RatingMatrix:
+    """Statements below each other on the same scale; targets "option:0", ..., row by row."""
+
+    rows: tuple[str, ...]
+    points: tuple[str, ...]  # what each point says
+    low: str
+    high: str
+    chosen: tuple[int | None, ...]  # by row
+    cursor: int  # the row that the keyboard is at
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +177,7 @@ class ShapeCanvas:
     aspect: float = 1.0  # width by height
 
 
-AnswerWidget = OptionList | RatingScale | Slider | TextField | ShapeCanvas
+AnswerWidget = OptionList | RatingScale | RatingMatrix | Slider | TextField | ShapeCanvas
 
 
 @dataclass(frozen=True, slots=True)

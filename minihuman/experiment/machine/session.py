@@ -15,6 +15,7 @@ from functools import partial
 from minihuman.experiment.activities.activity import ENTER_KEYS, Activity, ActivityRequest, SessionContext, WorldFactory
 from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.events import (
+    AxisMoved,
     EndReason,
     Event,
     Noted,
@@ -26,6 +27,7 @@ from minihuman.experiment.machine.events import (
 )
 from minihuman.experiment.machine.inputs import (
     ActivityInput,
+    AxisChanged,
     ExperimenterCommand,
     FocusChanged,
     Input,
@@ -51,19 +53,23 @@ HOLD_TO_END_NS = 2_000_000_000  # Escape, held over the question whether to end 
 
 
 class KeyState:
-    """The keys that are down, as far as the focused window knows."""
+    """The keys that are down, as far as the focused window knows.
 
-    def __init__(self) -> None:
-        self._down: set[str] = set()
+    Args:
+        down: where they are kept, the latest last, with when each went down.
+    """
+
+    def __init__(self, down: dict[str, int]) -> None:
+        self._down = down
         self._escape_since_ns: int | None = None  # held over the question
 
-    def down(self, key: str) -> None:
-        """A key went down."""
-        self._down.add(key)
+    def down(self, key: str, t_ns: int) -> None:
+        """A key went down; a repeat says only that it is down still."""
+        self._down.setdefault(key, t_ns)
 
     def up(self, key: str) -> None:
         """A key came up."""
-        self._down.discard(key)
+        self._down.pop(key, None)
 
     def forget(self) -> None:
         """The keyboard is another window's: releases go there."""
@@ -72,7 +78,7 @@ class KeyState:
 
     def completes_chord(self, key: str) -> bool:
         """Whether a key that has just gone down completes the experimenter's chord."""
-        return key in ABORT_CHORD and self._down >= ABORT_CHORD
+        return key in ABORT_CHORD and self._down.keys() >= ABORT_CHORD
 
     def hold_escape(self, since_ns: int) -> None:
         """Escape went down over the question."""
@@ -140,8 +146,9 @@ class SessionMachine:
         self._context = self._staged(plan)
         self._course = PartSequence(self._context)
         self._screen: Screen = TextScreen("", "", "")
+        self._is_drawn = True
         self._came_from: list[Phase] = []
-        self._held = KeyState()
+        self._held = KeyState(self._context.keys_down)
         self._focused = True
         self._end_reason: EndReason = "complete"
         self._end_detail = ""
@@ -171,6 +178,8 @@ class SessionMachine:
     @property
     def screen(self) -> Screen:
         """What should be seen now; a new object whenever it has changed."""
+        if not self._is_drawn:
+            self._draw()
         return self._screen
 
     @property
@@ -211,7 +220,7 @@ class SessionMachine:
 
     # Inputs
 
-    def receive(self, happened: Input, *, at_ns: int = 0) -> list[Event]:
+    def receive(self, happened: Input, *, at_ns: int = 0, draws: bool = True) -> list[Event]:
         """Take one input and return its events, in order. Nothing follows SessionEnded.
 
         An input stamped before the one it follows counts as coming with it: event times never go back.
@@ -219,9 +228,11 @@ class SessionMachine:
         Args:
             happened: the input, with its own time.
             at_ns: when it came in, where that was later: its events have this time.
+            draws: whether the screen is drawn now; else when it is looked at, if it is.
         """
         if self.over:
             return []
+        play = self.play
         self._context.now_ns = max(self._now_ns, happened.t_ns, at_ns)
         try:
             if self._phase is Phase.START:
@@ -231,7 +242,9 @@ class SessionMachine:
         except WorldFailedError as broke:
             self.failure = broke.__cause__
             self._end("world_error", str(broke))
-        self._draw()
+        self._is_drawn = False
+        if draws or self.play is not play:
+            self._draw()
         return self._context.pop_events()
 
     def _handle(self, happened: Input) -> None:
@@ -259,6 +272,10 @@ class SessionMachine:
                 self._pointer("moved", happened)
             case PointerReleased():
                 self._pointer("released", happened)
+            case AxisChanged():
+                self._let_time_pass(happened.t_ns)
+                self._context.axes[happened.axis] = happened.value
+                self._context.emit(AxisMoved(self._now_ns, happened.axis, happened.value))
             case ExperimenterCommand():
                 self._let_time_pass(happened.t_ns)
                 self._asked(happened)
@@ -278,10 +295,9 @@ class SessionMachine:
 
         How long Escape is held follows from its own times: a machine that stalled over a tap must not end the session.
         """
-        due_ns = self.next_tick_ns
         if self._phase is Phase.PART:
             self._to_part(Tick(self._now_ns))
-        elif self._phase is Phase.QUIT_QUESTION and due_ns is not None and t_ns >= due_ns:
+        elif self._phase is Phase.QUIT_QUESTION and (due_ns := self.next_tick_ns) is not None and t_ns >= due_ns:
             if self._declining:
                 self._end("declined", "the participant did not agree")
             else:
@@ -327,7 +343,7 @@ class SessionMachine:
     def _key_down(self, press: KeyDown) -> None:
         if self.over:
             return
-        self._held.down(press.key)
+        self._held.down(press.key, press.t_ns)
         chord = self._held.completes_chord(press.key) and not press.repeat
         if chord and SESSION_TRANSITIONS.find(self._phase, TransitionCause.ASK_ABORT, self):
             self._say_key(press)
@@ -447,6 +463,7 @@ class SessionMachine:
         screen = over_part or self.part.screen()
         if screen != self._screen:
             self._screen = screen
+        self._is_drawn = True
 
     @property
     def _now_ns(self) -> int:

@@ -162,15 +162,16 @@ def find_slot(protocol: Protocol, index: int, stratum: str | None = None) -> All
     count = protocol.study.participants
     if not 0 <= index < count:
         raise AllocationError(
-            f"participant {index + 1} is outside the list of {count}; raise $.study.participants in the protocol"
+            f"the study has {count} slots and none for participant {index + 1}; raise $.study.participants in the "
+            "protocol"
         )
     strata = build_strata(protocol)
     if strata is None:
         if stratum is not None:
-            raise AllocationError(f"study {protocol.study.name!r} has no strata; remove {stratum!r}")
+            raise AllocationError(f"study {protocol.study.name!r} has no strata; remove the stratum {stratum!r}")
         return build_allocation_list(protocol)[index]
     if stratum is not None and stratum not in strata.names:
-        raise AllocationError(f"{stratum!r} is not a stratum; there are {', '.join(strata.names)}")
+        raise AllocationError(f"{stratum!r} is not a stratum; use one of {', '.join(strata.names)}")
     place = 0 if stratum is None else strata.names.index(stratum)
     return build_allocation_list(protocol)[index * len(strata.names) + place]
 

@@ -4,18 +4,26 @@ import difflib
 import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import closing, suppress
+
+import msgspec
 
 from minihuman.errors import ProtocolError, WorldError
-from minihuman.experiment.activities.block_plans import PlayPlan
+from minihuman.experiment.activities.block_plans import Bindings, PlayPlan, TeamPlayPlan
 from minihuman.experiment.activities.pages import PagePlan
 from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
+from minihuman.experiment.machine.running_episode import check_bindings
+from minihuman.experiment.machine.screen_texts import compute_bonus
 from minihuman.experiment.plan.allocation import build_allocation_list
-from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart, SessionPlan
+from minihuman.experiment.plan.expansion import list_world_options
+from minihuman.experiment.plan.session_plan import BonusSpec, EpisodePlan, PlannedPart, SessionPlan
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.strata import build_strata
 from minihuman.experiment.protocol.validation_errors import build_protocol_error
+from minihuman.worlds.adapters.spaces import VectorActions
 from minihuman.worlds.adapters.world import World
-from minihuman.worlds.catalogue import WORLDS
+from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS
+from minihuman.worlds.contract import NativeWorld
 
 
 def describe_plan(plan: SessionPlan) -> Iterator[str]:
@@ -32,9 +40,30 @@ def describe_plan(plan: SessionPlan) -> Iterator[str]:
     if plan.bonus:
         most = "" if plan.bonus.most is None else f", at most {plan.bonus.most:g}"
         yield f"bonus        {plan.bonus.base:g} + {plan.bonus.per_point:g} a point{most} {plan.bonus.currency}"
+        yield from _describe_pay(plan, plan.bonus)
     for number, part in enumerate(plan.parts, 1):
         yield ""
         yield from _describe_part(plan, number, part)
+
+
+def _describe_pay(plan: SessionPlan, bonus: BonusSpec) -> Iterator[str]:
+    """What each ending of a session with partners pays."""
+    teams = [part.plan.team for part in plan.parts if isinstance(part.plan, TeamPlayPlan)]
+    teams = [team for team in teams if len(team.persons) > 1]
+    if not teams:
+        return
+    rate, wait_s = bonus.waiting_per_min or 0.0, sum(team.lobby_s for team in teams)
+    waiting = f", and {rate:g} for each minute in a lobby, at most {wait_s / 60:g} min" if rate else ""
+    least = f"at least {compute_bonus(bonus, 0.0, stranded=True):g}"
+    after = {"end": least, "agent": "as if played, with a stand-in"}
+    pay = {
+        "all played": f"the bonus{waiting}",
+        "no partner": " or ".join(dict.fromkeys(after[team.partner_leaves] for team in teams)) + waiting,
+        "partner left": " or ".join(dict.fromkeys(after[team.partner_leaves] for team in teams)) + waiting,
+        "screened out": least + waiting,
+        "left early": f"the bonus for the points until then{waiting}",
+    }
+    yield from (f"pay          {case}: {amount}" for case, amount in pay.items())
 
 
 def describe_strata(protocol: Protocol) -> Iterator[str]:
@@ -44,6 +73,9 @@ def describe_strata(protocol: Protocol) -> Iterator[str]:
         return
     of_each = Counter((slot.stratum, slot.group) for slot in build_allocation_list(protocol))
     yield ""
+    if (design := protocol.allocation.design) is not None:
+        yield f"strata of {strata.question}: {', '.join(strata.names)}; {design.name} assigns groups after the answer"
+        return
     yield f"strata of {strata.question}: the group is drawn after the answer, from the stratum's own list"
     for name in strata.names:
         groups = ", ".join(f"{group.name} {of_each[name, group.name]}" for group in protocol.groups)
@@ -82,11 +114,15 @@ def _describe_block(plan: SessionPlan, number: int, play: PlayPlan) -> Iterator[
     options = "".join(f", {name}={value!r}" for name, value in first.options.items())
     what = f"{first.block_name}, {first.world}{options}, {first.view} view, {first.palette}"
     yield f"part {number}: block {first.block + 1}, {what}"
-    keys = ", ".join(f"{key} {action}" for key, action in sorted(first.key_map.keys.items()))
-    yield f"  keys   {keys}{' (shown)' if first.show_keys else ''}"
+    of_seats = play.team.seat_keys if isinstance(play, TeamPlayPlan) else ()
+    for seat, its in enumerate(of_seats or (first.key_map.keys,)):
+        keys = ", ".join(f"{key} {action}" for key, action in sorted(its.items()))
+        yield f"  keys   {f'seat {seat}: ' if of_seats else ''}{keys}{' (shown)' if first.show_keys else ''}"
     yield f"  pace   {_describe_pace(first)}; at most {first.max_steps} steps"
     yield f"  in a browser computed by the {play.computed}"
     yield from _describe_limits(play)
+    if play.design:
+        yield f"  design {play.design.name} chooses each episode, or ends the block, from the episodes before"
     for episode in episodes:
         yield f"  {episode.episode + 1:3}  episode {episode.episode_in_block + 1:2} of the block  seed {episode.seed}"
     if play.rest_s:
@@ -96,10 +132,11 @@ def _describe_block(plan: SessionPlan, number: int, play: PlayPlan) -> Iterator[
 def _describe_pace(first: EpisodePlan) -> str:
     if first.pace == "real_time":
         onset = "the first picture" if first.onset_at_reset else "the world's info['onset'], NULL where it names none"
-        return (
-            f"a step every {first.step_period_ms:g} ms, without a key {first.noop or 'none'}; response_ms from {onset}"
-        )
-    return "one press one step" + (", held keys repeat" if first.auto_repeat else "")
+        held = ", as long as its key is held" if first.hold == "repeat" else ""
+        rest = f"without a key {first.noop or 'none'}; response_ms from {onset}"
+        return f"a step every {first.step_period_ms:g} ms{held}, {rest}"
+    deadline = f", {first.noop} after {first.response_deadline_ms:g} ms" if first.response_deadline_ms else ""
+    return "one press one step" + deadline + (", held keys repeat" if first.auto_repeat else "")
 
 
 def _describe_limits(play: PlayPlan) -> Iterator[str]:
@@ -116,6 +153,7 @@ def _describe_limits(play: PlayPlan) -> Iterator[str]:
 
 _OURS = "minihuman/"
 
+_PLAYED_KINDS = ("play", "trials")  # by a person alone
 N_TRIED_SEEDS = 5  # that are laid out where a block does not say which
 
 
@@ -136,7 +174,69 @@ def check_worlds(
             try_world(block)
         except Exception as error:  # whatever a lab's world may raise
             reason = str(error) if isinstance(error, WorldError) else f"{type(error).__name__}: {error}"
-            raise ProtocolError(f"{source}: $.blocks[{number}].world: {block.world} fails ({reason})") from error
+            raise ProtocolError(
+                f"{source}: $.blocks[{number}].world: {block.world} cannot be played ({reason})"
+            ) from error
+
+
+N_REPLAYS, N_REPLAYED_STEPS = 3, 40
+
+
+def describe_worlds(protocol: Protocol) -> Iterator[str]:
+    """Yield what to know of worlds: parts of actions without a key, no replay, no copy; of ours, actions missed."""
+    for made_from in dict.fromkeys((block.world, msgspec.json.encode(block.options)) for block in protocol.blocks):
+        with closing(World(made_from[0], msgspec.json.decode(made_from[1]))) as world:
+            yield from (f"{world.id}: {notice}" for notice in list_world_notices(world))
+    for block in protocol.blocks:
+        if missed := _find_missed_actions(block):
+            yield (
+                f"block {block.name!r}: the shortest path to success uses {', '.join(sorted(missed))}, which its "
+                "actions lack; add them unless success needs none of them"
+            )
+
+
+def _find_missed_actions(block: BlockSpec) -> set[str]:
+    """What the planner would do in a block's first layouts and participants cannot."""
+    seeds = block.seeds if isinstance(block.seeds, tuple) else range(N_TRIED_SEEDS)
+    missed: set[str] = set()
+    with closing(World(block.world, block.options)) as world:
+        if isinstance(world.unwrapped, NativeWorld):
+            for seed in seeds[:N_TRIED_SEEDS]:
+                world.reset(seed)
+                with suppress(WorldError):  # planning would take too long
+                    missed |= set(world.shortest_path() or ()) - set(block.actions)
+    return missed
+
+
+def list_world_notices(world: World) -> Iterator[str]:
+    """Yield the same of one world, which is played for it."""
+    if isinstance(world.actions, VectorActions) and world.actions.unbound:
+        bound, whole = len(world.actions.rest) - world.actions.unbound, len(world.actions.rest)
+        yield f"keys move the first {bound} of {whole} parts of an action; the others stay at rest"
+    if isinstance(world.unwrapped, NativeWorld):
+        return
+    replays = [_replay(world) for _ in range(N_REPLAYS)]
+    step = next((n for n, steps in enumerate(zip(*replays, strict=False)) if len(set(steps)) > 1), None)
+    if step is not None:
+        yield (
+            f"nondeterministic: {N_REPLAYS} replays of one seed differ at step {step}, so no log of it can be proven; "
+            "record_observations = true keeps what was seen"
+        )
+    try:
+        world.save()
+    except WorldError:
+        yield "it cannot be copied, so a browser shows each step one round trip after its key"
+
+
+def _replay(world: World) -> list[tuple[int, int, float]]:
+    """State, observation and reward of an episode's first steps, with every action in turn."""
+    found = [(world.reset(0).observation_hash, world.state_hash(), 0.0)]
+    for number in range(N_REPLAYED_STEPS):
+        done = world.step(world.actions.numbers[number // 3 % len(world.actions.numbers)])
+        found.append((done.observation_hash, world.state_hash(), done.reward))
+        if done.terminated or done.truncated:
+            break
+    return found
 
 
 def try_world(block: BlockSpec) -> None:
@@ -168,14 +268,24 @@ def _check_actions(protocol: Protocol, source: str) -> None:
 
 def _find_world_errors(block: BlockSpec) -> Iterator[tuple[str, str]]:
     try:
-        world = World(block.world, block.options)
+        world = World(block.world, list_world_options(block))
     except WorldError as error:
         yield "world", f"is {block.world!r}: {_explain_world_error(block, error)}"
         return
     known, limit = world.action_names, world.step_limit
+    if block.kind not in _PLAYED_KINDS and not world.actions.is_discrete:
+        yield (
+            "kind",
+            f"is {block.kind!r}, but {block.world} has {world.action_space}; its agents choose Discrete actions",
+        )
     if block.computed == "page" and not world.is_compiled:
-        what = "but its rules or pictures are Python, which no page runs; leave it out, or use 'server'"
+        what = "but its rules or pictures are Python, or it lacks options.trig = 1; leave it out, or use 'server'"
         yield "computed", f"is 'page' for {block.world}, {what}"
+    if block.axes or block.spot:
+        try:
+            check_bindings(world, Bindings(block.axes, block.spot))
+        except WorldError as error:
+            yield "spot" if block.spot else "axes", f"cannot act: {error}"
     world.close()
     named = {
         "actions": block.actions,
@@ -205,7 +315,7 @@ def _explain_world_error(block: BlockSpec, error: WorldError) -> str:
     """Why there is no such world, and which may have been meant."""
     reason = str(error).removeprefix(f"{block.world}: ")
     name = block.world.rpartition("/")[2].rpartition(":")[2]
-    ours = [entry.id for entry in WORLDS]
+    ours = [entry.id for entry in (*WORLDS, *TEAM_WORLDS)]
     if block.world in ours:
         return reason
     if f"{_OURS}{name}" in ours:

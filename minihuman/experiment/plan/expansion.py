@@ -6,28 +6,31 @@ Resolves groups, orders and sessions into parts, texts into pages, and blocks in
 import hashlib
 import re
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import msgspec
 
 from minihuman.display.text import TypefaceSet, paginate_text, select_typefaces
 from minihuman.errors import AllocationError, ProtocolError
 from minihuman.experiment.activities.activity import ActivityKind
-from minihuman.experiment.activities.block_plans import ComputedBy, PlayPlan
+from minihuman.experiment.activities.block_plans import Bindings, ComputedBy, PlayPlan, TeamPlayPlan
 from minihuman.experiment.activities.keyboard_check import KeyboardCheckPlan
 from minihuman.experiment.activities.pages import PagePlan
 from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
 from minihuman.experiment.activities.registry import find_kind
+from minihuman.experiment.activities.team_play import DebriefPlan
+from minihuman.experiment.plan import trials
 from minihuman.experiment.plan.allocation import AllocationSlot, allocation_sha256, build_allocation_list, find_slot
 from minihuman.experiment.plan.random_streams import draw_permutation, draw_seeds
 from minihuman.experiment.plan.session_plan import BlockText, EpisodePlan, KeyMap, Participant, PlannedPart, SessionPlan
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.specs import PageSpec, QuestionnaireSpec, load_form
 from minihuman.experiment.words import ENGLISH, LANGUAGES, InterfaceWords, flatten_words, load_words
-from minihuman.worlds.catalogue import is_compiled_grid
+from minihuman.worlds.catalogue import is_compiled_grid, is_first_person
 
 MAX_SESSION_EPISODES = 20_000  # the plan is made and logged whole
 
-CONSENT, KEYBOARD, CLOSING = "consent", "keyboard_check", "closing"
+CONSENT, KEYBOARD, DEBRIEF, CLOSING = "consent", "keyboard_check", "debrief", "closing"
 
 
 def list_part_names(protocol: Protocol, slot: AllocationSlot, group: str, session: int) -> list[str]:
@@ -37,7 +40,7 @@ def list_part_names(protocol: Protocol, slot: AllocationSlot, group: str, sessio
         AllocationError: if the study has no such session.
     """
     if not protocol.lists_parts:
-        return _list_default_parts(protocol, group)
+        return _add_debrief(protocol, _list_default_parts(protocol, group), group)
     if protocol.sessions:
         if session > len(protocol.sessions):
             raise AllocationError(
@@ -53,7 +56,7 @@ def list_part_names(protocol: Protocol, slot: AllocationSlot, group: str, sessio
         chosen = instead.get(name, name)
         inside = _apply_order(protocol, slot, chosen)
         names += [chosen] if inside is None else [instead.get(part, part) for part in inside]
-    return _add_default_parts(protocol, [name for name in names if name], session)
+    return _add_debrief(protocol, _add_default_parts(protocol, [name for name in names if name], session), group)
 
 
 def _list_default_parts(protocol: Protocol, group: str) -> list[str]:
@@ -71,7 +74,7 @@ def _apply_order(protocol: Protocol, slot: AllocationSlot, name: str) -> list[st
     """The parts that an order stands for, in the slot's order; None for the name of a part."""
     for number, order in enumerate(protocol.orders):
         if order.name == name:
-            return [order.parts[place] for place in slot.orders[number]]
+            return [part for place in slot.orders[number] for part in order.units[place]]
     return None
 
 
@@ -87,6 +90,15 @@ def _add_default_parts(protocol: Protocol, names: list[str], session: int) -> li
     if protocol.study.closing != "" and not _has_page(protocol, names, "closing"):
         names = [*names, CLOSING]
     return names
+
+
+def _add_debrief(protocol: Protocol, names: list[str], group: str) -> list[str]:
+    """Parts, with the page that tells what the partners were before the last words, where the protocol defers it."""
+    teams = [protocol.block_for(name, group).team for name in names if _is_block(protocol, name)]
+    if DEBRIEF in names or not any(team and team.partner_disclosure == "debrief" for team in teams):
+        return names
+    at = len(names) - (names[-1] == CLOSING or _has_page(protocol, names[-1:], "closing"))
+    return [*names[:at], DEBRIEF, *names[at:]]
 
 
 def _has_page(protocol: Protocol, names: list[str], what: str) -> bool:
@@ -138,10 +150,21 @@ def plan_parts(
             yield PlannedPart("questions", name, _plan_questionnaire(protocol, participant, session, asked, names))
         elif any(block.name == name for block in protocol.blocks):
             kind = find_kind(blocks[number].kind)
-            yield PlannedPart(kind.name, name, _plan_block(kind, protocol, blocks, number, episodes, words, faces))
+            play = _plan_block(kind, protocol, blocks, number, episodes, words, faces)
+            purpose = f"{name}-session-{session}"
+            trial = trials.plan_rules(blocks[number], protocol.study.seed, purpose, participant.index)
+            bound = Bindings(blocks[number].axes, blocks[number].spot)
+            own = {
+                "trial": trial,
+                "bindings": msgspec.UNSET if bound == Bindings() else bound,
+                "design": blocks[number].design or msgspec.UNSET,
+            }
+            yield PlannedPart(kind.name, name, msgspec.structs.replace(play, **own))
             number += 1
         elif (other := next((other for other in protocol.activities if other.name == name), None)) is not None:
             yield PlannedPart(other.kind, name, find_kind(other.kind).read(other.settings))
+        elif name == DEBRIEF:
+            yield PlannedPart("debrief", name, DebriefPlan())
         elif name == KEYBOARD:
             yield PlannedPart("keyboard_check", name, KeyboardCheckPlan(protocol.keys.pool))
         else:
@@ -193,7 +216,9 @@ def _plan_questionnaire(
         items = tuple(items[place] for place in order)
     back_to = protocol.group(participant.group).replace_parts.get(asked.return_to, asked.return_to)
     if back_to and back_to not in names:
-        raise ProtocolError(f"questions {asked.name!r} lead back to {back_to!r}, which session {session} lacks")
+        raise ProtocolError(
+            f"questions {asked.name!r} return to {back_to!r}, which is not in session {session}; add it to the session"
+        )
     return QuestionsPlan(
         title=title,
         items=items,
@@ -220,6 +245,9 @@ def _plan_block(
     fields = {name: getattr(play, name) for name in play.__struct_fields__}
     if blocks[number].agent is not None:
         fields["agent"] = blocks[number].agent
+    if kind.plan is TeamPlayPlan and (team := blocks[number].team) is not None:
+        seeds = blocks[number].seeds
+        fields |= {"team": team, "seeds": "listed" if isinstance(seeds, tuple) else seeds}
     made = kind.plan(**fields)
     assert isinstance(made, PlayPlan)  # the protocol's check has seen to it
     return made
@@ -248,7 +276,7 @@ def _plan_play(
         feedback={outcome: text for outcome, text in feedback.items() if text},
         rest="" if last else block.rest_text,
         rest_s=0.0 if last else protocol.study.min_rest_s,
-        interval_ms=block.inter_trial_interval_ms,
+        interval_ms=0.0 if isinstance(block.inter_trial_interval_ms, tuple) else block.inter_trial_interval_ms,
         fixation_ms=block.fixation_ms,
         hold_ms=block.final_frame_ms,
         marks=block.show_outcome,
@@ -263,12 +291,21 @@ def _plan_play(
 
 
 def _computed_by(block: BlockSpec) -> ComputedBy:
-    """The page, for an ordinary turn-based block in a grid world of ours; what the protocol says, if it does."""
-    ordinary = block.kind == "play" and block.pace == "on_key"
-    return block.computed or ("page" if ordinary and is_compiled_grid(block.world, block.options) else "server")
+    """The page, for an ordinary block in a world of ours; what the protocol says, if it does."""
+    # what held keys combine to, and what a design decides, the server knows
+    ordinary = block.kind == "play" and block.hold == "once" and block.design is None
+    is_grid = is_compiled_grid(block.world, block.options) and block.view != "text"
+    own = is_grid or (is_first_person(block.world) and block.view != "full")
+    return block.computed or ("page" if ordinary and own else "server")
 
 
-_CODE = re.compile(r"sub-(?P<number>\d{2,6})")
+def list_world_options(block: BlockSpec) -> dict[str, Any]:
+    """A block's options for its world; what a page computes goes by the sine that is the same everywhere."""
+    portable = is_first_person(block.world) and _computed_by(block) == "page"
+    return ({"trig": 1} if portable else {}) | dict(block.options)
+
+
+_CODE = re.compile(r"(sub|model)-(?P<number>\d{2,6})")
 MAX_SLOTS = 100_000  # of an allocation list; codes from there on are of those who take a slot over
 
 
@@ -280,15 +317,16 @@ def parse_participant_code(code: str) -> int:
     """
     match = _CODE.fullmatch(code)
     if match is None or int(match["number"]) == 0:
-        raise AllocationError(
-            f"participant {code!r} is not a participant code; use 'sub-' and a number from 01, never a name"
-        )
+        raise AllocationError(f"{code!r} is not a participant code; use 'sub-' and a number from 01, never a name")
     return (int(match["number"]) - 1) % MAX_SLOTS
 
 
-def format_participant_code(index: int, before: int = 0) -> str:
-    """The code of a slot's participant: "sub-07" for 6, "sub-100007" for the next after one who left it."""
-    return f"sub-{before * MAX_SLOTS + index + 1:02d}"
+def format_participant_code(index: int, before: int = 0, *, prefix: str = "sub") -> str:
+    """The code of a slot's participant: "sub-07" for 6, "sub-100007" for the next after one who left it.
+
+    ``prefix`` is "model" for a language model in a participant's place.
+    """
+    return f"{prefix}-{before * MAX_SLOTS + index + 1:02d}"
 
 
 def enrol_participant(
@@ -338,7 +376,7 @@ def expand_protocol(
     names = list_part_names(protocol, slot, participant.group, session)
     blocks = [protocol.block_for(name, participant.group) for name in names if _is_block(protocol, name)]
     if (count := sum(block.episodes for block in blocks)) > MAX_SESSION_EPISODES:
-        raise ProtocolError(f"session {session} has {count} episodes; use {MAX_SESSION_EPISODES} at most")
+        raise ProtocolError(f"session {session} has {count} episodes; use at most {MAX_SESSION_EPISODES}")
     episodes: list[EpisodePlan] = []
     key_map: KeyMap | None = None
     for number, block in enumerate(blocks):
@@ -386,6 +424,7 @@ def expand_protocol(
         language=protocol.study.language,
         bonus=protocol.bonus,
         fonts=protocol.study.fonts,
+        files=trials.find_files(protocol),
     )
 
 
@@ -430,8 +469,8 @@ def _carry_key_map(
 ) -> KeyMap:
     """The same keys, action for action by position in the two blocks' lists."""
     if len(before.actions) != len(block.actions):  # only in a log: a new protocol is refused
-        counts = f"{len(before.actions)} actions carried to {len(block.actions)}"
-        raise ProtocolError(f"block {block.name!r} has {counts}; give it a key map of its own")
+        counts = f"{len(block.actions)} actions for a key map with {len(before.actions)}"
+        raise ProtocolError(f"block {block.name!r} has {counts}; give the block its own key map")
     renamed = dict(zip(before.actions, block.actions, strict=True))
     keys = {key: renamed[action] for key, action in key_map.keys.items() if action in renamed}
     return _deal_spare_keys(protocol, block, keys, participant, session, number)
@@ -461,6 +500,7 @@ def _plan_episodes(
     session: int,
     first: int,
 ) -> list[EpisodePlan]:
+    options = trials.plan_options(protocol, block, f"{block.name}-session-{session}", participant.index)
     return [
         EpisodePlan(
             episode=first + place,
@@ -469,7 +509,7 @@ def _plan_episodes(
             episode_in_block=place,
             episodes_in_block=block.episodes,
             world=block.world,
-            options=dict(block.options),
+            options=list_world_options(block) | options[place],
             seed=layout,
             actions=block.actions,
             key_map=key_map,
@@ -483,6 +523,8 @@ def _plan_episodes(
             palette=block.palette,
             record_observations=block.record_observations,
             onset_at_reset=block.stimulus_onset == "reset",
+            hold=block.hold,
+            response_deadline_ms=block.response_deadline_ms,
         )
         for place, layout in enumerate(_draw_layout_seeds(protocol, block, drawn, participant, session))
     ]

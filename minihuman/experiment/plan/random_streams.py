@@ -5,6 +5,7 @@ that its output never changes, so a protocol gives the same plan on every machin
 """
 
 import hashlib
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,16 @@ def draw_words(count: int, *, seed: int, purpose: str, index: int = 0) -> NDArra
     """``count`` random uint64 of the stream (seed, purpose, index)."""
     name = int.from_bytes(hashlib.blake2b(purpose.encode(), digest_size=4).digest(), "little")
     return np.random.SeedSequence(seed, spawn_key=(name, index)).generate_state(count, np.uint64).astype(np.uint64)
+
+
+def make_draw(seed: int, purpose: str, index: int) -> Callable[[int], tuple[float, ...]]:
+    """A function that gives the first so many random numbers in [0, 1) of a stream."""
+
+    def draw(count: int) -> tuple[float, ...]:
+        words = draw_words(count, seed=seed, purpose=purpose, index=index)
+        return tuple((int(word) >> 11) / 2**53 for word in words)
+
+    return draw
 
 
 def draw_seeds(count: int, *, seed: int, purpose: str, index: int = 0) -> tuple[int, ...]:

@@ -4,11 +4,16 @@ from typing import Any, Literal
 
 import msgspec
 
-from minihuman.worlds.contract import Palette, View
+from minihuman.experiment.keys import list_pad_inputs
+from minihuman.experiment.plan.designs import GroupAssignment, PlayedEpisode
+from minihuman.worlds.contract import Palette
+
+ShownView = Literal["partial", "full", "text"]  # the picture on a participant's screen
 
 SpareKeyPolicy = Literal["ignore", "distractor"]
 KeyMapPolicy = Literal["new", "carry_over", "shown", "constant", "fixed"]
 PacePolicy = Literal["on_key", "real_time"]
+HoldPolicy = Literal["once", "repeat"]
 
 
 class Participant(msgspec.Struct, frozen=True):
@@ -19,6 +24,7 @@ class Participant(msgspec.Struct, frozen=True):
     group: str  # "" as long as it is not drawn
     stratum: str = ""  # of the answer that the group was drawn after; "" where it is drawn among all
     slot: int | None = None  # the place in the allocation list; None: the index
+    assigned: GroupAssignment | None = None  # by an adaptive design; None: by the list, or by hand
 
     @property
     def place(self) -> int:
@@ -54,10 +60,12 @@ class EpisodePlan(msgspec.Struct, frozen=True):
     noop: str | None  # action applied at a tick without a key; None repeats nothing
     auto_repeat: bool  # on_key only: a held key steps again
     max_steps: int
-    view: View
+    view: ShownView
     palette: Palette
     record_observations: bool = False  # the log holds what was observed, beside its hash
     onset_at_reset: bool = False  # real_time only: the first picture shows the stimulus
+    hold: HoldPolicy = "once"  # real_time only: whether an action lasts while its key is held
+    response_deadline_ms: float = 0.0  # on_key only: the no-op comes so long after a picture without a key; 0: never
 
 
 class BlockText(msgspec.Struct, frozen=True):
@@ -84,6 +92,9 @@ class ResumeState(msgspec.Struct, frozen=True):
     points: float = 0.0
     outcomes: tuple[str, ...] = ()  # of that part's episodes so far
     tries: dict[str, int] = {}  # of questions, by the part's name
+    history: tuple[PlayedEpisode, ...] | msgspec.UnsetType = msgspec.UNSET  # of that part's design; unset without one
+    waited_ns: int | msgspec.UnsetType = msgspec.UNSET  # in lobbies; unset where it did not
+    stranded: bool | msgspec.UnsetType = msgspec.UNSET  # a team block ended for want of a partner
 
 
 class BonusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -93,6 +104,8 @@ class BonusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     currency: str = ""
     base: float = 0.0
     most: float | None = None  # the bonus never exceeds it
+    waiting_per_min: float | msgspec.UnsetType = msgspec.UNSET  # in a lobby, from arrival on, beside what points earn
+    base_pay: float | msgspec.UnsetType = msgspec.UNSET  # the least for who was left, found no partner or was refused
 
 
 class SessionPlan(msgspec.Struct, frozen=True):
@@ -122,3 +135,10 @@ class SessionPlan(msgspec.Struct, frozen=True):
     standing: ResumeState = ResumeState()
     bonus: BonusSpec | None = None
     fonts: tuple[str, ...] = ()  # files of faces that are asked first
+    files: dict[str, bytes] = {}  # tables of stimuli and their images, which the plan cannot be made without
+
+
+def needs_gamepad(plan: SessionPlan) -> bool:
+    """Whether keys are drawn over a gamepad's buttons, or its axes move anything."""
+    bound = [name for part in plan.parts if (its := getattr(part.plan, "bindings", None)) for name in its.axes]
+    return bool(list_pad_inputs([*plan.key_pool, *bound]))

@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.block_plans import AgentPlan, AgentPlayPlan, PlayPlan
+from minihuman.experiment.activities.block_plans import AgentPlan, AgentPlayPlan, PlayPlan, TeamPlayPlan
 from minihuman.experiment.activities.block_plans import check_agent as agent_complaints
+from minihuman.experiment.activities.block_plans import check_team as team_complaints
 from minihuman.experiment.activities.questions.question import check_item, find_question_kind
 from minihuman.experiment.activities.registry import find_kind
+from minihuman.experiment.plan.designs import make_design
 from minihuman.experiment.protocol.specs import (
     CODE_RULE,
     SHIPPED_FORMS,
+    OrderSpec,
     QuestionnaireSpec,
     apply_overrides,
     check_each,
@@ -67,14 +70,19 @@ def _list_block_pairs(protocol: "Protocol", group: "GroupSpec", listed: Sequence
     for name in listed:
         chosen = group.replace_parts.get(name, name)
         order = orders.get(chosen)
-        parts = [chosen] if order is None else [group.replace_parts.get(part, part) for part in order.parts]
-        blocks = [part for part in parts if part in known]
-        if not blocks:
+        listed_units = ((chosen,),) if order is None else order.units
+        units = [
+            [part for one in unit if (part := group.replace_parts.get(one, one)) in known] for unit in listed_units
+        ]
+        units = [unit for unit in units if unit]
+        if not units:
             continue
+        for unit in units:
+            pairs += pairwise(unit)
         varies = order is not None and order.order != "fixed"
-        pairs += product(before, blocks if varies else blocks[:1])
-        pairs += permutations(blocks, 2) if varies else pairwise(blocks)
-        before = blocks if varies else blocks[-1:]
+        pairs += product(before, [unit[0] for unit in (units if varies else units[:1])])
+        pairs += [(one[-1], other[0]) for one, other in (permutations(units, 2) if varies else pairwise(units))]
+        before = [unit[-1] for unit in (units if varies else units[-1:])]
     return list(dict.fromkeys(pairs))
 
 
@@ -109,6 +117,7 @@ def check_newer_design_rules(protocol: "Protocol") -> list[FieldError]:
     """The same, by rules without which studies were run before there were any."""
     return [
         *_check_reserved_names(protocol),
+        *_check_missing_words(protocol),
         *check_each("questions", protocol.questions, _check_correct_answers),
         *check_each_override(
             "questions",
@@ -120,18 +129,26 @@ def check_newer_design_rules(protocol: "Protocol") -> list[FieldError]:
 
 
 def _check_words(protocol: "Protocol") -> Iterator[FieldError]:
-    language, own = protocol.study.language, flatten_words(protocol.words)
-    known = load_words("en")
+    own, known = flatten_words(protocol.words), load_words("en")
     for key, value in own.items():
         if key not in known and not key.startswith(("action.", "mission.", "prompt.")):
             yield f"$.words.{key}", "is not a word of the interface; minihuman/experiment/words/en.toml has them all"
         elif not isinstance(value, str):
             yield f"$.words.{key}", f"is {value!r}; a word is a text in quotes"
-    if language not in LANGUAGES:
-        missing = [key for key in known if key not in own and not key.startswith(("action.", "mission.", "key."))]
-        if missing:
-            what = f"is {language!r}, which is none of {', '.join(LANGUAGES)}; give its words under [words], "
-            yield "$.study.language", f"{what}{len(missing)} are missing, the first is {missing[0]}"
+
+
+def _check_missing_words(protocol: "Protocol") -> Iterator[FieldError]:
+    """Name the words that a language of the study's own lacks. A log may lack newer ones: English serves."""
+    language, own = protocol.study.language, flatten_words(protocol.words)
+    if language in LANGUAGES:
+        return
+    unused: tuple[str, ...] = ("action.", "mission.", "key.")
+    if all(block.team is None for block in protocol.blocks):
+        unused += ("team.",)
+    missing = [key for key in load_words("en") if key not in own and not key.startswith(unused)]
+    if missing:
+        what = f"is {language!r}, which is none of {', '.join(LANGUAGES)}; give its words under [words], "
+        yield "$.study.language", f"{what}{len(missing)} are missing, the first is {missing[0]}"
 
 
 def _check_names(protocol: "Protocol") -> Iterator[FieldError]:
@@ -174,11 +191,16 @@ def _check_activities(protocol: "Protocol") -> Iterator[FieldError]:
 
 def _check_part_lists(protocol: "Protocol") -> Iterator[FieldError]:
     known = {part.name for field in _PARTS for part in getattr(protocol, field)}
+    blocks = {block.name for block in protocol.blocks}
     with_orders = known | {order.name for order in protocol.orders}
     lists = [
         *((f"$.sessions[{n}].parts", day.parts, with_orders) for n, day in enumerate(protocol.sessions)),
         *((f"$.groups[{n}].parts", group.parts, with_orders) for n, group in enumerate(protocol.groups)),
-        *((f"$.orders[{n}].parts", order.parts, known) for n, order in enumerate(protocol.orders)),
+        *(
+            (f"$.orders[{n}].parts{place}", names, known)
+            for n, order in enumerate(protocol.orders)
+            for place, names in _list_units(order)
+        ),
     ]
     for path, names, allowed in lists:
         for place, name in enumerate(names):
@@ -208,10 +230,20 @@ def _check_part_lists(protocol: "Protocol") -> Iterator[FieldError]:
                 "is given for the first session; days count from the one before",
             )
     for number, order in enumerate(protocol.orders):
-        if len(order.parts) < 2:
+        if len(order.parts) < 2 or not all(order.units):
             yield f"$.orders[{number}].parts", "has no two parts; an order is of two or more"
-        if len(set(order.parts)) < len(order.parts):
+        played = [part for unit in order.units for part in unit if part in blocks]
+        if len(set(order.units)) < len(order.units) or len(set(played)) < len(played):
             yield f"$.orders[{number}].parts", "names a part twice; name each once"
+
+
+def _list_units(order: OrderSpec) -> Iterator[tuple[str, Sequence[str]]]:
+    """The names of an order and where they are."""
+    names = [unit for unit in order.parts if isinstance(unit, str)]
+    if len(names) == len(order.parts):
+        yield "", names
+    else:
+        yield from ((f"[{place}]", unit) for place, unit in enumerate(order.units))
 
 
 def _check_questionnaire(asked: QuestionnaireSpec, protocol: "Protocol") -> Iterator[FieldError]:
@@ -224,10 +256,15 @@ def _check_questionnaire(asked: QuestionnaireSpec, protocol: "Protocol") -> Iter
         yield "return_to", f"is {asked.return_to!r}, which is not a part"
     if not 1 <= asked.max_attempts <= 100:
         yield "max_attempts", f"is {asked.max_attempts}; use 1 to 100"
-    names = [item.name for item in asked.items]
+    names: list[str] = []
     for place, item in enumerate(asked.items):
-        if item.name in names[:place]:
-            yield f"items[{place}].name", f"is {item.name!r} again; give each its own name"
+        if twice := [name for name in item.asked if name in names]:
+            yield f"items[{place}].name", f"is {twice[0]!r} again; give each its own name"
+        for name in item.only_if or {}:
+            if name not in names or asked.shuffle:
+                known = "none, as they are shuffled" if asked.shuffle else ", ".join(names) or "none"
+                yield f"items[{place}].only_if", f"names {name!r}, which is no earlier question; earlier ones: {known}"
+        names += item.asked
         yield from ((f"items[{place}].{field}", what) for field, what in check_item(item))
 
 
@@ -282,9 +319,21 @@ def _check_overrides(protocol: "Protocol") -> Iterator[FieldError]:
 def _check_block(block: "BlockSpec", protocol: "Protocol") -> Iterator[FieldError]:
     pool = protocol.keys.pool
     yield from _check_block_kind(block, pool)
-    if block.computed == "page" and (block.kind != "play" or block.pace != "on_key"):
-        what = block.kind if block.kind != "play" else block.pace
-        yield "computed", f"is 'page' for a {what} block; a page computes turn-based play alone: use 'server'"
+    if block.computed == "page" and block.kind != "play":
+        yield "computed", f"is 'page' for a {block.kind} block; a page computes play alone: use 'server'"
+    if block.computed == "page" and block.view == "text":
+        yield "computed", "is 'page', but view is 'text', which a page does not draw: use 'server'"
+    if block.design is not None:
+        if block.computed == "page":
+            yield "computed", "is 'page', but a design resolves each episode on the server; use 'server'"
+        if block.kind == "team":
+            yield "design", "would decide for each seat by itself; leave it out of a team block"
+        try:
+            make_design(block.design)
+        except ProtocolError as error:
+            yield "design", f"{block.design.name!r}: {error}"
+    if block.computed == "page" and block.hold == "repeat":
+        yield "computed", "is 'page', but held keys repeat: a page does not compute them; use 'server'"
     if block.key_map == "fixed" and set(block.fixed_keys.values()) != set(block.actions):
         yield (
             "fixed_keys",
@@ -296,7 +345,15 @@ def _check_block(block: "BlockSpec", protocol: "Protocol") -> Iterator[FieldErro
     if block.stop_criterion and not 1 <= block.stop_criterion.successes <= block.stop_criterion.of <= block.episodes:
         what = f"asks for {block.stop_criterion.successes} of {block.stop_criterion.of} in {block.episodes} episodes"
         yield "stop_criterion", f"{what}; use successes <= of <= episodes"
-    for field in ("max_episode_s", "max_block_s", "inter_trial_interval_ms", "fixation_ms", "final_frame_ms"):
+    interval = block.inter_trial_interval_ms
+    if isinstance(interval, tuple) and not 0 <= interval[0] <= interval[1] <= 86_400_000:
+        yield "inter_trial_interval_ms", f"is {list(interval)}; give the shortest, then the longest"
+    if block.feedback_ms and not block.feedback:
+        yield "feedback_ms", f"is {block.feedback_ms:g}, but the block has no feedback; give it some"
+    times = ("max_episode_s", "max_block_s", "inter_trial_interval_ms", "fixation_ms", "final_frame_ms", "feedback_ms")
+    for field in times:
+        if field == "inter_trial_interval_ms" and isinstance(interval, tuple):
+            continue
         if not 0 <= getattr(block, field) <= 86_400_000:
             yield field, f"is {getattr(block, field):g}; use 0 or more"
 
@@ -315,6 +372,14 @@ def _check_block_kind(block: "BlockSpec", pool: tuple[str, ...]) -> Iterator[Fie
             yield "pace", f"is {block.pace!r}, but the agent of a {block.kind} block has its own pace; leave it out"
         agent = block.agent or AgentPlan()
         yield from ((f"agent.{field}", what) for field, what in agent_complaints(agent, pool))
+    elif issubclass(plan, TeamPlayPlan):
+        yield from ((f"team.{field}", what) for field, what in team_complaints(block.team, pool))
+        for keys in () if block.team is None else block.team.seat_keys or ():
+            if sorted(keys.values()) != sorted(block.actions):
+                yield "team.seat_keys", f"has keys for {', '.join(keys.values())}; give each seat one for each action"
+        for field in ("max_episode_s", "max_block_s", "stop_criterion", "noop_action"):
+            if getattr(block, field):
+                yield field, "would end or step each seat by its own clock; leave it out of a team block"
 
 
 def _check_unused_fields(protocol: "Protocol") -> Iterator[FieldError]:
@@ -328,6 +393,8 @@ def _check_unused_fields(protocol: "Protocol") -> Iterator[FieldError]:
             yield f"{path}.fixed_keys", f"is given, but key_map is {block.key_map!r}; set it to 'fixed'"
         if block.agent is not None and not any(_has_agent(its.get("kind", block.kind)) for its in own):
             yield f"{path}.agent", f"is given, but a {block.kind} block has none; use kind = 'takeover' or 'rating'"
+        if block.team is not None and not any(its.get("kind", block.kind) == "team" for its in own):
+            yield f"{path}.team", f"is given, but a {block.kind} block has none; use kind = 'team'"
 
 
 def _has_agent(kind: str) -> bool:

@@ -14,9 +14,27 @@ from typing import Any, Literal
 import msgspec
 
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.block_plans import AgentPlan, ComputedBy, CriterionSpec, PointsSpec
-from minihuman.experiment.keys import KEY_NAMES, KEY_NAMES_TEXT, RESERVED_KEYS
-from minihuman.experiment.plan.session_plan import BonusSpec, KeyMapPolicy, PacePolicy, SpareKeyPolicy
+from minihuman.experiment.activities.block_plans import (
+    AgentPlan,
+    AxisBinding,
+    ComputedBy,
+    CriterionSpec,
+    PointsSpec,
+    ReadyPolicy,
+    SpotBinding,
+    StimuliSpec,
+    TeamPlan,
+)
+from minihuman.experiment.keys import BUTTON_NAMES, KEY_NAMES_TEXT, PAD_AXES, RESERVED_KEYS
+from minihuman.experiment.plan.designs import DesignSpec
+from minihuman.experiment.plan.session_plan import (
+    BonusSpec,
+    HoldPolicy,
+    KeyMapPolicy,
+    PacePolicy,
+    ShownView,
+    SpareKeyPolicy,
+)
 from minihuman.experiment.protocol import specs, strata
 from minihuman.experiment.protocol.aliases import use_current_names
 from minihuman.experiment.protocol.consistency import check_carried_key_maps, check_design, check_newer_design_rules
@@ -37,7 +55,7 @@ from minihuman.experiment.protocol.validation_errors import (
     find_structural_errors,
     format_field_errors,
 )
-from minihuman.worlds.contract import Palette, View
+from minihuman.worlds.contract import Palette
 
 MAX_SEED = 2**63 - 1  # TOML's integers are 64-bit signed
 MAX_ALLOCATED_BLOCKS = 1_000_000  # of all participants: the allocation list draws keys for each
@@ -56,7 +74,7 @@ class StudySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     consent: str = ""  # shown first; agreement is logged with this text's SHA-256; "" shows nothing
     closing: str | None = None  # the last screen; absent: thanks in the study's language
     min_rest_s: float = 0.0  # the shortest break between blocks, seconds
-    language: str = "en"  # of the interface's words: en de fr es zh ja ar, or another with all its [words]
+    language: str = "en"  # of the interface's words: en de fr es zh ja ar he, or another with all its [words]
     fonts: tuple[str, ...] = ()  # files of faces installed where the study runs, asked for a character before ours
 
 
@@ -93,13 +111,16 @@ class BlockSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     pace: PacePolicy = "on_key"
     step_period_ms: float = 0.0  # real_time: the time between steps
     noop_action: str | None = None  # real_time: the action of a tick without a key; absent: such a tick is no step
+    hold: HoldPolicy = "once"  # real_time: "repeat" lasts while the key is held, and held keys combine
+    response_deadline_ms: float = 0.0  # on_key: noop_action is done so long after a picture without a key; 0: never
     stimulus_onset: Literal["world", "reset"] = "world"  # real_time: a step's info["onset"], or the first picture
     auto_repeat: bool = False  # on_key: holding a key steps again
-    view: View = "partial"
+    view: ShownView = "partial"
     palette: Palette = "classic"
     record_observations: bool = False  # the log holds what was observed, beside its hash
     instructions: str = ""
     feedback: str | dict[Literal["goal", "timeout", "failure"], str] = ""  # after each episode, or by its outcome
+    feedback_ms: float = 0.0  # the feedback goes by itself after so long; 0: by Enter
     rest_text: str = ""  # after the block, when another follows
     fixed_keys: dict[str, str] = {}  # key_map = "fixed": physical key -> action
     show_keys: bool = False  # the keys are on the screen, as with key_map = "shown"
@@ -108,7 +129,10 @@ class BlockSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     stop_criterion: CriterionSpec | None = None  # the block is over as soon as it is met
     max_episode_s: float = 0.0  # an episode's longest playing time, seconds; 0: none
     max_block_s: float = 0.0  # the block's
-    inter_trial_interval_ms: float = 0.0  # an empty screen before each episode
+    ready: ReadyPolicy = "each"  # which episodes wait for Enter at "Ready?": each, the block's first, none
+    inter_trial_interval_ms: float | tuple[float, float] = (
+        0.0  # an empty screen before each episode; drawn from a range
+    )
     fixation_ms: float = 0.0  # then a cross
     final_frame_ms: float = 500.0  # the last picture stays
     show_outcome: bool = False  # and carries a mark and a colour for the outcome
@@ -118,6 +142,11 @@ class BlockSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     computed: ComputedBy | None = None  # who steps first and draws in a browser; absent: the page where it can
     kind: str = "play"  # or another kind of block: "takeover", "rating", ...
     agent: AgentPlan | None = None  # that plays, where the kind has one
+    team: TeamPlan | None = None  # who sits in which body, where the kind is "team"
+    stimuli: StimuliSpec | None = None  # a table of options of the world, one row an episode
+    axes: dict[str, AxisBinding] = {}  # a gamepad's axis -> the component of the action that it moves
+    spot: SpotBinding | None = None  # what a click in the picture does
+    design: DesignSpec | None = None  # chooses each episode's options or layout, or ends the block, from those before
     group_overrides: GroupOverrides = {}
 
 
@@ -152,6 +181,7 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     allocation: strata.AllocationSpec = strata.AllocationSpec()
     devices: tuple[specs.DeviceSpec, ...] = ()
     web: specs.WebSpec = specs.WebSpec()
+    model: specs.ModelSpec = specs.ModelSpec()
     toml: bytes = b""  # the file itself, byte for byte; not a field of the file
 
     @property
@@ -190,7 +220,7 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             if group.name == name:
                 return group
         names = ", ".join(group.name for group in self.groups)
-        raise ProtocolError(f"no group {name!r} in study {self.study.name!r}; it has {names}")
+        raise ProtocolError(f"study {self.study.name!r} has no group {name!r}; its groups are {names}")
 
 
 _Rules = Callable[[Protocol], Iterable[FieldError]]
@@ -229,9 +259,9 @@ def _decoded(toml: bytes, source: str, files: Mapping[str, bytes], rules: Sequen
         text = toml.decode("utf-8-sig")  # an editor may begin the file with a byte-order mark
         tree = tomllib.loads(text)
     except UnicodeDecodeError as error:
-        raise ProtocolError(f"{source}: byte {error.start} is not UTF-8; save the file as UTF-8") from None
+        raise ProtocolError(f"{source}: byte {error.start} is not valid UTF-8; save the file as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
-        raise ProtocolError(f"{source}: not TOML: {error}") from None
+        raise ProtocolError(f"{source}: this is not valid TOML: {error}") from None
     names = use_current_names(tree)
     wrong = [*names.conflicts, *find_structural_errors(names.tree, Protocol)]
     if not wrong:
@@ -265,6 +295,7 @@ def _check_values(protocol: Protocol) -> list[FieldError]:
         *strata.check_allocation(protocol),
         *specs.check_devices(protocol.devices),
         *specs.check_web(protocol.web),
+        *specs.check_model(protocol.model),
         *(
             (f"$.exclusions[{number}]", "has neither below nor above; give one of them")
             for number, rule in enumerate(protocol.exclusions)
@@ -309,8 +340,8 @@ def _check_allocation_size(protocol: Protocol) -> list[FieldError]:
 def _check_keys(keys: KeysSpec) -> list[FieldError]:
     found = []
     for number, key in enumerate(keys.pool):
-        if key not in KEY_NAMES:
-            close = difflib.get_close_matches(key, KEY_NAMES, n=1)
+        if key not in BUTTON_NAMES:
+            close = difflib.get_close_matches(key, BUTTON_NAMES, n=1)
             hint = f"did you mean {close[0]!r}?" if close else f"keys are called {KEY_NAMES_TEXT}"
             found.append((f"$.keys.pool[{number}]", f"is {key!r}, which is not a key; {hint}"))
         elif key in RESERVED_KEYS:
@@ -374,6 +405,10 @@ def _check_block(block: BlockSpec, protocol: Protocol) -> list[FieldError]:
             found.append(("seeds", "has a negative seed; a seed is 0 or more"))
     if block.pace == "real_time" and not 5 <= block.step_period_ms <= 60_000:
         found.append(("step_period_ms", f"is {block.step_period_ms}; real_time needs 5 to 60000 ms"))
+    if not 0 <= block.response_deadline_ms <= 3_600_000:
+        found.append(("response_deadline_ms", f"is {block.response_deadline_ms:g}; use 0 to 3600000 ms"))
+    if block.stimuli is not None and bool(block.stimuli.file) == bool(block.stimuli.rows):
+        found.append(("stimuli", "needs a file or rows, and not both"))
     for text in [block.feedback] if isinstance(block.feedback, str) else block.feedback.values():
         try:
             _check_placeholders(text)
@@ -389,12 +424,28 @@ def _check_unused_block_fields(block: BlockSpec, keys: KeysSpec) -> list[FieldEr
     found = []
     if keys.spare_keys == "ignore" and block.distractors:
         found.append(("distractors", "has actions, but $.keys.spare_keys is 'ignore'; set it to 'distractor'"))
-    if block.pace == "on_key" and (block.step_period_ms or block.noop_action is not None):
+    if block.pace == "on_key" and (block.step_period_ms or (block.noop_action and not block.response_deadline_ms)):
         found.append(
             ("pace", "is 'on_key', which has no step_period_ms and no noop_action; remove them or use 'real_time'")
         )
+    if block.pace == "on_key" and block.hold != "once":
+        found.append(("hold", "is for 'real_time'; in 'on_key' each press is a step: remove it, or see auto_repeat"))
+    if block.response_deadline_ms and block.pace == "real_time":
+        found.append(("response_deadline_ms", "is for 'on_key'; in 'real_time' a tick decides: remove it"))
+    if block.response_deadline_ms and block.noop_action is None:
+        found.append(("response_deadline_ms", "needs noop_action, which is done at the deadline; name one"))
     if block.pace == "on_key" and block.stimulus_onset != "world":
         found.append(("stimulus_onset", "is for 'real_time'; in 'on_key' every picture is an onset; remove it"))
+    for field in ("axes", "spot"):
+        if getattr(block, field) and block.kind not in ("play", "trials"):
+            found.append((field, f"is for blocks that are played, not for kind {block.kind!r}; remove it"))
+    if block.axes and block.hold != "repeat":
+        found.append(("axes", "are read at each tick; use pace = 'real_time' and hold = 'repeat'"))
+    if block.spot and block.hold == "repeat":
+        found.append(("spot", "is an action of its own, but held keys combine; use hold = 'once'"))
+    for axis in block.axes:
+        if axis not in PAD_AXES:
+            found.append(("axes", f"has {axis!r}, which is no axis; axes: {', '.join(PAD_AXES)}"))
     if block.pace == "real_time" and block.auto_repeat:
         found.append(("auto_repeat", "is for 'on_key'; in 'real_time' a tick decides"))
     return found

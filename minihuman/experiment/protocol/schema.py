@@ -105,7 +105,7 @@ def _describe_type(field: dict[str, Any], schema: dict[str, Any]) -> str:
         return "two integers"
     if field.get("type") == "array":
         each = _describe_type(field["items"], schema).split(" or ")
-        return f"list of {' or '.join(_PLURALS.get(one, one) for one in each)}"
+        return f"list of {' or '.join(_PLURALS.get(one, one.replace('list ', 'lists ')) for one in each)}"
     return _TYPES[field["type"]]
 
 

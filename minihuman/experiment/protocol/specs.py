@@ -64,8 +64,13 @@ class OrderSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Some parts in an order that depends on the participant. Its name stands for them in a list of parts."""
 
     name: str
-    parts: tuple[str, ...]
+    parts: tuple[str | tuple[str, ...], ...]  # a list of parts stays together: a block and its questionnaire
     order: Literal["fixed", "shuffled", "latin-square"] = "latin-square"
+
+    @property
+    def units(self) -> tuple[tuple[str, ...], ...]:
+        """What changes places: lists of parts, most of them of one."""
+        return tuple((unit,) if isinstance(unit, str) else unit for unit in self.parts)
 
 
 class SessionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -222,6 +227,7 @@ def is_orcid(text: str) -> bool:
     return digits[-1] == ("X" if check == 10 else str(check))
 
 
+_NAMED_MEASURE = re.compile(r"[a-z][a-z0-9_-]*:.+")  # an answer's, of teaching, or of a lab's own package
 # What groups can be compared on: columns of the table "blocks", one value a participant.
 COMPARABLE_MEASURES = (
     *("log_excess_steps_mean", "spl_mean", "success", "reward_mean", "steps_at_limit_mean", "excess_steps_mean"),
@@ -237,6 +243,13 @@ class AnalysisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     secondary_measures: tuple[str, ...] = ()  # corrected together, for how many there are
     equivalence_margin: float | None = None  # groups whose primary measures differ by less than this are alike
     block: str = ""  # that groups are compared on; "": the last that all of them play
+    conditions: tuple[str, ...] = ()  # blocks that are compared with each other within a participant
+    covariates: tuple[str, ...] = ()  # that the primary measure is also compared adjusted for
+
+    def find_plugin_measures(self) -> tuple[str, ...]:
+        """The named measures that are no column of the table of blocks, each once."""
+        named = (self.primary_measure, *self.secondary_measures, *self.covariates)
+        return tuple(dict.fromkeys(name for name in named if ":" in name))
 
 
 def check_analysis(
@@ -248,10 +261,20 @@ def check_analysis(
         for field, names in (
             ("primary_measure", (analysis.primary_measure,)),
             ("secondary_measures", analysis.secondary_measures),
+            ("covariates", analysis.covariates),
         )
         for name in names
-        if name and name not in COMPARABLE_MEASURES
+        if name and name not in COMPARABLE_MEASURES and not _NAMED_MEASURE.fullmatch(name)
     ]
+    found += [
+        ("$.analysis.conditions", f"has {name!r}, which is not a block; blocks: {', '.join(blocks)}")
+        for name in analysis.conditions
+        if name not in blocks
+    ]
+    if len(analysis.conditions) == 1 or len(set(analysis.conditions)) < len(analysis.conditions):
+        found.append(("$.analysis.conditions", "compares blocks with each other; name two or more, each once"))
+    if analysis.covariates and not analysis.primary_measure:
+        found.append(("$.analysis.covariates", "adjust the primary measure; name one"))
     if analysis.primary_measure in analysis.secondary_measures and analysis.primary_measure:
         found.append(
             (
@@ -327,6 +350,47 @@ class CompletionCodesSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
     quit: str = ""  # ended it themselves
 
 
+ModelModality = Literal["picture", "text", "both"]
+
+
+class ModelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a model that takes a participant's place is shown, and what it may cost."""
+
+    modality: ModelModality = "both"
+    size_px: tuple[int, int] = (640, 480)  # of the screen's picture, width and height
+    history: int = 8  # earlier screens, in words, and answers in each request
+    invalid: Literal["retry", "no_op", "end"] = "retry"  # after an answer that is none
+    retries: int = 2  # invalid answers in a row, and requests without an answer, that may be followed by another
+    temperature: float = 0.0
+    max_tokens: int = 256  # of an answer
+    timeout_s: float = 120.0  # of an answer
+    provider: str = ""  # who runs it, in the study's words
+    price_prompt: float = 0.0  # per million tokens
+    price_completion: float = 0.0
+    currency: str = ""
+    max_price: float = 0.0  # of a session; 0: no limit
+    max_session_tokens: int = 0
+    max_session_s: float = 0.0  # of waiting for answers
+
+
+def check_model(model: ModelSpec) -> list[tuple[str, str]]:
+    """Every (path, complaint) about values that have the right type but cannot be."""
+    found = []
+    if not all(64 <= side <= 4096 for side in model.size_px):
+        found.append(("$.model.size_px", f"is {list(model.size_px)}; use 64 to 4096 px a side"))
+    bounds: tuple[tuple[str, float, float], ...] = (
+        *(("history", 0, 1_000), ("retries", 0, 100), ("temperature", 0, 10), ("max_tokens", 1, 1_000_000)),
+        *(("timeout_s", 1, 86_400), ("price_prompt", 0, 1e6), ("price_completion", 0, 1e6), ("max_price", 0, 1e9)),
+        *(("max_session_tokens", 0, 1e12), ("max_session_s", 0, 1e7)),
+    )
+    for field, least, most in bounds:
+        if not least <= getattr(model, field) <= most:
+            found.append((f"$.model.{field}", f"is {getattr(model, field):g}; use {least:g} to {most:g}"))
+    if model.max_price and not (model.price_prompt or model.price_completion):
+        found.append(("$.model.max_price", "limits nothing without price_prompt and price_completion; give them"))
+    return found
+
+
 class WebSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How the study runs in a browser; without this table it runs there all the same."""
 
@@ -399,7 +463,7 @@ def load_form(name: str, language: str) -> ShippedForm:
     if language not in tree["words"]:
         languages = ", ".join(tree["words"])
         raise ProtocolError(
-            f"the form {name!r} is not there in {language!r} but in {languages}; give its items yourself"
+            f"the form {name!r} exists in {languages} but not in {language!r}; write out its items in the protocol"
         )
     words = tree["words"][language]
     items = [{**item, **words["items"][item["name"]]} for item in tree["items"]]

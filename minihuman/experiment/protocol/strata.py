@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from minihuman.errors import ProtocolError
 from minihuman.experiment.activities.questions.question import QuestionItemSpec, find_question_kind
 from minihuman.experiment.machine.events import Answered, Event, PartEnded
+from minihuman.experiment.plan.designs import DesignSpec, make_enrolment_design
 from minihuman.experiment.protocol.specs import SHIPPED_FORMS, load_form
 
 if TYPE_CHECKING:
@@ -31,6 +33,8 @@ class AllocationSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     cut_points: tuple[
         float, ...
     ] = ()  # of a number: below the first, from it to below the second, ..., the last or more
+    design: DesignSpec | None = None  # assigns each participant's group from those before, instead of the list
+    stopping: DesignSpec | None = None  # ends enrolment from the participants before
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +98,18 @@ def build_strata(protocol: "Protocol") -> Strata | None:
 def check_allocation(protocol: "Protocol") -> list[tuple[str, str]]:
     """Every (path, complaint) about strata that cannot be."""
     asked = protocol.allocation
+    wrong = []
+    for field, spec in ((name, its) for name in ("design", "stopping") if (its := getattr(asked, name)) is not None):
+        try:
+            block = make_enrolment_design(spec).block
+            if block and block not in [one.name for one in protocol.blocks]:
+                wrong.append((f"$.allocation.{field}", f"{spec.name!r}: there is no block {block!r}"))
+        except ProtocolError as error:
+            wrong.append((f"$.allocation.{field}", f"{spec.name!r}: {error}"))
+    if (asked.design or asked.stopping) and len(protocol.groups) < 2:
+        wrong.append(("$.allocation", "has a design, but there is one group; name two or more"))
+    if wrong:
+        return wrong
     if not asked.stratify_by:
         fields = [name for name in ("strata", "cut_points") if getattr(asked, name)]
         return [(f"$.allocation.{name}", "is given, but stratify_by names no question; name one") for name in fields]

@@ -10,7 +10,7 @@ from minihuman.experiment.keys import key_caption, key_label
 from minihuman.experiment.machine.screens import TextLocale
 
 ENGLISH = "en"
-LANGUAGES = ("en", "de", "fr", "es", "zh", "ja", "ar")
+LANGUAGES = ("en", "de", "fr", "es", "zh", "ja", "ar", "he")
 
 
 @cache

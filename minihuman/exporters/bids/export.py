@@ -156,7 +156,8 @@ class _Dataset:
         log, out = counted.log, self._out
         if log.plan.study != self._study:
             raise ExportError(
-                f"{log.path} is of study {log.plan.study!r}, the others are of {self._study!r}; export one study"
+                f"{log.path} is from study {log.plan.study!r}, the other logs from {self._study!r}; export one study "
+                "at a time"
             )
         who = make_subject_label(log.plan.participant.id, self._labels)
         session = f"ses-{log.plan.session:02d}"

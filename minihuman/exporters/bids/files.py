@@ -42,7 +42,9 @@ def make_subject_label(participant: str, known: dict[str, str]) -> str:
     """
     name = "sub-" + make_label(participant.removeprefix("sub-"))
     if known.setdefault(name, participant) != participant:
-        raise ExportError(f"participants {known[name]!r} and {participant!r} are both {name} in BIDS; rename one")
+        raise ExportError(
+            f"participants {known[name]!r} and {participant!r} would both be {name} in BIDS; rename one of them"
+        )
     return name
 
 
@@ -387,17 +389,19 @@ class Phenotype:
         """
         if self._names.setdefault(make_label(name), name) != name:
             raise ExportError(
-                f"questions {self._names[make_label(name)]!r} and {name!r} share a file name in BIDS; rename one"
+                f"questions {self._names[make_label(name)]!r} and {name!r} would share a file name in BIDS; rename one "
+                "of them"
             )
         meaning = self._meaning.setdefault(name, {"MeasurementToolMetadata": {"Description": plan.title or name}})
         for item in plan.items:
             again = "" if time == 1 else f" (time {time} in the session)"
-            described: dict[str, Any] = {"Description": f"{item.ask}{again}"}
+            described: dict[str, Any] = {}
             if item.options:
                 described["Levels"] = dict(zip(map(str, item.all_codes), item.options, strict=False))
             if item.unit:
                 described["Units"] = item.unit
-            meaning.setdefault(_column(item.name, time), described)
+            for name, text in item.asked.items():
+                meaning.setdefault(_column(name, time), {"Description": f"{text}{again}", **described})
 
 
 def _answers(log: SessionLog) -> list[Answered]:

@@ -1,5 +1,6 @@
 """A policy file: its weights, and everything needed to know where it may play and how it was made."""
 
+import io
 import math
 import platform
 import warnings
@@ -25,7 +26,7 @@ from minihuman.learn.policy.network import (
     build_policy,
 )
 from minihuman.learn.policy.observation import ObservationEncoder
-from minihuman.operating_system import replace_file, sync_file
+from minihuman.operating_system import replace_when_written, sync_file
 
 FORMAT = 1
 MAX_FILE_BYTES = 2**25
@@ -87,7 +88,9 @@ def load_policy(path: Path) -> tuple[Policy, PolicyCard]:
             return policy, card
     except (ArithmeticError, AssertionError, RuntimeError, TypeError, ValueError) as error:  # of shapes of any size
         problem = (str(error).splitlines() or [type(error).__name__])[0]
-    raise LearnError(f"{path}: the weights do not fit the network on its card ({problem}); train it again")
+    raise LearnError(
+        f"{path}: the weights do not fit the network that its model card describes ({problem}); train it again"
+    )
 
 
 def _find_misfit(card: PolicyCard, weights: Any) -> str | None:
@@ -127,7 +130,7 @@ def read_policy_file(path: Path) -> dict[str, Any]:
         LearnError: if the file is missing or is not a policy of ours.
     """
     if not path.is_file():
-        raise LearnError(f"policy file {path} does not exist; `minihuman learn` writes one")
+        raise LearnError(f"policy file {path} does not exist; make one with `minihuman learn`")
     try:
         _require_small_archive(path)
         with warnings.catch_warnings():
@@ -136,7 +139,7 @@ def read_policy_file(path: Path) -> dict[str, Any]:
             content = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:
         raise LearnError(
-            f"{path} is not a policy file ({type(error).__name__}); `minihuman learn` writes one"
+            f"{path} is not a policy file ({type(error).__name__}); make one with `minihuman learn`"
         ) from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise LearnError(f"{path} is not a policy file of format {FORMAT}; train the policy again with this version")
@@ -162,22 +165,19 @@ def _read_card(content: dict[str, Any], path: Path) -> PolicyCard:
         return msgspec.convert(content.get("card"), PolicyCard)
     except (msgspec.ValidationError, RecursionError) as error:
         raise LearnError(
-            f"{path}: its card cannot be read ({error}); train the policy again with this version"
+            f"{path}: its model card cannot be read ({error}); train the policy again with this version"
         ) from None
 
 
 def save_atomically(value: Any, path: Path) -> None:
-    """Write a file with ``torch.save`` so that a crash leaves the old one or the new one, whole."""
-    unfinished = path.with_name(path.name + ".part")
-    with unfinished.open("wb") as file:
-        torch.save(value, file)
+    """Write a file with ``torch.save`` so that a crash leaves the old one or the new one, whole.
+
+    Raises:
+        OSError: if it cannot be written; it names ``path``.
+    """
+    content = io.BytesIO()  # a disk that is full is a RuntimeError to torch
+    torch.save(value, content)
+    with replace_when_written(path) as unfinished, unfinished.open("wb") as file:
+        file.write(content.getbuffer())
         file.flush()
         sync_file(file.fileno())
-    replace_file(unfinished, path)
-
-
-def write_atomically(text: str, path: Path) -> None:
-    """Write a text file so that a reader sees the old one or the new one, whole."""
-    unfinished = path.with_name(path.name + ".part")
-    unfinished.write_text(text, encoding="utf-8", newline="\n")
-    replace_file(unfinished, path)

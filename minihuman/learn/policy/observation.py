@@ -36,7 +36,10 @@ def encode_mission(mission: str) -> NDArray[np.float32]:
     for offset, known in ((0, COLOURS), (len(COLOURS), KINDS)):
         named = [known.index(word) for word in words if word in known]
         if len(named) != 1:
-            raise LearnError(f"mission {mission!r} names {len(named)} of {', '.join(known)}; it must name exactly one")
+            raise LearnError(
+                f"mission {mission!r} contains {len(named)} of the words {', '.join(known)}; it must contain exactly "
+                "one"
+            )
         numbers[offset + named[0]] = 1
     return numbers
 
@@ -90,14 +93,19 @@ class ObservationEncoder:
     def _image_shape(self, world: Any) -> tuple[int, int, int]:
         if self.sight != "view":
             if not isinstance(world, GridEngine):
-                raise LearnError(f"{world} is not a minihuman grid; sight {self.sight!r} needs one, so use 'view'")
+                raise LearnError(
+                    f"{world} is not a minihuman grid world, which --sight {self.sight} needs; use --sight view"
+                )
             whole = 2 * max(world.state.width, world.state.height) - 1
             side = whole if self.sight == "whole" else min(whole, 2 * REACH + 1)
             return 3, side, side
         inner = world.observation_space
         picture = inner["image"] if isinstance(inner, spaces.Dict) and "image" in inner.spaces else inner
         if not isinstance(picture, spaces.Box) or len(picture.shape) != 3 or picture.shape[-1] != 3:
-            raise LearnError(f"the observations of {world} are {inner}; a policy needs an image with three channels")
+            raise LearnError(
+                f"{world} has the observation space {inner}; choose a world whose observations contain an image with "
+                "three channels"
+            )
         return 3, picture.shape[0], picture.shape[1]
 
 

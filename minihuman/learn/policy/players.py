@@ -28,7 +28,7 @@ class PolicyPlayer(SimulatedParticipant):
             LearnError: if there is none.
         """
         if not argument:
-            raise LearnError("player 'policy' has no file; name one after a colon, as in policy:clone.pt")
+            raise LearnError("player 'policy' needs a policy file; add it after a colon, as in policy:clone.pt")
         self._path = Path(argument)
         torch.set_num_threads(1)  # one observation at a time: more threads only wait for each other
         self._policy, self._card = load_policy(self._path)
@@ -47,7 +47,8 @@ class PolicyPlayer(SimulatedParticipant):
         self._keys = [(n, key_of[name]) for n, name in enumerate(self._card.action_names) if name in key_of]
         if not self._keys:
             raise LearnError(
-                f"{self._path}: none of its actions has a key; give one to {', '.join(self._card.action_names)}"
+                f"{self._path}: none of its actions has a key; assign a key to one of "
+                f"{', '.join(self._card.action_names)}"
             )
 
     def press(self, world: World) -> KeyPress:
@@ -83,7 +84,9 @@ class PolicyAgent(BaseAgent):
         _require_world(self._path, card, plan, world)
         missing = [name for name in card.action_names if name not in world.action_names]
         if missing:
-            raise LearnError(f"{self._path} takes action {missing[0]!r}, which {plan.world} lacks; use another policy")
+            raise LearnError(
+                f"{self._path} takes action {missing[0]!r}, which {plan.world} does not have; use another policy"
+            )
         self._encoder = card.eyesight.episode_encoder()
         self._places = [world.action_names.index(name) for name in card.action_names]
 
@@ -98,10 +101,10 @@ class PolicyAgent(BaseAgent):
 def _require_world(path: Path, card: PolicyCard, plan: EpisodePlan, world: World) -> None:
     if plan.world != card.world:
         raise LearnError(
-            f"{path} was trained in {card.world}, and block {plan.block_name!r} plays {plan.world}; use another policy"
+            f"{path} was trained in {card.world}, but block {plan.block_name!r} plays {plan.world}; use another policy"
         )
     if card.eyesight.space(world.unwrapped) != card.observation_space:
         raise LearnError(
-            f"{path} was trained with {card.world_options or 'default options'}, and the observations of block "
-            f"{plan.block_name!r} differ with {plan.options or 'default options'}; use the same options"
+            f"{path} was trained with {card.world_options or 'default options'}, but block {plan.block_name!r} has "
+            f"{plan.options or 'default options'} and other observations; use the same options"
         )

@@ -49,7 +49,7 @@ def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
     """
     lessons = [lesson for lesson in dataset.lessons if len(lesson.actions)]
     if not lessons:
-        raise LearnError(f"none of {len(dataset.lessons)} lessons has a step; play an episode first")
+        raise LearnError(f"none of the {len(dataset.lessons)} lessons has a step; play an episode first")
     first, told = 0, dict[str, list[NDArray[np.int64]]]()  # by session: when each outcome was seen, and its row
     periods = np.concatenate([np.diff(lesson.shown_ns) for lesson in lessons])
     period_ns = int(np.median(periods)) if len(periods) else 0
@@ -73,7 +73,8 @@ def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
     fits = (steps >= 0).any(axis=1)
     if not fits.any():
         raise LearnError(
-            f"none of {len(dataset.ratings)} ratings came within {LONGEST_MS:g} ms of a picture; rate some steps"
+            f"none of the {len(dataset.ratings)} ratings was given within {LONGEST_MS:g} ms of a picture; rate "
+            "steps while they are shown"
         )
     values = np.array([rating.value for rating in dataset.ratings])
     return Presses(values[fits], steps[fits], after[fits], period_ns / 1e6), collect_steps(lessons)

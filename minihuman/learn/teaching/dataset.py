@@ -106,7 +106,9 @@ class Comparison:
             LearnError: if the answer is unknown.
         """
         if self.answer not in get_args(Answer):
-            raise LearnError(f"comparison answer is {self.answer!r}; use one of {', '.join(get_args(Answer))}")
+            raise LearnError(
+                f"unknown answer {self.answer!r} to a comparison; use one of {', '.join(get_args(Answer))}"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,16 +145,22 @@ class Dataset:
         steps = {lesson.name: len(lesson.actions) for lesson in self.lessons}
         for rating in self.ratings:
             if rating.lesson not in steps:
-                raise LearnError(f"a rating names lesson {rating.lesson!r}, which the dataset lacks; add the lesson")
+                raise LearnError(
+                    f"a rating refers to lesson {rating.lesson!r}, which is not in the dataset; add that lesson"
+                )
         for comparison in self.comparisons:
             for side in (comparison.left, comparison.right):
                 if not 0 <= side.first <= side.last < steps.get(side.lesson, 0):
                     has = steps.get(side.lesson, 0)
-                    raise LearnError(f"a comparison names {side}; lesson {side.lesson!r} has {has} steps")
+                    raise LearnError(
+                        f"a comparison refers to {side}, but lesson {side.lesson!r} has {has} steps; give steps that "
+                        "it has"
+                    )
         for lesson in self.lessons:
             if len(lesson.actions) and lesson.actions.max() >= len(self.action_names):
                 raise LearnError(
-                    f"lesson {lesson.name} has action {lesson.actions.max()}; use 0 to {len(self.action_names) - 1}"
+                    f"lesson {lesson.name} has action {lesson.actions.max()}; actions must be 0 to "
+                    f"{len(self.action_names) - 1}"
                 )
 
     @property

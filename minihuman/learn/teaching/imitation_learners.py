@@ -46,7 +46,7 @@ class ImitationLearner(Learner, abc.ABC):
         """
         lessons = [lesson for lesson in request.dataset.lessons if len(lesson.actions) and self.takes(lesson)]
         if not any(lesson.by_person.any() for lesson in lessons):
-            raise LearnError(f"{self.name}: no lesson it learns from has a step by a person; record some first")
+            raise LearnError(f"{self.name}: none of its lessons has a step taken by a person; record some first")
         steps = collect_steps(lessons)
         fresh = make_fresh_policy(request.dataset, request.rng)
         updates, loss = fit_policy(

@@ -277,6 +277,6 @@ def copy_policy(policy: Policy, dataset: Dataset) -> Policy:
         copy.load_state_dict(policy.state_dict())
     except RuntimeError as error:
         raise LearnError(
-            f"the policy to continue from has another network ({str(error).splitlines()[0]}); start without one"
+            f"the starting policy has a different network ({str(error).splitlines()[0]}); start without a policy"
         ) from None
     return copy

@@ -66,7 +66,8 @@ def read_session_dataset(
     own = [episode for episode in played if episode.plan.block_name == block]
     if not own:
         raise LearnError(
-            f"{logs[0].parent} has no step of block {block!r} before episode {episodes + 1}; play one first"
+            f"{logs[0].parent} has no step of block {block!r} before episode {episodes + 1}; play an episode of that "
+            "block first"
         )
     of = own[0].plan
     compared = {(side.episode, side.attempt) for each in log.comparisons for side in (each.left, each.right)}
@@ -175,7 +176,10 @@ def _corrections(taken: Sequence[LoggedEpisode], world: World, encoder: EpisodeE
             world.step(int(action))
         name = make_lesson_name(_session(log), each.episode, each.attempt)
         if not np.array_equal(np.array([*hashes, world.state_hash()], np.uint64), each.state_hashes):
-            raise LearnError(f"{log.path}: a correction of {name} does not replay; `minihuman verify` shows where")
+            raise LearnError(
+                f"{log.path}: a correction of {name} does not replay as recorded; see where it differs with `minihuman "
+                "verify`"
+            )
         yield Lesson(
             name=f"{name}:corrected-{each.part}-{each.correction}",
             participant=log.plan.participant.id,

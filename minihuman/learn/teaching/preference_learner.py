@@ -127,7 +127,8 @@ def fit_reward(
     comparisons = [each for each in dataset.comparisons if each.answer in SHARES]
     if not comparisons:
         raise LearnError(
-            f"none of {len(dataset.comparisons)} comparisons prefers a clip or calls them equal; compare more pairs"
+            f"none of the {len(dataset.comparisons)} comparisons prefers a clip or rates two as equal; compare more "
+            "pairs"
         )
     steps, first = collect_steps(dataset.lessons), get_first_rows(dataset)
     alike = _alike(steps)

@@ -79,7 +79,8 @@ def reproduce_policy(path: Path, dataset: Dataset, *, start: Path | None = None)
     made = card.notes.get("made")
     if made is None:
         raise LearnError(
-            f"{path} records no dataset, as {card.trained_by} trained it; only taught policies can be reproduced"
+            f"{path} was trained by {card.trained_by}, which records no dataset; name a policy made by `minihuman "
+            "learn teach`"
         )
     found = {"data_sha256": dataset.sha256(), "start_sha256": "" if start is None else hash_file(start)}
     differs = [f"{name} is {value}, not {made[name]}" for name, value in found.items() if value != made[name]]
@@ -122,7 +123,7 @@ def _started_from(start: Path, dataset: Dataset) -> Policy:
     policy, card = load_policy(start)
     if card.world != dataset.world:
         raise LearnError(
-            f"{start} was trained in {card.world}, and the dataset is of {dataset.world}; start from another policy"
+            f"{start} was trained in {card.world}, but the dataset is from {dataset.world}; start from another policy"
         )
     return policy
 

@@ -15,10 +15,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.experiment.activities.block_plans import PERSON
+from minihuman.experiment.activities.team_play import (
+    InputLate,
+    JointStepped,
+    PictureCorrected,
+    SeatsReadied,
+    SeatTaken,
+    TeamEnded,
+    TeamFormed,
+    digest_joint_actions,
+)
 from minihuman.experiment.machine.events import (
     ActivityEvent,
     AnswerChanged,
     Answered,
+    AxisMoved,
     ClauseDone,
     EndCause,
     EpisodesSkipped,
@@ -38,6 +50,7 @@ from minihuman.experiment.machine.events import (
     Scored,
     TextTyped,
 )
+from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan
 from minihuman.log.model.event_columns import EventColumns
 from minihuman.log.model.teaching_events import (
@@ -60,6 +73,7 @@ PartEvent = (
     | Answered
     | TextTyped
     | PointerUsed
+    | AxisMoved
     | ActivityEvent
     | Linked
 )
@@ -129,6 +143,86 @@ def pose_as_row(pose: Pose | None) -> tuple[float, float, float, float]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class TeamRecord:
+    """A team's episode of n steps with b bodies."""
+
+    team: str
+    index: int
+    seat: int  # of the log's participant
+    role: str
+    seats: tuple[str, ...]  # by seat: "person", or the agent as the protocol names it
+    actions: NDArray[np.int64]  # (n, b)
+    rewards: NDArray[np.float64]  # (n, b)
+    poses: NDArray[np.float64]  # (n + 1, b, 4) x, y, z, yaw_rad; NaN at a reset that the log lacks
+    sources: tuple[tuple[str, ...], ...]  # (n, b) "person", "late" or "agent"
+    digest: int  # of the joint actions, as logged with the last step; 0 before the first
+    late: int  # inputs of this seat that came too late
+    takeovers: int  # how often an agent took a person's seat
+    corrected: int  # pictures of the own action that the others' changed
+
+    @property
+    def partner_seats(self) -> tuple[int, ...]:
+        """The seats of the others."""
+        return tuple(seat for seat in range(len(self.seats)) if seat != self.seat)
+
+    @property
+    def partners(self) -> tuple[str, ...]:
+        """What the other seats were, in their order."""
+        return tuple(self.seats[seat] for seat in self.partner_seats)
+
+    @property
+    def partner(self) -> str:
+        """The same in one word: "person", an agent, or several with a plus between."""
+        return "+".join(self.partners)
+
+    @property
+    def persons(self) -> tuple[int, ...]:
+        """The seats of people."""
+        return tuple(seat for seat, kind in enumerate(self.seats) if kind == PERSON)
+
+    def find_difference(self, seed: int) -> str:
+        """What contradicts the digest of the joint actions; "" where nothing does."""
+        again = digest_joint_actions(self.team, seed, self.actions.tolist())
+        if not len(self.actions) or again == self.digest:
+            return ""
+        return f"joint actions have digest {again:016x}, in the log {self.digest:016x}"
+
+
+def gather_team(
+    formed: TeamFormed | None, ready: SeatsReadied | None, events: Sequence[ActivityEvent], steps: int
+) -> TeamRecord | None:
+    """The record of an episode from its events; None where no team played it.
+
+    Args:
+        formed: the team of its block.
+        ready: says where all stood at the reset.
+        events: the episode's.
+        steps: how many of its own steps the log holds; a log may break off between a joint step and its own.
+    """
+    if formed is None:
+        return None
+    joint = [event for event in events if isinstance(event, JointStepped)][:steps]
+    bodies = len(formed.seats)
+    poses = [ready.poses if ready is not None else (np.nan,) * 4 * bodies, *(event.poses for event in joint)]
+    taken = [event for event in events if isinstance(event, SeatTaken)]
+    return TeamRecord(
+        team=formed.team,
+        index=formed.index,
+        seat=formed.seat,
+        role=formed.role,
+        seats=formed.seats,
+        actions=np.array([event.actions for event in joint], np.int64).reshape(-1, bodies),
+        rewards=np.array([event.rewards for event in joint], np.float64).reshape(-1, bodies),
+        poses=np.array(poses, np.float64).reshape(-1, bodies, 4),
+        sources=tuple(event.sources for event in joint),
+        digest=joint[-1].digest if joint else 0,
+        late=sum(isinstance(event, InputLate) for event in events),
+        takeovers=sum(event.by == "agent" for event in taken),
+        corrected=sum(isinstance(event, PictureCorrected) for event in events),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class EpisodeLog:
     """One played episode. ``n`` steps have ``n + 1`` poses, times and hashes; checked when made."""
 
@@ -154,21 +248,45 @@ class EpisodeLog:
     taught: TeachingRecord | None = None  # control and advice; None where no agent took part
     end_cause: EndCause = ""  # the time limit that ended it, where no step did
     onsets: NDArray[np.bool_] | None = None  # (n + 1,) whose picture shows a stimulus onset; None: no step's
+    team: TeamRecord | None = None  # who sat where and what all bodies did; None where one body played
+    action_vectors: NDArray[np.float64] | None = None  # (n, d) where actions are vectors; ``actions`` names them then
 
     def __post_init__(self) -> None:
         """Refuse lengths that do not belong together."""
         n = len(self.actions)
         for name in ("poses", "t_ns", "state_hashes", "observation_hashes"):
             if len(getattr(self, name)) != n + 1:
-                raise ValueError(f"episode {self.number}: {name} has {len(getattr(self, name))} rows, not {n + 1}")
+                raise ValueError(
+                    f"episode {self.number}: {name} has {len(getattr(self, name))} rows; one per state makes {n + 1}"
+                )
+        if self.team is not None and len(self.team.actions) != n:
+            raise ValueError(
+                f"episode {self.number}: the team has {len(self.team.actions)} joint actions; {n} are needed"
+            )
         for name in ("step_keys", "key_t_ns", "rewards", "terminated", "truncated", "rt_ms"):
             if len(getattr(self, name)) != n:
-                raise ValueError(f"episode {self.number}: {name} has {len(getattr(self, name))} rows, not {n}")
+                raise ValueError(
+                    f"episode {self.number}: {name} has {len(getattr(self, name))} rows; one per step makes {n}"
+                )
 
     @property
     def plan(self) -> EpisodePlan:
         """What was to be played."""
         return self.start.plan
+
+    @property
+    def world_options(self) -> dict[str, Any]:
+        """The options that make its world as it was played: in a team, with what the other bodies did."""
+        if self.team is None:
+            return self.plan.options
+        return {**self.plan.options, "script": self.team.actions.tolist()}
+
+    @property
+    def actions_taken(self) -> list[int | tuple[float, ...]]:
+        """The ``n`` actions as a world's ``step`` takes them: numbers, or vectors where the log has some."""
+        if self.action_vectors is None:
+            return [int(action) for action in self.actions]
+        return [tuple(vector) for vector in self.action_vectors.tolist()]
 
     @property
     def number(self) -> int:
@@ -189,6 +307,11 @@ class EpisodeLog:
     def return_(self) -> float:
         """Sum of rewards."""
         return float(self.rewards.sum())
+
+
+def list_partner_seats(episode: EpisodeLog) -> tuple[int, ...]:
+    """The seats of the others in an episode's team; none where one body played."""
+    return () if episode.team is None else episode.team.partner_seats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -215,6 +338,22 @@ class SessionLog:
     def part_events(self) -> tuple[PartEvent, ...]:
         """What happened in the session's parts beside play, in order; nothing in logs from before there were parts."""
         return tuple(event for segment in self.segments for event in segment.part_events)
+
+    @property
+    def waited_ns(self) -> int:
+        """How long it waited in lobbies, from each arrival to a team, to the end of the wait, or to its own."""
+        waited_ns = 0
+        for segment in self.segments:
+            met_ns = [event.t_ns for event in segment.part_events if isinstance(event, TeamFormed | TeamEnded)]
+            for note in segment.notes:
+                if isinstance(note, Noted) and (note.kind, note.text) == ("phase", Phase.LOBBY):
+                    waited_ns += min((t_ns for t_ns in met_ns if t_ns >= note.t_ns), default=segment.end_ns) - note.t_ns
+        return waited_ns
+
+    @property
+    def stranded(self) -> bool:
+        """Whether a team's block of it ended because no partner came, or one left."""
+        return any(isinstance(event, TeamEnded) and event.reason != "replaced" for event in self.part_events)
 
     @property
     def comparisons(self) -> tuple[PairComparison, ...]:

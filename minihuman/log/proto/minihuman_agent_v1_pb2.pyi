@@ -258,3 +258,179 @@ class CorrectionEnded(_message.Message):
     episode: int
     outcome: str
     def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., correction: _Optional[int] = ..., episode: _Optional[int] = ..., outcome: _Optional[str] = ...) -> None: ...
+
+class TeamFormed(_message.Message):
+    __slots__ = ("t_ns", "part", "team", "index", "seat", "role", "seats")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    PART_FIELD_NUMBER: _ClassVar[int]
+    TEAM_FIELD_NUMBER: _ClassVar[int]
+    INDEX_FIELD_NUMBER: _ClassVar[int]
+    SEAT_FIELD_NUMBER: _ClassVar[int]
+    ROLE_FIELD_NUMBER: _ClassVar[int]
+    SEATS_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    part: int
+    team: str
+    index: int
+    seat: int
+    role: str
+    seats: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., team: _Optional[str] = ..., index: _Optional[int] = ..., seat: _Optional[int] = ..., role: _Optional[str] = ..., seats: _Optional[_Iterable[str]] = ...) -> None: ...
+
+class SeatsReadied(_message.Message):
+    __slots__ = ("t_ns", "episode", "poses")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    POSES_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    episode: int
+    poses: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., poses: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class JointStepped(_message.Message):
+    __slots__ = ("t_ns", "episode", "step", "actions", "rewards", "sources", "digest", "poses")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    STEP_FIELD_NUMBER: _ClassVar[int]
+    ACTIONS_FIELD_NUMBER: _ClassVar[int]
+    REWARDS_FIELD_NUMBER: _ClassVar[int]
+    SOURCES_FIELD_NUMBER: _ClassVar[int]
+    DIGEST_FIELD_NUMBER: _ClassVar[int]
+    POSES_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    episode: int
+    step: int
+    actions: _containers.RepeatedScalarFieldContainer[int]
+    rewards: _containers.RepeatedScalarFieldContainer[float]
+    sources: _containers.RepeatedScalarFieldContainer[str]
+    digest: int
+    poses: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., actions: _Optional[_Iterable[int]] = ..., rewards: _Optional[_Iterable[float]] = ..., sources: _Optional[_Iterable[str]] = ..., digest: _Optional[int] = ..., poses: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class InputLate(_message.Message):
+    __slots__ = ("t_ns", "episode", "step", "action", "key", "key_t_ns")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    STEP_FIELD_NUMBER: _ClassVar[int]
+    ACTION_FIELD_NUMBER: _ClassVar[int]
+    KEY_FIELD_NUMBER: _ClassVar[int]
+    KEY_T_NS_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    episode: int
+    step: int
+    action: int
+    key: str
+    key_t_ns: int
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., action: _Optional[int] = ..., key: _Optional[str] = ..., key_t_ns: _Optional[int] = ...) -> None: ...
+
+class PictureCorrected(_message.Message):
+    __slots__ = ("t_ns", "episode", "step", "submit_ns", "flip_ns")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    STEP_FIELD_NUMBER: _ClassVar[int]
+    SUBMIT_NS_FIELD_NUMBER: _ClassVar[int]
+    FLIP_NS_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    episode: int
+    step: int
+    submit_ns: int
+    flip_ns: int
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., submit_ns: _Optional[int] = ..., flip_ns: _Optional[int] = ...) -> None: ...
+
+class SeatTaken(_message.Message):
+    __slots__ = ("t_ns", "episode", "step", "seat", "by")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    STEP_FIELD_NUMBER: _ClassVar[int]
+    SEAT_FIELD_NUMBER: _ClassVar[int]
+    BY_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    episode: int
+    step: int
+    seat: int
+    by: str
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., seat: _Optional[int] = ..., by: _Optional[str] = ...) -> None: ...
+
+class TeamEnded(_message.Message):
+    __slots__ = ("t_ns", "part", "reason")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    PART_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    part: int
+    reason: str
+    def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., reason: _Optional[str] = ...) -> None: ...
+
+class ModelCall(_message.Message):
+    __slots__ = ("t_ns", "call", "state", "episode", "step", "screen", "attempt", "prompt_sha256", "picture_sha256", "provider", "model", "temperature", "max_tokens", "prompt_tokens", "completion_tokens", "price", "latency_ms", "answer", "reasoning", "finish_reason", "verdict", "reading", "error")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    CALL_FIELD_NUMBER: _ClassVar[int]
+    STATE_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    STEP_FIELD_NUMBER: _ClassVar[int]
+    SCREEN_FIELD_NUMBER: _ClassVar[int]
+    ATTEMPT_FIELD_NUMBER: _ClassVar[int]
+    PROMPT_SHA256_FIELD_NUMBER: _ClassVar[int]
+    PICTURE_SHA256_FIELD_NUMBER: _ClassVar[int]
+    PROVIDER_FIELD_NUMBER: _ClassVar[int]
+    MODEL_FIELD_NUMBER: _ClassVar[int]
+    TEMPERATURE_FIELD_NUMBER: _ClassVar[int]
+    MAX_TOKENS_FIELD_NUMBER: _ClassVar[int]
+    PROMPT_TOKENS_FIELD_NUMBER: _ClassVar[int]
+    COMPLETION_TOKENS_FIELD_NUMBER: _ClassVar[int]
+    PRICE_FIELD_NUMBER: _ClassVar[int]
+    LATENCY_MS_FIELD_NUMBER: _ClassVar[int]
+    ANSWER_FIELD_NUMBER: _ClassVar[int]
+    REASONING_FIELD_NUMBER: _ClassVar[int]
+    FINISH_REASON_FIELD_NUMBER: _ClassVar[int]
+    VERDICT_FIELD_NUMBER: _ClassVar[int]
+    READING_FIELD_NUMBER: _ClassVar[int]
+    ERROR_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    call: int
+    state: str
+    episode: int
+    step: int
+    screen: str
+    attempt: int
+    prompt_sha256: str
+    picture_sha256: str
+    provider: str
+    model: str
+    temperature: float
+    max_tokens: int
+    prompt_tokens: int
+    completion_tokens: int
+    price: float
+    latency_ms: float
+    answer: str
+    reasoning: str
+    finish_reason: str
+    verdict: str
+    reading: str
+    error: str
+    def __init__(self, t_ns: _Optional[int] = ..., call: _Optional[int] = ..., state: _Optional[str] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., screen: _Optional[str] = ..., attempt: _Optional[int] = ..., prompt_sha256: _Optional[str] = ..., picture_sha256: _Optional[str] = ..., provider: _Optional[str] = ..., model: _Optional[str] = ..., temperature: _Optional[float] = ..., max_tokens: _Optional[int] = ..., prompt_tokens: _Optional[int] = ..., completion_tokens: _Optional[int] = ..., price: _Optional[float] = ..., latency_ms: _Optional[float] = ..., answer: _Optional[str] = ..., reasoning: _Optional[str] = ..., finish_reason: _Optional[str] = ..., verdict: _Optional[str] = ..., reading: _Optional[str] = ..., error: _Optional[str] = ...) -> None: ...
+
+class DesignDecided(_message.Message):
+    __slots__ = ("t_ns", "part", "episode", "design", "version", "options_json", "seed", "stop", "estimates_json", "posterior")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    PART_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    DESIGN_FIELD_NUMBER: _ClassVar[int]
+    VERSION_FIELD_NUMBER: _ClassVar[int]
+    OPTIONS_JSON_FIELD_NUMBER: _ClassVar[int]
+    SEED_FIELD_NUMBER: _ClassVar[int]
+    STOP_FIELD_NUMBER: _ClassVar[int]
+    ESTIMATES_JSON_FIELD_NUMBER: _ClassVar[int]
+    POSTERIOR_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    part: int
+    episode: int
+    design: str
+    version: int
+    options_json: str
+    seed: int
+    stop: bool
+    estimates_json: str
+    posterior: int
+    def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., episode: _Optional[int] = ..., design: _Optional[str] = ..., version: _Optional[int] = ..., options_json: _Optional[str] = ..., seed: _Optional[int] = ..., stop: bool = ..., estimates_json: _Optional[str] = ..., posterior: _Optional[int] = ...) -> None: ...

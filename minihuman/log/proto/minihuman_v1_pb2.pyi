@@ -6,18 +6,20 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class Participant(_message.Message):
-    __slots__ = ("id", "index", "group", "stratum", "slot")
+    __slots__ = ("id", "index", "group", "stratum", "slot", "assigned_json")
     ID_FIELD_NUMBER: _ClassVar[int]
     INDEX_FIELD_NUMBER: _ClassVar[int]
     GROUP_FIELD_NUMBER: _ClassVar[int]
     STRATUM_FIELD_NUMBER: _ClassVar[int]
     SLOT_FIELD_NUMBER: _ClassVar[int]
+    ASSIGNED_JSON_FIELD_NUMBER: _ClassVar[int]
     id: str
     index: int
     group: str
     stratum: str
     slot: int
-    def __init__(self, id: _Optional[str] = ..., index: _Optional[int] = ..., group: _Optional[str] = ..., stratum: _Optional[str] = ..., slot: _Optional[int] = ...) -> None: ...
+    assigned_json: str
+    def __init__(self, id: _Optional[str] = ..., index: _Optional[int] = ..., group: _Optional[str] = ..., stratum: _Optional[str] = ..., slot: _Optional[int] = ..., assigned_json: _Optional[str] = ...) -> None: ...
 
 class Binding(_message.Message):
     __slots__ = ("key", "action")
@@ -40,7 +42,7 @@ class KeyMap(_message.Message):
     def __init__(self, keys: _Optional[_Iterable[_Union[Binding, _Mapping]]] = ..., spare_keys: _Optional[_Iterable[str]] = ..., spare: _Optional[str] = ..., seed: _Optional[int] = ...) -> None: ...
 
 class EpisodePlan(_message.Message):
-    __slots__ = ("episode", "block", "block_name", "episode_in_block", "episodes_in_block", "world", "options_json", "seed", "actions", "key_map", "show_keys", "pace", "step_period_ms", "noop", "auto_repeat", "max_steps", "view", "palette", "record_observations", "onset_at_reset")
+    __slots__ = ("episode", "block", "block_name", "episode_in_block", "episodes_in_block", "world", "options_json", "seed", "actions", "key_map", "show_keys", "pace", "step_period_ms", "noop", "auto_repeat", "max_steps", "view", "palette", "record_observations", "onset_at_reset", "hold", "response_deadline_ms")
     EPISODE_FIELD_NUMBER: _ClassVar[int]
     BLOCK_FIELD_NUMBER: _ClassVar[int]
     BLOCK_NAME_FIELD_NUMBER: _ClassVar[int]
@@ -61,6 +63,8 @@ class EpisodePlan(_message.Message):
     PALETTE_FIELD_NUMBER: _ClassVar[int]
     RECORD_OBSERVATIONS_FIELD_NUMBER: _ClassVar[int]
     ONSET_AT_RESET_FIELD_NUMBER: _ClassVar[int]
+    HOLD_FIELD_NUMBER: _ClassVar[int]
+    RESPONSE_DEADLINE_MS_FIELD_NUMBER: _ClassVar[int]
     episode: int
     block: int
     block_name: str
@@ -81,7 +85,9 @@ class EpisodePlan(_message.Message):
     palette: str
     record_observations: bool
     onset_at_reset: bool
-    def __init__(self, episode: _Optional[int] = ..., block: _Optional[int] = ..., block_name: _Optional[str] = ..., episode_in_block: _Optional[int] = ..., episodes_in_block: _Optional[int] = ..., world: _Optional[str] = ..., options_json: _Optional[str] = ..., seed: _Optional[int] = ..., actions: _Optional[_Iterable[str]] = ..., key_map: _Optional[_Union[KeyMap, _Mapping]] = ..., show_keys: bool = ..., pace: _Optional[str] = ..., step_period_ms: _Optional[float] = ..., noop: _Optional[str] = ..., auto_repeat: bool = ..., max_steps: _Optional[int] = ..., view: _Optional[str] = ..., palette: _Optional[str] = ..., record_observations: bool = ..., onset_at_reset: bool = ...) -> None: ...
+    hold: str
+    response_deadline_ms: float
+    def __init__(self, episode: _Optional[int] = ..., block: _Optional[int] = ..., block_name: _Optional[str] = ..., episode_in_block: _Optional[int] = ..., episodes_in_block: _Optional[int] = ..., world: _Optional[str] = ..., options_json: _Optional[str] = ..., seed: _Optional[int] = ..., actions: _Optional[_Iterable[str]] = ..., key_map: _Optional[_Union[KeyMap, _Mapping]] = ..., show_keys: bool = ..., pace: _Optional[str] = ..., step_period_ms: _Optional[float] = ..., noop: _Optional[str] = ..., auto_repeat: bool = ..., max_steps: _Optional[int] = ..., view: _Optional[str] = ..., palette: _Optional[str] = ..., record_observations: bool = ..., onset_at_reset: bool = ..., hold: _Optional[str] = ..., response_deadline_ms: _Optional[float] = ...) -> None: ...
 
 class BlockText(_message.Message):
     __slots__ = ("instruction", "feedback", "rest", "rest_s")
@@ -104,7 +110,7 @@ class Fact(_message.Message):
     def __init__(self, name: _Optional[str] = ..., value: _Optional[str] = ...) -> None: ...
 
 class SessionPlan(_message.Message):
-    __slots__ = ("t_ns", "study", "study_version", "protocol_toml", "protocol_sha256", "participant", "session", "study_seed", "allocation_sha256", "overridden", "consent_text", "consent_sha256", "key_pool", "keyboard_check", "texts", "closing_text", "episodes", "first_episode", "segment", "facts", "parts", "words_json", "language", "standing_json", "bonus_json", "fonts")
+    __slots__ = ("t_ns", "study", "study_version", "protocol_toml", "protocol_sha256", "participant", "session", "study_seed", "allocation_sha256", "overridden", "consent_text", "consent_sha256", "key_pool", "keyboard_check", "texts", "closing_text", "episodes", "first_episode", "segment", "facts", "parts", "words_json", "language", "standing_json", "bonus_json", "fonts", "files")
     T_NS_FIELD_NUMBER: _ClassVar[int]
     STUDY_FIELD_NUMBER: _ClassVar[int]
     STUDY_VERSION_FIELD_NUMBER: _ClassVar[int]
@@ -131,6 +137,7 @@ class SessionPlan(_message.Message):
     STANDING_JSON_FIELD_NUMBER: _ClassVar[int]
     BONUS_JSON_FIELD_NUMBER: _ClassVar[int]
     FONTS_FIELD_NUMBER: _ClassVar[int]
+    FILES_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     study: str
     study_version: str
@@ -157,7 +164,16 @@ class SessionPlan(_message.Message):
     standing_json: str
     bonus_json: str
     fonts: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, t_ns: _Optional[int] = ..., study: _Optional[str] = ..., study_version: _Optional[str] = ..., protocol_toml: _Optional[bytes] = ..., protocol_sha256: _Optional[str] = ..., participant: _Optional[_Union[Participant, _Mapping]] = ..., session: _Optional[int] = ..., study_seed: _Optional[int] = ..., allocation_sha256: _Optional[str] = ..., overridden: bool = ..., consent_text: _Optional[str] = ..., consent_sha256: _Optional[str] = ..., key_pool: _Optional[_Iterable[str]] = ..., keyboard_check: bool = ..., texts: _Optional[_Iterable[_Union[BlockText, _Mapping]]] = ..., closing_text: _Optional[str] = ..., episodes: _Optional[_Iterable[_Union[EpisodePlan, _Mapping]]] = ..., first_episode: _Optional[int] = ..., segment: _Optional[int] = ..., facts: _Optional[_Iterable[_Union[Fact, _Mapping]]] = ..., parts: _Optional[_Iterable[_Union[Part, _Mapping]]] = ..., words_json: _Optional[str] = ..., language: _Optional[str] = ..., standing_json: _Optional[str] = ..., bonus_json: _Optional[str] = ..., fonts: _Optional[_Iterable[str]] = ...) -> None: ...
+    files: _containers.RepeatedCompositeFieldContainer[ProtocolFile]
+    def __init__(self, t_ns: _Optional[int] = ..., study: _Optional[str] = ..., study_version: _Optional[str] = ..., protocol_toml: _Optional[bytes] = ..., protocol_sha256: _Optional[str] = ..., participant: _Optional[_Union[Participant, _Mapping]] = ..., session: _Optional[int] = ..., study_seed: _Optional[int] = ..., allocation_sha256: _Optional[str] = ..., overridden: bool = ..., consent_text: _Optional[str] = ..., consent_sha256: _Optional[str] = ..., key_pool: _Optional[_Iterable[str]] = ..., keyboard_check: bool = ..., texts: _Optional[_Iterable[_Union[BlockText, _Mapping]]] = ..., closing_text: _Optional[str] = ..., episodes: _Optional[_Iterable[_Union[EpisodePlan, _Mapping]]] = ..., first_episode: _Optional[int] = ..., segment: _Optional[int] = ..., facts: _Optional[_Iterable[_Union[Fact, _Mapping]]] = ..., parts: _Optional[_Iterable[_Union[Part, _Mapping]]] = ..., words_json: _Optional[str] = ..., language: _Optional[str] = ..., standing_json: _Optional[str] = ..., bonus_json: _Optional[str] = ..., fonts: _Optional[_Iterable[str]] = ..., files: _Optional[_Iterable[_Union[ProtocolFile, _Mapping]]] = ...) -> None: ...
+
+class ProtocolFile(_message.Message):
+    __slots__ = ("name", "content")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    CONTENT_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    content: bytes
+    def __init__(self, name: _Optional[str] = ..., content: _Optional[bytes] = ...) -> None: ...
 
 class Part(_message.Message):
     __slots__ = ("kind", "name", "plan_json")
@@ -304,7 +320,7 @@ class KeyEvent(_message.Message):
     def __init__(self, t_ns: _Optional[int] = ..., key: _Optional[str] = ..., symbol: _Optional[str] = ..., down: bool = ..., action: _Optional[int] = ..., verdict: _Optional[str] = ..., phase: _Optional[str] = ..., waited_ns: _Optional[int] = ...) -> None: ...
 
 class Step(_message.Message):
-    __slots__ = ("t_ns", "episode", "step", "action", "key", "key_t_ns", "reward", "episode_return", "terminated", "truncated", "pose", "rt_ms", "state_hash", "observation_hash", "onset")
+    __slots__ = ("t_ns", "episode", "step", "action", "key", "key_t_ns", "reward", "episode_return", "terminated", "truncated", "pose", "rt_ms", "state_hash", "observation_hash", "onset", "action_vector")
     T_NS_FIELD_NUMBER: _ClassVar[int]
     EPISODE_FIELD_NUMBER: _ClassVar[int]
     STEP_FIELD_NUMBER: _ClassVar[int]
@@ -320,6 +336,7 @@ class Step(_message.Message):
     STATE_HASH_FIELD_NUMBER: _ClassVar[int]
     OBSERVATION_HASH_FIELD_NUMBER: _ClassVar[int]
     ONSET_FIELD_NUMBER: _ClassVar[int]
+    ACTION_VECTOR_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     episode: int
     step: int
@@ -335,7 +352,8 @@ class Step(_message.Message):
     state_hash: int
     observation_hash: int
     onset: bool
-    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., action: _Optional[int] = ..., key: _Optional[str] = ..., key_t_ns: _Optional[int] = ..., reward: _Optional[float] = ..., episode_return: _Optional[float] = ..., terminated: bool = ..., truncated: bool = ..., pose: _Optional[_Union[Pose, _Mapping]] = ..., rt_ms: _Optional[float] = ..., state_hash: _Optional[int] = ..., observation_hash: _Optional[int] = ..., onset: bool = ...) -> None: ...
+    action_vector: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., action: _Optional[int] = ..., key: _Optional[str] = ..., key_t_ns: _Optional[int] = ..., reward: _Optional[float] = ..., episode_return: _Optional[float] = ..., terminated: bool = ..., truncated: bool = ..., pose: _Optional[_Union[Pose, _Mapping]] = ..., rt_ms: _Optional[float] = ..., state_hash: _Optional[int] = ..., observation_hash: _Optional[int] = ..., onset: bool = ..., action_vector: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Observation(_message.Message):
     __slots__ = ("t_ns", "episode", "step", "png", "msgpack")
@@ -496,6 +514,16 @@ class PointerUsed(_message.Message):
     target: str
     along: float
     def __init__(self, t_ns: _Optional[int] = ..., what: _Optional[str] = ..., x: _Optional[float] = ..., y: _Optional[float] = ..., target: _Optional[str] = ..., along: _Optional[float] = ...) -> None: ...
+
+class AxisMoved(_message.Message):
+    __slots__ = ("t_ns", "axis", "value")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    AXIS_FIELD_NUMBER: _ClassVar[int]
+    VALUE_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    axis: str
+    value: float
+    def __init__(self, t_ns: _Optional[int] = ..., axis: _Optional[str] = ..., value: _Optional[float] = ...) -> None: ...
 
 class AnswerChanged(_message.Message):
     __slots__ = ("t_ns", "part", "item", "value")

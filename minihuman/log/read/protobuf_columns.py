@@ -97,7 +97,9 @@ class _Field:
     def __init__(self, field: FieldDescriptor, data: bytes, ends: MessageOffsets) -> None:
         assert field.number < 2048, f"{field.full_name}: a tag of three bytes"
         self._kind = field
-        self._wire_type = _WIRE_TYPE[field.type]
+        # a repeated field's default, in every release of protobuf; its numbers stand one behind the other
+        self._is_list = field.default_value == []
+        self._wire_type = _LENGTH if self._is_list else _WIRE_TYPE[field.type]
         tag = field.number << 3 | self._wire_type
         self._second = tag >> 7  # byte of the tag; 0 for none
         self._first = (tag & 0x7F) | 0x80 if self._second else tag
@@ -140,6 +142,8 @@ class _Field:
 
     def _values(self, data: bytes) -> Any:
         match self._kind.type:
+            case FieldDescriptor.TYPE_DOUBLE if self._is_list:
+                return self._lists(data)
             case FieldDescriptor.TYPE_INT64:
                 return self._numbers.view(np.int64)
             case FieldDescriptor.TYPE_DOUBLE:
@@ -153,6 +157,20 @@ class _Field:
                     return MessageColumns(self._kind.message_type, data, begins, ends)
                 return _texts(data, begins, ends)
         return self._numbers
+
+    def _lists(self, data: bytes) -> NDArray[np.float64]:
+        """Lists of doubles as rows, float64[n, the longest], NaN behind the end of shorter ones.
+
+        Raises:
+            ValueError: if one ends inside a number.
+        """
+        if (self._lengths % 8).any():
+            raise ValueError(f"field {self._kind.name} is truncated: it ends inside a number")
+        counts = self._lengths // 8
+        rows = np.full((len(counts), int(counts.max(initial=0))), np.nan)
+        for row in np.flatnonzero(counts):
+            rows[row, : counts[row]] = np.frombuffer(data, "<f8", int(counts[row]), int(self._numbers[row]))
+        return rows
 
 
 def _eights(data: bytes) -> Uint64Array:

@@ -91,13 +91,14 @@ class LogReader:
             raise LogError(f"{where}, a message on {topic} cannot be read: {error}") from error
 
 
-def read_segment_starts(path: Path) -> dict[int, str]:
-    """Read which segments a file holds, and the wall clock at which each started.
+def read_segment_starts(path: Path, *, first: bool = False) -> dict[int, str]:
+    """Read which segments a file holds, and the wall clock at which each started; ``first``: no more than one.
 
     Raises:
         LogError: as ``Reading.chunks``.
     """
     reading = LogReader(path)
     for _ in reading.chunks():
-        pass
+        if first and reading.starts:
+            break
     return {int(facts["segment"]): facts["started_unix_ns"] for facts in reading.starts}

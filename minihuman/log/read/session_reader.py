@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from minihuman.errors import LogError
 from minihuman.experiment.activities.agent_blocks import PolicyGiven
+from minihuman.experiment.activities.team_play import SeatsReadied, TeamFormed
 from minihuman.experiment.machine import events
 from minihuman.log import topics
 from minihuman.log.codec import RECORD_TOPICS, decode_event, require_one_of
@@ -30,6 +31,7 @@ from minihuman.log.model.session_log import (
     Segment,
     SegmentNote,
     SessionLog,
+    gather_team,
     notes_in_session_time,
     part_events_in_session_time,
     pose_as_row,
@@ -89,7 +91,7 @@ def check_step_numbers(episode: int, episodes: NDArray[np.int64], steps: NDArray
         first = wrong[0]
         raise LogError(
             f"episode {episodes[first] + 1} step {steps[first]} follows episode {episode + 1} step {first}; "
-            "the steps between them are missing"
+            "the steps in between are missing"
         )
 
 
@@ -141,6 +143,12 @@ def build_key_columns(column: Callable[[str], FieldColumn], count: int) -> Event
     return EventColumns(events.KeyPressed, cache(values), range(count))
 
 
+def _trim_vectors(rows: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """An episode's vectors without the columns that only another world's have; None where its actions are numbers."""
+    used = ~np.isnan(rows).all(axis=0)
+    return rows[:, used] if used.any() else None
+
+
 _BREAK = ""  # the topic that stands for messages that are missing
 _THOUSANDS: dict[str, type[Message]] = {topics.STEP: v1.Step, topics.KEY: v1.KeyEvent, topics.FRAME: v1.FrameShown}
 _TIMES = frozenset({"t_ns", "pressed_ns", "key_t_ns", "submit_ns", "flip_ns"})  # columns that are times
@@ -169,6 +177,8 @@ class _EpisodeDraft:
     outcome: events.Outcome | None = None
     end_cause: events.EndCause = ""
     policy: str = ""  # of an agent, in force when it began
+    formed: TeamFormed | None = None  # the team that plays it
+    ready: SeatsReadied | None = None  # and where it stood at the reset
     activity_events: list[events.ActivityEvent] = field(default_factory=list)  # of activities
 
 
@@ -244,7 +254,8 @@ class _SessionRows:
     @cached_property
     def frame_events(self) -> EventColumns[events.FrameShown]:
         """Every picture that was shown."""
-        return EventColumns(events.FrameShown, lambda name: self.frames.column(name).values, range(len(self.frames)))
+        frames = self.frames  # alone: what is cached here and held this would be a cycle, freed only by the collector
+        return EventColumns(events.FrameShown, lambda name: frames.column(name).values, range(len(frames)))
 
 
 class SessionAssembler:
@@ -258,6 +269,8 @@ class SessionAssembler:
         self._sampled: tuple[list[int], list[bytes]] = ([], [])
         self._spans: list[_EpisodeDraft] = []
         self._policy = ""  # of an agent, in force
+        self._formed: TeamFormed | None = None  # of the part that runs
+        self._ready: SeatsReadied | None = None  # of the episode that comes
         self._count = 0  # of messages, so far
         self._size = 0  # of those chunks, so far
 
@@ -341,6 +354,7 @@ class SessionAssembler:
         episode_numbers, step_numbers, step_keys = (
             rows.steps.column(name).values for name in ("episode", "step", "key")
         )
+        vectors = rows.steps.column("action_vector").values
         nexts = [*(span.begin for span in self._spans[1:]), None]
         attempts: Counter[int] = Counter()
         for number, (span, start, its) in enumerate(zip(self._spans, starts, steps, strict=True)):
@@ -353,6 +367,7 @@ class SessionAssembler:
                 **{name: column[with_reset] for name, column in of_states.items()},
                 **{name: column[its] for name, column in of_steps.items()},
                 step_keys=step_keys[its],
+                action_vectors=_trim_vectors(vectors[its]),
                 keys=rows.key_events[rows.keys.between(span.begin, span.end)],
                 frames=rows.frame_events[rows.frames.between(span.begin, nexts[number])],  # the last one stays
                 outcome=span.outcome,
@@ -362,6 +377,7 @@ class SessionAssembler:
                 attempt=attempts[episode],
                 pauses=_between_offsets(segment.pauses, of_states["t_ns"][with_reset]),
                 taught=_build_teaching(span, its.stop - its.start, segment.start_ns),
+                team=gather_team(span.formed, span.ready, span.activity_events, its.stop - its.start),
             )
 
     def _placed(
@@ -428,7 +444,10 @@ class SessionAssembler:
                 self._parts[-1].ended = event
             case events.EpisodeStarted():
                 self._close(place)
-                self._spans.append(_EpisodeDraft(event, len(self._parts) - 1, begin=place, policy=self._policy))
+                segment = len(self._parts) - 1
+                self._spans.append(
+                    _EpisodeDraft(event, segment, place, policy=self._policy, formed=self._formed, ready=self._ready)
+                )
             case events.EpisodeEnded():
                 self._close(place, event.outcome, event.cause)
             case events.Noted() | events.Paused() | events.Resumed():
@@ -444,8 +463,14 @@ class SessionAssembler:
         match event:
             case PolicyGiven():
                 self._policy = event.policy
+            case TeamFormed():
+                self._formed = event
+            case SeatsReadied():
+                self._ready = event
             case events.PartStarted():
-                self._policy = ""
+                self._policy, self._formed, self._ready = "", None, None
+            case events.ModelCall() | events.DesignDecided():
+                return  # who sits in the seat, or what comes next: not what happens in the episode
             case events.ActivityEvent() if (
                 self._spans and getattr(event, "episode", None) == self._spans[-1].start.plan.episode
             ):
@@ -460,7 +485,7 @@ class SessionAssembler:
 
 def _build_teaching(span: _EpisodeDraft, steps: int, start_ns: int) -> TeachingRecord | None:
     """Who controlled an episode, in session time."""
-    if not span.activity_events:
+    if not span.activity_events or span.formed is not None:
         return None
     in_time = part_events_in_session_time(span.activity_events, start_ns)
     found = [event for event in in_time if isinstance(event, events.ActivityEvent)]
@@ -498,7 +523,7 @@ def read_log(path: Path | str) -> SessionLog:
         with raise_as_log_error(file):
             gathered.read(reading)
     if not gathered.started:
-        raise LogError(f"{path} holds no session plan; it was cut off before the session started")
+        raise LogError(f"{path} was cut off before its session started, so it has nothing to read; name another log")
     for started in gathered.started:
         find_logged_sources(started.facts)
     try:
@@ -521,7 +546,8 @@ def list_session_files(path: Path) -> list[Path]:
     sessions = list_sessions(path)
     if len(sessions) != 1:
         raise LogError(
-            f"{path} holds {len(sessions)} session logs (*.mcap or *{PART_SUFFIX}) instead of one; name a file"
+            f"{path} contains {len(sessions)} session logs (*.mcap or *{PART_SUFFIX}) instead of one; name a single "
+            "file"
         )
     (files,) = sessions.values()
     return files

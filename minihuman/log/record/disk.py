@@ -45,8 +45,8 @@ def require_disk_space(folder: Path, episode: EpisodePlan) -> None:
     free = shutil.disk_usage(folder).free
     if free < needed:
         raise LogError(
-            f"{folder} has {free / 2**20:.1f} MiB free; episode {episode.episode + 1} needs {needed / 2**20:.1f} MiB: "
-            "free some space, or choose another folder with --data"
+            f"{folder} has {free / 2**20:.1f} MiB free, but episode {episode.episode + 1} needs {needed / 2**20:.1f} "
+            "MiB; free some space, or choose another folder with --data"
         )
 
 
@@ -139,7 +139,7 @@ class LiveFile:
                     os.close(again)
         except OSError as error:
             raise LogError(
-                f"{self._part} was removed while it was being written and cannot be restored: {error.strerror}"
+                f"{self._part} was deleted while it was being written, and it cannot be restored: {error.strerror}"
             ) from error
         LOGGER.warning(
             "%s was taken away while it was being written; it is back, with all %d bytes", self._part, copied

@@ -95,9 +95,9 @@ def open_leftover(part: Path, flags: int = os.O_RDONLY) -> int:
         try:
             lock_file(fd, part, wait=False)
         except BlockingIOError:
-            raise LogError(f"{part} is still being written by a running session; let it end first") from None
+            raise LogError(f"{part} is still being written by a running session; end that session first") from None
         if not is_file_at(fd, part):
-            raise LogError(f"{part} was just recovered by another process; read the session's log instead")
+            raise LogError(f"{part} has just been recovered by another process; read the session's log instead")
     except BaseException:
         os.close(fd)
         raise
@@ -140,7 +140,7 @@ def lock_file(fd: int, path: Path, *, wait: bool = True) -> None:
         raise
     except OSError as error:
         raise LogError(
-            f"{path} cannot be locked ({error.strerror}), so two machines could write to it at once; "
+            f"{path} cannot be locked ({error.strerror}), so two machines could write to it at the same time; "
             "choose a data folder on a file system that supports locks, such as a local disk"
         ) from error
 

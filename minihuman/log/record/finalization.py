@@ -25,7 +25,7 @@ from minihuman.log.integrity import HashChain
 from minihuman.log.model.session_log import CUT_OFF
 from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import PART_SUFFIX, SegmentPath, is_companion_file, raise_as_log_error
-from minihuman.log.preview import encode_previews
+from minihuman.log.preview import PreviewEncoder
 from minihuman.log.read.reader import read_segment_starts
 from minihuman.log.record.file_lock import hold_leftover, is_being_recorded
 from minihuman.log.record.live_log import LIBRARY_NAME
@@ -64,12 +64,13 @@ class LogCopier:
         self._attached: list[Attachment] = []  # to it
         self._held: list[tuple[LogMessage, Schema | None]] = []  # previews, before that plan
         self._draw = False
-        self._started_ns: int | None = None  # None: no previews are added
+        self._previews: PreviewEncoder | None = None  # None: none are added
+        self._last: LogMessage | None = None  # of the record
         self._chunk_bytes = 0
 
     def copy_file(self, scan: LogScanner, *, draw: bool = False) -> None:
         """Copy every record that the scan finds; add previews, unless the file has them."""
-        self._started_ns, self._draw = None, draw
+        self._previews, self._draw = None, draw
         for record in scan:
             match record:
                 case LogMessage():
@@ -83,6 +84,8 @@ class LogCopier:
                 case Attachment() if record.name != integrity.SEGMENT_HEAD_NAME:
                     self._attachment(record)
         self._write_head()
+        if self._previews is not None and self._last is not None:
+            self._add_previews(self._previews.finish(), self._last)
 
     def metadata(self, name: str, facts: Mapping[str, object], *, sealed: bool = False) -> None:
         """Add a metadata record; ``sealed``: with the head of the chain, itself included."""
@@ -131,7 +134,7 @@ class LogCopier:
     def _message(self, message: LogMessage, schema: Schema | None) -> None:
         topic = message.channel.topic
         if topic in _PREVIEW_TOPICS:
-            self._started_ns = None  # a file of an earlier version
+            self._previews = None  # a file of an earlier version
         if self._head and topic in _PREVIEW_TOPICS:
             self._held.append((message, schema))  # a line about the plan that comes next
             return
@@ -139,8 +142,9 @@ class LogCopier:
             self._start(message, schema)
         self._write_head()
         if topic in RECORD_TOPICS:
-            self.last_sequence = message.sequence
-        self._add_previews(message)
+            self.last_sequence, self._last = message.sequence, message
+        if self._previews is not None:
+            self._add_previews(self._previews.encode(topic, message.data), message)
         self._add(message, schema)
         if topic == topics.PLAN or (topic == topics.EPISODE_END and self._chunk_bytes > EPISODE_BYTES):
             self._flush()
@@ -165,7 +169,7 @@ class LogCopier:
         """Put the second copy of a segment's start behind its metadata."""
         self._flush()
         if self._draw and names.SEGMENT_METADATA in self._head:
-            self._started_ns = int(self._head[names.SEGMENT_METADATA].metadata["started_unix_ns"])
+            self._previews = PreviewEncoder(int(self._head[names.SEGMENT_METADATA].metadata["started_unix_ns"]))
         number = self._channel(message.channel, schema)
         topic, encoding = message.channel.topic, message.channel.message_encoding
         schemas, channels = [], [Channel(number, topic, encoding, message.channel.metadata, schema_id=0)]
@@ -191,13 +195,11 @@ class LogCopier:
         for message, schema in held:
             self._add(message, schema)
 
-    def _add_previews(self, message: LogMessage) -> None:
-        """Add a message's previews before it: a step whose own message is there is whole."""
-        if self._started_ns is None:
-            return
+    def _add_previews(self, previews: Iterator[tuple[str, Protobuf]], message: LogMessage) -> None:
+        """Add previews with a message's times, before it: a step whose own message is there is whole."""
         drawings: list[tuple[str, Protobuf]] = []
         with suppress(Exception):  # of foreign bytes; the message itself is kept
-            drawings += encode_previews(message.channel.topic, message.data, started_ns=self._started_ns)
+            drawings += previews
         for topic, drawn in drawings:
             name, data = drawn.DESCRIPTOR.full_name, drawn.SerializeToString(deterministic=True)
             schema = Schema(id=0, data=topics.schema_bytes(type(drawn)), encoding="protobuf", name=name)
@@ -293,7 +295,7 @@ def finish_log(where: SegmentPath, *, clean: bool, promised: ExpectedContent | N
         LogError: if the session's log is damaged or holds another run of this segment; the live file stays.
         OSError: if the disk is full; the live file stays.
     """
-    starts = {} if _is_blank(where.part) else read_segment_starts(where.part)
+    starts = {} if _is_blank(where.part) else read_segment_starts(where.part, first=True)
     if not starts:  # nothing was played yet, or the file's start is gone
         aside = put_aside(where.part, "unreadable")
         return FinalizedLog(aside, False, 0, 0, CUT_OFF, "it holds no session plan", damaged_copy_path=aside)
@@ -337,7 +339,7 @@ def recover_log(part: Path) -> FinalizedLog:
             with raise_as_log_error(part, "recovered"):
                 return finish_log(where, clean=False)
         except OSError as error:
-            raise LogError(f"{part} could not be finished and is unchanged: {error.strerror}") from error
+            raise LogError(f"{part} could not be recovered and is unchanged: {error.strerror}") from error
 
 
 def repair_log(log: Path) -> FinalizedLog:
@@ -377,7 +379,8 @@ def _repaired(log: Path) -> FinalizedLog:
             segments = {int(facts["segment"]) for facts in copy.starts}
             if not segments:
                 raise LogError(
-                    f"{log} is {scan.unfinished_reason} and has no session plan left; move it out of its study"
+                    f"{log} is {scan.unfinished_reason} and has no session plan left, so it cannot be repaired; move "
+                    "it out of the study"
                 )
             lacks = scan.unfinished_reason
             copy.missing(gap for gap in scan.missing if gap not in scan.declared)
@@ -390,7 +393,7 @@ def _repaired(log: Path) -> FinalizedLog:
         current_system().disk.rename(temporary, log)
         sync_folder(log.parent)
     except OSError as error:
-        raise LogError(f"{log} could not be rewritten and is unchanged: {error.strerror}") from error
+        raise LogError(f"{log} could not be repaired and is unchanged: {error.strerror}") from error
     finally:
         _remove(temporary)
     steps, episodes = copy.total[topics.STEP], copy.total[topics.EPISODE_START]

@@ -6,7 +6,7 @@ Messages are packed into MCAP chunks directly; the library would make ten calls 
 import re
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
@@ -92,11 +92,18 @@ class LiveLogEncoder:
         self._schemas: dict[str, Schema] = {}
 
     @classmethod
-    def resume(cls, plan: SessionPlan, *, started_ns: int, messages: int, steps: int) -> "LiveLogEncoder":
-        """Encode what is appended to a file that a killed program left, with so many ``messages`` and ``steps``."""
+    def resume(
+        cls, plan: SessionPlan, *, started_ns: int, messages: int, steps: int, rare: Iterable[str] = ()
+    ) -> "LiveLogEncoder":
+        """Encode what is appended to a file that a killed program left, with so many ``messages`` and ``steps``.
+
+        ``rare`` are the topics whose channels it has beside those that every log has, in order.
+        """
         live = cls(started_ns=started_ns)
         live._writer.start(profile=PROFILE, library=LIBRARY_NAME)
         live._number(plan)
+        for topic in filter(None, map(find_topic, rare)):
+            live._channel(topic)
         live._bytes.take()  # the file has its beginning
         live.messages, live.steps = messages, steps
         return live

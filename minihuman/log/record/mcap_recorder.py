@@ -27,7 +27,8 @@ from minihuman.log.record.live_log import LiveLogEncoder
 from minihuman.log.record.recorder import Recorder
 from minihuman.log.salvage.chunk import LogMessage
 from minihuman.log.salvage.scan import LogScanner
-from minihuman.log.system import current_system
+from minihuman.log.system import current_system, write_again
+from minihuman.log.topics import RARE_TOPICS
 
 _SETTINGS = RecorderSettings()
 _TORN = re.compile(r"cut off at byte (\d+)")
@@ -44,6 +45,7 @@ class LeftoverSegment:
     messages: int
     steps: int
     crc: int  # of all of its bytes
+    rare: tuple[str, ...] = ()  # topics that it has channels of beside those of every log
 
     def close(self) -> None:
         """Close it as it is."""
@@ -51,16 +53,19 @@ class LeftoverSegment:
 
 
 def resume_segment(part: Path) -> LeftoverSegment:
-    """Lock a live file, take a torn last write off its end, and read it.
+    """Lock a live file, take a torn last write off its end, read it, and make durable what was read.
 
     Raises:
         LogError: if a living process writes it, it is gone, damaged, of another version, without a plan, or its session
             is over: then ``recover`` is the way.
+        OSError: if the disk does not take it.
     """
     fd = open_leftover(part, os.O_RDWR | os.O_APPEND)
     try:
         _cut_torn_end(part, fd)
-        return _read(part, fd)
+        left = _read(part, fd)
+        write_again(part)  # its writer may have ended because an fsync failed
+        return left
     except BaseException:
         os.close(fd)
         raise
@@ -71,9 +76,7 @@ def _cut_torn_end(part: Path, fd: int) -> None:
     for _ in scan.records():
         pass
     if torn := _TORN.fullmatch(scan.damage):
-        disk = current_system().disk
-        disk.truncate(fd, int(torn[1]))
-        disk.sync(fd)
+        current_system().disk.truncate(fd, int(torn[1]))
     elif scan.damage:
         raise LogError(f"{part} is {scan.damage}; run: minihuman recover {part}")
 
@@ -95,15 +98,17 @@ def _read(part: Path, fd: int) -> LeftoverSegment:
                     steps += record.channel.topic == STEP
                     events.append(event)
     if not events:
-        raise LogError(f"{part} holds no session plan; run: minihuman recover {part}")
+        raise LogError(f"{part} contains no session plan; run: minihuman recover {part}")
     if isinstance(events[-1], SessionEnded):
         raise LogError(f"{part} cannot be resumed: its session has ended; run: minihuman recover {part}")
     assert isinstance(events[0], SessionStarted)
-    numbered = LiveLogEncoder.resume(events[0].plan, started_ns=0, messages=0, steps=0).channels
-    same = numbered == {channel.topic: number for number, channel in scan.channels.items()}
+    found = {channel.topic: number for number, channel in scan.channels.items()}
+    rare = tuple(topic.name for topic in RARE_TOPICS if topic.name in found)
+    numbered = LiveLogEncoder.resume(events[0].plan, started_ns=0, messages=0, steps=0, rare=rare).channels
+    same = numbered == found
     if start["schema_version"] != str(SCHEMA_VERSION) or not same:
         raise LogError(f"{part} was written by another version of minihuman; run: minihuman recover {part}")
-    return LeftoverSegment(part, fd, int(start["started_unix_ns"]), tuple(events), messages, steps, scan.crc)
+    return LeftoverSegment(part, fd, int(start["started_unix_ns"]), tuple(events), messages, steps, scan.crc, rare)
 
 
 class McapRecorder(Recorder):
@@ -135,7 +140,9 @@ class McapRecorder(Recorder):
             self._live = LiveLogEncoder(started_ns=started_ns)
         else:
             self._fd = left.fd
-            self._live = LiveLogEncoder.resume(plan, started_ns=started_ns, messages=left.messages, steps=left.steps)
+            self._live = LiveLogEncoder.resume(
+                plan, started_ns=started_ns, messages=left.messages, steps=left.steps, rare=left.rare
+            )
         file = LiveFile(self._fd, self.where.part, settings, crc=0 if left is None else left.crc)
         self._disk = FileWriter(file, settings)
         self._ended = False
@@ -149,7 +156,7 @@ class McapRecorder(Recorder):
         """
         self._refuse_after_failure()
         if self._closed:
-            raise LogError(f"{self.where.part} is closed; open a new recorder for a new segment")
+            raise LogError(f"{self.where.part} is closed; open a new recorder to record another segment")
         if not events:
             return
         self._ended = self._ended or any(isinstance(event, SessionEnded) for event in events)

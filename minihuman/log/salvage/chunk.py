@@ -94,7 +94,7 @@ class ChunkMessages:
         self._begins = records.starts + _MESSAGE.itemsize  # of the payloads
         self._ends = records.starts + RECORD_HEADER.size + records.heads["length"].astype(np.int64)
         self._channels: dict[int, Channel] = {}
-        for number in np.unique(records.heads["channel"]).tolist():
+        for number in sorted(set(records.heads["channel"].tolist())):
             if number not in channels:
                 raise ValueError(f"channel {number} is not declared")
             self._channels[number] = channels[number]

@@ -158,7 +158,7 @@ def parse_metadata(content: bytes) -> Metadata:
     size = 4 + len(metadata.name.encode()) + 4
     size += sum(8 + len(key.encode()) + len(value.encode()) for key, value in metadata.metadata.items())
     if size != len(content):
-        raise ValueError("a metadata record differs from its stated size")
+        raise ValueError("a metadata record's size differs from the size stated for it")
     return metadata
 
 

@@ -90,6 +90,7 @@ class LogScanner:
         self.stop_reason = ""  # why the scan ended before the end of the file; "" if it did not
         self.crc = 0  # of all that was read, up to the end of the data
         self.position = 0  # where the record begins that was read last
+        self._behind = 0  # where it ends, with the index behind it; counted, as each ``tell`` is a system call
         self._segment = 0
         self._sequence = 0  # of our last message; others' logs may not count, ours count from 1 in each segment
         self._between: list[int] = []  # of unknown topics since then: a newer version's, if our next one counts them
@@ -137,7 +138,7 @@ class LogScanner:
                 records: Sequence[FileRecord] = ()
                 try:
                     records = self._parse(*self._read_record(file, size), file, size)
-                    next_position = file.tell()
+                    next_position = self._behind
                 except Exception as error:  # garbage can make a parser raise anything
                     reason = f"{type(error).__name__}: {error}".rstrip(": ")
                     next_position = self._skip_damage(file, reason)
@@ -151,7 +152,8 @@ class LogScanner:
             found = find_next_record(view, at + 1)
             size = len(view)
             if found is None:
-                self.stop_reason = f"cut off at byte {at}" if _CUT_OFF in reason else f"damaged at byte {at}: {reason}"
+                torn = _CUT_OFF in reason or not view[at:].strip(b"\0")  # a power cut may leave a write's size alone
+                self.stop_reason = f"cut off at byte {at}" if torn else f"damaged at byte {at}: {reason}"
                 return size
             if not self.gaps:
                 self._declare(view)
@@ -206,9 +208,10 @@ class LogScanner:
             opcode, length = RECORD_HEADER.unpack(head)
             end += length
         if end > size:
-            raise ValueError(f"{_CUT_OFF} extends to byte {end} of {size}")
+            raise ValueError(f"{_CUT_OFF} extends to byte {end}, but there are only {size} bytes")
         if length > MAX_RECORD_BYTES:
             raise ValueError(f"a record has {length} bytes; at most {MAX_RECORD_BYTES} are allowed")
+        self._behind = end
         content = file.read(length)
         if opcode != Opcode.DATA_END:
             self.crc = zlib.crc32(content, zlib.crc32(head, self.crc))
@@ -256,6 +259,7 @@ class LogScanner:
         """Check what is behind the data: the summary, by its checksum, and the file's end."""
         (crc,) = _CRC.unpack(content)
         summary = file.read()
+        self._behind += len(summary)
         footer = len(summary) - len(MAGIC) - RECORD_HEADER.size - _FOOTER.size
         if footer < 0 or not summary.endswith(MAGIC):
             self.stop_reason = "cut off within its index"
@@ -274,7 +278,7 @@ class LogScanner:
     def _read_index(self, file: BinaryIO, size: int) -> list[bytes]:
         """Read the index records behind a chunk."""
         found: list[bytes] = []
-        at = file.tell()
+        at = self._behind
         while len(head := file.read(RECORD_HEADER.size)) == RECORD_HEADER.size:
             opcode, length = RECORD_HEADER.unpack(head)
             if opcode != Opcode.MESSAGE_INDEX or at + RECORD_HEADER.size + length > size or length > MAX_RECORD_BYTES:
@@ -288,6 +292,7 @@ class LogScanner:
             self.crc = zlib.crc32(content, zlib.crc32(head, self.crc))
             at += RECORD_HEADER.size + length
         file.seek(at)
+        self._behind = at
         return found
 
     def _messages(self, data: bytes, index: list[bytes]) -> ChunkMessages:
@@ -304,6 +309,8 @@ class LogScanner:
         """The numbers of our messages, and of a newer version's topics where they lie between ours."""
         sequences: NDArray[np.uint32] = records.heads["sequence"]
         unknown = [number for number, channel in self.channels.items() if find_topic(channel.topic) is None]
+        if not unknown and not self._between:
+            return sequences
         guests = np.isin(records.heads["channel"], unknown)
         if not guests.any() and not self._between:
             return sequences
@@ -320,6 +327,9 @@ class LogScanner:
 
     def _gaps_between(self, sequences: NDArray[np.uint32]) -> list[MissingMessages]:
         """List the messages missing before a chunk or in it; refuse a chunk whose messages are out of order."""
+        if sequences.tolist() == list(range(self._sequence + 1, self._sequence + 1 + len(sequences))):
+            self._sequence += len(sequences)  # as almost always; a live file's chunks are too small for arrays
+            return []
         counted = sequences[sequences > 0].astype(np.int64)  # previews have 0
         if not len(counted):
             return []

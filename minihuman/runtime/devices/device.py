@@ -124,7 +124,7 @@ class DeviceRecorder(WrappedRecorder):
             LogError: as the wrapped recorder does; or if a device failed.
         """
         if self._failure is not None:
-            raise LogError(f"a device failed: {self._failure}; fix it, then resume the session")
+            raise LogError(f"a recording device failed: {self._failure}; fix it, then resume the session")
         with self._lock:
             if events and isinstance(events[0], SessionStarted):
                 self._recorder.begin(events[:1])  # a log begins with its plan

@@ -59,7 +59,7 @@ class LslDevice(Device):
         if len(found) != 1:
             names = ", ".join(one.name() for one in found) or "none"
             raise DeviceError(
-                f"LSL stream {self._name!r}: found {names} instead of one stream; start the stream or give its name"
+                f"LSL stream {self._name!r}: expected one stream but found {names}; start it, or give its exact name"
             )
         info = found[0]
         self._inlet = lsl.StreamInlet(info, processing_flags=lsl.proc_clocksync | lsl.proc_monotonize)

@@ -5,7 +5,6 @@ cached for a share of the time, and computed in a thread of the idle class, so t
 slowed down.
 """
 
-import io
 import logging
 import time
 from collections import deque
@@ -16,11 +15,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from PIL import Image
-
 from minihuman.errors import LogError
 from minihuman.experiment.machine import events
 from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.log.observations import encode_png
 from minihuman.log.paths import PART_SUFFIX, SegmentPath, require_folder
 from minihuman.log.read.session_reader import read_events
 from minihuman.log.record.file_lock import is_being_recorded
@@ -135,7 +133,7 @@ class LiveSession:
                 self.completed += event.outcome != "abandoned"
             case events.Linked():
                 self.link = event
-            case events.PointerUsed() | events.TextTyped():
+            case events.PointerUsed() | events.TextTyped() | events.AxisMoved():
                 self.acted_ns = event.t_ns
             case events.KeyPressed(down=True):
                 self.acted_ns = event.t_ns
@@ -236,9 +234,7 @@ class ScreenPreview:
             self._at = (episode, 0)
         for action in live.actions[self._at[1] :]:
             world.step(action)
-        file = io.BytesIO()
-        Image.fromarray(world.frame(plan.view, PREVIEW_SIZE_PX, plan.palette)).save(file, "png", compress_level=1)
-        self._at, self._png = wanted, file.getvalue()
+        self._at, self._png = wanted, encode_png(world.frame(plan.view, PREVIEW_SIZE_PX, plan.palette))
         return self._png
 
 

@@ -42,9 +42,11 @@ class Deployment:
     def __post_init__(self) -> None:
         url = urlsplit(self.address)
         if url.scheme != "https" or not url.hostname or url.path.strip("/") or url.port is not None:
-            raise ProtocolError(f"--address is {self.address!r}; give a host, as in https://study.example.org")
+            raise ProtocolError(
+                f"--address {self.address!r} is not valid; use https:// and a host, as in https://study.example.org"
+            )
         if self.bucket and not self.bucket.startswith("s3://"):
-            raise ProtocolError(f"--bucket is {self.bucket!r}; give an object store's, as in s3://logs/study")
+            raise ProtocolError(f"--bucket {self.bucket!r} is not valid; use s3:// and a bucket, as in s3://logs/study")
 
     @property
     def host(self) -> str:

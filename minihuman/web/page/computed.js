@@ -1,50 +1,109 @@
 // Episodes that the page computes: scenes that are stepped and drawn here, by the server's own compiled rules, the moment
 // a key asks for them. The server compares every step by its digest, and says where it is if that is elsewhere.
 
-import { GridWorld, Kernels } from "./world.js";
+import { FirstPersonWorld, GridWorld, Kernels, Scene } from "./world.js";
 
-/** @import { AtlasMessage, GridState } from "./messages" */
-/** @import { Atlas } from "./world.js" */
-/** @typedef {{ ready: Atlas | null, unpacked: Promise<Atlas> }} Tiles */
+/** @import { ArraysMessage, FirstPersonState, GridState, WorldState } from "./messages" */
+/** @typedef {Record<string, any>} Arrays by name */
+/**
+ * What a state looks like: nothing until what it is drawn with is unpacked.
+ * @typedef {{ width: number, height: number, paint(canvas: HTMLCanvasElement): void }} Drawn
+ * @typedef {{ unpacked: Promise<unknown>, isFlat: boolean, draw(): Drawn | null }} Artist
+ */
+/** @typedef {GridWorld | FirstPersonWorld} World */
+/** @typedef {ReturnType<GridWorld["save"]> | ReturnType<FirstPersonWorld["save"]>} Saved */
 
 const FOLDER = "/static/worlds";
 const TERMINATED = 1, TRUNCATED = 2;
+/** @type {Record<string, any>} by NumPy's names */
+const TYPES = {
+  int32: Int32Array, int64: BigInt64Array, uint8: Uint8Array, uint32: Uint32Array, float64: Float64Array,
+};
 
-/** What episodes are computed with: the grid's kernels, worlds by their size, and tiles. */
-export class GridComputer {
+/** What episodes are computed with: kernels, grid worlds by their size, a scene, and the arrays that the server sent. */
+export class EpisodeComputer {
   /** @type {Map<string, GridWorld>} the memory of one is never given back */ #worlds = new Map();
-  /** @type {Map<string, Tiles>} */ #tiles = new Map();
+  /** @type {Map<string, Promise<Arrays>>} by name */ #arrays = new Map();
+  /** @type {{ name: string, textures: string, scene: Promise<Scene> } | null} the latest */ #scene = null;
 
-  /** @param {Kernels} kernels */
-  constructor(kernels) { this.kernels = kernels; }
+  /** @param {Kernels} grid @param {Kernels} firstPerson */
+  constructor(grid, firstPerson) {
+    this.grid = grid;
+    this.firstPerson = firstPerson;
+  }
 
   /** Null where this browser or the connection gives none: the server sends scenes then. */
   static async load() {
-    try { return new GridComputer(await Kernels.load(FOLDER, "grid")); } catch { return null; }
+    try {
+      const [grid, firstPerson] = await Promise.all(["grid", "first_person"].map((name) => Kernels.load(FOLDER, name)));
+      return new EpisodeComputer(grid, firstPerson);
+    } catch { return null; }
   }
 
-  /** @param {AtlasMessage} m */
-  learnTiles(m) {
-    /** @type {Tiles} */ const tiles = { ready: null, unpacked: unpackAtlas(m) };
-    tiles.unpacked.then((atlas) => { tiles.ready = atlas; });
-    this.#tiles.set(m.name, tiles);
+  /** @param {ArraysMessage} m */
+  learnArrays(m) { this.#arrays.set(m.name, unpack(m)); }
+
+  /** @param {string} name @returns {Promise<Arrays>} */
+  #arraysOf(name) {
+    const arrays = this.#arrays.get(name);
+    if (!arrays) throw new Error(`the arrays ${name} did not come`);
+    return arrays;
   }
 
-  /** The scenes of an episode. @param {GridState} state the first @param {number} mostSteps */
+  /** The scenes of an episode. @param {WorldState} state the first @param {number} mostSteps */
   open(state, mostSteps) {
-    const [tiles, row, rngState] = [this.#tiles.get(state.atlas), decodeRow(state.row), decodeWords(state.rng_state)];
-    if (!tiles) throw new Error(`the tiles ${state.atlas} did not come`);
+    const [world, artist] = state.world === "grid" ? this.#openGrid(state) : this.#openFirstPerson(state);
+    return new ComputedScenes(world, artist, mostSteps, state);
+  }
+
+  /** @param {GridState} state @returns {[GridWorld, Artist]} */
+  #openGrid(state) {
+    const { row, words } = decodeState(state), unpacked = this.#arraysOf(state.atlas);
     const key = [row.length, row[0], row[1], state.view_size, state.in_view].join(" ");
     const world = this.#worlds.get(key) ??
-      new GridWorld(this.kernels, { row, words: rngState, view_size: state.view_size, in_view: state.in_view });
+      new GridWorld(this.grid, { row, words, view_size: state.view_size, in_view: state.in_view });
     this.#worlds.set(key, world);
-    return new ComputedScenes(world, tiles, mostSteps, state);
+    /** @type {any} */ let atlas = null;
+    unpacked.then((arrays) => { atlas = { ...arrays, name: state.atlas, tile_px: arrays.px[0], small_px: arrays.px[1] }; });
+    const view = state.full ? "full" : "partial";
+    return [world, { unpacked, isFlat: true, draw: () => atlas && world.draw(view, atlas) }];
+  }
+
+  /** @param {FirstPersonState} state @returns {[FirstPersonWorld, Artist]} */
+  #openFirstPerson(state) {
+    const { looks } = state, [walls, rooms, edges] = [state.walls, state.rooms, state.edges].map(decodeFloats);
+    const world = new FirstPersonWorld(this.firstPerson, { ...decodeState(state), walls, rooms, edges, looks });
+    const unpacked = this.#sceneOf(state);
+    /** @type {Scene | null} */ let scene = null;
+    unpacked.then((made) => { scene = made; });
+    const [width, height] = state.size;
+    return [world, { unpacked, isFlat: false, draw: () => {
+      if (!scene) return null;
+      Object.assign(scene, { width, height });
+      world.look(scene);
+      return scene.draw(world.view.data, world.places.data);
+    } }];
+  }
+
+  /** A state's scene, in a memory with its textures, which the next one may share. @param {FirstPersonState} state */
+  async #sceneOf({ scene: name, textures }) {
+    const before = this.#scene, [tables, ...pixels] = await Promise.all([name, ...textures].map((one) => this.#arraysOf(one)));
+    if (before?.name === name) return before.scene;
+    const shares = before?.textures === textures.join(" ");
+    const made = (async () => {
+      const last = shares ? await before.scene : null;
+      if (last) return new Scene(last.kernels, tables, last.texels);
+      const kernels = await this.firstPerson.again();
+      return new Scene(kernels, tables, Scene.unpackTextures(kernels, tables, pixels.map((one) => one.pixels)));
+    })();
+    this.#scene = { name, textures: textures.join(" "), scene: made };
+    return made;
   }
 }
 
 /**
  * A state that was come to, and what it leads to. @typedef {object} ComputedScene
- * @property {Int32Array} row @property {BigUint64Array} words
+ * @property {any} saved
  * @property {number} step
  * @property {string} digest of the step that led to it
  * @property {number} picture none of the server's
@@ -57,18 +116,17 @@ export class ComputedScenes {
   #next = 0;
   start = { step: 0, scene: 0 }; // where the server said that it was
 
-  /** @param {GridWorld} world @param {Tiles} tiles @param {number} mostSteps @param {GridState} state */
-  constructor(world, tiles, mostSteps, state) {
+  /** @param {World} world @param {Artist} artist @param {number} mostSteps @param {WorldState} state */
+  constructor(world, artist, mostSteps, state) {
     this.world = world;
-    this.tiles = tiles;
+    this.artist = artist;
     this.mostSteps = mostSteps;
-    /** @type {import("./world.js").View} */ this.view = state.full ? "full" : "partial";
     this.place(state);
   }
 
-  /** Go on from where the server is. @param {GridState} state */
+  /** Go on from where the server is. @param {WorldState} state */
   place(state) {
-    this.start = { step: state.step, scene: this.#add(decodeRow(state.row), decodeWords(state.rng_state), state.step, "") };
+    this.start = { step: state.step, scene: this.#add(decodeState(state), state.step, "") };
   }
 
   /** @param {number} name */
@@ -81,20 +139,20 @@ export class ComputedScenes {
     for (const known of this.#scenes.keys()) if (known < name && known !== this.start.scene) this.#scenes.delete(known);
   }
 
-  /** The picture of a scene, as long as no other is drawn; null until its tiles are unpacked. @param {number} name */
+  /** The picture of a scene, as long as no other is drawn; null until it can be drawn. @param {number} name */
   draw(name) {
     const scene = this.#scenes.get(name);
-    if (!scene || !this.tiles.ready) return null;
-    this.#restore(scene);
-    return this.world.draw(this.view, this.tiles.ready);
+    if (!scene) return null;
+    this.world.restore(scene.saved);
+    return this.artist.draw();
   }
 
-  /** @param {Int32Array} row @param {BigUint64Array} words @param {number} step @param {string} digest */
-  #add(row, words, step, digest) {
+  /** @param {any} saved @param {number} step @param {string} digest */
+  #add(saved, step, digest) {
     const name = this.#next++;
     /** @type {Map<number, [number, boolean]>} */ const found = new Map();
     /** @type {ComputedScene} */
-    const scene = { row, words, step, digest, picture: -1, edges: {
+    const scene = { saved, step, digest, picture: -1, edges: {
       get: (action) => {
         if (typeof action !== "number") return undefined;
         const edge = found.get(action) ?? this.#step(scene, action);
@@ -107,23 +165,24 @@ export class ComputedScenes {
     return name;
   }
 
-  /** @param {ComputedScene} scene */
-  #restore({ row, words }) {
-    this.world.row.data.set(row);
-    this.world.words.data.set(words);
-  }
-
   /** @param {ComputedScene} scene @param {number} action @returns {[scene: number, ends: boolean] | undefined} */
   #step(scene, action) {
-    this.#restore(scene);
     const { world } = this;
+    world.restore(scene.saved);
     const { status, reward } = world.step(action);
     if (status < 0) return undefined;
     const step = scene.step + 1;
     const isTruncated = status & TRUNCATED || step >= this.mostSteps;
     const ends = status & TERMINATED ? TERMINATED : isTruncated ? TRUNCATED : 0;
-    return [this.#add(world.row.data.slice(), world.words.data.slice(), step, world.digest(reward, ends)), ends > 0];
+    return [this.#add(world.save(), step, world.digest(reward, ends)), ends > 0];
   }
+}
+
+/** What a world is restored from. @param {WorldState} state @returns {any} */
+function decodeState(state) {
+  const words = BigUint64Array.from(state.rng_state, BigInt);
+  if (state.world === "grid") return { row: decodeRow(state.row), words };
+  return { things: decodeFloats(state.things), numbers: decodeFloats(state.numbers), words };
 }
 
 /** @param {number[]} runs numbers, and how often each comes */
@@ -133,17 +192,13 @@ function decodeRow(runs) {
   return row;
 }
 
-/** @param {string[]} words */
-const decodeWords = (words) => BigUint64Array.from(words, BigInt);
+const decodeBytes = (/** @type {string} */ text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+const decodeFloats = (/** @type {string} */ text) => new Float64Array(decodeBytes(text).buffer);
 
-/** @param {AtlasMessage} m @returns {Promise<Atlas>} */
-async function unpackAtlas({ name, tile_px, small_px, sizes, packed }) {
-  const bytes = Uint8Array.from(atob(packed), (letter) => letter.charCodeAt(0));
-  const content = await new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"))).arrayBuffer();
+/** @param {ArraysMessage} m @returns {Promise<Arrays>} */
+async function unpack({ arrays, packed }) {
+  const stream = new Blob([decodeBytes(packed)]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const content = await new Response(stream).arrayBuffer();
   let at = 0;
-  const [number, under, tiles, agents, carried] = sizes.map((size) => content.slice(at, at += size));
-  return {
-    name, tile_px, small_px, number: new BigInt64Array(number), under: new BigInt64Array(under),
-    tiles: new Uint8Array(tiles), agents: new Uint8Array(agents), carried: new Uint8Array(carried),
-  };
+  return Object.fromEntries(arrays.map(([name, kind, size]) => [name, new TYPES[kind](content.slice(at, at += size))]));
 }

@@ -38,7 +38,8 @@ export const buttonsOf = (buttons) => el("div", { class: "buttons" }, buttons.ma
  * @param {HTMLCanvasElement} canvas @param {number} share of the window's height
  */
 export function fit(canvas, share, across = 0.94) {
-  const room = Math.min((innerWidth * across) / canvas.width, (innerHeight * share) / canvas.height);
+  const width = Math.min(innerWidth, document.documentElement.clientWidth); // a phone widens the first for what overflows
+  const room = Math.min((width * across) / canvas.width, (innerHeight * share) / canvas.height);
   const scale = room >= 1 && canvas.classList.contains("flat") ? Math.floor(room) : room;
   canvas.style.width = `${Math.round(canvas.width * scale)}px`;
   canvas.style.height = `${Math.round(canvas.height * scale)}px`;

@@ -5,7 +5,7 @@ import { ComputedScenes } from "./computed.js";
 import { capOf, el, fit, paint, words } from "./elements.js";
 import { UNTIMED } from "./stream.js";
 
-/** @import { GridComputer } from "./computed.js" */
+/** @import { EpisodeComputer } from "./computed.js" */
 /** @import { Agent, Ahead, Input, Now, PlayScreen, Rules, StateCorrection, Texts } from "./messages" */
 /** @import { FlipReporter, ImageCache, Picture } from "./pictures.js" */
 /** @import { Outbox } from "./stream.js" */
@@ -36,6 +36,8 @@ import { UNTIMED } from "./stream.js";
 
 export const RESERVED = new Set(["escape", "f8", "f9", "f12"]);
 const UNPACKED_STEPS = 2;
+const PRESS_MS = 120;
+const TELLS_TIME = new Set(["tick", "key", "axis", "focus", "asked"]); // before these the session makes the step that is due
 
 /**
  * Where the session will be once it has heard of everything: the confirmed scene, and what was pressed since.
@@ -59,12 +61,23 @@ export function predict(scenes, mostSteps, confirmed, trail) {
   return { step, scene, ended, known, who };
 }
 
+/**
+ * What was pressed and is in no step yet: in a team's turn one action, shown before the others' are known.
+ * @param {{ rules: { team?: string }, confirmed: Confirmed | null, trail: Press[] }} play
+ * @returns {Press[]}
+ */
+export function trailOf({ rules, confirmed, trail }) {
+  if (!rules.team) return trail;
+  const heard = confirmed?.action ?? -1;
+  return heard >= 0 ? [{ n: 0, action: heard }] : trail.slice(0, 1);
+}
+
 export class EpisodePlayer {
   /** @type {Play | null} */ play = null;
   /** @type {Map<number, Graph>} */ #graphs = new Map();
   /** @type {Map<number, Agent>} the agent beside the person, by episode; of the latest */ #agents = new Map();
   #ratedAt = -Infinity;
-  /** @type {GridComputer | null} */ computer = null;
+  /** @type {EpisodeComputer | null} */ computer = null;
 
   /**
    * @param {Outbox} outbox @param {ImageCache} images @param {FlipReporter} flips @param {() => void} schedule
@@ -204,7 +217,7 @@ export class EpisodePlayer {
         if (!UNTIMED.has(what.t)) play.frozen = n;
       } else if (what.t === "focus" || (what.t === "tick" && rules.real_time) || (key && RESERVED.has(key.key))) {
         play.frozen = n;
-      } else if (key && !rules.real_time && !play.frozen && (!key.repeat || rules.auto_repeat)) {
+      } else if (key && !rules.real_time && rules.team !== "ticks" && !play.frozen && (!key.repeat || rules.auto_repeat)) {
         const action = rules.actions[key.key];
         if (action !== undefined) play.trail.push({ n, action });
       }
@@ -218,7 +231,7 @@ export class EpisodePlayer {
   #follow(play) {
     if (!play.confirmed) return;
     const { scenes } = this.#graphOf(play.number);
-    Object.assign(play, predict(scenes, play.rules.most_steps, play.confirmed, play.trail));
+    Object.assign(play, predict(scenes, play.rules.most_steps, play.confirmed, trailOf(play)));
     if (scenes.has(play.scene)) {
       this.#paint(play);
       this.#unpackAround(play.number, play.scene);
@@ -263,9 +276,9 @@ export class EpisodePlayer {
     if (!this.view.canvas) return;
     if (!(scenes instanceof Map)) {
       const drawn = scenes.draw(scene);
-      if (!drawn) { scenes.tiles.unpacked.then(() => { if (this.play === play) this.#paint(play); }); return; }
+      if (!drawn) { scenes.artist.unpacked.then(() => { if (this.play === play) this.#paint(play); }); return; }
       play.drawn = what;
-      this.view.putDrawn(drawn);
+      this.view.putDrawn(drawn, scenes.artist.isFlat);
       this.#reportStep(play, undefined, step);
       return;
     }
@@ -307,18 +320,64 @@ export class EpisodePlayer {
   canWait(what) {
     const play = this.play;
     if (!play || play.ended || play.agent) return false;
-    if (what.t === "key") return !what.down && !play.frozen && !(this.#graphOf(play.number).scenes instanceof Map);
+    if (what.t === "key") return !what.down && !play.frozen && this.#computed(play) !== null;
     return what.t === "shown" && (what.step ?? 0) > 0 && play.number === what.episode;
   }
 
   // What was due by a message's time the session does before the message is looked at.
-  /** @param {number} n @param {number} at */
-  passTime(n, at) {
+  /** @param {number} n @param {number} at @param {string} kind @param {number | null} due when the screen ends by the clock */
+  passTime(n, at, kind, due) {
     const play = this.play;
-    if (!play || play.agentDue === null || at < play.agentDue || play.frozen || play.ended) return;
+    if (!play || play.frozen || play.ended) return;
+    if (this.#isTickDue(play, at) && TELLS_TIME.has(kind)) {
+      if (due !== null && at >= due && this.#computed(play)) return this.freeze(n); // the session ends the episode
+      const action = this.#takeTick(play, at);
+      if (action !== null) this.#step(play, { n, action });
+    }
+    if (play.agentDue === null || at < play.agentDue) return;
     play.trail.push({ n, action: this.#knowsAgent(play) ? play.confirmed?.action : undefined });
     play.agentDue = null;
     this.#follow(play);
+  }
+
+  /** @param {Play} play @param {number} at */
+  #isTickDue({ nextTick }, at) { return nextTick !== null && at >= nextTick; }
+
+  // Periods that were missed altogether are skipped, as by the session.
+  /** @param {Play} play @param {number} at @returns {number | null} */
+  #takeTick(play, at) {
+    const { rules: { period, noop }, nextTick, queued } = play;
+    if (nextTick !== null) play.nextTick = nextTick + period * (Math.floor((at - nextTick) / period) + 1);
+    play.queued = null;
+    return queued ?? noop;
+  }
+
+  /** @param {Play} play */
+  #computed(play) {
+    const { scenes } = this.#graphOf(play.number);
+    return scenes instanceof Map ? null : scenes;
+  }
+
+  /**
+   * The step that time makes by now, where the page computes it: its digest goes with word of the time.
+   * @param {number} now @param {number | null} due
+   */
+  computeTick(now, due) {
+    const play = this.play;
+    if (!play?.confirmed || play.frozen || play.ended || !this.#isTickDue(play, now)) return undefined;
+    const scenes = this.#computed(play), action = play.queued ?? play.rules.noop;
+    if (!scenes || (due !== null && now >= due)) return undefined;
+    if (action === null) {
+      this.#takeTick(play, now); // no step, so that nobody need be told
+      return undefined;
+    }
+    return this.#stepOf(scenes, play, action);
+  }
+
+  /** @param {ComputedScenes} scenes @param {Play} play @param {Action} action */
+  #stepOf(scenes, play, action) {
+    const edge = scenes.get(play.scene)?.edges.get(action);
+    return edge && { digest: scenes.get(edge[0])?.digest, ends: edge[1] };
   }
 
   // Whether the agent's next action is known: the session has said what it makes of where we are.
@@ -334,17 +393,6 @@ export class EpisodePlayer {
     if (play.nextTick !== null && !play.frozen) time = time === null ? play.nextTick : Math.min(time, play.nextTick);
     if (play.agentDue !== null && this.#knowsAgent(play)) time = time === null ? play.agentDue : Math.min(time, play.agentDue);
     return time;
-  }
-
-  /** @param {number} n @param {number} at */
-  tick(n, at) {
-    const play = this.play;
-    if (!play || play.nextTick === null || at < play.nextTick) return;
-    const { rules } = play;
-    play.nextTick += rules.period * (Math.floor((at - play.nextTick) / rules.period) + 1);
-    const action = play.queued ?? rules.noop;
-    play.queued = null;
-    if (action !== null && !play.ended && !play.frozen) this.#step(play, { n, action });
   }
 
   /** @param {Play} play @param {Press} press */
@@ -369,6 +417,10 @@ export class EpisodePlayer {
     if (RESERVED.has(key)) { if (!isRepeat) play.frozen = n; return; }
     const action = this.#actionOf(play, key, stamp, isRepeat, due);
     if (action === undefined) return;
+    const { team } = play.rules;
+    if (team && (isRepeat || (team === "turns" && trailOf(play).length))) return;
+    if (team) this.view.acknowledgePress();
+    if (team === "ticks") return; // the server's step shows it
     if (play.rules.real_time) play.queued = action;
     else this.#step(play, { n, action });
   }
@@ -384,11 +436,9 @@ export class EpisodePlayer {
    * @param {string} key @param {number} stamp @param {boolean} isRepeat @param {number | null} due
    */
   computeStep(key, stamp, isRepeat, due) {
-    const play = this.play;
-    const scenes = play && this.#graphOf(play.number).scenes;
-    if (!play?.confirmed || !scenes || scenes instanceof Map || RESERVED.has(key)) return undefined;
-    const edge = scenes.get(play.scene)?.edges.get(this.#actionOf(play, key, stamp, isRepeat, due));
-    return edge && { digest: scenes.get(edge[0])?.digest, ends: edge[1] };
+    const play = this.play, scenes = play && this.#computed(play);
+    if (!play?.confirmed || !scenes || play.rules.real_time || RESERVED.has(key)) return undefined;
+    return this.#stepOf(scenes, play, this.#actionOf(play, key, stamp, isRepeat, due));
   }
 
   /**
@@ -434,9 +484,11 @@ export class EpisodeView {
   /** @type {HTMLElement[]} */ #lines = [];
   #framed = { who: "", text: "" };
   #flash = "";
+  /** @type {HTMLElement | null} */ #press = null;
   #lineSays = "";
   #isScheduled = false;
   /** @type {ReturnType<typeof setTimeout> | undefined} */ #timer;
+  /** @type {ReturnType<typeof setTimeout> | undefined} */ #pressTimer;
 
   /**
    * @param {() => Texts | undefined} agentTexts
@@ -451,12 +503,15 @@ export class EpisodeView {
   draw(s) {
     this.canvas ??= el("canvas", { role: "img" });
     this.canvas.setAttribute("aria-label", s.mission || s.progress);
+    if (s.pointer && !s.mark) this.canvas.dataset.target = "picture";
+    else delete this.canvas.dataset.target;
+    this.#press ??= el("div", { class: "press" });
     // Every frame is laid out beforehand, so that a change of hands only shows another.
     this.#frames = s.controller ? FRAMES.map((of) => el("div", { class: `frame ${of}`, "data-of": of })) : [];
     this.#lines = s.controller ? FRAMES.map((of) => el("span", { class: of, "data-of": of })) : [];
     return [
       words("h1", "", s.mission) ?? el("h1"),
-      el("div", { class: s.controller ? "picture framed" : "picture" }, this.canvas, this.#frames,
+      el("div", { class: s.controller ? "picture framed" : "picture" }, this.canvas, this.#frames, this.#press,
         s.mark ? el("div", { class: `mark ${s.mark}` }, el("span", { text: `${MARKS[s.mark]} ${s.score_text}` })) : null),
       s.controller ? el("p", { class: "steers", role: "status" }, this.#lines) : null,
       s.legend.length ? el("ul", { class: "legend" }, s.legend.map(([cap, above, action]) =>
@@ -476,10 +531,10 @@ export class EpisodeView {
     paint(this.canvas, ready);
   }
 
-  /** @param {import("./world.js").Picture} picture that the page drew */
-  putDrawn(picture) {
+  /** @param {import("./computed.js").Drawn} picture that the page drew @param {boolean} isFlat */
+  putDrawn(picture, isFlat) {
     if (!this.canvas) return;
-    this.#size(this.canvas, picture.width, picture.height, true);
+    this.#size(this.canvas, picture.width, picture.height, isFlat);
     picture.paint(this.canvas);
   }
 
@@ -499,6 +554,13 @@ export class EpisodeView {
     if (!this.canvas) return;
     this.putFrame();
     this.reportAgain();
+  }
+
+  /** A line below the picture: a press was heard, whatever it comes to. */
+  acknowledgePress() {
+    this.#press?.classList.add("on");
+    clearTimeout(this.#pressTimer);
+    this.#pressTimer = setTimeout(() => this.#press?.classList.remove("on"), PRESS_MS);
   }
 
   /** The line says who steers a frame later: painting words would hold up the picture that the key leads to. */

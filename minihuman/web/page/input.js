@@ -47,12 +47,24 @@ export class Keyboard {
     const isLetter = isTyping && event.key.length === 1;
     const scrolls = (event.code === "ArrowUp" || event.code === "ArrowDown") && this.listener.isScrollable();
     if (!isShortcut && !scrolls && !LEFT_TO_BROWSER.has(event.code) && !isLetter && !composes) event.preventDefault();
-    if (event.repeat || composes || this.#down.has(key)) return;
+    if (event.repeat || composes) return;
+    this.press(key, event.key.length === 1 ? event.key : "", event.timeStamp, event.isTrusted);
+  }
+
+  /** A key went down, or a button that stands for it. @param {string} key @param {string} symbol @param {number} ms @param {boolean} isTrusted */
+  press(key, symbol, ms, isTrusted) {
+    if (!this.listener.isActive() || this.#down.has(key)) return;
     this.#down.add(key);
-    const symbol = event.key.length === 1 ? event.key : "";
-    this.listener.press(key, symbol, this.listener.timeOf(event.timeStamp), event.isTrusted, false);
+    this.listener.press(key, symbol, this.listener.timeOf(ms), isTrusted, false);
     clearTimeout(this.#timer);
     this.#timer = setTimeout(() => this.#repeat(key, symbol), REPEAT_DELAY_MS);
+  }
+
+  /** It came up. @param {string} key @param {number} ms @param {boolean} isTrusted */
+  release(key, ms, isTrusted) {
+    if (!this.listener.isActive() || !this.#down.delete(key)) return;
+    clearTimeout(this.#timer);
+    this.listener.release(key, this.listener.timeOf(ms), isTrusted);
   }
 
   /** @param {string} key @param {string} symbol */
@@ -66,12 +78,8 @@ export class Keyboard {
   #release(event) {
     const key = this.#nameOf(event.code);
     if (!this.listener.isActive() || !this.#down.has(key)) return;
-    clearTimeout(this.#timer);
     const up = event.key === "Meta" ? [...this.#down] : [key]; // a Mac says nothing of keys that come up beside Command
-    for (const one of up) {
-      this.#down.delete(one);
-      this.listener.release(one, this.listener.timeOf(event.timeStamp), event.isTrusted);
-    }
+    for (const one of up) this.release(one, event.timeStamp, event.isTrusted);
   }
 }
 
@@ -92,7 +100,9 @@ export function listenToPointer(main, listener) {
     const { direction } = getComputedStyle(element);
     listener.point({
       what, target: element.dataset.target, along: direction === "rtl" ? 1 - along : along,
-      x: unit(event.clientX / innerWidth), y: unit(event.clientY / innerHeight),
+      ...(element.dataset.target === "picture" // where in the world's picture, not in the window
+        ? { x: unit((event.clientX - box.left) / box.width), y: unit((event.clientY - box.top) / box.height) }
+        : { x: unit(event.clientX / innerWidth), y: unit(event.clientY / innerHeight) }),
     });
   };
   /** @returns {HTMLElement | null} */

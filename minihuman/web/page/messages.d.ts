@@ -1,10 +1,12 @@
 // What the page and the server send each other, as minihuman/web/messages.py and screen_values.py define it.
 
 export type Input =
-  | { t: "tick" }
+  | { t: "tick"; digest?: string }
   | { t: "key"; key: string; down: boolean; stamp: number; trusted?: boolean; symbol?: string; repeat?: boolean; digest?: string }
   | { t: "typed" | "unheard"; text: string }
   | { t: "focus"; focused: boolean }
+  | { t: "axis"; axis: string; value: number }
+  | { t: "pad"; id: string; axes: number; buttons: number }
   | { t: "asked"; number: number }
   | { t: "link"; sent: number; received: number; answered: number; back: number; latest: number }
   | { t: "pointer"; what: string; target?: string; along: number; x: number; y: number }
@@ -13,8 +15,8 @@ export type Facts = Record<string, string | number | boolean>;
 export type Texts = Record<string, string>;
 
 export interface Welcome {
-  t: "welcome"; keys: Texts; words: Texts; token: string; segment: string; now: number; taken: number; heard: number;
-  again: boolean; life: string;
+  t: "welcome"; keys: Texts; touch: Texts; words: Texts; token: string; segment: string; now: number; taken: number; heard: number;
+  again: boolean; life: string; gamepad: boolean;
 }
 export interface Pong { t: "pong"; sent: number; received: number; answered: number }
 export interface Refusal { t: "refused"; reason: string; words: string; leave: string; url: string }
@@ -22,13 +24,18 @@ export type Control = Welcome | Pong | Refusal | { t: "acked"; through: number }
 
 export interface Rules {
   t: "rules"; episode: number; keep: number; actions: Record<string, number>; most_steps: number; real_time: boolean;
-  period: number; noop: number | null; auto_repeat: boolean; computed: GridState | null;
+  period: number; noop: number | null; auto_repeat: boolean; computed: WorldState | null; team?: "" | "turns" | "ticks";
 }
 export interface GridState {
-  step: number; row: number[]; rng_state: string[]; view_size: number; full: boolean; in_view: boolean; atlas: string;
+  world: "grid"; step: number; row: number[]; rng_state: string[]; view_size: number; full: boolean; in_view: boolean; atlas: string;
 }
-export interface AtlasMessage { t: "atlas"; name: string; tile_px: number; small_px: number; sizes: number[]; packed: string }
-export interface StateCorrection { t: "state"; through: number; episode: number; state: GridState }
+export interface FirstPersonState {
+  world: "first_person"; step: number; things: string; numbers: string; walls: string; rng_state: string[]; rooms: string;
+  edges: string; looks: number; scene: string; textures: string[]; size: [width: number, height: number];
+}
+export type WorldState = GridState | FirstPersonState;
+export interface ArraysMessage { t: "arrays"; name: string; arrays: [name: string, kind: string, bytes: number][]; packed: string }
+export interface StateCorrection { t: "state"; through: number; episode: number; state: WorldState }
 export interface Ahead {
   t: "ahead"; episode: number; nodes: [scene: number, picture: number][];
   edges: [from: number, action: number, to: number, ends: boolean][];
@@ -51,7 +58,7 @@ export interface ScreenMessage {
 export interface Frame { t: "frame"; name: number; side: number; place: number; picture: number }
 export interface Over { t: "over"; words: string; code?: string; your_code?: string; url?: string; leave?: string }
 export type Numbered =
-  | Rules | AtlasMessage | StateCorrection | Ahead | Agent | Now | NextScreens | ScreenMessage & { t: "screen" } | Frame | Over | { t: "ask"; number: number };
+  | Rules | ArraysMessage | StateCorrection | Ahead | Agent | Now | NextScreens | ScreenMessage & { t: "screen" } | Frame | Over | { t: "ask"; number: number };
 
 interface Common { language: string; rtl: boolean; title: string; prompt: string; progress: string }
 export interface Button { name: string; label: string; enabled: boolean }
@@ -61,6 +68,7 @@ export type BlankScreen = Common & { kind: "blank"; cross: boolean };
 export type PlayScreen = Common & {
   kind: "play"; mission: string; controller: string; controller_text?: string; mark: "" | "good" | "bad" | "neutral"; score_text: string;
   legend: [cap: string, above: string, action: string][]; picture?: number; episode: number; step: number;
+  pointer?: boolean;
 };
 export type PairScreen = Common & {
   kind: "pair"; lefts: number[]; rights: number[]; step: number; period: number; replay_key: string;
@@ -74,6 +82,9 @@ export type Screen = TextScreen | BlankScreen | PlayScreen | PairScreen | FilmSc
 
 export type OptionList = { form: "OptionList"; many: boolean; options: string[]; chosen: number[]; cursor: number };
 export type RatingScale = { form: "RatingScale"; points: string[]; chosen: number | null; low: string; high: string };
+export type RatingMatrix = {
+  form: "RatingMatrix"; rows: string[]; points: string[]; chosen: (number | null)[]; cursor: number; low: string; high: string;
+};
 export type Slider = {
   form: "Slider"; position: number | null; value: string; ticks: number; low: string; high: string;
 };
@@ -82,4 +93,4 @@ export interface CanvasShape {
   x: number; y: number; width: number; height: number; label: string; target: string; chosen: boolean; is_round: boolean;
 }
 export type ShapeCanvas = { form: "ShapeCanvas"; shapes: CanvasShape[]; aspect: number };
-export type AnswerWidget = OptionList | RatingScale | Slider | TextField | ShapeCanvas;
+export type AnswerWidget = OptionList | RatingScale | RatingMatrix | Slider | TextField | ShapeCanvas;

@@ -2,15 +2,17 @@
 // It decides nothing: the session is the server's, and what is shown here in advance is compared with it at each step.
 
 import { collectBrowserFacts } from "./browser.js";
-import { GridComputer } from "./computed.js";
+import { EpisodeComputer } from "./computed.js";
 import { Connection } from "./connection.js";
 import { EpisodePlayer } from "./episode.js";
+import { GamepadReader } from "./gamepad.js";
 import { Keyboard, listenToFocus, listenToPointer } from "./input.js";
 import { FilmViewer, FlipReporter, ImageCache } from "./pictures.js";
 import { ScreenPrefetch } from "./prefetch.js";
 import { TextEntry } from "./questions.js";
 import { ScreenView } from "./screens.js";
 import { Outbox, randomBytes, UNTIMED } from "./stream.js";
+import { TouchKeys } from "./touch.js";
 
 /** @import { Input, Numbered, ScreenMessage } from "./messages" */
 /** @import { Link } from "./connection.js" */
@@ -33,6 +35,7 @@ class Page {
     { images: this.#images, flips: this.#flips, films: this.#films, entry: this.#entry, episode: this.#player.view },
     {
       current: () => this.#screen,
+      touchTexts: () => (this.#touch.isTouched ? this.#touch.texts : null),
       isPending: (through) => this.#outbox.hasAfter(through),
       entered: (m, lasts, flip) => this.#enter(m, lasts, flip),
     });
@@ -45,9 +48,17 @@ class Page {
     press: (key, symbol, stamp, trusted, isRepeat) => this.#press(key, symbol, stamp, trusted, isRepeat),
     release: (key, stamp, isTrusted) => this.#send({ t: "key", key, down: false, stamp, trusted: isTrusted && undefined }),
   });
+  #touch = new TouchKeys(
+    /** @type {HTMLElement} */ (document.getElementById("touch")), this.#keyboard,
+    () => { this.#player.view.fit(); this.#films.fit(); });
+  #gamepad = new GamepadReader(this.#keyboard, () => this.#isListening && this.#focused !== false, (what) => this.#send(what));
   #connection = new Connection(this.#outbox, readLink(this.#outbox), {
     welcome: (m) => {
       this.#keyboard.codes = this.#outbox.keys = m.keys;
+      this.#touch.caps = m.touch;
+      this.#touch.texts = m.words;
+      this.#gamepad.want(m.gamepad);
+      if (this.#screen) this.#touch.show(this.#screen.screen);
       document.title = m.words.title;
     },
     reset: () => {
@@ -94,11 +105,11 @@ class Page {
   }
 
   async start() {
-    const loading = GridComputer.load();
+    const loading = EpisodeComputer.load();
     this.#outbox.state.facts ??= await collectBrowserFacts();
     this.#outbox.save();
     this.#player.computer = await loading;
-    this.#connection.kernels = this.#player.computer?.kernels.sources ?? "";
+    this.#connection.kernels = this.#player.computer?.grid.sources ?? "";
     this.#connection.open();
   }
 
@@ -106,14 +117,18 @@ class Page {
 
   /** @param {Input} what @returns {number} the message's number */
   #send(what, canWait = this.#player.canWait(what)) {
+    const made = what.t !== "tick" && !UNTIMED.has(what.t) && this.#outbox.hasTime ? this.#computeTick() : undefined;
+    if (made) this.#send({ t: "tick", digest: made.digest }, !made.ends);
     const n = this.#outbox.add(what, canWait);
     if (n && !UNTIMED.has(what.t)) {
       const at = this.#outbox.state.last;
-      this.#player.passTime(n, at);
+      this.#player.passTime(n, at, what.t, this.#due);
       this.#films.passTime(at);
     }
     return n;
   }
+
+  #computeTick() { return this.#player.computeTick(this.#outbox.now(), this.#due); }
 
   // ---- what the server says
 
@@ -124,7 +139,7 @@ class Page {
         this.#player.learnRules(m);
         this.#images.drop(m.keep, this.#usedPictures());
         break;
-      case "atlas": this.#player.computer?.learnTiles(m); break;
+      case "arrays": this.#player.computer?.learnArrays(m); break;
       case "state": this.#player.correct(m); break;
       case "ahead": this.#player.learnScenes(m); break;
       case "onward": this.#prefetch.learn(m); break;
@@ -162,6 +177,7 @@ class Page {
     this.#endsAt = null;
     this.#setDue(m.tick);
     if (m.screen.kind !== "play" || m.screen.picture !== undefined) this.#player.play = null;
+    this.#touch.show(m.screen);
     this.#view.show(m);
   }
 
@@ -210,12 +226,13 @@ class Page {
     const time = this.#nextTime();
     if (time === null) return;
     if (this.#outbox.now() < time) { this.#schedule(); return; }
-    const n = this.#send({ t: "tick" });
+    const made = this.#computeTick();
+    if (!made && this.#nextTime() !== time) { this.#schedule(); return; } // a period without a step
+    const n = this.#send({ t: "tick", digest: made?.digest }, made && !made.ends);
     const at = this.#outbox.state.last;
     if (this.#due !== null && at >= this.#due) this.#reportedDue = this.#due;
     if (this.#endsAt !== null && at >= this.#endsAt) this.#endsAt = null;
     if (!this.#player.play) this.#advance(n, "tick", at);
-    this.#player.tick(n, this.#outbox.state.last);
     this.#schedule();
   }
 
@@ -244,6 +261,7 @@ class Page {
   /** @param {Point} point */
   #point(point) {
     const n = this.#send({ t: "pointer", ...point });
+    if (this.#player.play) return; // the server alone knows what a click in the picture does
     if (point.what === "pressed") this.#advance(n, `point:${point.target}`, this.#outbox.state.last);
     else if (point.what === "moved") this.#prefetch.unknown(n);
   }

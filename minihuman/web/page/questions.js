@@ -2,7 +2,7 @@
 
 import { el, words } from "./elements.js";
 
-/** @import { AnswerWidget, OptionList, QuestionScreen, RatingScale, ScreenMessage, CanvasShape, ShapeCanvas, Slider, TextField } from "./messages" */
+/** @import { AnswerWidget, OptionList, QuestionScreen, RatingMatrix, RatingScale, ScreenMessage, CanvasShape, ShapeCanvas, Slider, TextField } from "./messages" */
 
 const MAX_LETTERS = 1000; // in a message
 
@@ -36,6 +36,12 @@ const widgets = {
   RatingScale: (/** @type {RatingScale} */ item) => el("div", { class: "scale" },
     el("div", { class: "points", role: "radiogroup", "aria-labelledby": "ask" }, item.points.map((label, index) =>
       optionOf(label, index, { chosen: index === item.chosen, at: false, many: false }))),
+    endsOf(item)),
+  RatingMatrix: (/** @type {RatingMatrix} */ item) => el("div", { class: "scale matrix" },
+    item.rows.map((statement, row) => el("div", { class: row === item.cursor ? "row at" : "row" },
+      el("p", { id: `row${row}`, text: statement }),
+      el("div", { class: "points", role: "radiogroup", "aria-labelledby": `row${row}` }, item.points.map((label, point) =>
+        optionOf(label, row * item.points.length + point, { chosen: point === item.chosen[row], at: false, many: false }))))),
     endsOf(item)),
   Slider: (/** @type {Slider} */ item) => el("div", { class: "scale" },
     el("div", {

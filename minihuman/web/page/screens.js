@@ -15,6 +15,7 @@ export class ScreenView {
    * @param {HTMLElement} main
    * @param {{ images: ImageCache, flips: FlipReporter, films: FilmViewer, entry: TextEntry, episode: EpisodeView }} parts
    * @param {object} page @param {() => ScreenMessage | null} page.current
+   * @param {() => Record<string, string> | null} page.touchTexts what the page says instead of keys, where fingers play
    * @param {(through: number) => boolean} page.isPending whether something after a message is not acknowledged
    * @param {(m: ScreenMessage, lasts: number | null, flip: number) => void} page.entered
    */
@@ -25,9 +26,9 @@ export class ScreenView {
   }
 
   #draw = {
-    text: (/** @type {TextScreen} */ s) => [
-      words("h1", "", s.title),
-      words("p", "body short", s.body),
+    text: (/** @type {TextScreen} */ s, _ = null, check = s.keys.length ? this.page.touchTexts() : null) => [
+      words("h1", "", check?.touch_check_title ?? s.title),
+      words("p", "body short", check?.touch_check_body ?? s.body),
       s.keys.length ? el("ul", { class: "keyboard", style: { width: `${s.wide * 3}rem`, height: `${s.high * 3}rem` } },
         s.keys.map((key) => el("li", {
           "aria-label": `${key.cap} ${key.above}${key.pressed ? " ✓" : ""}`,
@@ -85,6 +86,7 @@ export class ScreenView {
     document.documentElement.lang = s.language;
     document.documentElement.dir = s.rtl ? "rtl" : "ltr";
     this.main.className = s.kind;
+    this.main.classList.toggle("timed", m.tick !== null);
     const isDrawn = entry.redraw(m, () => this.page.isPending(m.through), () => {
       if (s.kind !== "play") episode.canvas = null;
       episode.reportHeld = null;

@@ -54,13 +54,22 @@ export class Kernels {
     this.signatures = signatures;
     this.sources = ""; // the digest of what they were compiled from
     /** @type {WebAssembly.Memory} */ this.memory = exported.memory;
-    this.free = Number(exported.__heap_base.value);
+    this.free = this.base = Number(exported.__heap_base.value);
+    /** @type {WebAssembly.Module | null} */ this.module = null;
+  }
+
+  /** The same code with a memory of its own. */
+  async again() {
+    if (!this.module) throw new Error("these kernels were not compiled here");
+    return new Kernels(await WebAssembly.instantiate(this.module, {}), this.signatures);
   }
 
   /** @param {BufferSource} code @param {ModuleEntry} entry */
   static async compile(code, entry) {
-    const { instance } = await WebAssembly.instantiate(code, {});
-    return new Kernels(instance, entry.functions);
+    const { instance, module } = await WebAssembly.instantiate(code, {});
+    const kernels = new Kernels(instance, entry.functions);
+    kernels.module = module;
+    return kernels;
   }
 
   /** Fetch a module from the folder of the manifest. @param {string} folder @param {string} name */
@@ -136,10 +145,17 @@ export class GridWorld {
     this.begin(start);
   }
 
+  save() { return { row: this.row.data.slice(), words: this.words.data.slice() }; }
+
+  /** @param {{ row: Int32Array, words: BigUint64Array }} saved */
+  restore({ row, words }) {
+    this.row.data.set(row);
+    this.words.data.set(words);
+  }
+
   /** Begin an episode in a world of the same size. @param {Start} start */
   begin(start) {
-    this.row.data.set(start.row);
-    this.words.data.set(start.words);
+    this.restore(start);
     this.seen.call();
   }
 
@@ -156,11 +172,7 @@ export class GridWorld {
    * @param {number} ends 0: the episode goes on, 1: it is terminated, 2: truncated
    */
   digest(reward, ends) {
-    const { data } = this.outcome;
-    new Float64Array(data.buffer, data.byteOffset, 1)[0] = reward;
-    data[1] = BigInt(ends);
-    this.digested.call();
-    return this.digested.word(0).toString(16).padStart(16, "0");
+    return digest(this.outcome, this.digested, reward, ends);
   }
 
   /** Draw into a picture that is kept. @param {View} view @param {Atlas} atlas @param {boolean} [lit] */
@@ -212,54 +224,164 @@ export class Picture {
   /** Put it onto a canvas of its size. @param {HTMLCanvasElement} canvas */
   paint(canvas) {
     this.converted.call();
-    if (canvas.width !== this.width || canvas.height !== this.height) {
-      canvas.width = this.width;
-      canvas.height = this.height;
-    }
-    const { buffer } = this.kernels.memory;
-    const pixels = new Uint8ClampedArray(/** @type {ArrayBuffer} */ (buffer), this.rgba.at, this.rgba.length);
-    canvas.getContext("2d", { alpha: false })?.putImageData(new ImageData(pixels, this.width, this.height), 0, 0);
+    paintRgba(canvas, this.rgba, this.width, this.height);
   }
 
   get kernels() { return this.world.kernels; }
 }
 
 
-/** A first-person scene, drawn again and again in one size. */
-export class Scene {
-  /**
-   * @param {Kernels} kernels @param {Record<string, Numbers>} tables of the scene, by the names of `cover`'s parameters
-   * @param {{ texels: Uint32Array, table: Uint32Array }} textures @param {number} things
-   * @param {{ width: number, height: number, room: [number, number] }} size with how many numbers there are to draw in
-   */
-  constructor(kernels, tables, textures, things, { width, height, room }) {
-    /** @param {keyof TYPES} kind @param {string} name */
-    const table = (kind, name) => kernels.array(kind, [(tables[name] ?? []).length], tables[name]);
-    const columns = things ? (tables.things ?? []).length / things : 1;
-    this.view = table("float64", "view");
-    this.places = kernels.array("float64", [things, 6]);
-    this.picture = kernels.array("uint8", [height, width, 3]);
-    const floats = kernels.array("float64", [room[0]]), wholes = kernels.array("int32", [room[1]]);
-    this.covered = kernels.bind(
-      "cover", table("float64", "room_floats"), table("int32", "room_wholes"), table("float64", "library_floats"),
-      table("int32", "library_wholes"), kernels.array("float64", [things, columns], tables.things), this.places,
-      this.view, floats, wholes,
-    );
-    const { texels, table: sizes } = textures;
-    this.coloured = kernels.bind(
-      "colour", kernels.array("uint32", [texels.length], texels), kernels.array("uint32", [sizes.length], sizes),
-      this.view, floats, wholes, this.picture,
-    );
+/**
+ * A first-person episode's first state: the arrays of the server's `step`, and how many things its scene is made of.
+ * @typedef {{ things: Float64Array, numbers: Float64Array, walls: Float64Array, words: BigUint64Array, rooms: Float64Array,
+ * edges: Float64Array, looks: number }} FirstPersonStart
+ */
+/** @typedef {{ things: Float64Array, numbers: Float64Array, words: BigUint64Array }} FirstPersonSave */
+
+const COLUMNS = 9, ROOM_COLUMNS = 7, EDGE_COLUMNS = 4, PLACE_COLUMNS = 6, THING_COLUMNS = 15;
+const REWARD = 24, VIEW_SIZE = 39, MEMORY = 36, SPANS = 43;
+
+/** A first-person world in an episode, without its pictures. The module's whole memory is its own. */
+export class FirstPersonWorld {
+  /** @param {Kernels} kernels @param {FirstPersonStart} start */
+  constructor(kernels, start) {
+    kernels.free = kernels.base;
+    /** @param {Float64Array} rows @param {number} columns */
+    const table = (rows, columns) => kernels.array("float64", [rows.length / columns, columns], rows);
+    this.kernels = kernels;
+    this.things = table(start.things, COLUMNS);
+    this.numbers = kernels.array("float64", [start.numbers.length], start.numbers);
+    this.words = kernels.array("uint64", [start.words.length], start.words);
+    this.places = kernels.array("float64", [start.looks, PLACE_COLUMNS]);
+    this.view = kernels.array("float64", [VIEW_SIZE]);
+    this.outcome = kernels.array("uint64", [2]);
+    this.stepped = kernels.bind("step", this.things, this.numbers, table(start.walls, 4), this.words,
+      table(start.rooms, ROOM_COLUMNS), table(start.edges, EDGE_COLUMNS));
+    this.digested = kernels.bind("digest_state", this.things, this.numbers, this.words, this.outcome);
   }
 
-  /** Draw what an eye sees; false where a row has more spans than there is room for. @param {Numbers} view @param {Numbers} places */
-  draw(view, places) {
-    this.view.data.set(view);
-    this.places.data.set(places);
-    if (!this.covered.call()) return false;
-    this.coloured.call();
-    return true;
+  /** @returns {FirstPersonSave} */
+  save() {
+    return { things: this.things.data.slice(), numbers: this.numbers.data.slice(), words: this.words.data.slice() };
   }
+
+  /** @param {FirstPersonSave} saved */
+  restore({ things, numbers, words }) {
+    this.things.data.set(things);
+    this.numbers.data.set(numbers);
+    this.words.data.set(words);
+  }
+
+  /** The status, bit 0 for an end and bit 1 for the step limit. @param {number} action */
+  step(action) {
+    const status = this.stepped.call(action) & 3;
+    return { status, reward: /** @type {number} */ (this.numbers.data[REWARD]) };
+  }
+
+  /** As `GridWorld.digest`. @param {number} reward @param {number} ends */
+  digest(reward, ends) { return digest(this.outcome, this.digested, reward, ends); }
+
+  /** Where the eye and the things are, for a scene. @param {Scene} scene */
+  look({ start, width, height }) {
+    this.view.data.set(start);
+    const { free } = this.kernels;
+    this.kernels.bind("look", this.things, this.numbers, this.places, this.view, width, height).call();
+    this.kernels.free = free;
+  }
+}
+
+/** A first-person scene in one size, and its picture. */
+export class Scene {
+  /**
+   * The tables go into the module's memory behind the texels, in the place of another scene's.
+   * @param {Kernels} kernels @param {Record<string, any>} tables of the scene, by the names of the kernels' parameters
+   * @param {Block} texels in all sizes
+   */
+  constructor(kernels, tables, texels) {
+    /** @param {keyof TYPES} kind @param {string} name */
+    const table = (kind, name) => kernels.array(kind, [tables[name].length], tables[name]);
+    const things = tables.things.length / THING_COLUMNS;
+    kernels.free = texels.at + texels.length * 4;
+    this.kernels = kernels;
+    this.limits = tables.limits;
+    this.start = tables.view;
+    this.view = table("float64", "view");
+    this.places = kernels.array("float64", [things, PLACE_COLUMNS]);
+    this.texels = texels;
+    this.sizes = table("uint32", "table");
+    this.rooms = [table("float64", "room_floats"), table("int32", "room_wholes")];
+    this.library = [table("float64", "library_floats"), table("int32", "library_wholes")];
+    this.things = kernels.array("float64", [things, THING_COLUMNS], tables.things);
+    this.mark = kernels.free;
+    this.width = this.height = 0; // of the picture that is drawn next
+    this.sized = "";
+  }
+
+  /** The sizes of textures, from their pixels. @param {Kernels} kernels @param {any} tables @param {Uint8Array[]} pixels */
+  static unpackTextures(kernels, tables, pixels) {
+    kernels.free = kernels.base;
+    const texels = kernels.array("uint32", [tables.limits[3]]), { free } = kernels;
+    const each = tables.table.length / (pixels.length || 1);
+    pixels.forEach((rgb, number) => {
+      const sizes = tables.table.subarray(number * each, (number + 1) * each);
+      const width = sizes[1] & 0xffff, height = sizes[1] >>> 16;
+      kernels.bind("fill_sizes", kernels.array("uint8", [height, width, 3], rgb), kernels.array("uint32", [each], sizes), texels)
+        .call();
+      kernels.free = free;
+    });
+    return texels;
+  }
+
+  /** Make room for its size. */
+  resize(spans = SPANS) {
+    const { kernels, width, height } = this, [faces, corners, rooms] = this.limits;
+    kernels.free = this.mark;
+    const count = kernels.bind("size_of", height, spans, faces, corners, rooms);
+    count.call();
+    const floats = kernels.array("float64", [Number(count.word(0))]), wholes = kernels.array("int32", [Number(count.word(1))]);
+    this.sized = `${width} ${height}`;
+    this.spans = spans;
+    this.picture = kernels.array("uint8", [height, width, 3]);
+    this.rgba = kernels.array("uint8", [height * width * 4]);
+    this.covered = kernels.bind("cover", ...this.rooms, ...this.library, this.things, this.places, this.view, floats, wholes);
+    this.coloured = kernels.bind("colour", this.texels, this.sizes, this.view, floats, wholes, this.picture);
+    this.converted = kernels.bind(
+      "write_rgba", new Block(kernels.memory, "uint8", this.picture.at, [this.picture.length]), this.rgba);
+  }
+
+  /** Draw what an eye sees, whose view is of the scene's size. @param {Numbers} view @param {Numbers} places */
+  draw(view, places) {
+    if (this.sized !== `${this.width} ${this.height}`) this.resize();
+    for (;;) {
+      this.view.data.set(view);
+      this.view.data.set([this.spans, this.limits[0], this.limits[1]], MEMORY);
+      this.places.data.set(places);
+      if (this.covered?.call()) break;
+      this.resize(2 * (this.spans ?? SPANS)); // a row has more spans than there was room for
+    }
+    this.coloured?.call();
+    return this;
+  }
+
+  /** Put it onto a canvas of its size. @param {HTMLCanvasElement} canvas */
+  paint(canvas) {
+    this.converted?.call();
+    if (this.rgba) paintRgba(canvas, this.rgba, this.width, this.height);
+  }
+}
+
+/** @param {HTMLCanvasElement} canvas @param {Block} rgba @param {number} width @param {number} height */
+function paintRgba(canvas, { memory, at, length }, width, height) {
+  const pixels = new Uint8ClampedArray(/** @type {ArrayBuffer} */ (memory.buffer), at, length);
+  canvas.getContext("2d", { alpha: false })?.putImageData(new ImageData(pixels, width, height), 0, 0);
+}
+
+/** @param {Block} outcome @param {{ call(): number, word(at: number): bigint }} digested @param {number} reward @param {number} ends */
+function digest({ data }, digested, reward, ends) {
+  new Float64Array(data.buffer, data.byteOffset, 1)[0] = reward;
+  data[1] = BigInt(ends);
+  digested.call();
+  return digested.word(0).toString(16).padStart(16, "0");
 }
 
 // a function of one SIMD instruction: valid only where a browser has them

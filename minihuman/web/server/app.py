@@ -75,7 +75,7 @@ class PageSocket:
         try:
             return await self._socket.receive_text()
         except KeyError:
-            raise MessageError("a binary message arrived; a page sends text") from None
+            raise MessageError("a binary message arrived, but a page must send text; reload the page") from None
         except _ENDS as error:
             raise SocketClosedError from error
 
@@ -95,15 +95,21 @@ class PageSocket:
             await self._socket.close(code, reason[:100])
 
 
-_HEADERS = [(name.encode(), value.encode()) for name, value in HEADERS]
 _METHODS = ("GET", "HEAD", "POST")
 
 
 class HeaderMiddleware:
-    """An application whose every answer has the headers that keep its pages to themselves."""
+    """An application whose every answer has the headers that keep its pages to themselves.
 
-    def __init__(self, app: ASGIApp) -> None:
+    Args:
+        app: the application.
+        policy: a content security policy instead of the participants' page's.
+    """
+
+    def __init__(self, app: ASGIApp, *, policy: str = "") -> None:
         self._app = app
+        headers = {**dict(HEADERS), "content-security-policy": policy} if policy else dict(HEADERS)
+        self._headers = [(name.encode(), value.encode()) for name, value in headers.items()]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, or refuse what no page of ours asks."""
@@ -113,7 +119,7 @@ class HeaderMiddleware:
 
         async def guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
-                message = {**message, "headers": _with_ours(message.get("headers", ()))}
+                message = {**message, "headers": self._with_ours(message.get("headers", ()))}
             await send(message)
 
         target = len(scope.get("raw_path") or b"") + len(scope.get("query_string", b""))
@@ -123,10 +129,9 @@ class HeaderMiddleware:
             return
         await self._app(scope, receive, guarded)
 
-
-def _with_ours(headers: Sequence[tuple[bytes, bytes]]) -> list[tuple[bytes, bytes]]:
-    names = {name for name, _ in _HEADERS}
-    return [*((name, value) for name, value in headers if name.lower() not in names), *_HEADERS]
+    def _with_ours(self, headers: Sequence[tuple[bytes, bytes]]) -> list[tuple[bytes, bytes]]:
+        names = {name for name, _ in self._headers}
+        return [*((name, value) for name, value in headers if name.lower() not in names), *self._headers]
 
 
 _FOLDER = Path(__file__).parents[1] / "page"
@@ -258,7 +263,7 @@ class WebServer:
         finally:
             self._silent.pop(page, None)
         if not isinstance(hello, messages.Hello):
-            raise messages.MessageError("the first message must be a hello")
+            raise messages.MessageError("the page's first message must be a hello; reload the page")
         self._connecting += 1
         try:
             return hello, await self._factory.connect(hello)
@@ -274,10 +279,12 @@ class WebServer:
         allowance = RateLimit(monotonic_s())
         try:
             while connection.sockets == number:
-                for text in (await page.receive()).split("\n"):  # several as one
+                texts = (await page.receive()).split("\n")  # several as one
+                for place, text in enumerate(texts, 1):
                     while not allowance.take(monotonic_s()):
                         await asyncio.sleep(0.1)  # backpressure; a page that reconnects sends a lot at once
-                    await self._receive(page, connection, messages.decode_page_message(text))
+                    message = messages.decode_page_message(text)
+                    await self._receive(page, connection, message, more=place < len(texts))
         finally:
             writing.cancel()
             connection.seen_s = monotonic_s()
@@ -289,15 +296,19 @@ class WebServer:
         page: PageSocket,
         connection: Connection,
         message: messages.Hello | messages.NumberedMessage | messages.PageAck | messages.Ping,
+        *,
+        more: bool,
     ) -> None:
         match message:
             case messages.NumberedMessage():
                 sent_before = connection.host.outgoing.last_number
-                connection.take(message)
+                connection.take(message, more=more)
                 await self._finish_if_over(connection)
                 if connection.host.outgoing.kept > MAX_BACKLOG:
                     connection.forget()
-                    raise messages.MessageError(f"more than {MAX_BACKLOG} messages have not been acknowledged")
+                    raise messages.MessageError(
+                        f"more than {MAX_BACKLOG} messages have not been acknowledged; reload the page"
+                    )
                 grown = connection.host.outgoing.last_number != sent_before
                 if grown or isinstance(message.what, messages.RoundTripMessage):  # there is more to find
                     self._want_more(connection)
@@ -312,7 +323,9 @@ class WebServer:
                     messages.encode_unnumbered(messages.Pong(message.sent, received_ns, connection.now_ns()))
                 )
             case messages.Hello():
-                raise messages.MessageError("a second hello arrived; a page sends one per socket")
+                raise messages.MessageError(
+                    "a second hello arrived, but a page must send one per connection; reload the page"
+                )
 
     async def _write(
         self, page: PageSocket, connection: Connection, number: int, welcome: messages.Welcome, after: int

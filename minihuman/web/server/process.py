@@ -40,7 +40,9 @@ def require_browser_support(protocol: Protocol) -> None:
     parts += [(other.name, other.kind) for other in protocol.activities]
     for name, kind in parts:
         if not find_kind(kind).browser:
-            raise ProtocolError(f"part {name!r} has kind {kind!r}, which needs a window; use `minihuman run`")
+            raise ProtocolError(
+                f"part {name!r} is of kind {kind!r}, which cannot be shown in a browser; use `minihuman run`"
+            )
 
 
 def open_listening_socket(port: int) -> socket.socket:
@@ -103,7 +105,7 @@ def list_process_commands(
         study_dir.mkdir(parents=True, exist_ok=True)
         yield "watch", str(study_dir)
     if workers > 1 and not port:
-        raise LogError("several workers use consecutive ports; give the first with --port")
+        raise LogError("several workers use consecutive ports; set the first one with --port")
     for number in range(1, workers):
         data = str(study_dir.parent)
         yield "serve", str(protocol), "--data", data, "--port", str(port + number), "--links", "0"

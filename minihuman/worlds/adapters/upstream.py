@@ -159,7 +159,8 @@ class MiniworldAdapter(_Adapter):
     def save(self) -> Any:
         """Its state is tied to an OpenGL context and cannot be copied."""
         raise WorldError(
-            f"{type(self._env).__name__} cannot be saved mid-episode; use the minihuman/ world of that name"
+            f"{type(self._env).__name__} cannot be saved in the middle of an episode; use the minihuman/ world of the "
+            "same name"
         )
 
     def restore(self, saved: Any) -> None:

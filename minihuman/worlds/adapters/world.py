@@ -1,4 +1,4 @@
-"""World: any Gymnasium environment with discrete actions, as a session needs it.
+"""World: any Gymnasium environment, as a session needs it.
 
 Native worlds answer for themselves; worlds built like Minigrid's or Miniworld's are read from their attributes; any
 other world plays too, without pose and map. Knows no keys and no time. A world is imported only from a trusted module.
@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import EnumMeta
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
@@ -18,8 +18,18 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.trust import locate_world
+from minihuman.worlds.adapters.seat import make_seat
+from minihuman.worlds.adapters.spaces import Action, ActionInterface, DiscreteActions, VectorActions, find_chords
 from minihuman.worlds.adapters.upstream import MinigridAdapter, MiniworldAdapter, is_minigrid_like, is_miniworld_like
-from minihuman.worlds.contract import UNKNOWN_BOUNDS, NativeWorld, Palette, PathLengthBounds, View, answer_to_old_names
+from minihuman.worlds.adapters.world_text import describe_observation, draw_text
+from minihuman.worlds.contract import (
+    UNKNOWN_BOUNDS,
+    NativeWorld,
+    Palette,
+    PathLengthBounds,
+    View,
+    answer_to_old_names,
+)
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import Map, Pose
 from minihuman.worlds.step_limit import elapsed_steps, set_elapsed_steps, step_limit_of
@@ -54,7 +64,7 @@ class World:
         trusted: the user named it, not a protocol or a log: import it from any module.
 
     Raises:
-        WorldError: if it cannot be made, is not trusted, has no discrete actions or cannot draw itself.
+        WorldError: if it cannot be made, is not trusted, has actions that keys cannot do, or cannot draw itself.
     """
 
     def __init__(self, world_id: str, options: dict[str, Any] | None = None, *, trusted: bool = False) -> None:
@@ -63,14 +73,12 @@ class World:
         self._env = _make(world_id, self.options if trusted else locate_world(world_id, self.options))
         native = self._env.unwrapped
         self.drawn = isinstance(native, NativeWorld) and native.drawn  # see there
-        space = self._env.action_space
-        if not isinstance(space, gymnasium.spaces.Discrete):
-            raise WorldError(f"{world_id}: the action space is {space}; a session needs Discrete actions, one per key")
-        self._first_action = int(space.start)
-        self.action_names = _action_names(self._env.unwrapped, int(space.n), self._first_action)
+        self.actions = _build_actions(world_id, self._env)
+        self.action_names = self.actions.names
         self._wrappers = WrapperState(self._env)
         self._known: NativeWorld | None = None
         self._observation: Any = None
+        self._has_advanced = False  # since the observation was made
         self._steps = 0
 
     @property
@@ -106,11 +114,9 @@ class World:
         return self._env.observation_space
 
     @property
-    def action_space(self) -> gymnasium.spaces.Discrete:
+    def action_space(self) -> gymnasium.Space[Any]:
         """The space of its actions."""
-        space = self._env.action_space
-        assert isinstance(space, gymnasium.spaces.Discrete)  # checked when made
-        return space
+        return self._env.action_space
 
     @property
     def step_limit(self) -> int | None:
@@ -122,25 +128,22 @@ class World:
         self._wrappers.begin()
         self._observation, info = self._env.reset(seed=seed)
         self._known = _known(self._env.unwrapped)
-        self._steps = 0
+        self._steps, self._has_advanced = 0, False
         return ResetResult(self._observation_hash(), self._mission(), bool(info.get("onset")))
 
-    def step(self, action: int) -> StepResult:
-        """Do an action, counted from 0 in the order of ``action_names``.
+    def step(self, action: Action) -> StepResult:
+        """Do an action: a number from 0 in the order of ``action_names``, or a vector where actions are vectors.
 
         Raises:
             WorldError: if there is no such action.
         """
-        if not 0 <= action < len(self.action_names):
-            raise WorldError(
-                f"{self.id}: action {action!r} does not exist; actions are 0 to {len(self.action_names) - 1}"
-            )
-        self._observation, reward, terminated, truncated, info = self._env.step(self._first_action + action)
+        self._observation, reward, terminated, truncated, info = self._env.step(self._action_value(action))
+        self._has_advanced = False
         self._steps += 1
         hashed = self._observation_hash()
         return StepResult(float(reward), bool(terminated), bool(truncated), hashed, bool(info.get("onset")))
 
-    def advance(self, action: int) -> tuple[bool, bool]:
+    def advance(self, action: Action) -> tuple[bool, bool]:
         """Act without making an observation, where the world is native and no wrapper needs one.
 
         Returns:
@@ -153,7 +156,8 @@ class World:
         if not isinstance(env, NativeWorld) or self._wrappers.any:
             transition = self.step(action)
             return transition.terminated, transition.truncated
-        _, terminated, truncated = env.advance(self._first_action + action)
+        _, terminated, truncated = env.advance(self._action_value(action))
+        self._has_advanced = True
         self._steps += 1
         return bool(terminated), bool(truncated)
 
@@ -200,23 +204,44 @@ class World:
         return self._known.path_length_bounds() if self._known else UNKNOWN_BOUNDS
 
     def frame(
-        self, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
+        self,
+        view: View | Literal["text"] = "partial",
+        size_px: tuple[int, int] = (640, 480),
+        palette: Palette = "classic",
     ) -> NDArray[np.uint8]:
         """The picture a person sees, uint8[H, W, 3], at most ``size_px`` (width, height) where the world can choose.
 
-        Where a wrapper draws anew, it is what the wrapper renders, whatever the view.
+        Where a wrapper draws anew, it is what the wrapper renders, whatever the view; ``text`` is a picture of `text`.
 
         Raises:
-            WorldError: if the environment does not draw a picture.
+            WorldError: if the environment does not draw a picture, or has no words for what the agent observes.
         """
+        if view == "text":
+            return draw_text(self.text(), size_px)
         if self._known and not self._wrappers.redraw:
             return self._known.picture(view=view, size_px=size_px, palette=palette)
+        if hasattr(self._env.unwrapped, "picture_size_px"):  # it draws at any size
+            self._env.unwrapped.picture_size_px = size_px
         picture: Any = self._env.render()
         if not isinstance(picture, np.ndarray) or picture.ndim != 3 or picture.shape[2] != 3:
             raise WorldError(
-                f"{self.id}: render() returned a {type(picture).__name__}; a picture is a uint8[H, W, 3] array"
+                f"{self.id}: render() returned a {type(picture).__name__}; it must return a uint8 array of shape [H, "
+                "W, 3]"
             )
         return picture.astype(np.uint8, copy=False)
+
+    def text(self) -> str:
+        """What the agent of a grid world observes now, as a diagram and as sentences.
+
+        Raises:
+            WorldError: if the world has no grid observation.
+        """
+        native = self._env.unwrapped
+        observed = native.observation() if self._has_advanced and hasattr(native, "observation") else self._observation
+        try:
+            return describe_observation(observed, getattr(native, "kinds", ()))
+        except WorldError as error:
+            raise WorldError(f"{self.id}: {error}") from error
 
     def save(self) -> Any:
         """An exact copy of the state in mid-episode.
@@ -227,13 +252,23 @@ class World:
         if isinstance(self._env.unwrapped, NativeWorld):
             inside = self._env.unwrapped.save()
         else:
-            inside = self._known.save() if self._known else copy.deepcopy(vars(self._env.unwrapped))
-        return inside, elapsed_steps(self._env), self._wrappers.save(), copy.deepcopy(self._observation), self._steps
+            inside = self._known.save() if self._known else self._copy_foreign()
+        observed = copy.deepcopy(self._observation), self._has_advanced
+        return inside, elapsed_steps(self._env), self._wrappers.save(), observed, self._steps
+
+    def _copy_foreign(self) -> dict[str, Any]:
+        """A copy of all that a foreign environment keeps; much of what is written in C cannot be copied."""
+        try:
+            return copy.deepcopy(vars(self._env.unwrapped))
+        except Exception as error:  # whatever its parts raise
+            raise WorldError(
+                f"{self.id} cannot be copied in the middle of an episode ({type(error).__name__}: {error})"
+            ) from error
 
     def restore(self, saved: Any) -> None:
         """Go back to a saved state; the copy is not consumed."""
         inside, limits, wrappers, observation, self._steps = saved
-        self._observation = copy.deepcopy(observation)
+        self._observation, self._has_advanced = copy.deepcopy(observation)
         if self._known:
             self._known.restore(inside)
         else:
@@ -244,6 +279,12 @@ class World:
     def close(self) -> None:
         """Close the environment."""
         self._env.close()
+
+    def _action_value(self, action: Action) -> Any:
+        try:
+            return self.actions.value(action)
+        except WorldError as error:
+            raise WorldError(f"{self.id}: {error}") from error
 
     def _with_wrappers(self, hashed: int) -> int:
         changes = self._wrappers.changes()
@@ -266,7 +307,12 @@ answer_to_old_names(World)
 
 def _make(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
     try:
-        env = gymnasium.make(world_id, render_mode="rgb_array", disable_env_checker=True, **options)
+        seat = make_seat(world_id, options)
+        env = (
+            seat
+            if seat is not None
+            else gymnasium.make(world_id, render_mode="rgb_array", disable_env_checker=True, **options)
+        )
     except ModuleNotFoundError as error:
         raise WorldError(
             f"{world_id}: {error}; install the package that provides this world, or trust the protocol's folder that "
@@ -284,8 +330,19 @@ def _make(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
         ) from error
     if "rgb_array" not in env.metadata.get("render_modes", ()):
         env.close()
-        raise WorldError(f"{world_id}: the world has no render mode 'rgb_array'; a session needs it to show pictures")
+        raise WorldError(f"{world_id} has no render mode 'rgb_array', which a session needs to show pictures; add it")
     return env
+
+
+def _build_actions(world_id: str, env: gymnasium.Env[Any, Any]) -> ActionInterface:
+    space, native = env.action_space, env.unwrapped
+    if not isinstance(space, gymnasium.spaces.Discrete):
+        try:
+            return VectorActions(space)
+        except WorldError as error:
+            raise WorldError(f"{world_id}: {error}") from error
+    count, first = int(space.n), int(space.start)
+    return DiscreteActions(_action_names(native, count, first), first, find_chords(native, count, first))
 
 
 def _known(env: Any) -> NativeWorld | None:
@@ -305,6 +362,9 @@ def _action_names(env: Any, count: int, first: int) -> tuple[str, ...]:
     if isinstance(kinds, EnumMeta):
         named = {int(kind.value): str(kind.name) for kind in kinds}  # type: ignore[var-annotated]
         return tuple(named.get(first + action, str(action)) for action in range(count))
+    by_number = getattr(getattr(env, "action_type", None), "actions", None)  # highway-env's way
+    if isinstance(by_number, dict):
+        return tuple(str(by_number.get(first + action, action)).lower() for action in range(count))
     meanings = getattr(env, "get_action_meanings", None)  # the Atari worlds' way
     if callable(meanings):
         return tuple(str(name).lower() for name in meanings())[:count]

@@ -15,12 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.worlds.first_person.render.shading import colour
-from minihuman.worlds.first_person.render.visibility import cover
+from minihuman.worlds.first_person.render.texture import fill_sizes
+from minihuman.worlds.first_person.render.visibility import cover, size_of
+from minihuman.worlds.first_person.rules import digest_state, look, step
 from minihuman.worlds.grid.babyai.verifier import step_instructed
-from minihuman.worlds.grid.core.digest import digest_step
 from minihuman.worlds.grid.core.view import see
 from minihuman.worlds.grid.pictures.drawing import draw_cells
 from minihuman.worlds.kernels import int64, kernel
+from minihuman.worlds.step_digest import digest_step
 
 NUMBER = "action"  # the parameter that is passed beside the table
 
@@ -78,6 +80,11 @@ EXPORTS: Mapping[str, tuple[Export, ...]] = {
         _RGBA,
     ),
     "first_person": (
+        Export("step", step, (_MATRIX, _F64, _MATRIX, _WORDS, _MATRIX, _MATRIX, "int64")),
+        Export("look", look, (_MATRIX, _F64, _MATRIX, _F64, "int64", "int64")),
+        Export("digest_state", digest_state, (_MATRIX, _F64, _WORDS, _WORDS)),
+        Export("fill_sizes", fill_sizes, (_VIEW, _U32, _U32)),
+        Export("size_of", size_of, ("int64",) * 5),
         Export("cover", cover, (_F64, _I32, _F64, _I32, _MATRIX, _MATRIX, _F64, _F64, _I32)),
         Export("colour", colour, (_U32, _U32, _F64, _F64, _I32, _VIEW)),
         _RGBA,

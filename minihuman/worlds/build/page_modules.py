@@ -34,7 +34,9 @@ def build_page_modules(folder: Path) -> dict[str, Any]:
         BuildError: if there is no linker.
     """
     if any(os.environ.get(name) != value for name, value in PORTABLE.items()):
-        raise MinihumanError("modules are built by `python -m minihuman.worlds.build`, which tells Numba for what")
+        raise MinihumanError(
+            "build the page modules with `python -m minihuman.worlds.build`, which sets Numba's target"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     modules: dict[str, Any] = {}
     for name, exports in EXPORTS.items():

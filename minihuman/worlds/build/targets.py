@@ -94,7 +94,7 @@ def link(codes: Sequence[str], names: Sequence[str], target: Target) -> bytes:
     """
     command = _linker(target.linker)
     if command is None:
-        raise BuildError(f"no {target.linker} is on the path; install lld, or ziglang from PyPI")
+        raise BuildError(f"{target.linker} was not found on the PATH; install lld, or ziglang from PyPI")
     with tempfile.TemporaryDirectory() as folder:
         objects = []
         for number, code in enumerate(codes):

@@ -47,7 +47,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         threads: int | None = None,
     ) -> None:
         if num_envs < 1:
-            raise WorldError(f"num_envs is {num_envs}; a batch needs 1 world or more")
+            raise WorldError(f"num_envs is {num_envs}; use 1 or more")
         self.worlds = [make() for _ in range(num_envs)]
         first = self.worlds[0]
         self._autoreset = AutoresetMode(autoreset_mode)
@@ -99,7 +99,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         """
         given = np.asarray(actions)
         if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
-            raise WorldError(f"actions are {given.dtype}{given.shape}; give {self.num_envs} whole numbers")
+            raise WorldError(f"actions must be {self.num_envs} whole numbers, not {given.dtype}{given.shape}")
         for world, action in zip(self.worlds, given.tolist(), strict=True):
             world.check(action)
         if self._autoreset is AutoresetMode.DISABLED and self._over.any():

@@ -6,6 +6,7 @@ height, and how many textures there are to draw one from, and so which moves col
 Knows no rules and draws nothing.
 """
 
+import itertools
 import math
 from typing import ClassVar
 
@@ -55,6 +56,9 @@ def texture_variants(texture: str) -> int:
     return _CHARACTER_VARIANTS if texture.startswith("chars/") else _SEVERAL.get(texture, 1)
 
 
+LATEST_CHANGE = [0]  # of any thing's attributes: whoever keeps a copy of them sees by it that they may be others
+_changes = itertools.count(1)
+
 Position = tuple[float, float, float]  # x, y, z in metres
 Length = float | np.float32  # metres; of a mesh in single precision, as Miniworld keeps it
 
@@ -75,6 +79,10 @@ class Entity:
     def __init__(self) -> None:
         self.pos: Position = (math.nan, math.nan, math.nan)  # not a number until it is placed
         self.dir: float = math.nan
+
+    def __setattr__(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)
+        LATEST_CHANGE[0] = next(_changes)
 
     def randomise(self, parameters: Parameters, rng: np.random.Generator | None) -> None:
         """Draw what varies from episode to episode; without a stream, take the defaults."""

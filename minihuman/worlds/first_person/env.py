@@ -15,6 +15,7 @@ from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.entities import Agent, Entity, ImageFrame, Position, TextFrame
+from minihuman.worlds.first_person.flat_state import FlatState
 from minihuman.worlds.first_person.miniworld_compat import MiniworldCompat
 from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters
 from minihuman.worlds.first_person.pictures import COMPILE_PIECES, WorldRenderer
@@ -36,13 +37,14 @@ from minihuman.worlds.first_person.state import (
     save_state,
     state_hash,
 )
+from minihuman.worlds.first_person.termination import TerminationRule
 from minihuman.worlds.options import MAX_PIXELS, check_bool, check_one_of, check_whole
 from minihuman.worlds.pose import Map, Pose
 from minihuman.worlds.step_limit import check_action, check_max_steps
 
 _NOT_STATE = frozenset(
     {"action_names", "action_space", "observation_space", "max_steps", "parameters", "domain_rand", "render_mode"}
-    | {"view", "window_px", "spec", "trig", "_pictures", "_over"}
+    | {"view", "window_px", "spec", "trig", "_pictures", "_over", "_flat"}
 )
 
 EntityT = TypeVar("EntityT", bound=Entity)
@@ -52,9 +54,10 @@ FrameT = TypeVar("FrameT", ImageFrame, TextFrame)
 class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
     """Base of all first-person worlds.
 
-    ``build`` says what stands where, ``reward_and_done`` what a step earned and whether it ended the episode. What
-    they set on ``self`` is part of the state: it is saved, restored and hashed with the rest, so it is made of
-    numbers, text, entities, arrays, and tuples, lists and dicts of them.
+    ``build`` says what stands where, ``termination_rule`` what a step earns and when the episode ends; a rule of one's
+    own is ``reward_and_done``, in Python, which no page computes. What they set on ``self`` is part of the state: it is
+    saved, restored and hashed with the rest, so it is made of numbers, text, entities, arrays, and tuples, lists and
+    dicts of them.
 
     Args:
         max_steps: an episode is truncated after so many steps; None for never.
@@ -69,6 +72,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         domain_rand: draw the parameters from their ranges.
         assets: a folder with ``textures/NAME.png``, ``meshes/NAME.obj`` and ``meshes/NAME.glb`` to draw with beside our
             own; None for the class's ``assets``.
+        trig: whose sine and cosine turn things and eyes: 0 the host's, 1 our own, the same on every machine and page.
         contact_shadows: darken the ground around things that stand on it; Miniworld's pictures have no shadows.
     """
 
@@ -76,7 +80,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
     compile_pieces = COMPILE_PIECES
     drawn = True
     assets: ClassVar[str | Path | None] = None  # a world's own textures and meshes
-    trig: int = 0  # whose sine and cosine a step uses, from the next reset on: 0 the host's, 1 `trigonometry`'s
     motions: ClassVar[Mapping[str, str]] = {}  # which of rules.ACTIONS an action does, where its name does not say
 
     def __init__(
@@ -94,16 +97,18 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         domain_rand: bool = False,
         assets: str | Path | None = None,
         contact_shadows: bool = False,
+        trig: int = 0,
     ) -> None:
         sizes = (("obs_width", obs_width), ("obs_height", obs_height))
         for name, pixels in (*sizes, ("window_width", window_width), ("window_height", window_height)):
             check_whole(name, pixels, 1, MAX_PIXELS)
         check_one_of("view", view, ("agent", "top"))
         check_one_of("render_mode", render_mode, (None, "rgb_array"))
+        check_one_of("trig", trig, (0, 1))
         check_bool("domain_rand", domain_rand)
         check_bool("contact_shadows", contact_shadows)
         if not actions:
-            raise WorldError(f"actions is {actions!r}; give one or more of {', '.join(rules.ACTIONS)}")
+            raise WorldError(f"the list of actions is empty; give one or more of {', '.join(rules.ACTIONS)}")
         if unknown := set(actions) - set(rules.ACTIONS):
             raise WorldError(f"unknown actions {', '.join(sorted(unknown))}; use {', '.join(rules.ACTIONS)}")
         self.action_names = tuple(actions)
@@ -117,7 +122,9 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         self.window_px = (window_width, window_height)
         self.step_count = 0
         self._stage: WorldState | None = None
+        self.trig = trig  # from the next reset on
         self._over = False  # the episode has ended
+        self._flat: FlatState | None = None
         self._pictures = WorldRenderer(
             (obs_width, obs_height),
             str(assets or self.assets) if assets or self.assets else None,
@@ -130,9 +137,16 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         """Add rooms, connect them, place things and the agent. Called at every reset, on an empty stage."""
         raise NotImplementedError(f"{type(self).__name__} has no build(); define it to lay out rooms and entities")
 
+    def termination_rule(self) -> TerminationRule:
+        """By which rule a step earns and ends the episode; by default nothing does."""
+        return TerminationRule()
+
     def reward_and_done(self, action: str) -> tuple[float, bool]:
-        """After each step: what it earned, and whether it ended the episode."""
-        return 0.0, False
+        """After each step: what it earned and whether it ended the episode; by default by ``termination_rule``."""
+        flat = self.flat_state()
+        flat.take_rule(self)
+        status = flat.step(self, self.action_names.index(action), rules.JUDGE)
+        return flat.reward, bool(status & rules.TERMINATED)
 
     def info(self) -> dict[str, Any]:
         """What ``reset`` and ``step`` return as info."""
@@ -160,6 +174,10 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
     def aim_target(self) -> RenderTarget:
         """Where the agent's view is drawn, everything in its place: for drawing many worlds' views together."""
         return self._pictures.aim_target(self.stage)
+
+    def staged(self, palette: Palette, size_px: tuple[int, int]) -> tuple[Sequence[Entity], RenderTarget]:
+        """The things that the scene is made of, those that are gone too, and where the agent's view is drawn."""
+        return self._pictures.staged(self.stage, palette, size_px)
 
     # What ``build`` calls.
 
@@ -307,20 +325,23 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         self.build()
         _ = self._stage.floor  # closes the plan, or says that it has no room
         if self.agent not in self.entities:
-            raise WorldError(f"{type(self).__name__}.build() placed no agent; end it with self.place_agent()")
+            raise WorldError(f"{type(self).__name__}.build() placed no agent; call self.place_agent() at its end")
         self._stage.randomise()
 
     def advance(self, action: Any) -> tuple[float, bool, bool]:
         """A step without its observation: reward, terminated, truncated."""
         self.check(action)
-        stage = self.stage
         if self._over:
             raise WorldError(f"no episode is running in {type(self).__name__}; call reset() first")
-        name = self.action_names[action]
         self.step_count += 1
-        rules.act(stage, self.motions.get(name, name))
-        reward, terminated = self.reward_and_done(name)
-        truncated = self.max_steps is not None and self.step_count >= self.max_steps
+        flat = self.flat_state()
+        if self._kernels_judge:
+            status = flat.step(self, action, rules.ACT | rules.JUDGE)
+            reward, terminated, truncated = flat.reward, bool(status & rules.TERMINATED), bool(status & rules.TRUNCATED)
+        else:
+            flat.step(self, action, rules.ACT)
+            reward, terminated = self.reward_and_done(self.action_names[action])
+            truncated = self.max_steps is not None and self.step_count >= self.max_steps
         self._over = terminated or truncated
         return reward, terminated, truncated
 
@@ -337,6 +358,26 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         return self.picture(view="full" if self.view == "top" else "partial", size_px=self.window_px)
 
     # NativeWorld.
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether kernels alone step it and by our own sine: with no `reward_and_done` and no `advance` of its own."""
+        own = type(self)
+        plain = own.advance is FirstPersonEnv.advance and own.step is FirstPersonEnv.step
+        return bool(self.trig) and plain and self._kernels_judge and len(self.action_names) <= rules.MOST_ACTIONS
+
+    @property
+    def _kernels_judge(self) -> bool:
+        return type(self).reward_and_done is FirstPersonEnv.reward_and_done
+
+    def flat_state(self) -> FlatState:
+        """The present state as kernels take it; its arrays are the next step's, too."""
+        flat = self._flat
+        if flat is None or flat.stage is not self._stage:
+            flat = self._flat = FlatState(self)
+        else:
+            flat.refresh()
+        return flat
 
     def pose(self) -> Pose:
         """Where the agent's feet are, metres, and where it heads; the heading is not wrapped to one turn."""
@@ -388,6 +429,8 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
             delattr(self, name)
         vars(self).update(restore_state(saved, here=self._stage is saved.stage))
         self._over = saved.over
+        if self._flat is not None:
+            self._flat.seen = 0
 
     def _not_reset(self) -> WorldError:
         return WorldError(f"{type(self).__name__} has not been reset; call reset(seed=...) first")

@@ -48,7 +48,7 @@ class Parameter:
     def __post_init__(self) -> None:
         rows = [value if isinstance(value, tuple) else (value,) for value in (self.low, self.default, self.high)]
         if len({len(row) for row in rows}) != 1 or any(not a <= b <= c for a, b, c in zip(*rows, strict=True)):
-            raise WorldError(f"{self!r} needs low <= default <= high, all of one length")
+            raise WorldError(f"{self!r} must have low <= default <= high, all of the same length")
 
     def sample(self, rng: np.random.Generator | None) -> Value:
         """A value from the range, or the default where there is no stream to draw from."""

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.colours import rgb_of
 from minihuman.worlds.contract import Palette, View
+from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.entities import Box, ColouredMesh, Entity, ImageFrame, Mesh, Position, TextFrame
 from minihuman.worlds.first_person.render.asset_files import asset_library, library_lock
 from minihuman.worlds.first_person.render.assets import Library
-from minihuman.worlds.first_person.render.drawing import RenderTarget, render_depth, render_top, visible_things
+from minihuman.worlds.first_person.render.drawing import RenderTarget, render_depth, render_top, turn, visible_things
 from minihuman.worlds.first_person.render.kernel_tables import F64, I64, FaceTable, RoomTable
 from minihuman.worlds.first_person.render.rasterisation import VIEW_SIZE
 from minihuman.worlds.first_person.render.scene import (
@@ -177,7 +178,7 @@ class WorldRenderer:
         observed = self._easels.get(key)
         if observed is None or observed.stage is not stage or observed.entities != stage.entities:
             camera(stage)  # or it says what is wrong with it
-            target = RenderTarget(self.scene(stage, palette), *key[1])
+            target = RenderTarget(self.scene(stage, palette), *key[1], trig=stage.agent.trig)
             if len(self._easels) == _MOST_EASELS:
                 self._easels.clear()
             observed = _Observed(stage, self._staged[palette][1], target, shadows=self.shadows)
@@ -187,7 +188,7 @@ class WorldRenderer:
     def draw(self, stage: WorldState, *, view: View, size_px: tuple[int, int], palette: Palette) -> NDArray[np.uint8]:
         """What the agent sees, or the world from above with the agent in it."""
         if min(size_px) < 1:
-            raise WorldError(f"a picture cannot be {size_px[0]} x {size_px[1]} pixels; both must be 1 or more")
+            raise WorldError(f"a picture cannot be {size_px[0]} x {size_px[1]} pixels; each side must be 1 or more")
         if view == "partial":
             return self.aim_target(stage, palette, (size_px[0], size_px[1])).draw()
         return render_top(self.scene(stage, palette), *size_px, agent=Pose(*stage.agent.pos, stage.agent.dir))
@@ -195,6 +196,13 @@ class WorldRenderer:
     def depth(self, stage: WorldState, *, size_px: tuple[int, int]) -> NDArray[np.float32]:
         """How far away what the agent sees is, metres along its view."""
         return render_depth(self.scene(stage), camera(stage), *size_px)
+
+    def staged(
+        self, stage: WorldState, palette: Palette, size_px: tuple[int, int]
+    ) -> tuple[Sequence[Entity], RenderTarget]:
+        """The things that the scene is made of, those that are gone too, and where what the agent sees is drawn."""
+        target = self.aim_target(stage, palette, size_px)
+        return self._staged[palette][1], target
 
     def visible(self, stage: WorldState) -> list[Entity]:
         """The things in the agent's view, in the order they were placed."""
@@ -257,7 +265,8 @@ class _Observed:
         agent = self.stage.agent
         x, y, z = agent.pos
         yaw_rad, ahead = agent.dir, agent.cam_fwd_disp
-        eye = x + ahead * math.cos(yaw_rad), y + agent.cam_height, z - ahead * math.sin(yaw_rad)
+        cos_yaw, sin_yaw = turn(yaw_rad, agent.trig)
+        eye = x + ahead * cos_yaw, y + agent.cam_height, z - ahead * sin_yaw
         pitch_rad = agent.cam_pitch * (math.pi / 180)
         self._easel.aim(eye, yaw_rad, pitch_rad, agent.cam_fov_y, NEAR_M, FAR_M)
         return self._easel
@@ -293,4 +302,10 @@ def compile_visibility() -> None:
     visible_things(build_scene([room], library=asset_library(None)), Camera((-1.0, 0.5, 0.0), 0.0), 1, 1)
 
 
-COMPILE_PIECES = compile_walls, compile_shading, compile_visibility
+def compile_digest() -> None:
+    """Digest a state without things."""
+    words = np.zeros(6, np.uint64)
+    rules.digest_state(np.zeros((1, rules.COLUMNS)), np.zeros(rules.ARGUMENTS), words, words)
+
+
+COMPILE_PIECES = compile_digest, compile_walls, compile_shading, compile_visibility

@@ -90,7 +90,8 @@ def rectangle(min_x: float, max_x: float, min_z: float, max_z: float) -> RoomOut
     """
     if not (min_x < max_x and min_z < max_z):
         raise WorldError(
-            f"a room from x {min_x:g} to {max_x:g} and z {min_z:g} to {max_z:g} has no floor; give each range a length"
+            f"a room from x {min_x:g} to {max_x:g} and z {min_z:g} to {max_z:g} has no area; make each maximum greater "
+            "than its minimum"
         )
     return outline_of(((max_x, max_z), (max_x, min_z), (min_x, min_z), (min_x, max_z)))
 
@@ -110,7 +111,7 @@ def check_convex(shape: RoomOutline) -> None:
         if turn < -1e-9:
             raise WorldError(
                 f"the outline {list(shape.corners)} turns right at {before.end}; "
-                "list a convex outline counter-clockwise as seen from above"
+                "make it convex and list its corners counter-clockwise as seen from above"
             )
     if abs(turned - 2 * math.pi) > 1e-6:
         raise WorldError(
@@ -322,10 +323,12 @@ def _stretch(edge: OutlineEdge, limits: OpeningLimits) -> tuple[float, float]:
         case (None, None, float() | int() as low, float() | int() as high):
             axis = 1
         case _:
-            raise WorldError(f"an opening's limits are {limits}; give min_x and max_x, or min_z and max_z")
+            raise WorldError(f"an opening cannot have the limits {limits}; give min_x and max_x, or min_z and max_z")
     origin, slope = edge.start[axis], edge.direction[axis]
     if slope == 0:
-        raise WorldError(f"the wall {edge.start} to {edge.end} runs across {'xz'[axis]}; give {'zx'[axis]} instead")
+        raise WorldError(
+            f"the wall {edge.start} to {edge.end} has a single {'xz'[axis]}; give limits in {'zx'[axis]} instead"
+        )
     ends = (low - origin) / slope + 0.0, (high - origin) / slope + 0.0  # + 0.0: of two zeros only one
     if not 0 <= min(ends) < max(ends) <= edge.length:
         raise WorldError(

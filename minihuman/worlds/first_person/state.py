@@ -134,6 +134,14 @@ class WorldState:
                 return other
         return None
 
+    def carrying_position(self, pos: Position, carried: Entity) -> Position:
+        """Where a carried thing floats when the agent stands at ``pos``: in front, below the middle of the picture."""
+        agent = self.agent
+        distance = float(agent.radius + carried.radius + self.reach)
+        ahead_x, ahead_z = agent.forward
+        rise = max(agent.cam_height - carried.height - 0.3, 0.0)
+        return pos[0] + ahead_x * 1.05 * distance, pos[1] + rise, pos[2] + ahead_z * 1.05 * distance
+
     def near(self, a: Entity, b: Entity) -> bool:
         """Are two things within a step of touching?"""
         (ax, ay, az), (bx, by, bz) = a.pos, b.pos
@@ -152,7 +160,9 @@ class WorldState:
 
     def _check_open(self) -> None:
         if self._floor is not None:
-            raise WorldError("the floor plan is closed; add and connect all rooms before placing the first thing")
+            raise WorldError(
+                "a thing has been placed, so the floor plan is fixed; add and connect all rooms before placing things"
+            )
 
 
 def state_hash(kind: str, state: dict[str, Any]) -> int:

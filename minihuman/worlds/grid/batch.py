@@ -22,7 +22,6 @@ from minihuman.errors import WorldError
 from minihuman.worlds.grid.babyai.instruction_space import InstructionSpace
 from minihuman.worlds.grid.babyai.verifier import act_instructed, hand_over
 from minihuman.worlds.grid.core.rewards import INSTRUCTED
-from minihuman.worlds.grid.core.rng import RngState, read_rng_state, write_rng_state
 from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act
 from minihuman.worlds.grid.core.state import (
     ACTIONS,
@@ -43,6 +42,7 @@ from minihuman.worlds.grid.env import GridEnv
 from minihuman.worlds.grid.layout import Recipe
 from minihuman.worlds.kernels import inline, kernel
 from minihuman.worlds.options import BatchSeeds, seeds_per_world
+from minihuman.worlds.rng import RngState, read_rng_state, write_rng_state
 
 MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED)
 NEXT_STEP, SAME_STEP, DISABLED = range(len(MODES))
@@ -74,9 +74,9 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         **options: Any,
     ) -> None:
         if num_envs < 1:
-            raise WorldError(f"num_envs is {num_envs!r}; a batch needs 1 world or more")
+            raise WorldError(f"num_envs is {num_envs!r}; use 1 or more")
         if threads is not None and threads < 1:
-            raise WorldError(f"threads is {threads!r}; give 1 or more, or None for one per core")
+            raise WorldError(f"threads is {threads!r}; use 1 or more, or None for one per core")
         if options.pop("view", "grid") != "grid":
             raise WorldError("a batch has no first-person view; make it with vectorization_mode='sync'")
         self._world = GridEnv(family, **options)  # what all have in common: spaces, recipe, settings
@@ -155,7 +155,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         """
         given = np.asarray(actions)
         if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
-            raise WorldError(f"actions are {given.dtype}{given.shape}; give {self.num_envs} whole numbers")
+            raise WorldError(f"actions must be {self.num_envs} whole numbers, not {given.dtype}{given.shape}")
         n = self.num_envs
         images = np.empty((n, *self._world.image_shape), np.uint8)
         directions = np.empty(n, np.int64)

@@ -26,7 +26,6 @@ from minihuman.worlds.grid.babyai.verifier import act_instructed, hand_over, ste
 from minihuman.worlds.grid.core import state as fields
 from minihuman.worlds.grid.core.cells import EMPTY, LAVA, UNSEEN, WALL, colour_of, kind_of
 from minihuman.worlds.grid.core.rewards import DODGE, INSTRUCTED
-from minihuman.worlds.grid.core.rng import RngState, read_rng_state, write_rng_state
 from minihuman.worlds.grid.core.rules import ACTION_NAMES, NO_SUCH_ACTION, TERMINATED, TRUNCATED, act, step
 from minihuman.worlds.grid.core.state import Row, State, clear, row_length
 from minihuman.worlds.grid.core.view import see, see_size
@@ -40,6 +39,7 @@ from minihuman.worlds.grid.planner import path_length_bounds, shortest_path
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.options import MAX_CELLS, check_bool, check_one_of, check_whole
 from minihuman.worlds.pose import Map, Pose, Thing, wall_outlines
+from minihuman.worlds.rng import RngState, read_rng_state, write_rng_state
 from minihuman.worlds.step_limit import check_max_steps
 
 
@@ -257,7 +257,8 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         self._lay_out()
         if self._row[fields.FAILED]:
             raise WorldError(
-                f"{self} with seed {seed!r} has no free cell for something it places, or nothing fits its mission"
+                f"{self} with seed {seed!r} has no free cell for something it places, or nothing fits its mission; use "
+                "another seed or a larger grid"
             )
         self._check_agent()
         self._row[fields.PHASE] = fields.PLAYING
@@ -302,7 +303,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
             )
         instead = "; instead of Minigrid's NoDeath, which steps on, use minihuman.worlds.grid.wrappers.NoDeath"
         return WorldError(
-            f"{self} is not in an episode; call reset() before step(), and again after an end"
+            f"{self} is not in an episode; call reset() before step(), and again after each episode"
             f"{instead if 'minigrid.wrappers' in sys.modules else ''}"
         )
 
@@ -350,7 +351,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
             if colour not in COLOURS or not (0 <= opacity <= 1 and self._has_cell(*place)):
                 raise WorldError(
                     f"cell_marks has {place}: {(colour, opacity)}; give a cell of the grid, one of "
-                    f"{', '.join(COLOURS)}, and how opaque it is, 0 to 1"
+                    f"{', '.join(COLOURS)}, and an opacity from 0 to 1"
                 )
             at = place if view == "full" else self.relative_coords(*place)
             if at is None or (view == "partial" and self.look(size)[at][0] == UNSEEN):
@@ -408,7 +409,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         if saved.row.shape != self._row.shape or not np.array_equal(saved.row[:2], self._row[:2]):
             raise WorldError(
                 f"the saved state is {saved.row[fields.WIDTH]} x {saved.row[fields.HEIGHT]} cells and {self} is "
-                f"{self._row[fields.WIDTH]} x {self._row[fields.HEIGHT]}; restore it into a world of its size"
+                f"{self._row[fields.WIDTH]} x {self._row[fields.HEIGHT]}; restore it into a world of the same size"
             )
         self._row[:] = saved.row
         self._draws = bool(self._row[fields.TASK] == DODGE)

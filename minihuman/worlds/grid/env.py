@@ -142,7 +142,9 @@ def put_near(*, size: int = 6, numObjs: int = 2) -> Recipe:
     """Objects, one to put near another."""
     _objects(numObjs, 2, DIFFERENT, size)
     if 9 * (numObjs - 1) >= (size - 2) ** 2:
-        raise WorldError(f"numObjs is {numObjs}; that many may not fit apart into size = {size}; enlarge it")
+        raise WorldError(
+            f"numObjs is {numObjs}, too many to keep apart with size = {size}; use fewer, or a larger size"
+        )
     kinds = kind_words(KEY, BALL, BOX)
     mission = MissionSpace("put the {} {} near the {} {}", COLOUR_WORDS, kinds, COLOUR_WORDS, kinds)
     return Recipe(single_rooms.put_near, (numObjs,), size, size, 5 * size, mission, True)

@@ -19,6 +19,7 @@ from minihuman.worlds.grid.babyai.instruction_space import InstructionSpace
 from minihuman.worlds.grid.babyai.language import Instruction
 from minihuman.worlds.grid.core import placement
 from minihuman.worlds.grid.core import state as fields
+from minihuman.worlds.grid.core.bodies import body_index
 from minihuman.worlds.grid.core.cells import (
     DOOR_STATES,
     EMPTY,
@@ -32,10 +33,10 @@ from minihuman.worlds.grid.core.cells import (
     pack,
     state_of,
 )
-from minihuman.worlds.grid.core.rng import RngState, read_rng_state, write_rng_state
 from minihuman.worlds.grid.core.state import Row, State, contents_index, make, put
 from minihuman.worlds.grid.missions import MissionSpace
 from minihuman.worlds.grid.object_kinds import Item, ObjectKind, wall
+from minihuman.worlds.rng import RngState, read_rng_state, write_rng_state
 
 LayoutFunction = Callable[..., None]  # (row, rng_state, *numbers)
 
@@ -73,6 +74,7 @@ class Recipe:
         )
 
 
+MOST_TRIES = 10_000
 T = TypeVar("T")
 Place = tuple[int, int]  # column, row
 
@@ -89,12 +91,18 @@ class Layout:
     """One episode's layout in the making. Draws come from the world's ``np_random``, one draw order a layout."""
 
     def __init__(
-        self, row: Row, np_random: np.random.Generator, mission: str, kinds: Sequence[ObjectKind] = ()
+        self,
+        row: Row,
+        np_random: np.random.Generator,
+        mission: str,
+        kinds: Sequence[ObjectKind] = (),
+        bodies: int = 1,
     ) -> None:
         self.width, self.height = int(row[fields.WIDTH]), int(row[fields.HEIGHT])
         self.mission = mission  # set it to give this episode another
         self.instruction: Instruction | None = None  # set it where the mission is an `InstructionSpace`
         self.kinds = tuple(kinds)  # of the world's own
+        self.bodies = bodies
         self._row = row
         self._np_random = np_random
         self._rng_state: RngState = np.zeros(6, np.uint64)
@@ -136,7 +144,7 @@ class Layout:
         top: Place = (0, 0),
         size: Place | None = None,
         reject: Callable[[int, int], bool] | None = None,
-        tries: int = 10_000,
+        tries: int = MOST_TRIES,
     ) -> PlacedItem:
         """Put an item into a drawn free cell of a rectangle (the grid), where the agent is not.
 
@@ -153,17 +161,30 @@ class Layout:
         x, y = self._draw(item.kind, top, size, reject, tries)
         return self.put(item, x, y)
 
-    def put_agent(self, x: int, y: int, direction: int = 0) -> None:
-        """Put the agent into a cell: it looks right (0), down (1), left (2) or up (3)."""
+    def put_agent(self, x: int, y: int, direction: int = 0, *, body: int = 0) -> None:
+        """Put the agent, or one body of a team, into a cell: it looks right (0), down (1), left (2) or up (3)."""
         self._check(x, y)
-        placement.stand(self._row, x, y, direction)
+        self._stand(body, x, y, direction)
 
-    def place_agent(self, *, top: Place = (0, 0), size: Place | None = None, direction: int | None = None) -> Place:
-        """Put the agent into a drawn free cell of a rectangle; it looks in a drawn direction unless one is given."""
-        placement.stand(self._row, -1, -1, -1)
-        x, y = self._draw("agent", top, size, None, 1)
-        placement.stand(self._row, x, y, self.integer(0, 4) if direction is None else direction)
+    def place_agent(
+        self, *, top: Place = (0, 0), size: Place | None = None, direction: int | None = None, body: int = 0
+    ) -> Place:
+        """Put the agent, or one body of a team, into a drawn free cell of a rectangle.
+
+        It looks in a drawn direction unless one is given.
+        """
+        self._stand(body, -1, -1, -1)
+        x, y = self._draw("agent", top, size, None, 1 if self.bodies == 1 else MOST_TRIES)
+        self._stand(body, x, y, self.integer(0, 4) if direction is None else direction)
         return x, y
+
+    def _stand(self, body: int, x: int, y: int, direction: int) -> None:
+        if not 0 <= body < self.bodies:
+            raise WorldError(
+                f"body {body} cannot be placed, as the world has {self.bodies} bodies; set `bodies` in its class"
+            )
+        at = body_index(self._row, body)
+        self._row[at : at + 3] = x, y, direction
 
     def integer(self, low: int, high: int) -> int:
         """Draw a whole number in [low, high)."""
@@ -191,7 +212,7 @@ class Layout:
         if item.own is None:
             return KINDS.index(item.kind)
         if item.own not in self.kinds:
-            raise WorldError(f"unknown kind {item.kind!r}; name it in the world's kinds = (...)")
+            raise WorldError(f"unknown kind {item.kind!r}; add it to the world's kinds = (...)")
         return fields.FIRST_OWN_KIND + self.kinds.index(item.own)
 
     def _draw(
@@ -201,7 +222,7 @@ class Layout:
         read_rng_state(self._np_random, self._rng_state)
         for _ in range(tries):
             x, y = placement.draw_place(self._row, self._rng_state, *top, *size, placement.UNLIMITED_TRIES)
-            if x < 0 or reject is None or not reject(x, y):
+            if x < 0 or not (self._is_taken(x, y) or (reject is not None and reject(x, y))):
                 break
         else:
             x = -1
@@ -212,6 +233,11 @@ class Layout:
                 f"no free cell for the {what} in the {size[0]} x {size[1]} cells from {top}; give it a larger rectangle"
             )
         return x, y
+
+    def _is_taken(self, x: int, y: int) -> bool:
+        """Whether a body after the first stands in a cell; drawing leaves out the first by itself."""
+        starts = (body_index(self._row, body) for body in range(1, self.bodies))
+        return any(self._row[at] == x and self._row[at + 1] == y for at in starts)
 
     def _check(self, x: int, y: int) -> None:
         if not (0 <= x < self.width and 0 <= y < self.height):
@@ -252,9 +278,9 @@ def observation_to_text(
     """
     image = np.asarray(observation["image"] if isinstance(observation, Mapping) else observation)
     if image.ndim != 3 or image.shape[2] != 3:
-        raise WorldError(f"the image is an array {image.shape}; give one of [columns, rows, 3]: kind, colour, state")
+        raise WorldError(f"the image has the shape {image.shape}; use [columns, rows, 3], with kind, colour and state")
     if (highest := int(image[..., 0].max())) >= fields.FIRST_OWN_KIND + len(kinds):
-        raise WorldError(f"the image has kind {highest}; pass the world's own kinds, kinds=(...)")
+        raise WorldError(f"the image has the unknown kind {highest}; pass the world's own kinds with kinds=(...)")
     numbers, colours, states = np.moveaxis(image.astype(np.int64), 2, 0)
     cells = [
         [_observed(*cell, kinds) for cell in zip(*line, strict=True)]

@@ -155,7 +155,7 @@ class GridView:
         """
         self._check(i, j)
         if not np.shares_memory(self.codes, self._state.row):
-            raise WorldError("this grid is a copy; set cells of env.unwrapped.grid")
+            raise WorldError("this grid is a copy; set cells of env.unwrapped.grid instead")
         put(self._state.row, i, j, self._code(v))
 
     def slice(self, x: int, y: int, width: int, height: int) -> "GridView":
@@ -219,7 +219,8 @@ class GridView:
         if code == EMPTY:
             row[FAILED] = 0
             raise WorldError(
-                f"{row[OBJECTS]} things were made in this episode, one per cell; put those again that grid.get returns"
+                f"{row[OBJECTS]} things were made in this episode, the maximum for this grid; reuse those that "
+                "grid.get returns"
             )
         if thing.contains is not None:
             row[contents_index(row, identity_of(code))] = self._code(thing.contains)
@@ -255,7 +256,7 @@ class MinigridCompat(abc.ABC):
         column, row = place
         if not (0 <= column < self.state.width and 0 <= row < self.state.height):
             raise WorldError(
-                f"agent_pos is {place!r}; cells are (0, 0) to {self.state.width - 1, self.state.height - 1}"
+                f"agent_pos is {place!r}; use a cell from (0, 0) to {self.state.width - 1, self.state.height - 1}"
             )
         self.state.row[[X, Y]] = column, row
 
@@ -267,7 +268,7 @@ class MinigridCompat(abc.ABC):
     @agent_dir.setter
     def agent_dir(self, direction: int) -> None:
         if direction not in range(4):
-            raise WorldError(f"agent_dir is {direction!r}; directions are 0 right, 1 down, 2 left and 3 up")
+            raise WorldError(f"agent_dir is {direction!r}; use 0 for right, 1 for down, 2 for left or 3 for up")
         self.state.row[DIRECTION] = direction
 
     @property

@@ -111,7 +111,8 @@ class MissionSpace(Sentences):
     ) -> None:
         if template.count("{}") != len(choices):
             raise WorldError(
-                f"mission {template!r} has {template.count('{}')} placeholders but {len(choices)} lists of choices"
+                f"mission {template!r} has {template.count('{}')} placeholders but {len(choices)} lists of choices; "
+                "give one list each"
             )
         self.template = template
         self.choices = tuple(dict(words) if isinstance(words, Mapping) else dict(enumerate(words)) for words in choices)
@@ -146,7 +147,7 @@ class MissionSpace(Sentences):
     def sample(self, mask: Any = None, probability: Any = None) -> str:
         """A sentence with drawn choices. Masks and probabilities are not supported."""
         if mask is not None or probability is not None:
-            raise WorldError("a mission space samples uniformly and takes no mask and no probability; leave them out")
+            raise WorldError("a mission space samples uniformly and takes no mask and no probability; remove them")
         return self.sentence([list(words)[self.np_random.integers(len(words))] for words in self.choices])
 
     def first(self) -> str:

@@ -15,10 +15,10 @@ from minihuman.worlds.grid.core import rewards
 from minihuman.worlds.grid.core import state as fields
 from minihuman.worlds.grid.core.cells import GOAL, STEPS
 from minihuman.worlds.grid.core.rewards import is_open
-from minihuman.worlds.grid.core.rng import RngState
 from minihuman.worlds.grid.core.rules import act
 from minihuman.worlds.grid.core.search import FAR, FOUND, FULL, distances, search
 from minihuman.worlds.grid.core.state import Row, State
+from minihuman.worlds.rng import RngState
 
 MAX_DODGING_STATES = 50_000  # a second or two
 MOST_BYTES = 200_000_000  # of states: fewer are looked at in a world that is very large
@@ -58,7 +58,9 @@ def plan_among_obstacles(start: Row, rng_state: RngState, bound: NDArray[np.int3
             seen.add(known)
             parents.append((number, action))
             if len(parents) > most:
-                raise WorldError(f"no path round the obstacles was found in {most} states; make the world smaller")
+                raise WorldError(
+                    f"no path around the obstacles was found after searching {most} states; make the world smaller"
+                )
             cost = 1 - minus_cost
             left = int(bound[after[fields.X], after[fields.Y], after[fields.DIRECTION]])
             heapq.heappush(waiting, (cost + left, -cost, len(parents) - 1, after, drawn))
@@ -107,7 +109,10 @@ def plan(state: State, rng_state: RngState | None = None, *, limit: int = 1 << 2
         return _follow_instruction(state)
     if row[fields.TASK] == rewards.DODGE:
         if rng_state is None:
-            raise WorldError("obstacles move at random in this world, so no fixed list of actions is sure to succeed")
+            raise WorldError(
+                "obstacles move at random in this world, so no fixed plan is sure to succeed; pass rng_state to plan "
+                "for one course of events"
+            )
         return plan_among_obstacles(row, rng_state, _relaxed(state)[0])
     poses, extra = _nearest(state)
     sources = _numbers(state, poses)
@@ -140,7 +145,9 @@ def _follow_instruction(state: State) -> list[int] | None:
 
     way = plan_instruction(state.row)
     if not way.found and not way.unsolvable:
-        raise WorldError("no plan for this instruction was found in the states searched, though one may exist")
+        raise WorldError(
+            "the search for a plan gave up, though one may exist; use a smaller world or a simpler instruction"
+        )
     return list(way.actions) if way.found else None
 
 
@@ -174,7 +181,7 @@ def _fast_plan(state: State, table: NDArray[np.int32], extra: int) -> list[int] 
         outcome, actions = search(state.row, table, extra, _most_states(state), np.zeros(6, np.uint64), weight)
         if outcome != FULL:
             return actions.tolist() if outcome == FOUND else None
-    raise WorldError("no path to the target was found; make the world smaller, or its movable objects fewer")
+    raise WorldError("no path to the target was found; make the world smaller, or use fewer movable objects")
 
 
 def _most_states(state: State) -> int:

@@ -41,7 +41,7 @@ def grid_of(env: Env) -> GridEngine:
         WorldError: if there is none.
     """
     if not isinstance(env.unwrapped, GridEngine):
-        raise WorldError(f"{env} is not a grid world of minihuman; make one of minihuman/MiniGrid-...")
+        raise WorldError(f"{env} is not a minihuman grid world; wrap one such as minihuman/MiniGrid-Empty-8x8-v0")
     return env.unwrapped
 
 
@@ -186,7 +186,7 @@ class Flat(gymnasium.ObservationWrapper[NDArray[np.uint8], int, Observation]):
         for place, letter in enumerate(mission.lower()):
             if letter not in self.ALPHABET:
                 raise WorldError(
-                    f"mission {mission!r} has the character {letter!r}; Flat spells a to z, space and comma"
+                    f"mission {mission!r} has the character {letter!r}; Flat encodes only a to z, space and comma"
                 )
             spelt[place, self.ALPHABET.index(letter)] = 1
         return spelt.ravel()
@@ -206,7 +206,7 @@ class GoalDirection(gymnasium.ObservationWrapper[Observation, int, Observation])
         super().__init__(env)
         bounds = {"slope": np.inf, "angle": np.pi / 2, "angle_atan2": np.pi}
         if measure not in bounds:
-            raise WorldError(f"unknown measure {measure!r} of direction; use one of {', '.join(bounds)}")
+            raise WorldError(f"unknown direction measure {measure!r}; use one of {', '.join(bounds)}")
         self.grid, self.measure = grid_of(env), measure
         space = spaces.Box(-bounds[measure], bounds[measure], (), np.float64)
         self.observation_space = spaces.Dict({**_parts(env), "goal_direction": space})
@@ -232,7 +232,7 @@ class StochasticAction(gymnasium.ActionWrapper[Any, int, int]):
     def __init__(self, env: Env, prob: float = 0.9, random_action: int | None = None) -> None:
         super().__init__(env)
         if not 0 <= prob <= 1:
-            raise WorldError(f"prob is {prob!r}; a probability is 0 to 1")
+            raise WorldError(f"prob is {prob!r}; use a probability from 0 to 1")
         self.prob, self.random_action = prob, random_action
 
     def action(self, action: int) -> int:
@@ -287,7 +287,7 @@ def _parts(env: Env) -> dict[str, spaces.Space[Any]]:
     space = env.observation_space
     if not isinstance(space, spaces.Dict):
         raise WorldError(
-            f"{env} observes {space}; apply this wrapper before any that takes image, direction and mission apart"
+            f"{env} has the observations {space}; apply this wrapper before any that changes their structure"
         )
     return dict(space.spaces)
 
@@ -305,7 +305,7 @@ class FixedSeeds(gymnasium.Wrapper[Any, int, Any, int]):
         super().__init__(env)
         self.seeds = tuple(seeds)
         if not self.seeds or any(isinstance(seed, bool) or not isinstance(seed, int) for seed in self.seeds):
-            raise WorldError(f"seeds are {self.seeds!r}; give one or more whole numbers")
+            raise WorldError(f"seeds must be one or more whole numbers, not {self.seeds!r}")
         self._next = first % len(self.seeds)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
@@ -316,7 +316,9 @@ class FixedSeeds(gymnasium.Wrapper[Any, int, Any, int]):
         """
         mine = self.seeds[self._next]
         if seed is not None and seed != mine:
-            raise WorldError(f"seed is {seed}, but Seeds resets with {mine} next; call reset() without a seed")
+            raise WorldError(
+                f"reset() was called with seed {seed}, but Seeds uses {mine} next; call reset() without a seed"
+            )
         self._next = (self._next + 1) % len(self.seeds)
         return self.env.reset(seed=mine, options=options)
 
@@ -388,7 +390,7 @@ class Tokens(gymnasium.ObservationWrapper[dict[str, Any], int, dict[str, Any]]):
         seen = env.observation_space
         mission = seen.get("mission") if isinstance(seen, spaces.Dict) else None
         if not isinstance(seen, spaces.Dict) or not isinstance(mission, Sentences):
-            raise WorldError(f"{env} observes {seen}; Tokens needs an observation with a mission")
+            raise WorldError(f"{env} has the observations {seen}; wrap a world whose observations have a mission")
         self.words = mission.words if words is None else tuple(dict.fromkeys(words))
         self._number = {word: number for number, word in enumerate(self.words, 1)}
         self.length = max(1, mission.most_words if length is None else length)
@@ -418,7 +420,8 @@ class Tokens(gymnasium.ObservationWrapper[dict[str, Any], int, dict[str, Any]]):
         for place, word in enumerate(said):
             if word not in self._number:
                 raise WorldError(
-                    f"mission {mission!r} contains {word!r}, which Tokens does not know: only {', '.join(self.words)}"
+                    f"mission {mission!r} contains {word!r}, which Tokens does not know; use only "
+                    f"{', '.join(self.words)}"
                 )
             tokens[place] = self._number[word]
         return tokens

@@ -9,6 +9,7 @@ from typing import Any
 
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.env import GridEnv
+from minihuman.worlds.grid.layouts.drawn_level import DrawnLevel
 from minihuman.worlds.grid.layouts.go_to_obj import GoToObjGrid
 
 
@@ -20,6 +21,11 @@ def make_grid_world(family: str, **options: Any) -> Any:
 def make_go_to_obj_world(**options: Any) -> Any:
     """The grid's half of the transfer pair; ``view`` as in `make_grid_world`."""
     return make_with_view(GoToObjGrid, **options)
+
+
+def make_drawn_level(**options: Any) -> Any:
+    """A level that a diagram shows; ``view`` as in `make_grid_world`."""
+    return make_with_view(DrawnLevel, **options)
 
 
 def make_with_view(grid: Callable[..., GridEngine], *, view: str = "grid", **options: Any) -> Any:
@@ -36,5 +42,5 @@ def make_with_view(grid: Callable[..., GridEngine], *, view: str = "grid", **opt
     return view_first_person(grid(**options), view, **picture)
 
 
-for _make in (make_grid_world, make_go_to_obj_world):
+for _make in (make_grid_world, make_go_to_obj_world, make_drawn_level):
     vars(_make)["metadata"] = GridEngine.metadata  # where Gymnasium looks which render modes it has to add

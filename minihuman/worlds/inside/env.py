@@ -223,7 +223,7 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
         self.grid = grid
         self.size_px = (obs_width, obs_height)
         if grid.render_mode == "ansi":
-            raise WorldError("render_mode is 'ansi'; a first-person grid renders only as 'rgb_array'")
+            raise WorldError("a first-person grid cannot be rendered as 'ansi'; use render_mode='rgb_array'")
         self.render_mode = grid.render_mode
         self.action_names = grid.action_names
         self.action_space = grid.action_space

@@ -23,6 +23,7 @@ VALUES = {
     FieldDescriptor.TYPE_FIXED64: st.integers(0, 2**64 - 1),
     FieldDescriptor.TYPE_STRING: st.text(max_size=20) | st.just("long" * 50),
 }
+LISTS = {"action_vector"}  # repeated fields
 NEWER = (
     b"\xf0\x01\x96\x01",
     b"\xd1\x01" + bytes(8),
@@ -36,6 +37,7 @@ def messages(kind: type[Message]) -> st.SearchStrategy[Message]:
         field.name: messages(v1.Pose) if field.message_type is not None else VALUES[field.type]
         for field in kind.DESCRIPTOR.fields
     }
+    fields |= {name: st.lists(fields[name], max_size=3) for name in LISTS & fields.keys()}
     return st.fixed_dictionaries({}, optional=fields).map(lambda given: kind(**given))
 
 
@@ -67,6 +69,10 @@ def assert_read(read: Mapping[str, FieldColumn], parsed: Sequence[Message]) -> N
         values = [getattr(message, name) for message in parsed]
         if isinstance(column.values, Mapping):
             assert_read(column.values, values)
+        elif name in LISTS:
+            rows = [row[: len(value)].tolist() for row, value in zip(column.values, values, strict=True)]
+            assert rows == [list(value) for value in values]
+            assert all(np.isnan(row[len(value) :]).all() for row, value in zip(column.values, values, strict=True))
         else:
             assert list(column.values) == values
         if parsed[0].DESCRIPTOR.fields_by_name[name].has_presence:

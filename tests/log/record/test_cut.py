@@ -91,6 +91,19 @@ def test_a_file_that_cannot_be_read_to_its_end_is_kept_as_it_was_found(live: Liv
     assert not part.exists()
 
 
+def test_a_tail_of_zeros_is_a_write_that_a_power_cut_tore_and_the_session_resumes_before_it(
+    live: Live, tmp_path: Path
+) -> None:
+    whole = live.bytes[: sorted(live.steps_at)[20]]
+    for length in (1, 8, 9, 400):
+        part = _part(whole + bytes(length), tmp_path)
+        left = resume_segment(part)
+        left.close()
+        assert list(left.events) == EVENTS[: len(left.events)]
+        assert part.read_bytes() == whole
+        part.unlink()
+
+
 def test_random_tails_cost_no_step(live: Live, tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     for length in rng.integers(1, 3000, count(10, 500)):

@@ -76,7 +76,7 @@ def test_the_log_lies_where_the_design_says(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["../up", "", "a/b", ".hidden", "sub 07"])
 def test_a_name_that_is_no_folder_name_is_refused(tmp_path: Path, name: str) -> None:
-    with pytest.raises(LogError, match="cannot name a folder"):
+    with pytest.raises(LogError, match="cannot be used as a folder name"):
         McapRecorder(tmp_path, session_plan(participant=name), started_ns=STARTED_NS)
 
 

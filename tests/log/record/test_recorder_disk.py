@@ -267,7 +267,7 @@ def test_a_full_tmpfs_stops_the_recorder_and_keeps_what_was_written(tmp_path: Pa
 def test_an_episode_that_may_not_fit_is_not_begun(tmp_path: Path) -> None:
     with small_disk(tmp_path, 2 * 2**20):
         recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
-        with pytest.raises(LogError, match=r"MiB free; episode 1 needs 16\.2 MiB: free some space"):
+        with pytest.raises(LogError, match=r"MiB free, but episode 1 needs 16\.2 MiB; free some space"):
             recorder.write(EVENTS)
         with pytest.raises(LogError, match="MiB free"):
             recorder.close()

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { predict } from "../../../minihuman/web/page/episode.js";
+import { predict, trailOf } from "../../../minihuman/web/page/episode.js";
 import { ScreenPrefetch } from "../../../minihuman/web/page/prefetch.js";
 import { editDraft } from "../../../minihuman/web/page/questions.js";
 
@@ -32,6 +32,13 @@ test("the last step of the rules ends an episode", () => {
 test("handing back changes who steers, and makes no step", () => {
   const after = predict(scenes, 10, { step: 4, scene: 1, who: "person" }, [{ n: 1, action: null, who: "agent" }]);
   assert.deepEqual([after.step, after.who], [4, "agent"]);
+});
+
+test("a team's turn is one action: the first pressed, and the one that the server has heard of before it", () => {
+  const rules = { team: "turns" }, trail = presses(0, 1);
+  assert.deepEqual(trailOf({ rules, confirmed: { step: 4, scene: 1, action: -1 }, trail }), trail.slice(0, 1));
+  assert.deepEqual(trailOf({ rules, confirmed: { step: 4, scene: 1, action: 1 }, trail: [] }), [{ n: 0, action: 1 }]);
+  assert.deepEqual(trailOf({ rules: { team: "" }, confirmed: null, trail }), trail);
 });
 
 const screenNamed = (name) => ({ name, screen: {}, after: null, episode: -1, scene: -1 });

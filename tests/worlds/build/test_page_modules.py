@@ -1,6 +1,5 @@
 import hashlib
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -9,18 +8,16 @@ from pathlib import Path
 import gymnasium
 import pytest
 
-import minihuman
 from minihuman.worlds.build.page_modules import MANIFEST, sources_digest
 from minihuman.worlds.build.targets import PAGE, linker_version
 from minihuman.worlds.catalogue import WORLDS, is_compiled_grid
 from minihuman.worlds.first_person.env import FirstPersonEnv
-from tests.worlds.build.page_cases import Files, differing, grid_case, scene_case
+from tests.worlds.build.page_cases import Files, differing, page_case
+from tests.worlds.build.player import PAGE_FOLDER, page_player
 
-PAGE_FOLDER = Path(minihuman.__file__).parent / "web/page"
 MODULES = PAGE_FOLDER / "worlds"
 MOST_BYTES = 400_000
 FOREIGN = ["minihuman/MiniGrid-GoToObj-Transfer-v0"]  # grid worlds whose rules are Python
-SEEDS = 200 if os.environ.get("MINIHUMAN_LONG") else 1
 
 needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="Node.js runs the page's modules here")
 
@@ -53,12 +50,10 @@ def test_building_again_gives_the_committed_modules(tmp_path):
     assert new == kept
 
 
-def _played(tmp_path: Path, cases: list[dict], simd: str = "plain") -> dict[str, str]:
-    (tmp_path / "cases.json").write_text(json.dumps(cases), encoding="utf-8")
-    node = ["node", str(Path(__file__).with_name("play.mjs")), str(PAGE_FOLDER), str(tmp_path / "cases.json"), simd]
-    done = subprocess.run(node, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+def _played(folder: Path, cases: list[dict], *, simd: bool = False) -> dict[str, str]:
+    with page_player("node", folder, simd=simd) as player:
+        player.submit(cases)
+        return player.digests()
 
 
 @needs_node
@@ -73,26 +68,28 @@ def test_every_grid_world_plays_in_the_page_as_in_python(tmp_path):
         if not env.is_compiled:
             foreign.append(entry.id)
             continue
-        for seed in range(SEEDS):
-            name = f"{entry.id} {seed}"
-            case, expected[name] = grid_case(env, seed, files, name)
-            cases.append(case)
+        case, expected[entry.id] = page_case(env, 0, files, entry.id)
+        cases.append(case)
     upstream = gymnasium.make("minihuman/MiniGrid-KeyCorridorS3R3-v0", palette="minigrid").unwrapped
-    case, expected["palette"] = grid_case(upstream, 0, files, "palette")
+    case, expected["palette"] = page_case(upstream, 0, files, "palette")
     assert differing(expected, _played(tmp_path, [*cases, case])) == []
     assert foreign == FOREIGN
-    assert len(expected) == 193 * SEEDS + 1
+    assert len(expected) == 194 + 1
 
 
 @needs_node
 @pytest.mark.program
-@pytest.mark.parametrize("simd", ["plain", "simd"])
-def test_every_first_person_world_looks_in_the_page_as_in_python(tmp_path, simd):
+@pytest.mark.parametrize("simd", [False, True], ids=["plain", "simd"])
+def test_every_first_person_world_plays_in_the_page_as_in_python(tmp_path, simd):
     files, cases, expected = Files(tmp_path), [], {}
-    for entry in WORLDS:
-        env = gymnasium.make(entry.id).unwrapped
-        if isinstance(env, FirstPersonEnv):
-            case, expected[entry.id] = scene_case(env, 3, files, entry.id)
+    for number, entry in enumerate(WORLDS):
+        if not isinstance(gymnasium.make(entry.id).unwrapped, FirstPersonEnv):
+            continue
+        for varied in (False, True) if simd and number % 4 == 0 else (False,):
+            env = gymnasium.make(entry.id, trig=1, domain_rand=varied, contact_shadows=varied).unwrapped
+            assert env.is_compiled
+            name = f"{entry.id} {'varied' if varied else ''}"
+            case, expected[name] = page_case(env, 3, files, name)
             cases.append(case)
-    assert differing(expected, _played(tmp_path, cases, simd)) == []
-    assert len(expected) == 24
+    assert differing(expected, _played(tmp_path, cases, simd=simd)) == []
+    assert len(expected) >= 24

@@ -14,7 +14,6 @@ from minihuman.worlds.first_person.entities import Key
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.layouts.connected_rooms import FourRooms
 from minihuman.worlds.first_person.pictures import light
-from minihuman.worlds.first_person.rules import carrying_position
 
 DRAW_WITHOUT_A_DISPLAY = """
 import sys
@@ -49,7 +48,7 @@ def test_a_thing_that_is_gone_is_gone_from_the_picture_of_that_step(name):
         if entity is not env.agent:
             entity.pos = 1.0, 0.0, 1.0
     without = env.observe()
-    thing.pos = carrying_position(env.stage, env.agent.pos, thing)  # where Miniworld's picture still has it
+    thing.pos = env.stage.carrying_position(env.agent.pos, thing)  # where Miniworld's picture still has it
     assert not np.array_equal(env.observe(), without)
     thing.pos = 6.9, 0.0, 6.0
     if name == "CollectHealth":

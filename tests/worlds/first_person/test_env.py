@@ -13,7 +13,7 @@ from minihuman.errors import WorldError
 from minihuman.worlds.catalogue import FIRST_PERSON_WORLDS
 from minihuman.worlds.first_person.entities import Ball, Box
 from minihuman.worlds.first_person.env import FirstPersonEnv
-from minihuman.worlds.first_person.rules import MOVES
+from minihuman.worlds.first_person.rules import COUNT, MOVES
 
 IDS = [entry.id for entry in FIRST_PERSON_WORLDS]
 
@@ -77,6 +77,19 @@ def test_what_is_carried_is_still_carried_after_a_restore():
     env.restore(saved)
     assert env.agent.carrying is env.red_box
     assert env.red_box in env.entities
+
+
+def test_a_kit_that_was_placed_again_is_on_the_stage_each_time():
+    env = make("CollectHealth", trig=1)
+    env.reset(seed=0)
+    kit = env.entities[0]
+    for _ in range(3):  # from the second time on, it comes back to where it was in the list of things
+        env.agent.carrying = kit
+        env.step(env.action_names.index("pickup"))
+        assert env.health == 100
+        assert env.agent.carrying is None
+        env.step(env.action_names.index("turn_left"))
+        assert env.flat_state().numbers[COUNT] == len(env.entities)
 
 
 def test_sixteen_worlds_in_one_process_are_each_as_they_are_alone():
@@ -217,7 +230,7 @@ def two_rooms(env, *openings, **height):
         (lambda env: env.add_room(((0, 0), (1, 0))), "fewer than 3 corners"),
         (lambda env: env.add_room(((0, 0), (4, 0), (4, 4), (0, 4))), "counter-clockwise"),
         (lambda env: env.add_room(((0, 0), (0, 0), (4, 4))), "twice in a row"),
-        (lambda env: env.add_rect_room(min_x=1, max_x=1, min_z=0, max_z=4), "has no floor"),
+        (lambda env: env.add_rect_room(min_x=1, max_x=1, min_z=0, max_z=4), "has no area"),
         (lambda env: env.connect_rooms(room(env), room(env), min_x=0, max_x=1), "No wall|no wall"),
         (
             lambda env: env.connect_rooms(
@@ -229,7 +242,7 @@ def two_rooms(env, *openings, **height):
             lambda env: env.connect_rooms(
                 room(env), env.add_rect_room(min_x=5, max_x=9, min_z=0, max_z=4), min_x=1, max_x=2
             ),
-            "runs across x",
+            "has a single x",
         ),
         (lambda env: two_rooms(env, (1, 3), (2, 3.5)), "from 0.5 to 2 m .* overlaps the one from 1 to 3 m"),
         (lambda env: two_rooms(env, (1, 3), max_y=3), "portal is 3 m high; it must be above 0 and at most .* 2.74 m"),
@@ -240,7 +253,7 @@ def two_rooms(env, *openings, **height):
         (lambda env: env.add_room(((0, 0), (0, 4), (4, 4), (1, 2))), "turns right"),
         (lambda env: (room(env), env.place_entity(Box("red", 9.0))), "no free place for red box"),
         (lambda env: (room(env), env.place_entity(Box("pink"))), "unknown colour 'pink'"),
-        (lambda env: (room(env), env.place_entity(Box("red"), pos=(1, 0, 1)), room(env)), "floor plan is closed"),
+        (lambda env: (room(env), env.place_entity(Box("red"), pos=(1, 0, 1)), room(env)), "floor plan is fixed"),
     ],
 )
 def test_a_world_that_cannot_be_built_says_why(build, said):

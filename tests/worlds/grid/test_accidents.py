@@ -75,7 +75,7 @@ def test_a_step_after_the_end():
     theirs.step(0)
     theirs.step(0)
     assert theirs.step(2)[1] > 0  # the same goal pays twice
-    with pytest.raises(WorldError, match="after an end"):
+    with pytest.raises(WorldError, match="after each episode"):
         ours.step(0)
 
 

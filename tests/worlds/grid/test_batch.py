@@ -134,7 +134,7 @@ def test_threads_step_what_one_thread_does(name, mode):
 
 
 def test_no_thread_at_all_is_refused():
-    with pytest.raises(WorldError, match="threads is 0; give 1 or more, or None for one per core"):
+    with pytest.raises(WorldError, match="threads is 0; use 1 or more, or None for one per core"):
         gymnasium.make_vec(
             "minihuman/MiniGrid-FourRooms-v0", num_envs=2, vectorization_mode="vector_entry_point", threads=0
         )

@@ -22,6 +22,15 @@ def test_the_tutorials_code_runs(capsys):
     assert "WW>>LrGgWW" in capsys.readouterr().out
 
 
+def test_the_code_about_team_worlds_runs():
+    blocks = re.findall(r"```python\n(.*?)```", (DOCS / "team-worlds.md").read_text(encoding="utf-8"), re.S)
+    assert len(blocks) == 3
+    try:
+        exec(compile("\n".join(blocks), "team-worlds.md", "exec"), {"__name__": "tutorial"})
+    finally:
+        gymnasium.registry.pop("lab/KeyEach-v0", None)
+
+
 def test_the_code_for_those_who_come_from_minigrid_runs():
     (block,) = re.findall(r"```python\n(.*?)```", (DOCS / "from-minigrid.md").read_text(encoding="utf-8"), re.S)
     names = {}

@@ -96,7 +96,7 @@ def test_stepping_and_looking_before_reset_say_so(four_rooms):
 def test_stepping_after_the_end_says_so(four_rooms):
     four_rooms.reset(seed=0)
     assert [four_rooms.step(0)[3] for _ in range(3)] == [False, False, True]
-    with pytest.raises(WorldError, match="again after an end"):
+    with pytest.raises(WorldError, match="again after each episode"):
         four_rooms.step(0)
 
 
@@ -115,7 +115,7 @@ def test_an_action_there_is_not_is_refused_and_changes_nothing(four_rooms, actio
         (lambda: GridEnv("five_rooms"), "unknown family 'five_rooms'"),
         (lambda: GridEnv("four_rooms", size=3), "does not take"),
         (lambda: GridEnv("empty", size=2), "size is 2; it must be a whole number from 3 to 1024"),
-        (lambda: GridEnv("empty", max_steps=0), "max_steps is 0; it must be a whole number, 1 to"),
+        (lambda: GridEnv("empty", max_steps=0), "max_steps is 0; use a whole number from 1 to"),
         (lambda: GridEnv("empty", agent_view_size=8), "it must be an odd number from 3 to 61"),
         (lambda: GridEnv("crossing", size=8), "size is 8; it must be an odd number"),
         (lambda: GridEnv("memory", size=8), "size is 8; it must be an odd number"),
@@ -250,7 +250,7 @@ def test_an_observation_is_read_as_text():
 
 
 def test_what_is_no_observation_is_refused():
-    with pytest.raises(WorldError, match=r"the image is an array \(7, 7\); give one of \[columns, rows, 3\]"):
+    with pytest.raises(WorldError, match=r"the image has the shape \(7, 7\); use \[columns, rows, 3\]"):
         minihuman.observation_to_text(np.zeros((7, 7)))
-    with pytest.raises(WorldError, match="the image has kind 12; pass the world's own kinds"):
+    with pytest.raises(WorldError, match="the image has the unknown kind 12; pass the world's own kinds"):
         minihuman.observation_to_text(np.full((3, 3, 3), 12))

@@ -87,7 +87,7 @@ def test_a_very_large_world_with_obstacles_is_given_up_before_memory_is_full(mon
     env.reset(seed=0)
     row = env.unwrapped.state.row
     monkeypatch.setattr("minihuman.worlds.grid.planner.MOST_BYTES", 100 * row.nbytes)
-    with pytest.raises(WorldError, match="in 100 states"):
+    with pytest.raises(WorldError, match="after searching 100 states"):
         env.unwrapped.shortest_path()
 
 

@@ -133,7 +133,7 @@ def test_a_picture_of_ones_own_is_read_from_a_folder(tmp_path):
     [
         ({"wfc_config": "Maze"}, "wfc_config is 'Maze'; use one of 'MazeSimple'"),
         ({"size": 4}, "size is 4; it must be a whole number from 5 to 64"),
-        ({"patterns": 3}, "patterns is 3; give the path of a folder"),
+        ({"patterns": 3}, "patterns must be the path of a folder, not 3"),
         ({"patterns": "/nowhere"}, "cannot be read as a picture"),
         ({"ensure_connected": 1}, "ensure_connected is 1; it must be true or false"),
     ],

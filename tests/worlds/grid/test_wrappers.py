@@ -107,11 +107,11 @@ def test_stable_baselines_takes_every_world_flat():
 @pytest.mark.parametrize(
     ("wrap", "complaint"),
     [
-        (lambda: wrappers.OneHot(gymnasium.make("CartPole-v1")), "not a grid world|observes Box"),
+        (lambda: wrappers.OneHot(gymnasium.make("CartPole-v1")), "not a minihuman grid world|has the observations Box"),
         (lambda: wrappers.OneHot(wrappers.Flat(make())), "apply this wrapper before"),
         (lambda: wrappers.ViewSize(make(), 4), "it must be an odd number"),
-        (lambda: wrappers.GoalDirection(make(), "north"), "unknown measure 'north'"),
-        (lambda: wrappers.StochasticAction(make(), 1.5), "a probability is 0 to 1"),
+        (lambda: wrappers.GoalDirection(make(), "north"), "unknown direction measure 'north'"),
+        (lambda: wrappers.StochasticAction(make(), 1.5), "use a probability from 0 to 1"),
         (lambda: wrappers.GoalDirection(make("MiniGrid-Fetch-5x5-N2-v0")).reset(seed=0), "no goal to point to"),
         (lambda: wrappers.Flat(make(), letters=10).reset(seed=0), "letters=53"),
     ],

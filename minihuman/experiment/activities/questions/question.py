@@ -43,6 +43,15 @@ class QuestionItemSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     required: bool = True
     right: str | int | float | tuple[str | int, ...] | None = None  # the right answer's code or value
     settings: dict[str, Any] | msgspec.UnsetType = msgspec.UNSET  # a plug-in's fields; not in plans without any
+    statements: dict[str, str] | msgspec.UnsetType = msgspec.UNSET  # likert: a matrix, a row for each
+    only_if: dict[str, tuple[str | int | float, ...]] | msgspec.UnsetType = msgspec.UNSET  # earlier item -> answers
+
+    @property
+    def asked(self) -> dict[str, str]:
+        """The name of each answer in the log, and what it answers: one, but for a matrix."""
+        if not self.statements:
+            return {self.name: self.ask}
+        return {f"{self.name}_{name}": f"{self.ask} {text}".strip() for name, text in self.statements.items()}
 
     @property
     def all_codes(self) -> tuple[str | int, ...]:
@@ -103,6 +112,11 @@ class AnswerDraft(abc.ABC):
     def display_text(self) -> str:
         """The answer as the participant sees it."""
 
+    @property
+    def answers(self) -> tuple[tuple[str, AnswerValue, str], ...]:
+        """What is logged once it is given: a name, a value and the words that were seen; several of a matrix."""
+        return ((self.question.name, self.value, self.display_text),)
+
     @abc.abstractmethod
     def widget(self) -> AnswerWidget:
         """What windows and the page draw."""
@@ -144,7 +158,7 @@ class QuestionKind:
     """
 
     name: str
-    draft: type[AnswerDraft]
+    draft: Callable[..., AnswerDraft]
     answer_type: AnswerType
     check: Callable[[QuestionItemSpec], ItemErrors] = _no_errors
     settings: type[msgspec.Struct] | None = None
@@ -161,7 +175,10 @@ def find_question_kind(name: str) -> QuestionKind:
     """
     kind = load_plugin(QUESTION_GROUP, name, ProtocolError, what="question kind")
     if not isinstance(kind, QuestionKind):
-        raise ProtocolError(f"question kind {name!r} is a {type(kind).__name__}; register a minihuman.ext.QuestionKind")
+        raise ProtocolError(
+            f"question kind {name!r} is of type {type(kind).__name__}; register an instance of "
+            "minihuman.ext.QuestionKind"
+        )
     return kind
 
 
@@ -187,6 +204,8 @@ def check_item(item: QuestionItemSpec) -> ItemErrors:
             return
     elif item.settings:
         yield "settings", f"is given, but a {item.kind} has none"
+    if item.statements is not msgspec.UNSET and item.kind != "likert":
+        yield "statements", f"is given, but a {item.kind} has none; use kind = 'likert'"
     has_codes = kind.answer_type in ("code", "codes", "rating")
     if item.options and not has_codes:
         yield "options", f"is given, but a {item.kind} has none"

@@ -1,5 +1,6 @@
 """A questionnaire: ask questions one after the other; some have a correct answer and a number of tries."""
 
+from collections.abc import Sequence
 from typing import Literal
 
 import msgspec
@@ -92,7 +93,7 @@ class QuestionsActivity(Activity):
         elif press.key in (*ENTER_KEYS, "tab"):
             self.context.emit_key(press, "accepted", self.phase)
             self._give()
-        elif press.key == "page_up" and self._number:
+        elif press.key == "page_up" and self._number > self._asked_numbers[0]:
             self.context.emit_key(press, "accepted", self.phase)
             self._step_back()
         else:
@@ -115,8 +116,9 @@ class QuestionsActivity(Activity):
             self.context.emit(AnswerChanged(self.context.now_ns, self.number, self.draft.question.name, value))
 
     def _step_back(self) -> None:
-        if self._number:
-            self._open(self._number - 1)
+        before = [number for number in self._asked_numbers if number < self._number]
+        if before:
+            self._open(before[-1])
 
     def _give(self) -> None:
         """Give the answer, unless something is missing."""
@@ -127,29 +129,43 @@ class QuestionsActivity(Activity):
             return
         right = is_correct(draft.question, draft.value)
         self._right[self._number] = right
-        self.context.emit(
-            Answered(
-                now_ns,
-                self.number,
-                self.part.name,
-                draft.question.name,
-                draft.question.kind,
-                self._tries + 1,
-                msgspec.json.encode(draft.value).decode(),
-                draft.display_text,
-                self._shown_ns,
-                self._first_ns,
-                self._changes,
-                right,
+        for name, value, seen in draft.answers:
+            self.context.emit(
+                Answered(
+                    now_ns,
+                    self.number,
+                    self.part.name,
+                    name,
+                    draft.question.kind,
+                    self._tries + 1,
+                    msgspec.json.encode(value).decode(),
+                    seen,
+                    self._shown_ns,
+                    self._first_ns,
+                    self._changes,
+                    right,
+                )
             )
-        )
-        if self._number + 1 < len(self._drafts):
-            self._open(self._number + 1)
+        following = [number for number in self._asked_numbers if number > self._number]
+        if following:
+            self._open(following[0])
         else:
             self._conclude()
 
+    @property
+    def _asked_numbers(self) -> list[int]:
+        """The questions that are asked as the answers are now; those that an answer rules out are passed over."""
+        given: dict[str, AnswerValue] = {}
+        numbers = []
+        for number, draft in enumerate(self._drafts):
+            rules = draft.question.only_if or {}
+            if all(_is_among(given.get(name), answers) for name, answers in rules.items()):
+                numbers.append(number)
+                given |= {name: value for name, value, _ in draft.answers}
+        return numbers
+
     def _conclude(self) -> None:
-        if False not in self._right:
+        if not any(self._right[number] is False for number in self._asked_numbers):
             self.ended = PartEnding()
             return
         self._tries += 1
@@ -185,8 +201,8 @@ class QuestionsActivity(Activity):
             words,
             title=self._plan.title,
             draft=self.draft,
-            number=self._number,
-            count=len(self._drafts),
+            number=self._asked_numbers.index(self._number),
+            count=len(self._asked_numbers),
             note=self._note,
         )
 
@@ -194,6 +210,10 @@ class QuestionsActivity(Activity):
     def draft(self) -> AnswerDraft:
         """The answer in progress."""
         return self._drafts[self._number]
+
+
+def _is_among(value: AnswerValue, answers: Sequence[str | int | float]) -> bool:
+    return any(one in answers for one in value) if isinstance(value, list) else value in answers
 
 
 QUESTIONS = ActivityKind("questions", QuestionsPlan, QuestionsActivity)

@@ -9,6 +9,7 @@ from minihuman.worlds.first_person.layouts.one_room import GoalEnv
 from minihuman.worlds.first_person.parameters import uniform
 from minihuman.worlds.first_person.rooms import Room
 from minihuman.worlds.first_person.rules import MOVES
+from minihuman.worlds.first_person.termination import TerminationRule, near_goal
 from minihuman.worlds.options import MAX_METRES, check_number
 
 
@@ -101,16 +102,9 @@ class Sidewalk(GoalEnv):
         self.box = self.place_entity(Box("red"), room=sidewalk, min_z=10, max_z=12)
         self.place_agent(room=sidewalk, min_z=0, max_z=1.5)
 
-    def reward_and_done(self, action: str) -> tuple[float, bool]:
-        """1 down to 0.8 near the box; either it or the street ends the episode."""
-        reward, arrived = super().reward_and_done(action)
-        x, _, z = self.agent.pos
-        return reward, arrived or self.street.contains(x, z)
-
-    shortest_path, path_length_bounds = (
-        GoalEnv.shortest_path,
-        GoalEnv.path_length_bounds,
-    )  # which keep out of the street
+    def termination_rule(self) -> TerminationRule:
+        """Near the box, or in the street."""
+        return near_goal(self.box, forbidden=self.street)
 
     def off_limits(self) -> tuple[Room, ...]:
         """The street."""

@@ -9,6 +9,7 @@ from minihuman.worlds.first_person.entities import Ball, Box, Entity, Key
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.parameters import DEFAULTS
 from minihuman.worlds.first_person.rules import MOVES
+from minihuman.worlds.first_person.termination import TerminationRule, face
 from minihuman.worlds.go_to_obj import draw_arrangement
 from minihuman.worlds.options import MAX_METRES, check_number
 
@@ -68,12 +69,9 @@ class GoToObj(FirstPersonEnv):
         self.mission = drawn.mission
         self.place_agent(pos=(middle, self.lift_m, middle), dir=0.0)
 
-    def reward_and_done(self, action: str) -> tuple[float, bool]:
-        """Whether the target is just ahead."""
-        (x, _, z), (ahead_x, ahead_z) = self.agent.pos, self.agent.forward
-        target_x, _, target_z = self.target.pos
-        off_m = math.hypot(x + self.reach_m * ahead_x - target_x, z + self.reach_m * ahead_z - target_z)
-        return (self.success_reward(), True) if off_m <= self.tolerance_m else (0.0, False)
+    def termination_rule(self) -> TerminationRule:
+        """Where the target is just ahead."""
+        return face(self.target, reach_m=self.reach_m, tolerance_m=self.tolerance_m)
 
     def targets(self) -> tuple[Entity, ...]:
         """The object to go to."""

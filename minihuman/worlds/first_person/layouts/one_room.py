@@ -13,6 +13,7 @@ from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.parameters import uniform
 from minihuman.worlds.first_person.pathfinding.planner import least_steps, plan, plan_put_next, plan_take_all
 from minihuman.worlds.first_person.rules import ACTIONS, MOVES
+from minihuman.worlds.first_person.termination import TerminationRule, near_goal, pick_up_all, put_next, stay_alive
 from minihuman.worlds.options import MAX_METRES, check_number, check_whole
 
 
@@ -24,9 +25,9 @@ class GoalEnv(FirstPersonEnv):
     def __init__(self, *, max_steps: int | None = 250, **options: Any) -> None:
         super().__init__(max_steps=max_steps, actions=MOVES, **options)
 
-    def reward_and_done(self, action: str) -> tuple[float, bool]:
-        """1 down to 0.8 near the box, which ends the episode."""
-        return (self.success_reward(), True) if self.near(self.box) else (0.0, False)
+    def termination_rule(self) -> TerminationRule:
+        """Near the box."""
+        return near_goal(self.box)
 
     def targets(self) -> tuple[Entity, ...]:
         """The box."""
@@ -73,14 +74,9 @@ class PickupObjects(FirstPersonEnv):
         self.place_agent()
         self.num_picked_up = 0
 
-    def reward_and_done(self, action: str) -> tuple[float, bool]:
-        """1 for each thing; the last one ends the episode."""
-        if self.agent.carrying is None:
-            return 0.0, False
-        self.entities.remove(self.agent.carrying)
-        self.agent.carrying = None
-        self.num_picked_up += 1
-        return 1.0, self.num_picked_up == self.num_objs
+    def termination_rule(self) -> TerminationRule:
+        """When all are picked up."""
+        return pick_up_all(self.num_objs, score="num_picked_up")
 
     def targets(self) -> tuple[Entity, ...]:
         """All that is left to pick up."""
@@ -105,11 +101,9 @@ class PutNext(FirstPersonEnv):
         self.red_box, self.yellow_box = boxes["red"], boxes["yellow"]
         self.place_agent()
 
-    def reward_and_done(self, action: str) -> tuple[float, bool]:
-        """1 down to 0.8 when the boxes stand side by side and nothing is carried."""
-        if self.agent.carrying is None and self.near(self.red_box, self.yellow_box):
-            return self.success_reward(), True
-        return 0.0, False
+    def termination_rule(self) -> TerminationRule:
+        """When the boxes stand side by side and nothing is carried."""
+        return put_next(self.red_box, self.yellow_box)
 
     def targets(self) -> tuple[Entity, ...]:
         """The red box and the yellow one."""
@@ -152,16 +146,9 @@ class CollectHealth(FirstPersonEnv):
         self.place_agent()
         self.health = 100
 
-    def reward_and_done(self, action: str) -> tuple[float, bool]:
+    def termination_rule(self) -> TerminationRule:
         """2 for each step alive, -100 for dying; a kit that is picked up turns up elsewhere."""
-        self.health -= 2
-        kit = self.agent.carrying
-        if action == "pickup" and kit is not None:
-            self.entities.remove(kit)
-            self.place_entity(kit)
-            self.agent.carrying = None
-            self.health = 100
-        return (2.0, False) if self.health > 0 else (-100.0, True)
+        return stay_alive(score="health", cost=2.0, full=100.0, reward=2.0, penalty=-100.0)
 
     def info(self) -> dict[str, Any]:
         """The health left."""

@@ -12,6 +12,7 @@ from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.parameters import DEFAULTS
 from minihuman.worlds.first_person.pathfinding.planner import least_steps, plan
 from minihuman.worlds.first_person.rules import MOVES
+from minihuman.worlds.first_person.termination import TerminationRule, touch_right_one
 from minihuman.worlds.options import MAX_METRES, check_number, check_whole
 
 _GAP = 0.25
@@ -58,15 +59,10 @@ class Sign(FirstPersonEnv):
         self.hang(TextFrame((size, 1.35, size + _GAP), math.pi, _COLOURS[self.color_index].upper(), height=1.0))
         self.place_agent(min_x=4, max_x=5, min_z=4, max_z=6)
 
-    def reward_and_done(self, action: str) -> tuple[float, bool]:
+    def termination_rule(self) -> TerminationRule:
         """1 for the right thing, -1 for a wrong one; of several in reach the last counts."""
-        reward, ended = 0.0, action == "done"
         boxes, keys = self.objects
-        wanted = self._wanted()
-        for thing in (*boxes, *keys):
-            if self.near(thing):
-                reward, ended = (1.0 if thing is wanted else -1.0), True
-        return reward, ended
+        return touch_right_one((*boxes, *keys), (3 if self.goal else 0) + self.color_index)
 
     def targets(self) -> tuple[Entity, ...]:
         """The sign, and what it names."""

@@ -22,7 +22,6 @@ from minihuman.worlds.first_person.pathfinding.search import (
     shortest_way,
 )
 from minihuman.worlds.first_person.rooms import FloorPlan
-from minihuman.worlds.first_person.rules import carrying_position
 from minihuman.worlds.first_person.state import WorldState
 
 if TYPE_CHECKING:
@@ -48,7 +47,7 @@ def plan(world: "FirstPersonEnv", goal: Entity, *, avoid: Sequence[Entity] = ())
     stage, moves, carried = world.stage, _moves(world), world.stage.agent.carrying
     start = (stage.agent.pos[0], stage.agent.pos[2], stage.agent.dir)
     reach = _reach(stage, goal, carried) - _MARGIN
-    x, _, z = stage.agent.pos if carried is None else carrying_position(stage, stage.agent.pos, carried)
+    x, _, z = stage.agent.pos if carried is None else stage.carrying_position(stage.agent.pos, carried)
     body = Body(
         _default(stage, "forward_step"),
         math.radians(_default(stage, "turn_step")),
@@ -64,7 +63,8 @@ def plan(world: "FirstPersonEnv", goal: Entity, *, avoid: Sequence[Entity] = ())
     cells = (bounds[2] - bounds[0]) * (bounds[3] - bounds[1]) / cell**2
     if cells > _MOST_CELLS:
         raise WorldError(
-            f"the floor has {cells:.0f} cells of {cell:g} m; paths can be planned on at most {_MOST_CELLS}"
+            f"the floor has {cells:.0f} cells of {cell:g} m; paths can be planned on at most {_MOST_CELLS}; make the "
+            "world smaller"
         )
     walls, discs, zones = stage.floor.walls, _obstacles(stage, avoid), zones_of(world)
     free = clearance_map(walls, discs, zones, bounds, cell, body.radius)
@@ -110,7 +110,7 @@ def _moves(world: "FirstPersonEnv") -> tuple[int, ...]:
         moves = tuple(world.action_names.index(name) for name in ("turn_left", "turn_right", "move_forward"))
     except ValueError:
         raise WorldError(
-            f"no path can be planned with the actions {world.action_names}; add both turns and a step"
+            f"no path can be planned with the actions {world.action_names}; add both turns and a step forward"
         ) from None
     return (*moves, world.action_names.index("move_back")) if "move_back" in world.action_names else moves
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.render.kernel_tables import F64, I32, SHADE, FaceTable, TextureTable
-from minihuman.worlds.first_person.render.texture import MOST_SIZES
+from minihuman.worlds.first_person.render.texture import MOST_SIZES, fill_sizes
 from minihuman.worlds.first_person.render.visibility import packed_faces
 
 MOST_TEXELS = 2047  # a side of a texture
@@ -266,47 +266,28 @@ def _disc(radius: float) -> F64:
     return np.array([(radius * x, _ABOVE_GROUND_M, -radius * z) for x, z in corners])
 
 
-def resized(pixels: NDArray[np.int32], width: int, height: int) -> NDArray[np.int32]:
-    """A texture in a smaller size, down to half: each texel the mean of what it covers.
-
-    Means are rounded upwards, as OpenGL's software driver has it. Whole numbers throughout, so it is the same anywhere.
-    """
-    rows, columns = pixels.shape[:2]
-    total = _gathered(_gathered(pixels, height).swapaxes(0, 1), width).swapaxes(0, 1)
-    means: NDArray[np.int32] = (total + (rows * columns - 1)) // (rows * columns)
-    return means
-
-
-def _gathered(pixels: NDArray[np.int32], count: int) -> NDArray[np.int32]:
-    """The sum of what each of so many parts of the first axis covers, times how many parts there are."""
-    length = len(pixels)
-    begin = np.arange(count) * length  # in parts of a row, of which there are so many
-    end = begin + length
-    total = np.zeros((count, *pixels.shape[1:]), np.int32)
-    for k in range(3 if length > count else 1):
-        row = begin // count + k
-        share = np.maximum(np.minimum(end, (row + 1) * count) - np.maximum(begin, row * count), 0)
-        total += share.astype(np.int32)[:, None, None] * pixels[np.minimum(row, length - 1)]
-    return total
-
-
 def _append(textures: TextureTable, pixels: NDArray[np.uint8]) -> TextureTable:
+    table = size_table(pixels.shape[1], pixels.shape[0], len(textures.texels))
+    texels = np.concatenate([textures.texels, np.empty(_texel_count(table), np.uint32)])
+    fill_sizes(np.array(pixels, order="C"), table.ravel(), texels)
+    return TextureTable(texels, np.concatenate([textures.table, table.ravel()]))
+
+
+def size_table(width: int, height: int, begin: int) -> NDArray[np.uint32]:
+    """The pairs of a texture, see `TextureTable`, whose first texel is at ``begin``; uint32[MOST_SIZES, 2]."""
     table = np.zeros((MOST_SIZES, 2), np.uint32)
-    parts = [textures.texels]
-    offset = len(textures.texels)
-    base = pixels[::-1].astype(np.int32)
-    height, width = base.shape[:2]
-    sizes: list[NDArray[np.int32]] = []
-    while not sizes or sizes[-1].size > 3:
-        part = 0.5 ** (len(sizes) / 4)
-        # from half an octave's four before, where there are four
-        level = sizes[-4] if len(sizes) >= 4 else base
-        if sizes:
-            level = resized(level, max(1, round(width * part)), max(1, round(height * part)))
-        table[len(sizes)] = offset, level.shape[1] | level.shape[0] << 16
-        packed = (level[..., 0] | level[..., 1] << 8 | level[..., 2] << 16).astype(np.uint32)
-        parts.append(np.pad(packed, 1, mode="wrap").ravel())
-        offset += len(parts[-1])
-        sizes.append(level)
-    table[-1, 1] = len(sizes) - 1
-    return TextureTable(np.concatenate(parts), np.concatenate([textures.table, table.ravel()]))
+    size, wide, high = 0, width, height
+    while True:
+        table[size] = begin, wide | high << 16
+        if wide == high == 1:
+            break
+        begin, size = begin + (wide + 2) * (high + 2), size + 1
+        part = 0.5 ** (size / 4)
+        wide, high = max(1, round(width * part)), max(1, round(height * part))
+    table[-1, 1] = size
+    return table
+
+
+def _texel_count(table: NDArray[np.uint32]) -> int:
+    last = int(table[-1, 1])
+    return int(table[last, 0]) - int(table[0, 0]) + 9  # the smallest size is one texel in its ring

@@ -21,6 +21,7 @@ from minihuman.worlds.first_person.render.scene import Camera, Light, Scene, Sce
 from minihuman.worlds.first_person.render.shading import colour
 from minihuman.worlds.first_person.render.visibility import size_of
 from minihuman.worlds.pose import Pose
+from minihuman.worlds.trigonometry import cosine, sine
 
 _GLOBAL_AMBIENT = 0.2  # OpenGL adds this much white to every light
 _AGENT_RGB = (1.0, 0.0, 0.0)
@@ -58,21 +59,22 @@ class RenderTarget:
         WorldError: if the picture has no pixels or is over 4096 a side.
     """
 
-    def __init__(self, scene: Scene, width: int, height: int) -> None:
+    def __init__(self, scene: Scene, width: int, height: int, *, trig: int = 0) -> None:
         _check_size(width, height)
         self.size_px = width, height
         self.layout = scene.layout
-        self.places = _turned(scene.places)
+        self._trig = trig  # whose sine and cosine turn things and the eye: 0 the host's, 1 our own
+        self.places = _turned(scene.places, trig)
         self.view = np.zeros(VIEW_SIZE)
         _complete(scene, self.view, width, height)
 
     def move(self, thing: int, pos: Vector, yaw_rad: float) -> None:
         """Put a thing elsewhere."""
-        self.places[thing, :5] = (*pos, math.cos(yaw_rad), math.sin(yaw_rad))
+        self.places[thing, :5] = (*pos, *turn(yaw_rad, self._trig))
 
     def aim(self, pos: Vector, yaw_rad: float, pitch_rad: float, fov_y_deg: float, near_m: float, far_m: float) -> None:
         """Say where the eye is that sees the next picture, and how it looks."""
-        _aim(self.view, pos, yaw_rad, pitch_rad, fov_y_deg, near_m, far_m, *self.size_px)
+        _aim(self.view, pos, yaw_rad, pitch_rad, fov_y_deg, near_m, far_m, *self.size_px, trig=self._trig)
         self.view[ROOM:] = MOST_SPANS, self.layout.capacity, self.layout.most_corners
 
     def draw(self, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
@@ -203,11 +205,13 @@ def _aim(
     far_m: float,
     width: int,
     height: int,
+    *,
+    trig: int = 0,
 ) -> None:
     """Write down where an eye is and how it looks."""
-    cos_yaw, sin_yaw = math.cos(yaw_rad), math.sin(yaw_rad)
-    cos_pitch, sin_pitch = math.cos(pitch_rad), math.sin(pitch_rad)
-    focal = height / 2 / math.tan(math.radians(fov_y_deg) / 2)
+    cos_yaw, sin_yaw = turn(yaw_rad, trig)
+    cos_pitch, sin_pitch = turn(pitch_rad, trig)
+    focal = height / 2 / half_view(fov_y_deg, trig)
     _EYE.pack_into(
         view.data,
         0,
@@ -219,6 +223,17 @@ def _aim(
         *(near_m, far_m, 0.0),
     )
     view[LEAST] = 0.5 / far_m
+
+
+def turn(angle_rad: float, trig: int) -> tuple[float, float]:
+    """Cosine and sine of an angle, the host's (0) or our own (1)."""
+    return (cosine(angle_rad), sine(angle_rad)) if trig else (math.cos(angle_rad), math.sin(angle_rad))
+
+
+def half_view(fov_y_deg: float, trig: int) -> float:
+    """The tangent of half the angle that an eye sees."""
+    half_rad = math.radians(fov_y_deg) / 2
+    return sine(half_rad) / cosine(half_rad) if trig else math.tan(half_rad)
 
 
 def _fit(layout: SceneTables, width: int, height: int) -> tuple[float, float, float]:
@@ -253,16 +268,15 @@ def _light(light: Light) -> F64:
     return out
 
 
-def _turned(places: F64) -> F64:
-    """Places with the cosine and sine of their yaw, by the one sine that is the same compiled or not.
+def _turned(places: F64, trig: int = 0) -> F64:
+    """Places with the cosine and sine of their yaw.
 
     There is a last column for how many samples each thing gets.
     """
     out = np.empty((len(places), 6))
     out[:, :3] = places[:, :3]
     for row, yaw in enumerate(places[:, 3].tolist()):
-        out[row, 3] = math.cos(yaw)
-        out[row, 4] = math.sin(yaw)
+        out[row, 3:5] = turn(yaw, trig)
     return out
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.worlds.kernels import kernel
 from minihuman.worlds.simd import Array, simd_function
 
 U32 = NDArray[np.uint32]
@@ -256,3 +257,45 @@ def copy(ops: Any, out: Array, at: int, colours: Array, slot: int) -> None:
 def pack(ops: Any, line: Array, x: int, picture: Array, at: int) -> None:
     """Write sixteen colours as bytes: red, green, blue."""
     ops.store(picture, at, ops.three_of_four(ops.octets(ops.load(line, x, LANES))))
+
+
+@kernel("void(uint8[:, :, ::1], uint32[::1], uint32[::1])", hold_gil=True)
+def fill_sizes(pixels: NDArray[np.uint8], table: U32, texels: U32) -> None:
+    """Write a texture in all its sizes, each in its ring, where its table says; the first row of pixels is on top.
+
+    A texel is the mean of what it covers in the size four before, where there is one, else in the largest. Means are
+    rounded upwards, as OpenGL's software driver has it, and whole numbers throughout.
+    """
+    for size in range(int(table[2 * MOST_SIZES - 1]) + 1):
+        begin, extents = int(table[2 * size]), int(table[2 * size + 1])
+        width, height = extents & 0xFFFF, extents >> 16
+        before = size - 4 if size >= 4 else 0
+        source, extents = int(table[2 * before]), int(table[2 * before + 1])
+        columns, rows = extents & 0xFFFF, extents >> 16
+        row = begin + width + 2
+        for i in range(height):
+            for j in range(width):
+                red, green, blue = 0, 0, 0
+                if size == 0:
+                    red, green, blue = int(pixels[-1 - i, j, 0]), int(pixels[-1 - i, j, 1]), int(pixels[-1 - i, j, 2])
+                else:
+                    for k in range(i * rows // height, min(i * rows // height + 3, rows)):
+                        high = min((i + 1) * rows, (k + 1) * height) - max(i * rows, k * height)
+                        for m in range(j * columns // width, min(j * columns // width + 3, columns)):
+                            wide = min((j + 1) * columns, (m + 1) * width) - max(j * columns, m * width)
+                            if high > 0 and wide > 0:
+                                texel = int(texels[source + (k + 1) * (columns + 2) + m + 1])
+                                red += high * wide * (texel & 0xFF)
+                                green += high * wide * (texel >> 8 & 0xFF)
+                                blue += high * wide * (texel >> 16)
+                    whole = rows * columns
+                    red, green, blue = (
+                        (red + whole - 1) // whole,
+                        (green + whole - 1) // whole,
+                        (blue + whole - 1) // whole,
+                    )
+                texels[row + j + 1] = red | green << 8 | blue << 16
+            texels[row], texels[row + width + 1] = texels[row + width], texels[row + 1]
+            row += width + 2
+        for j in range(width + 2):
+            texels[begin + j], texels[row + j] = texels[row - width - 2 + j], texels[begin + width + 2 + j]

@@ -255,6 +255,7 @@ def rooms_of(floats: F64, wholes: I32) -> RoomTable:
     )
 
 
+@kernel("UniTuple(int64, 2)(int64, int64, int64, int64, int64)", hold_gil=True)
 def size_of(height: int, spans: int, faces: int, corners: int, rooms: int) -> tuple[int, int]:
     """How many float64 and int32 a picture is drawn in, with so many spans of a row and corners of a face at most."""
     rows = 4 * height

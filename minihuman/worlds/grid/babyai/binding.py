@@ -194,4 +194,4 @@ def instruct(
     numbers[ROOM] = room
     row[TASK] = INSTRUCTED
     if not bind_now(row):
-        raise WorldError(f"'{instruction}' names an object that is not there; put it into the layout first")
+        raise WorldError(f"'{instruction}' names an object that is not in the world; add it to the layout first")

@@ -52,7 +52,7 @@ class InstructionSpace(Sentences):
             if verb not in VERBS:
                 raise WorldError(f"unknown verb {verb!r}; use one of {', '.join(VERBS)}")
         if not 1 <= clauses <= 4:
-            raise WorldError(f"clauses is {clauses!r}; an instruction has 1 to 4")
+            raise WorldError(f"an instruction cannot have {clauses!r} clauses; use 1 to 4")
         self.verbs = tuple(verb for verb in VERBS if verb in verbs or not verbs)
         self.places, self.clauses = places, clauses
         longest = str(After(*(And(LONGEST_CLAUSE, LONGEST_CLAUSE),) * 2))
@@ -89,7 +89,7 @@ class InstructionSpace(Sentences):
     def sample(self, mask: Any = None, probability: Any = None) -> str:
         """A drawn sentence. Masks and probabilities are not supported."""
         if mask is not None or probability is not None:
-            raise WorldError("an instruction space takes no mask and no probability; leave them out")
+            raise WorldError("an instruction space takes no mask and no probability; remove them")
         count = int(self.np_random.integers(1, self.clauses + 1))
         spoken = [self._draw_clause() for _ in range(count)]
         said: Instruction = spoken[0]

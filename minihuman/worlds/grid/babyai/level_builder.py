@@ -41,11 +41,11 @@ from minihuman.worlds.grid.babyai.level_program import (
 )
 from minihuman.worlds.grid.babyai.level_rooms import BOTH, ONE, SEQUENCE
 from minihuman.worlds.grid.core.cells import KINDS
-from minihuman.worlds.grid.core.rng import RngState
 from minihuman.worlds.grid.core.state import Row
 from minihuman.worlds.grid.layout import Recipe
 from minihuman.worlds.grid.layouts.room_grid import DOWN, LEFT, RIGHT, UP
 from minihuman.worlds.options import check_bool, check_whole
+from minihuman.worlds.rng import RngState
 
 WALLS = {"right": RIGHT, "down": DOWN, "left": LEFT, "up": UP}
 ACTIONS = {"goto": encoding.GO_TO, "open": encoding.OPEN, "pickup": encoding.PICK_UP, "putnext": encoding.PUT_NEXT}
@@ -127,7 +127,7 @@ class LevelBuilder:
         for name, value, count in (("column", column, self.columns), ("line", line, self.lines)):
             if isinstance(value, int) and not 0 <= value < count:
                 raise WorldError(
-                    f"this level needs a room in {name} {value}, but there are {count}; give it more rooms"
+                    f"this level needs a room in {name} {value}, but has {count}, counted from 0; give it more rooms"
                 )
         return self._do(level_program.ROOM_AT, column, line)
 
@@ -204,7 +204,8 @@ class LevelBuilder:
         """Put so many drawn keys, balls and boxes into a room, or each into a drawn room."""
         if different and count > 3 * len(COLOURS):
             raise WorldError(
-                f"{count} objects cannot all differ; there are {3 * len(COLOURS)} pairs of kind and colour"
+                f"{count} objects cannot all differ; there are {3 * len(COLOURS)} pairs of kind and colour, so ask for "
+                "fewer"
             )
         drawn = self._do(
             level_program.OBJECTS_IN, _or_drawn(room), count, int(different), _or_drawn(but_not_in), registers=2
@@ -239,7 +240,7 @@ class LevelBuilder:
     def maybe_locked_room(self, chance: float) -> RandomVariable:
         """With that chance, put a locked door to a drawn room and its key into another; the room, or none."""
         if isinstance(chance, bool) or not isinstance(chance, int | float) or not 0 <= chance <= 1:
-            raise WorldError(f"locked_room_prob is {chance!r}; a probability is 0 to 1")
+            raise WorldError(f"locked_room_prob is {chance!r}; use a probability from 0 to 1")
         return self._do(level_program.LOCK_ROOM, ceil(chance * 2**53))
 
     def block(self, door: ObjectRef) -> ObjectRef:
@@ -368,7 +369,9 @@ def _number(value: Any) -> int:
         for table in (COLOURS, KINDS, PLACES):
             if value in table:
                 return table.index(value)
-        raise WorldError(f"{value!r} is not a colour, kind or place")
+        raise WorldError(
+            f"{value!r} is not a colour, kind or place; use one of {', '.join((*COLOURS, *KINDS, *PLACES))}"
+        )
     return int(value)
 
 
@@ -459,21 +462,22 @@ class Level:
         sizes = dict(self.sizes)
         for name in sizes.keys() & options.keys():
             if name in self.fixed:
-                raise WorldError(f"{self.__name__} has a fixed {name}, {sizes[name]}; leave it out")
+                raise WorldError(f"{self.__name__} has a fixed {name}, {sizes[name]}; remove this option")
             sizes[name] = check_whole(name, options.pop(name), *((3, 64) if name == "room_size" else (1, 32)))
         known = inspect.signature(self.trace).parameters
         for name in options:
             if name not in known:
                 free = [*(name for name in sizes if name not in self.fixed), *list(known)[1:]]
-                raise WorldError(f"{self.__name__} takes no {name!r}; it takes {', '.join(free) or 'none'}")
+                raise WorldError(f"{self.__name__} has no option {name!r}; its options are {', '.join(free) or 'none'}")
         for name, parameter in list(known.items())[1:]:
             if parameter.default is parameter.empty and name not in options:
-                raise WorldError(f"{self.__name__} needs {name}; pass it")
+                raise WorldError(f"{self.__name__} needs the option {name}; pass it")
         size, columns, lines = sizes["room_size"], sizes["num_cols"], sizes["num_rows"]
         width, height = (size - 1) * columns + 1, (size - 1) * lines + 1
         if width * height > MAX_LEVEL_CELLS:
             raise WorldError(
-                f"{columns} x {lines} rooms of {size} make {width * height} cells; the most is {MAX_LEVEL_CELLS}"
+                f"{columns} x {lines} rooms of {size} make {width * height} cells; use fewer or smaller rooms, for at "
+                f"most {MAX_LEVEL_CELLS}"
             )
         builder = LevelBuilder(columns, lines, size)
         builder.finish(self.trace(builder, **options))

@@ -52,10 +52,10 @@ from minihuman.worlds.grid.babyai.level_rooms import (
 from minihuman.worlds.grid.babyai.verifier import hand_over, note_places
 from minihuman.worlds.grid.core.cells import DOOR, colour_of, kind_of
 from minihuman.worlds.grid.core.rewards import INSTRUCTED
-from minihuman.worlds.grid.core.rng import RngState, integer
 from minihuman.worlds.grid.core.state import FAILED, MAX_STEPS, OBJECTS, TASK, Row, clear
 from minihuman.worlds.grid.layouts.room_grid import Plan, remove_wall, rooms
 from minihuman.worlds.kernels import device_function, inline, kernel
+from minihuman.worlds.rng import RngState, integer
 
 Program = NDArray[np.int64]  # (1 + operations, WIDE)
 Given = NDArray[np.int64]  # an instruction set by hand: the block's numbers, or none

@@ -47,7 +47,6 @@ from minihuman.worlds.grid.core.cells import (
 from minihuman.worlds.grid.core.cells import OPEN as STANDS_OPEN
 from minihuman.worlds.grid.core.placement import stand
 from minihuman.worlds.grid.core.rewards import cell_in_front
-from minihuman.worlds.grid.core.rng import RngState, integer, unit
 from minihuman.worlds.grid.core.state import (
     FAILED,
     HEADER,
@@ -81,6 +80,7 @@ from minihuman.worlds.grid.layouts.room_grid import (
 )
 from minihuman.worlds.grid.layouts.single_rooms import draw_colour, draw_kind
 from minihuman.worlds.kernels import device_function, inline
+from minihuman.worlds.rng import RngState, integer, unit
 
 HOPELESS = 2  # in FAILED: no round will ever do
 DRAWN = -1  # of a room, wall, kind, colour or lock: draw it

@@ -340,7 +340,7 @@ def find_obj(builder: LevelBuilder) -> Instruction:
     """Something in a drawn room."""
     if builder.columns != builder.lines:
         raise WorldError(
-            f"find_obj has {builder.columns} columns and {builder.lines} rows of rooms; give it as many of each"
+            f"find_obj has {builder.columns} columns and {builder.lines} rows of rooms; use the same number of each"
         )
     column = builder.integer(0, builder.lines)
     thing = builder.thing(builder.room(column, builder.integer(0, builder.columns)))

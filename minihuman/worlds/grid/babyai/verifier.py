@@ -41,7 +41,6 @@ from minihuman.worlds.grid.babyai.encoding import (
 from minihuman.worlds.grid.core.cells import DOOR, EMPTY, ahead, identity_of, kind_of, state_of
 from minihuman.worlds.grid.core.cells import OPEN as STANDS_OPEN
 from minihuman.worlds.grid.core.rewards import INSTRUCTED, success_reward
-from minihuman.worlds.grid.core.rng import RngState
 from minihuman.worlds.grid.core.rules import act, apply, close, refusal
 from minihuman.worlds.grid.core.state import (
     CARRYING,
@@ -61,6 +60,7 @@ from minihuman.worlds.grid.core.state import (
 )
 from minihuman.worlds.grid.core.view import see
 from minihuman.worlds.kernels import device_function, inline, kernel
+from minihuman.worlds.rng import RngState
 
 _PICKUP, _DROP, _TOGGLE, _DONE = 3, 4, 5, 6  # actions
 

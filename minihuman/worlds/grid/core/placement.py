@@ -4,9 +4,9 @@ Every draw is made in the order in which Minigrid makes it, so the same seed giv
 """
 
 from minihuman.worlds.grid.core.cells import EMPTY, GREY_WALL
-from minihuman.worlds.grid.core.rng import RngState, integer
 from minihuman.worlds.grid.core.state import DIRECTION, FAILED, HEADER, HEIGHT, WIDTH, Row, X, Y, put
 from minihuman.worlds.kernels import inline, kernel
+from minihuman.worlds.rng import RngState, integer
 
 UNLIMITED_TRIES = 1 << 30  # tries; a layout that needs more has no free place at all
 

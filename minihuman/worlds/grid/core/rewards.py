@@ -5,7 +5,6 @@ Success earns 1 - 0.9 * step / max_steps. What counts as done of a BabyAI instru
 """
 
 from minihuman.worlds.grid.core.cells import DOOR, EMPTY, GOAL, OPEN, ahead, colour_of, identity_of, kind_of, state_of
-from minihuman.worlds.grid.core.rng import RngState, integer
 from minihuman.worlds.grid.core.state import (
     CARRYING,
     DIRECTION,
@@ -24,6 +23,7 @@ from minihuman.worlds.grid.core.state import (
     where_is,
 )
 from minihuman.worlds.kernels import device_function, inline, kernel
+from minihuman.worlds.rng import RngState, integer
 
 LEFT, RIGHT, FORWARD, PICKUP, DROP, TOGGLE, DONE = range(7)
 

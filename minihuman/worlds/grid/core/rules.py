@@ -39,7 +39,6 @@ from minihuman.worlds.grid.core.rewards import (
     reward_and_done,
     success_reward,
 )
-from minihuman.worlds.grid.core.rng import RngState
 from minihuman.worlds.grid.core.state import (
     ACTIONS,
     CARRYING,
@@ -67,6 +66,7 @@ from minihuman.worlds.grid.core.state import (
 )
 from minihuman.worlds.grid.core.view import see
 from minihuman.worlds.kernels import device_function, inline, kernel
+from minihuman.worlds.rng import RngState
 
 ACTION_NAMES = ("left", "right", "forward", "pickup", "drop", "toggle", "done")
 

@@ -35,7 +35,6 @@ from minihuman.worlds.grid.core.rewards import (
     TOGGLE,
     cell_in_front,
 )
-from minihuman.worlds.grid.core.rng import RngState
 from minihuman.worlds.grid.core.rules import act
 from minihuman.worlds.grid.core.state import (
     CARRYING,
@@ -60,6 +59,7 @@ from minihuman.worlds.grid.core.state import (
     where_is,
 )
 from minihuman.worlds.kernels import device_function, kernel
+from minihuman.worlds.rng import RngState
 
 FAR = 1 << 20  # more actions than any plan has
 FOUND, NONE, FULL = 0, 1, 2  # how a search ends: a plan, no plan exists, too many nodes

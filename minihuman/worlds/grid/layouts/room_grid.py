@@ -26,7 +26,6 @@ from minihuman.worlds.grid.core.cells import (
 )
 from minihuman.worlds.grid.core.placement import place_agent, stand, wall_rect
 from minihuman.worlds.grid.core.rewards import OPEN_DOOR, PICK, cell_in_front
-from minihuman.worlds.grid.core.rng import RngState, integer
 from minihuman.worlds.grid.core.state import (
     FAILED,
     HEADER,
@@ -45,6 +44,7 @@ from minihuman.worlds.grid.core.state import (
 )
 from minihuman.worlds.grid.layouts.single_rooms import draw_colour
 from minihuman.worlds.kernels import device_function, inline, kernel
+from minihuman.worlds.rng import RngState, integer
 
 Plan = NDArray[np.int64]  # (rooms, 13)
 

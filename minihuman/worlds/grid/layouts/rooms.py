@@ -31,10 +31,10 @@ from minihuman.worlds.grid.core.placement import (
     wall_rect,
 )
 from minihuman.worlds.grid.core.rewards import IN_ORDER
-from minihuman.worlds.grid.core.rng import RngState, integer
 from minihuman.worlds.grid.core.state import FAILED, HEIGHT, MISSION, TARGET, TASK, WIDTH, Row, make, put
 from minihuman.worlds.grid.layouts.single_rooms import draw_colour, draw_kind
 from minihuman.worlds.kernels import device_function, kernel
+from minihuman.worlds.rng import RngState, integer
 
 
 @kernel()

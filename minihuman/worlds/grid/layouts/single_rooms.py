@@ -33,9 +33,9 @@ from minihuman.worlds.grid.core.placement import (
     wall_rect,
 )
 from minihuman.worlds.grid.core.rewards import DODGE, FETCH, MATCH, PUT_NEAR, STAND_BY
-from minihuman.worlds.grid.core.rng import RngState, integer, shuffle
 from minihuman.worlds.grid.core.state import FAILED, HEIGHT, MISSION, TARGET, TASK, WIDTH, Row, make, put
 from minihuman.worlds.kernels import device_function, kernel
+from minihuman.worlds.rng import RngState, integer, shuffle
 
 KINDS_DRAWN = (KEY, BALL, BOX)
 

@@ -156,12 +156,15 @@ def in_hand(code: int, size_px: int, palette: Palette, kinds: "Sequence[ObjectKi
     return canvas
 
 
-def agent(direction: int, size_px: int, palette: Palette) -> Canvas:
-    """The agent, an arrowhead, its surroundings transparent; 0 right, 1 down, 2 left, 3 up."""
+def agent(direction: int, size_px: int, palette: Palette, colour: RGB | None = None) -> Canvas:
+    """The agent, an arrowhead, its surroundings transparent; 0 right, 1 down, 2 left, 3 up.
+
+    It has the palette's colour of the only agent unless another is given.
+    """
     canvas = Canvas(size_px)
     for _ in range(direction):
         canvas.u, canvas.v = canvas.v, 1 - canvas.u
-    colour = AGENT_COLOURS[palette]
+    colour = colour or AGENT_COLOURS[palette]
     corners = ((0.22, 0.24), (0.80, 0.50), (0.22, 0.76), (0.34, 0.50))
     canvas.fill(canvas.polygon(*corners, rounding=0.085), shade(colour, -0.75))
     canvas.fill(canvas.polygon(*corners, rounding=0.045), colour)

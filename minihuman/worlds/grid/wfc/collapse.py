@@ -16,8 +16,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.core.rng import RngState, unit
 from minihuman.worlds.kernels import kernel
+from minihuman.worlds.rng import RngState, unit
 
 SIDES = ((0, -1), (1, 0), (0, 1), (-1, 0))  # a neighbour's place: along the first axis of a layout, along the second
 WORD = 64  # patterns that one number of a set holds

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.core.cells import EMPTY, GREEN_GOAL, GREY_WALL
 from minihuman.worlds.grid.core.placement import stand
-from minihuman.worlds.grid.core.rng import RngState, integer, shuffle
 from minihuman.worlds.grid.core.state import HEADER, HEIGHT, WIDTH, Row, put
 from minihuman.worlds.grid.layout import Recipe
 from minihuman.worlds.grid.missions import MissionSpace
 from minihuman.worlds.grid.wfc.collapse import Overlaps, collapse, largest_part, overlaps
 from minihuman.worlds.kernels import kernel
 from minihuman.worlds.options import check_bool, check_one_of, check_whole
+from minihuman.worlds.rng import RngState, integer, shuffle
 
 PICTURES: Mapping[str, str] = MappingProxyType(
     {
@@ -140,7 +140,7 @@ class WfcRecipe(Recipe):
             cells = largest_part(free) if self.connected else free
             if len(cells) > 1:
                 return cells
-        raise WorldError(f"{self.name}: no two free cells of {size} x {size} are connected; enlarge size")
+        raise WorldError(f"{self.name}: no two free cells of {size} x {size} are connected; use a larger size")
 
 
 def wfc(
@@ -183,18 +183,20 @@ def _read(folder: str, preset: Preset) -> Overlaps:
     from PIL import Image, UnidentifiedImageError  # only for pictures of the user's own
 
     if not isinstance(folder, str):
-        raise WorldError(f"patterns is {folder!r}; give the path of a folder")
+        raise WorldError(f"patterns must be the path of a folder, not {folder!r}")
     path = Path(folder, f"{preset.picture}.png")
     try:
         with Image.open(path) as image:
             if max(image.size) > MAX_WFC_PIXELS or min(image.size) < preset.width:
                 raise WorldError(
                     f"{path} is {image.size[0]} x {image.size[1]} pixels; "
-                    f"each side must have {preset.width} to {MAX_WFC_PIXELS}"
+                    f"each side must have {preset.width} to {MAX_WFC_PIXELS} pixels"
                 )
             pixels = np.asarray(image.convert("RGB"))
     except (OSError, UnidentifiedImageError, ValueError) as error:
-        raise WorldError(f"patterns is {folder!r}: {path} cannot be read as a picture: {error}") from None
+        raise WorldError(
+            f"the pattern {path} cannot be read as a picture ({error}); name a folder that has it with patterns"
+        ) from None
     return overlaps(pixels, preset.width)
 
 

@@ -1,5 +1,6 @@
 """A small scene to draw in tests: two brick rooms with an opening between them, and things in both."""
 
+import functools
 import hashlib
 import math
 import os
@@ -24,6 +25,7 @@ from minihuman.worlds.first_person.render.scene import (
 )
 
 HEIGHT = 2.5
+library = functools.cache(own_library)  # each would make its textures anew, which takes long in plain Python
 CAMERA = Camera((-1.5, 1.5, 0.3), 0.1)
 
 
@@ -59,7 +61,7 @@ def two_rooms(*, roofed: bool = True) -> Scene:
         FrameLook(("chars/ch_0x65_1",), 1, 1),
     ]
     places = np.array([[0.8, 0.0, -0.7, 0.4], [4.0, 0.0, 0.5, 0.0], [-1.9, 1.4, -0.5, 0.0]])
-    return build_scene(rooms, looks, library=own_library(), places=places)
+    return build_scene(rooms, looks, library=library(), places=places)
 
 
 def digest(width: int, height: int) -> str:
@@ -74,19 +76,19 @@ def digest(width: int, height: int) -> str:
     return total.hexdigest()
 
 
-def apart(width: int, height: int) -> str:
-    """One hash over pictures of five headings."""
-    pictures = [render(two_rooms(), Camera(CAMERA.position, yaw), width, height) for yaw in range(5)]
-    return hashlib.sha256(np.stack(pictures).tobytes()).hexdigest()
+def apart(width: int, height: int, *, pictures: int = 5) -> str:
+    """One hash over pictures of as many headings."""
+    drawn = [render(two_rooms(), Camera(CAMERA.position, yaw), width, height) for yaw in range(pictures)]
+    return hashlib.sha256(np.stack(drawn).tobytes()).hexdigest()
 
 
-def together(width: int, height: int, *, threads: int = 2) -> str:
+def together(width: int, height: int, *, threads: int = 2, pictures: int = 5) -> str:
     """The same, of pictures drawn together."""
-    targets = [RenderTarget(two_rooms(), width, height) for _ in range(5)]
+    targets = [RenderTarget(two_rooms(), width, height) for _ in range(pictures)]
     for yaw, target in enumerate(targets):
         target.aim(CAMERA.position, yaw, 0.0, CAMERA.fov_y_deg, CAMERA.near_m, CAMERA.far_m)
-    out = np.empty((5, height, width, 3), np.uint8)
-    RenderPool(5, threads).paint(targets, out)
+    out = np.empty((pictures, height, width, 3), np.uint8)
+    RenderPool(pictures, threads).paint(targets, out)
     return hashlib.sha256(out.tobytes()).hexdigest()
 
 
@@ -99,4 +101,5 @@ def threaded_digests(width: int, height: int) -> set[str]:
 if __name__ == "__main__":
     if sys.argv[3:] == ["alone"]:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    print((together if sys.argv[3:] == ["together"] else digest)(int(sys.argv[1]), int(sys.argv[2])))
+    width, height = map(int, sys.argv[1:3])
+    print(digest(width, height), *([together(width, height, pictures=2)] if sys.argv[3:] == ["together"] else []))

@@ -7,7 +7,6 @@ No product here overflows 64 bits, so this file is exact as plain Python too.
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.worlds.grid.core.state import Row
 from minihuman.worlds.kernels import inline, kernel
 
 _LOW = np.uint64(0xFFFFFFFF)
@@ -23,7 +22,7 @@ def stir(half: np.uint64, value: np.uint64, factor: np.uint64, shift: np.uint64)
 
 
 @kernel("uint64(int32[::1], uint8[:, :, ::1], uint64[::1])", hold_gil=True)
-def digest_step(row: Row, image: NDArray[np.uint8], outcome: NDArray[np.uint64]) -> np.uint64:
+def digest_step(row: NDArray[np.int32], image: NDArray[np.uint8], outcome: NDArray[np.uint64]) -> np.uint64:
     """Digest what a step led to.
 
     Args:

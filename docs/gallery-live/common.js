@@ -1,0 +1,54 @@
+// What the gallery and the level editor share: packed files, tiles, and the keys of actions.
+
+export const ROW_STEP = 6;
+export const MAX_STEPS = 7;
+export const KEYS = {
+  ArrowLeft: "left", ArrowRight: "right", ArrowUp: "forward", " ": "toggle", Enter: "done", p: "pickup", d: "drop",
+};
+const LABELS = { ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", " ": "space", Enter: "enter" };
+export const $ = (id) => document.getElementById(id);
+
+export async function unpack(path) {
+  const packed = (await fetch(path)).body.pipeThrough(new DecompressionStream("deflate"));
+  return new Response(packed).arrayBuffer();
+}
+
+/** The list of worlds, and the tiles that they are drawn with. */
+export async function loadIndex() {
+  const [index, packed] = await Promise.all([fetch("index.json").then((got) => got.json()), unpack("atlas.z")]);
+  const atlas = { tile_px: index.atlas.tile_px, small_px: index.atlas.small_px };
+  for (const [name, { at, bytes, kind }] of Object.entries(index.atlas.arrays)) {
+    const part = packed.slice(at, at + bytes);
+    atlas[name] = kind === "int64" ? new BigInt64Array(part) : new Uint8Array(part);
+  }
+  return { index, atlas };
+}
+
+/** Buttons for those of the actions that have a key. */
+export function actionButtons(actions, act) {
+  return Object.entries(KEYS).filter(([, action]) => actions.includes(action)).map(([key, action]) => {
+    const made = document.createElement("button");
+    made.type = "button";
+    made.textContent = `${action} (${LABELS[key] ?? key})`;
+    made.addEventListener("click", () => act(action));
+    return made;
+  });
+}
+
+/** Act on keys, unless they belong to a field or a button. */
+export function onActionKeys(act) {
+  addEventListener("keydown", (event) => {
+    const action = KEYS[event.key];
+    if (!action || event.target.closest("select, button, input, textarea")) return;
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    act(action);
+  });
+}
+
+/** What came of an episode, in a sentence. */
+export function outcomeOf(done, reward, steps) {
+  if (done.status <= 0) return "";
+  const how = done.status & 1 ? (done.reward > 0 ? "Success" : "Over") : "Out of steps";
+  return `${how}: reward ${reward.toFixed(3)} in ${steps} steps.`;
+}

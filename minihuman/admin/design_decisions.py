@@ -1,0 +1,184 @@
+"""Ask a study's adaptive designs at enrolment, from its enrolment log and finished logs, and verify what they decided.
+
+Only participants whose first session was finished, and recorded in the enrolment log, before the decision have a value
+in it, so the enrolment log tells later which ones they were.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from minihuman.admin.enrolment_entries import (
+    ChainHeadRecorded,
+    EnrolmentEntry,
+    GroupDrawn,
+    LookTaken,
+    ParticipantWithdrawn,
+    SlotTaken,
+    list_taken_slots,
+    read_enrolment_log,
+)
+from minihuman.errors import AllocationError
+from minihuman.experiment.machine.events import FINAL_END_REASONS
+from minihuman.experiment.plan.designs import (
+    EnrolledParticipant,
+    EnrolmentDecision,
+    EnrolmentDesign,
+    GroupAssignment,
+    make_enrolment_design,
+)
+from minihuman.experiment.plan.random_streams import make_draw
+from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.log.model.session_log import EpisodeLog
+from minihuman.log.paths import LOG_SUFFIX, session_folder
+from minihuman.log.read.session_reader import read_log
+
+_OUTCOMES: Mapping[str, Callable[[EpisodeLog], float]] = {
+    "success": lambda episode: float(episode.outcome == "goal"),
+    "reward": lambda episode: episode.return_,
+    "steps": lambda episode: float(len(episode.actions)),
+    "log_steps": lambda episode: float(np.log(max(1, len(episode.actions)))),
+}
+
+
+def assign_group(
+    protocol: Protocol, lines: Sequence[EnrolmentEntry], study_dir: Path, index: int, stratum: str
+) -> tuple[str, GroupAssignment | None]:
+    """The group of the next participant and what it was decided from; "" and None where no design assigns groups."""
+    spec = protocol.allocation.design
+    if spec is None:
+        return "", None
+    design = make_enrolment_design(spec)
+    statistics = _compute_statistics(protocol, design, lines, study_dir)[0]
+    decision = design.decide(statistics, stratum, make_draw(protocol.study.seed, "assignment", index))
+    return decision.group, GroupAssignment(spec.name, design.version, statistics)
+
+
+def decide_again(protocol: Protocol, assigned: GroupAssignment, index: int, stratum: str) -> EnrolmentDecision:
+    """What the protocol's design decides from logged statistics."""
+    assert protocol.allocation.design is not None
+    return make_enrolment_design(protocol.allocation.design).decide(
+        assigned.statistics, stratum, make_draw(protocol.study.seed, "assignment", index)
+    )
+
+
+def take_look(protocol: Protocol, lines: Sequence[EnrolmentEntry], study_dir: Path, at: str) -> LookTaken | None:
+    """The look that is due at a sequential study; None if none is.
+
+    Raises:
+        AllocationError: if the study has stopped.
+    """
+    spec = protocol.allocation.stopping
+    if spec is None:
+        return None
+    taken = [line for line in lines if isinstance(line, LookTaken)]
+    require_not_stopped(taken)
+    design = make_enrolment_design(spec)
+    statistics = _compute_statistics(protocol, design, lines, study_dir)[0]
+    look = int(statistics["look"])
+    if not look or (taken and taken[-1].look >= look):
+        return None
+    decision = design.decide(statistics, "", make_draw(protocol.study.seed, "look", look))
+    found = dict(decision.estimates)
+    return LookTaken(look, spec.name, design.version, statistics, found, decision.stop, at)
+
+
+def require_not_stopped(taken: Sequence[LookTaken]) -> None:
+    """Refuse a further participant of a study that has stopped.
+
+    Raises:
+        AllocationError: if it has.
+    """
+    if taken and taken[-1].stop:
+        raise AllocationError(
+            f"the study stopped at look {taken[-1].look} of its sequential design; report it, or remove "
+            "$.allocation.stopping from the protocol to continue without it"
+        )
+
+
+def _compute_statistics(
+    protocol: Protocol, design: EnrolmentDesign, lines: Sequence[EnrolmentEntry], study_dir: Path
+) -> tuple[dict[str, Any], int]:
+    """The design's statistics by these lines of the enrolment log, and how many logs of them are missing."""
+    ratios = {group.name: group.allocation_ratio for group in protocol.groups}
+    gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
+    slots = {line.participant: line for line in list_taken_slots(lines) if line.participant not in gone}
+    heads: dict[str, str] = {}  # the last segment of each first session's log, in order of its end
+    for line in lines:
+        if isinstance(line, ChainHeadRecorded) and line.sealed.endswith(f"_ses-01{LOG_SUFFIX}") and design.outcome:
+            heads.pop(line.sealed, None)
+            heads[line.sealed] = line.segment
+    codes = {name: name.partition("_")[0] for name in heads}
+    logs = {name: session_folder(study_dir.parent, study_dir.name, code, 1) / name for name, code in codes.items()}
+    missing = sum(codes[name] in slots for name, log in logs.items() if not log.is_file())
+    values = {
+        codes[name]: _measure(log, log.stat().st_size, heads[name], design.outcome, design.block)
+        for name, log in logs.items()
+        if log.is_file()
+    }
+    enrolled = [
+        EnrolledParticipant(slots[code].group, slots[code].stratum, values.get(code))
+        for code in (*values, *(code for code in slots if code not in values))
+        if code in slots and slots[code].group
+    ]
+    return design.compute_statistics(enrolled, ratios), missing
+
+
+@lru_cache(maxsize=4096)
+def _measure(path: Path, size: int, segment: str, outcome: str, block: str) -> float | None:
+    """The mean of a block's episodes in a log; None if it did not end for good with that segment."""
+    log = read_log(path)
+    if log.end_reason not in FINAL_END_REASONS or str(log.segments[-1].number) != segment:
+        return None
+    counted: list[EpisodeLog] = [
+        episode
+        for episode in log.episodes
+        if episode.outcome not in (None, "abandoned") and block in ("", episode.plan.block_name)
+    ]
+    return float(np.mean([_OUTCOMES[outcome](episode) for episode in counted])) if counted else None
+
+
+def verify_design_decisions(study: Path, protocol: Protocol) -> Iterator[tuple[str, bool]]:
+    """Recompute the statistics of every assignment and look from the enrolment log and the session logs.
+
+    Yields lines, each with whether it is good news; nothing for a study without such a design.
+    """
+    lines = read_enrolment_log(study)
+    equal, gone, whole = 0, 0, 0
+    for at, line in enumerate(lines):
+        match line:
+            case LookTaken():
+                spec, logged, name = protocol.allocation.stopping, line.statistics, f"look {line.look}"
+            case SlotTaken(assigned=GroupAssignment() as assigned):
+                spec, logged, name = protocol.allocation.design, assigned.statistics, line.participant
+            case GroupDrawn(assigned=GroupAssignment() as assigned):
+                spec, logged, name = protocol.allocation.design, assigned.statistics, line.drawn
+            case _:
+                continue
+        whole += 1
+        if spec is None:
+            yield f"{name}: decided by a design that the protocol does not have", False
+            continue
+        design = make_enrolment_design(spec)
+        statistics, missing = _compute_statistics(protocol, design, lines[:at], study)
+        again = (
+            design.decide(logged, "", make_draw(protocol.study.seed, "look", line.look))
+            if isinstance(line, LookTaken)
+            else EnrolmentDecision()
+        )
+        if missing:
+            gone += 1
+        elif statistics != logged:
+            yield f"{name}: statistics {logged} in the enrolment log, by the logs {statistics}", False
+        elif (
+            isinstance(line, LookTaken) and again and (again.stop, dict(again.estimates)) != (line.stop, line.estimates)
+        ):
+            yield f"{name}: {line.estimates} in the enrolment log, now {again.estimates}", False
+        else:
+            equal += 1
+    if whole:
+        lost = f"; {gone} count logs that are gone" if gone else ""
+        yield f"{equal} of {whole} decisions of the study's designs follow from its logs{lost}", True

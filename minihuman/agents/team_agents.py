@@ -1,0 +1,233 @@
+"""Partners for team worlds: a cook, and someone in a swap corridor who gives way or insists.
+
+They see the whole state of the world, as the planner does, and plan for one body; the others are in their way. The
+world of an agent in a team says which team world and which body: ``world.unwrapped.team`` and ``.seat``.
+"""
+
+from collections import deque
+from collections.abc import Callable, Collection
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.agents.agent import BaseAgent
+from minihuman.errors import SimulationError
+from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.grid.core import kitchen_rules as fields
+from minihuman.worlds.grid.core.bodies import BODY_COLOURS
+from minihuman.worlds.grid.core.cells import GOAL, WALL
+from minihuman.worlds.grid.core.kitchen_rules import clock_of, kind_of, onions_in, recipe_of, tomatoes_in
+from minihuman.worlds.grid.kitchen import Kitchen
+from minihuman.worlds.grid.layouts.kitchens import RECIPES
+from minihuman.worlds.grid.layouts.team_layouts import SwapCorridor
+
+Cell = tuple[int, int]
+STEPS = ((0, -1), (0, 1), (1, 0), (-1, 0))  # of a kitchen's actions: up, down, right, left
+SIDESTEP = 0.3  # how probable it is that a cook whose way is blocked or contested stays or goes anywhere
+
+
+def beside(cell: Cell) -> set[Cell]:
+    """The four cells beside a cell."""
+    return {(cell[0] + step_x, cell[1] + step_y) for step_x, step_y in STEPS}
+
+
+def towards(place: Cell, cell: Cell) -> int:
+    """Which of `STEPS` leads from a place to the cell beside it."""
+    return STEPS.index((cell[0] - place[0], cell[1] - place[1]))
+
+
+def find_way(start: Cell, is_goal: Callable[[Cell], bool], floor: Collection[Cell]) -> list[Cell] | None:
+    """The shortest way over a floor, from the cell after the start to the goal; None where there is none."""
+    came: dict[Cell, Cell] = {start: start}
+    waiting = deque([start])
+    while waiting:
+        cell = waiting.popleft()
+        if is_goal(cell):
+            way = []
+            while cell != start:
+                way.append(cell)
+                cell = came[cell]
+            return way[::-1]
+        for step_x, step_y in STEPS:  # in their order, so that equally short ways are always the same
+            after = cell[0] + step_x, cell[1] + step_y
+            if after in floor and after not in came:
+                came[after] = cell
+                waiting.append(after)
+    return None
+
+
+class CookAgent(BaseAgent):
+    """Cooks and delivers soups, alone or with whoever is there: ``cook``.
+
+    It does what is most urgent for what it holds: deliver, fill a plate, fill a pot, start a pot, fetch a plate, fetch
+    an ingredient; what it cannot bring to its place it leaves on a counter that another can reach.
+    """
+
+    def begin(self, plan: EpisodePlan, world: World) -> None:
+        """Check that the world is a kitchen.
+
+        Raises:
+            SimulationError: if it is not.
+        """
+        if not isinstance(getattr(world.unwrapped, "team", None), Kitchen):
+            raise SimulationError(
+                f"{world.id} is not a kitchen, and the agent cook plays only kitchens; choose another agent"
+            )
+
+    def action_probabilities(self, world: World) -> NDArray[np.float32]:
+        """The next action towards what is most urgent; now and then another where somebody is in the way."""
+        action, is_blocked = _KitchenView(world.unwrapped.team, world.unwrapped.seat).choose()
+        chances = np.zeros(len(world.action_names), np.float32)
+        chances[action] = 1
+        if is_blocked:
+            chances *= np.float32(1 - SIDESTEP)
+            chances[: fields.INTERACT] += np.float32(SIDESTEP / fields.INTERACT)
+        return chances
+
+
+class _KitchenView:
+    """A kitchen as one cook sees it in one step."""
+
+    def __init__(self, kitchen: Kitchen, seat: int) -> None:
+        row = self.row = kitchen.row
+        width, height, cooks = row[:3].tolist()
+        every = row[fields.COOK : fields.COOK + 4 * cooks].reshape(cooks, 4).tolist()
+        x, y, self.facing, self.held = every.pop(seat)
+        self.place, self.others = (x, y), {(other[0], other[1]) for other in every}
+        self.others_hold = [other[3] for other in every]
+        cells = [divmod(cell, height) for cell in range(width * height)]
+        terrain, things = row[fields.COOK + 4 * cooks :].reshape(2, -1).tolist()
+        self.terrain, self.things = dict(zip(cells, terrain, strict=True)), dict(zip(cells, things, strict=True))
+        self.floor = set(self._cells(fields.FLOOR))
+        self.region = self._region(self.place)
+        value_of = {recipe: int(row[fields.VALUES + recipe.count("o") + 4 * recipe.count("t")]) for recipe in RECIPES}
+        self.orders = sorted(filter(value_of.__getitem__, RECIPES), key=lambda recipe: -value_of[recipe])
+
+    def choose(self) -> tuple[int, bool]:
+        """The next action, and whether somebody is in its way."""
+        for wanted in self._wishes():
+            if self._reaches(wanted):
+                return self._approach(wanted)
+        return fields.STAY, bool(self.others)
+
+    def _wishes(self) -> list[list[Cell]]:
+        """Stations to act on, the most urgent first."""
+        pots, kind = self._cells(fields.POT), kind_of(self.held)
+        active = [cell for cell in pots if self.things[cell] and clock_of(self.things[cell]) >= 0]
+        if kind == fields.SOUP:
+            return [self._cells(fields.HATCH), self._shared_counters()]
+        if kind == fields.DISH:
+            ready = [cell for cell in active if self._is_ready(cell)]
+            return [ready, active, [cell for cell in pots if self.things[cell]], self._shared_counters()]
+        if kind != fields.NOTHING:
+            return [[cell for cell in pots if self._takes(cell, kind)], self._shared_counters(), self._counters(0)]
+        dishes = self._counters(fields.DISH)
+        brought = self.others_hold.count(fields.DISH) + (0 if self._reaches(active) else len(dishes))
+        wishes = [[cell for cell in pots if self._is_complete(cell)], self._counters(fields.SOUP)]
+        wishes += [dishes + self._cells(fields.DISHES)] if len(active) > brought else []
+        for kind, source in ((fields.ONION, fields.ONIONS), (fields.TOMATO, fields.TOMATOES)):
+            if any(self._takes(cell, kind) for cell in pots):
+                wishes += [self._counters(kind) if self._reaches(pots) else [], self._cells(source)]
+        return wishes
+
+    def _cells(self, terrain: int) -> list[Cell]:
+        return [cell for cell, its in self.terrain.items() if its == terrain]
+
+    def _counters(self, kind: int) -> list[Cell]:
+        """The counters on which a thing of a kind lies, 0 for none."""
+        return [cell for cell in self._cells(fields.COUNTER) if kind_of(self.things[cell]) == kind]
+
+    def _shared_counters(self) -> list[Cell]:
+        """Free counters that another cook reaches who does not stand where this one can go."""
+        apart = [self._region(other) for other in self.others if other not in self.region]
+        return [cell for cell in self._counters(0) if any(not region.isdisjoint(beside(cell)) for region in apart)]
+
+    def _region(self, place: Cell) -> set[Cell]:
+        """The floor that can be walked to, if the others make way."""
+        found, waiting = {place}, [place]
+        while waiting:
+            new = beside(waiting.pop()) & self.floor - found
+            found |= new
+            waiting += new
+        return found
+
+    def _reaches(self, cells: list[Cell]) -> bool:
+        return any(not self.region.isdisjoint(beside(cell)) for cell in cells)
+
+    def _is_ready(self, cell: Cell) -> bool:
+        thing = self.things[cell]
+        return clock_of(thing) >= int(self.row[fields.TIMES + recipe_of(thing)])
+
+    def _takes(self, cell: Cell, kind: int) -> bool:
+        """Whether a pot wants this ingredient for the dearest order that it can still become."""
+        thing = self.things[cell]
+        for recipe in [] if thing and clock_of(thing) >= 0 else self.orders:
+            more = recipe.count("o") - onions_in(thing), recipe.count("t") - tomatoes_in(thing)
+            if min(more) >= 0 and sum(more) > 0:
+                return more[kind == fields.TOMATO] > 0
+        return False
+
+    def _is_complete(self, cell: Cell) -> bool:
+        """Whether a pot waits to be started: nothing dearer can come of it."""
+        waits = self.things[cell] and clock_of(self.things[cell]) < 0 and not self.row[fields.AUTOMATIC]
+        return bool(waits) and not (self._takes(cell, fields.ONION) or self._takes(cell, fields.TOMATO))
+
+    def _approach(self, wanted: list[Cell]) -> tuple[int, bool]:
+        """Go to the nearest of these stations, turn to it and use it; wait there for a pot that still cooks."""
+
+        def is_there(cell: Cell) -> bool:
+            return not beside(cell).isdisjoint(wanted)
+
+        way = find_way(self.place, is_there, self.floor - self.others)
+        blocked = way is None
+        way = find_way(self.place, is_there, self.floor) or [] if way is None else way
+        if way:
+            return towards(self.place, way[0]), blocked or not beside(way[0]).isdisjoint(self.others)
+        station = next(cell for cell in wanted if cell in beside(self.place))
+        if self.facing != towards(self.place, station):
+            return towards(self.place, station), False
+        cooks = self.terrain[station] == fields.POT and kind_of(self.held) == fields.DISH
+        return (fields.STAY if cooks and not self._is_ready(station) else fields.INTERACT), False
+
+
+class CorridorAgent(BaseAgent):
+    """Crosses a swap corridor: ``corridor:yield`` steps into the bay while the other is in its way, and
+    ``corridor:insist`` goes straight on. ``corridor`` alone yields.
+    """
+
+    def begin(self, plan: EpisodePlan, world: World) -> None:
+        """Check the argument and that the world is a swap corridor.
+
+        Raises:
+            SimulationError: if it is not.
+        """
+        if self.argument not in ("", "yield", "insist"):
+            raise SimulationError(
+                f"agent corridor: unknown behaviour {self.argument!r}; use corridor:yield or corridor:insist"
+            )
+        if not isinstance(getattr(world.unwrapped, "team", None), SwapCorridor):
+            raise SimulationError(
+                f"{world.id} is not a swap corridor, and the agent corridor plays only those; choose another agent"
+            )
+
+    def action_probabilities(self, world: World) -> NDArray[np.float32]:
+        """The next turn or step towards its goal, or towards the bay."""
+        team, seat = world.unwrapped.team, world.unwrapped.seat
+        state, pose = team.state, team.pose(seat)
+        place = int(pose.x), int(pose.z)
+        free = {(x, y) for x, y in np.argwhere(state.kinds != WALL).tolist()}
+        others = {(int(other.x), int(other.z)) for other in map(team.pose, range(team.bodies))} - {place}
+        is_own = (state.kinds == GOAL) & (state.colours == BODY_COLOURS[seat])
+        own = {(x, y) for x, y in np.argwhere(is_own).tolist()}
+        bay = {cell for cell in free if cell[1] == 1}
+        way = find_way(place, own.__contains__, free - others)
+        if way is None and self.argument == "insist":
+            way = find_way(place, own.__contains__, free)
+        elif way is None:
+            way = find_way(place, bay.__contains__, free - others) or []
+        action = "stay"
+        if way:
+            turns = ((3, 1, 0, 2)[towards(place, way[0])] - round(-pose.yaw_rad / (np.pi / 2))) % 4
+            action = {0: "forward", 3: "left"}.get(turns, "right")
+        return np.array([name == action for name in world.action_names], np.float32)

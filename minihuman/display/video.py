@@ -1,0 +1,103 @@
+"""Encode pictures as video: H.264 for datasets and films, AV1 for the replay viewer, WebM for pages.
+
+Decoded pictures differ a little from those that were encoded. Knows no sessions.
+"""
+
+import logging
+import os
+from collections.abc import Iterable
+from contextlib import suppress
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, NamedTuple
+
+import av
+import numpy as np
+from av.video.frame import PictureType
+from numpy.typing import NDArray
+
+from minihuman.operating_system import keep_scheduling
+
+logging.getLogger("libav").setLevel(logging.ERROR)  # encoders tell their settings as warnings
+os.environ.setdefault("SVT_LOG", "1")  # and this one to the terminal
+
+
+class VideoEncoding(NamedTuple):
+    """How a video is encoded, in FFmpeg's names."""
+
+    codec: str
+    container: str
+    options: dict[str, str]
+    pixel_format: str = "yuv420p"
+
+
+ENCODINGS = {
+    # a key frame every second picture, as LeRobot's own: samples are read in any order. No picture depends on a later
+    # one: the replay viewer takes such a stream as it is
+    "dataset": VideoEncoding(
+        "libx264", "mp4", {"preset": "veryfast", "crf": "23", "g": "2", "bf": "0", "forced-idr": "1"}
+    ),
+    "mp4": VideoEncoding("libx264", "mp4", {"preset": "veryfast", "crf": "20"}),
+    "webm": VideoEncoding("libvpx-vp9", "webm", {"deadline": "realtime", "cpu-used": "8", "crf": "34", "b": "0"}),
+    # the viewer decodes AV1 by itself; a key frame every 20 pictures, so that it can jump
+    "replay": VideoEncoding("libsvtav1", "mp4", {"preset": "12", "crf": "35", "g": "20", "svtav1-params": "lp=1"}),
+}
+
+
+class VideoWriter:
+    """A video while it is written, all of its pictures of one size. Use it in a ``with``.
+
+    Args:
+        file: where it goes: a path, or an open binary file.
+        encoding: a name in ``ENCODINGS``.
+        fps: pictures per second.
+
+    Raises:
+        OSError: if it cannot be written.
+    """
+
+    def __init__(self, file: Path | IO[bytes], encoding: str, *, fps: int) -> None:
+        how = ENCODINGS[encoding]
+        self.frames = 0
+        self._container: Any = av.open(str(file) if isinstance(file, Path) else file, "w", format=how.container)
+        stream: Any = self._container.add_stream(how.codec, rate=Fraction(fps), options=how.options)
+        self._stream = stream
+        self._stream.pix_fmt = how.pixel_format
+        self._stream.thread_count = 1  # the same pictures make the same bytes
+
+    def write(self, pictures: Iterable[NDArray[np.uint8]]) -> None:
+        """Append pictures uint8[H, W, 3], of an even number of rows and columns; the first becomes a key frame."""
+        for place, picture in enumerate(pictures):
+            if not self.frames:
+                self._stream.height, self._stream.width = picture.shape[:2]
+            frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+            if place == 0:
+                frame.pict_type = PictureType.I
+            if self.frames:
+                self._container.mux(self._stream.encode(frame))
+            else:
+                with keep_scheduling():  # the first picture starts the encoder's threads
+                    self._container.mux(self._stream.encode(frame))
+            self.frames += 1
+
+    def close(self) -> None:
+        """Finish the file."""
+        if self.frames:
+            self._container.mux(self._stream.encode())
+        self._container.close()
+
+    def __enter__(self) -> "VideoWriter":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with suppress(*(() if error is None else (OSError, ValueError))):  # the first error is the one to tell
+            self.close()
+
+
+def pad_to_even(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The picture with its last row or column repeated where their number is odd: codecs store colours in pairs."""
+    rows, columns = (size % 2 for size in picture.shape[:2])
+    return np.pad(picture, ((0, rows), (0, columns), (0, 0)), "edge") if rows or columns else picture

@@ -1,0 +1,566 @@
+"""Team: a block played in a world with several bodies, by people and agents. One session machine for each person.
+
+A machine submits its own person's action and waits for the joint action, which a team host closes; the joint action is
+an input, so a log alone replays all bodies. Others are seat 0, 1, ... and never a code. The team, its seat and the
+seeds of its episodes are open in the plan and resolved by `TeamFormed` before the first reset.
+"""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import msgspec
+import numpy as np
+
+from minihuman.experiment.activities.activity import (
+    ENTER_KEYS,
+    Activity,
+    ActivityKind,
+    ActivityRequest,
+    PartEnding,
+    SessionContext,
+)
+from minihuman.experiment.activities.block_plans import PERSON, TeamPlayPlan
+from minihuman.experiment.activities.play import PLAY_TRANSITIONS, PlayActivity
+from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.events import ActivityEvent, FrameShown, Noted, Stepped
+from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, ScreenShown
+from minihuman.experiment.machine.running_episode import RunningEpisode, catch_world_errors
+from minihuman.experiment.machine.screens import PlayScreen, Screen
+from minihuman.experiment.machine.transitions import Phase, PhaseTransition, TransitionCause, TransitionTable
+from minihuman.experiment.plan.random_streams import draw_seeds
+from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart
+
+if TYPE_CHECKING:
+    from minihuman.worlds.adapters.world import World
+
+ActionSource = Literal["person", "late", "agent"]  # late: the idle action, since no input came in time
+SeatHolder = Literal["person", "agent"]
+GoneReason = Literal["no_partner", "partner_left", "replaced"]  # replaced: the seat is an agent's for good
+POLL_NS = 250_000_000  # how often a waiting machine asks again, if nothing else happens
+
+
+@dataclass(frozen=True, slots=True)
+class Team:
+    """Which team a session is in, and where it sits."""
+
+    team: str  # a random id, the same in each member's log
+    index: int  # of the team in the study
+    seat: int
+    seats: tuple[str, ...]  # by seat: "person", or the agent as the protocol names it
+
+
+class TeamAnswerRequest(ActivityRequest):
+    """A request that others' inputs answer."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True, slots=True)
+class TeamRequest(TeamAnswerRequest):
+    """Which team is this session in?"""
+
+    part: int
+    block: str
+    plan: TeamPlayPlan
+    before: tuple[str, ...]  # the teams that the session was in, the latest last
+
+
+@dataclass(frozen=True, slots=True)
+class ReadyRequest(TeamAnswerRequest):
+    """This seat is ready for an episode: may it begin?"""
+
+    team: Team
+    plan: EpisodePlan
+    rules: TeamPlayPlan
+
+
+@dataclass(frozen=True, slots=True)
+class JointRequest(TeamAnswerRequest):
+    """The next joint action."""
+
+    team: Team
+    plan: EpisodePlan
+    rules: TeamPlayPlan
+    step: int  # that it makes, 1 for the first
+    action: int | None  # of this seat; None: its person has given none yet
+
+
+@dataclass(frozen=True, slots=True)
+class TeamJoined(ActivityInput):
+    """The team is complete."""
+
+    team: Team
+
+
+@dataclass(frozen=True, slots=True)
+class SeatsReady(ActivityInput):
+    """Every seat is ready for an episode."""
+
+    episode: int
+
+
+@dataclass(frozen=True, slots=True)
+class JointTaken(ActivityInput):
+    """A joint action is closed."""
+
+    episode: int
+    step: int
+    actions: tuple[int, ...]  # by seat
+    sources: tuple[ActionSource, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TeamLost(ActivityInput):
+    """There is no team to go on with."""
+
+    reason: GoneReason
+
+
+@dataclass(frozen=True, slots=True)
+class TeamFormed(ActivityEvent):
+    """The team of a block is complete: what the plan left open is resolved."""
+
+    part: int
+    team: str
+    index: int
+    seat: int
+    role: str  # of this seat; "" where the protocol names none
+    seats: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SeatsReadied(ActivityEvent):
+    """Every seat was ready."""
+
+    episode: int
+    poses: tuple[float, ...]  # at the reset, by seat: x, y, z and yaw_rad of each
+
+
+@dataclass(frozen=True, slots=True)
+class JointStepped(ActivityEvent):
+    """A joint step: what every body did and got. Before the event of the seat's own step."""
+
+    episode: int
+    step: int
+    actions: tuple[int, ...]
+    rewards: tuple[float, ...]
+    sources: tuple[str, ...]
+    digest: int  # of the episode's joint actions so far: see digest_joint_actions
+    poses: tuple[float, ...]  # after it, by seat: x, y, z and yaw_rad of each
+
+
+@dataclass(frozen=True, slots=True)
+class InputLate(ActivityEvent):
+    """This seat's input came after its step was closed: it changed nothing."""
+
+    episode: int
+    step: int
+    action: int
+    key: str
+    key_t_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class PictureCorrected(ActivityEvent):
+    """A picture that showed a step before it was closed: this seat's action, the others idle. Theirs changed it."""
+
+    episode: int
+    step: int
+    submit_ns: int
+    flip_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class SeatTaken(ActivityEvent):
+    """Another holds a person's seat from this step on: an agent, or the person who is back."""
+
+    episode: int
+    step: int
+    seat: int
+    by: SeatHolder
+
+
+@dataclass(frozen=True, slots=True)
+class TeamEnded(ActivityEvent):
+    """The block ends before its last episode: no partner came, or one left."""
+
+    part: int
+    reason: GoneReason
+
+
+def digest_joint_actions(team: str, seed: int, actions: Sequence[Sequence[int]]) -> int:
+    """A digest of an episode's joint actions, uint64: BLAKE2b chained over team, seed and each step's actions."""
+    digest = start_digest(team, seed)
+    for row in actions:
+        digest = extend_digest(digest, row)
+    return digest
+
+
+def start_digest(team: str, seed: int) -> int:
+    """The digest of an episode before its first step."""
+    return _hash(f"{team} {seed}".encode())
+
+
+def extend_digest(digest: int, actions: Sequence[int]) -> int:
+    """The digest with one more step."""
+    return _hash(np.array([digest, *actions], np.uint64).astype("<u8").tobytes())
+
+
+def _hash(data: bytes) -> int:
+    return int.from_bytes(hashlib.blake2b(data, digest_size=8).digest(), "little")
+
+
+@dataclass(frozen=True, slots=True)
+class _Submission:
+    """This seat's action for the next step, until that is closed."""
+
+    action: int
+    key: str
+    key_t_ns: int
+    is_new: bool = True  # its key went down since the step before, and is not only held
+
+
+class TeamEpisode(RunningEpisode):
+    """An episode of a team, seen from one seat: each step needs a joint action."""
+
+    def __init__(
+        self,
+        plan: EpisodePlan,
+        world: "World",
+        team: Team,
+        *,
+        picture_px: tuple[int, int] | None,
+        keys_down: Mapping[str, int] | None = None,
+    ) -> None:
+        super().__init__(plan, world, picture_px=picture_px, keys_down=keys_down)
+        self.team = team
+        self.joint_actions: list[tuple[int, ...]] = []
+        self.sources: list[tuple[ActionSource, ...]] = []
+        self.submitted: _Submission | None = None
+        self.digest = start_digest(team.team, plan.seed)
+        self._due_ns: int | None = None  # of the tick that is submitted
+
+    def poses(self) -> tuple[float, ...]:
+        """Where every body stands: x, y, z and yaw_rad of each, by seat."""
+        with catch_world_errors():
+            found = self.world.unwrapped.poses()
+        return tuple(value for pose in found for value in (pose.x, pose.y, pose.z, pose.yaw_rad))
+
+    def submit(self, action: int, key: str, key_t_ns: int) -> None:
+        """Give this seat's action for the next step."""
+        self.submitted = _Submission(action, key, key_t_ns)
+
+    def record_shown(self, shown: ScreenShown) -> FrameShown:
+        """Take note that a picture reached the display; a tick that waits for its joint action goes on waiting."""
+        event = super().record_shown(shown)
+        if self.submitted is not None:
+            self.next_tick_ns = None
+        return event
+
+    def tick(self, t_ns: int) -> Stepped | None:
+        """If a period has run out, submit the queued key's action, or the idle one; the step comes with the others'."""
+        if self.next_tick_ns is not None and t_ns >= self.next_tick_ns and self.submitted is None:
+            self._due_ns, self.next_tick_ns = self.next_tick_ns, None
+            self.submitted = self._take_press(t_ns)
+        return None
+
+    def _take_press(self, t_ns: int) -> _Submission:
+        """This seat's action at a tick: the queued key's, or that of the keys that are down; else the idle one."""
+        idle: int = self.world.unwrapped.team.idle_action
+        if not self.repeats_held:
+            press, self._queued = self._queued, None
+            if press is None:
+                return _Submission(idle, "", t_ns)
+            return _Submission(press.action, press.key, press.t_ns)  # type: ignore[arg-type]  # bodies act by number
+        pressed, self._pressed = self._pressed, {}
+        keys = [*(key for key in self._keys_down if key in self._action_of and key not in pressed), *pressed]
+        if not keys:
+            return _Submission(idle, "", t_ns)
+        with catch_world_errors():
+            number, _ = self.world.actions.combine([self._action_of[key] for key in keys])
+        return _Submission(number, keys[-1], pressed.get(keys[-1], t_ns), keys[-1] in pressed)
+
+    def step_joint(self, t_ns: int, taken: JointTaken) -> tuple[Stepped, tuple[float, ...], _Submission | None]:
+        """Make the joint step: its event, the rewards by seat, and what this seat had submitted."""
+        mine, self.submitted = self.submitted, None
+        key = mine if mine is not None and taken.sources[self.team.seat] == "person" else None
+        env = self.world.unwrapped
+        env.joint = taken.actions
+        with catch_world_errors():
+            stepped = self.step(
+                t_ns,
+                taken.actions[self.team.seat],
+                key="" if key is None else key.key,
+                key_t_ns=t_ns if key is None or not key.key else key.key_t_ns,
+                held={} if key is not None and not key.is_new else None,
+            )
+        self.joint_actions.append(taken.actions)
+        self.sources.append(taken.sources)
+        self.digest = extend_digest(self.digest, taken.actions)
+        if self._due_ns is not None:
+            self.next_tick_ns = self._due_ns + self._period_ns * (max(0, t_ns - self._due_ns) // self._period_ns + 1)
+            self._due_ns = None
+        return stepped, env.rewards, mine
+
+
+TEAM_TRANSITIONS: "TransitionTable[Any]" = TransitionTable(
+    [
+        PhaseTransition(Phase.INSTRUCTIONS, TransitionCause.DONE, Phase.LOBBY),
+        PhaseTransition(Phase.LOBBY, TransitionCause.DONE, Phase.PREPARING),
+        PhaseTransition(Phase.READY, TransitionCause.DONE, Phase.WAITING),
+        PhaseTransition(Phase.WAITING, TransitionCause.DONE, Phase.INTERVAL),
+        *PLAY_TRANSITIONS.rows,
+    ]
+)
+
+
+class TeamPlayActivity(PlayActivity):
+    """Plays a block's episodes in one seat of a team."""
+
+    plan: TeamPlayPlan
+    can_copy = False
+    transitions = TEAM_TRANSITIONS
+
+    def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
+        super().__init__(number, part, context)
+        self.formed: Team | None = None
+        self._holders: tuple[SeatHolder, ...] = ()
+        self._lobby_ns = 0  # when it was entered
+
+    @property
+    def next_plan(self) -> EpisodePlan:
+        """The next episode, with what the team resolved: its seed, and the seat."""
+        plan = super().next_plan
+        assert self.formed is not None, "a team is formed before its first episode"
+        options = {**plan.options, "seat": self.formed.seat}
+        keys, key_map = self.plan.team.seat_keys or (), plan.key_map
+        if keys:
+            key_map = msgspec.structs.replace(key_map, keys=keys[self.formed.seat], spare_keys=())
+        return msgspec.structs.replace(plan, options=options, seed=self._seed(plan), key_map=key_map)
+
+    def _seed(self, plan: EpisodePlan) -> int:
+        assert self.formed is not None
+        if self.plan.seeds == "listed":
+            return plan.seed
+        whole, number = self.context.plan, 0 if self.plan.seeds == "same" else plan.episode_in_block
+        purpose = f"team-layouts-{plan.block_name}-session-{whole.session}-{len(set(self.formed.seats) - {PERSON})}"
+        return draw_seeds(number + 1, seed=whole.study_seed, purpose=purpose, index=self.formed.index)[-1]
+
+    def _make_episode(self, plan: EpisodePlan) -> RunningEpisode:
+        assert self.formed is not None
+        world = self.context.world(plan.world, plan.options)
+        return TeamEpisode(
+            plan, world, self.formed, picture_px=self.context.picture_px, keys_down=self.context.keys_down
+        )
+
+    @property
+    def team_episode(self) -> TeamEpisode:
+        """The running episode."""
+        assert isinstance(self._play, TeamEpisode)
+        return self._play
+
+    # From outside
+
+    @property
+    def request(self) -> ActivityRequest | None:  # type: ignore[override]
+        """The team, the start of an episode, the next joint action."""
+        if self.phase is Phase.LOBBY:
+            return TeamRequest(self.number, self.part.name, self.plan, self.context.teams)
+        if self.phase is Phase.WAITING and self.formed is not None:
+            return ReadyRequest(self.formed, self.team_episode.plan, self.plan)
+        if self.playing and self.formed is not None:
+            play = self.team_episode
+            action = None if play.submitted is None else play.submitted.action
+            return JointRequest(self.formed, play.plan, self.plan, play.steps + 1, action)
+        return None
+
+    def receive(self, happened: Input) -> None:
+        """Take an input."""
+        match happened:
+            case TeamJoined() if self.phase is Phase.LOBBY:
+                self._join(happened.team)
+            case SeatsReady() if self.phase is Phase.WAITING and happened.episode == self.team_episode.plan.episode:
+                self.context.emit(SeatsReadied(self.context.now_ns, happened.episode, self.team_episode.poses()))
+                self._move(TransitionCause.DONE)
+            case JointTaken() if self.playing:
+                self._let_time_pass()
+                self._take_joint(happened)
+            case TeamLost() if self.phase in (Phase.LOBBY, Phase.WAITING, Phase.PLAYING):
+                self._lose(happened.reason)
+            case ActivityInput():
+                pass
+            case _:
+                super().receive(happened)
+
+    @staticmethod
+    def input_of(event: ActivityEvent) -> Input | None:
+        """What came from the team host."""
+        match event:
+            case TeamFormed():
+                return TeamJoined(event.t_ns, Team(event.team, event.index, event.seat, event.seats))
+            case SeatsReadied():
+                return SeatsReady(event.t_ns, event.episode)
+            case JointStepped():
+                return JointTaken(event.t_ns, event.episode, event.step, event.actions, event.sources)  # type: ignore[arg-type]
+            case TeamEnded():
+                return TeamLost(event.t_ns, event.reason)
+        return None
+
+    def _join(self, team: Team) -> None:
+        self.formed = team
+        self._count_waiting()
+        self._holders = tuple("person" if kind == PERSON else "agent" for kind in team.seats)
+        roles, context = self.plan.team.roles, self.context
+        role = roles[team.seat] if roles else ""
+        context.teams = (*context.teams, team.team)
+        self._note_partners()
+        context.emit(TeamFormed(context.now_ns, self.number, team.team, team.index, team.seat, role, team.seats))
+        self._move(TransitionCause.DONE)
+
+    def _note_partners(self) -> None:
+        assert self.formed is not None
+        self.context.partners |= {holder for seat, holder in enumerate(self._holders) if seat != self.formed.seat}
+
+    def _count_waiting(self) -> None:
+        self.context.waited_ns += self.context.now_ns - self._lobby_ns
+
+    def _move(self, cause: TransitionCause) -> None:
+        super()._move(cause)
+        if self.phase is Phase.LOBBY:
+            self._lobby_ns = self.context.now_ns
+
+    def _lose(self, reason: GoneReason) -> None:
+        if self.phase is Phase.LOBBY:
+            self._count_waiting()
+        self.context.stranded |= reason != "replaced"
+        self.context.emit(TeamEnded(self.context.now_ns, self.number, reason))
+        self._tally.skip = reason
+        if self.playing:
+            self._episode_ended("partner_left")
+        else:
+            self._end()
+
+    def _take_joint(self, taken: JointTaken) -> None:
+        if not self.playing or (taken.episode, taken.step) != (self._current.plan.episode, self._current.steps + 1):
+            return
+        play, now_ns, seat = self.team_episode, self.context.now_ns, self.team_episode.team.seat
+        stepped, rewards, mine = play.step_joint(now_ns, taken)
+        place = (taken.episode, taken.step)
+        self.context.emit(
+            JointStepped(now_ns, *place, taken.actions, rewards, taken.sources, play.digest, play.poses())
+        )
+        if mine is not None and mine.key and taken.sources[seat] != "person":
+            self.context.emit(InputLate(now_ns, *place, mine.action, mine.key, mine.key_t_ns))
+        holders = tuple(
+            "person" if source == "person" else "agent" if source == "agent" else before
+            for source, before in zip(taken.sources, self._holders, strict=True)
+        )
+        for other, (before, after) in enumerate(zip(self._holders, holders, strict=True)):
+            if before != after:
+                self.context.emit(SeatTaken(now_ns, *place, other, after))
+        self._holders = holders
+        self._note_partners()
+        self._stepped(stepped)
+
+    # Keys and time
+
+    def _key_in_play(self, press: KeyDown) -> None:
+        play = self.team_episode
+        action = play.action_of(press.key)
+        if play.real_time or action is None or press.repeat:
+            super()._key_in_play(press)
+        elif play.submitted is None:
+            self.context.emit_key(press, "queued", self.phase, action)
+            play.submit(action, press.key, press.t_ns)
+        else:
+            self.context.emit_key(press, "not_playing", self.phase, action)
+
+    @property
+    def next_tick_ns(self) -> int | None:  # type: ignore[override]
+        """What every block waits for, and the next time to ask for what has not come."""
+        due = super().next_tick_ns
+        waits = self.phase in (Phase.LOBBY, Phase.WAITING) or (self.playing and self.team_episode.submitted is not None)
+        return min((t for t in (due, self.context.now_ns + POLL_NS if waits else None) if t is not None), default=None)
+
+    # What is seen
+
+    @property
+    def _look(self) -> object:
+        return self._waits, self._holders
+
+    @property
+    def _waits(self) -> bool:
+        return isinstance(self._play, TeamEpisode) and not self._play.real_time and self._play.submitted is not None
+
+    def _screen(self) -> Screen:
+        words = self.context.words
+        match self.phase:
+            case Phase.LOBBY | Phase.WAITING:
+                body = words["team.lobby" if self.phase is Phase.LOBBY else "team.not_ready"]
+                return screen_texts.build_notice_screen(words, words["team.title"], body)
+            case Phase.READY:
+                ready = self._view.ready(self._current)
+                lines = (*self._describe_role(), *(self._describe_partners() if self._discloses else ()))
+                return replace(ready, body="\n\n".join(filter(None, (ready.body, *lines)))) if lines else ready
+        return super()._screen()
+
+    @property
+    def _discloses(self) -> bool:
+        return self.plan.team.partner_disclosure == "always"
+
+    def _describe_role(self) -> tuple[str, ...]:
+        roles = self.plan.team.roles
+        return (self.context.words.fill("team.role", role=roles[self.formed.seat]),) if roles and self.formed else ()
+
+    def _describe_partners(self) -> tuple[str, ...]:
+        assert self.formed is not None
+        others = [holder for seat, holder in enumerate(self._holders) if seat != self.formed.seat]
+        return tuple(self.context.words[f"team.is_{who}"] for who in ("person", "agent") if who in others)
+
+    def _play_screen(self) -> PlayScreen:
+        screen = super()._play_screen()
+        words = self.context.words
+        text = "  ".join(self._describe_role())
+        if self.playing and self.formed is not None and self._holders[self.formed.seat] == "agent":
+            text = words["team.replaced"]
+        elif self.playing and self._waits:
+            text = words["team.waits"]
+        return replace(screen, controller="person", controller_text=text) if text else screen
+
+
+TEAM = ActivityKind("team", TeamPlayPlan, TeamPlayActivity, messages="minihuman.log.activity_topics:TEAM_ROWS")
+
+
+class DebriefPlan(msgspec.Struct, frozen=True):
+    """``plan`` of the page that tells, after the last questions, what the partners were."""
+
+
+class DebriefActivity(Activity):
+    """Tells what the partners were, and offers to withdraw; nothing where the session was in no team."""
+
+    can_copy = True
+    phase = Phase.DEBRIEFING
+
+    def begin(self) -> None:
+        """Show the page."""
+        self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
+
+    def receive(self, happened: Input) -> None:
+        """Take an input: Enter goes on."""
+        if isinstance(happened, KeyDown):
+            goes_on = happened.key in ENTER_KEYS and not happened.repeat
+            self.context.emit_key(happened, "accepted" if goes_on else "unmapped", self.phase)
+            if goes_on:
+                self.ended = PartEnding()
+
+    def screen(self) -> Screen:
+        """What the partners were."""
+        words = self.context.words
+        were = [words[f"team.was_{who}"] for who in ("person", "agent") if who in self.context.partners]
+        body = "\n\n".join((*(were or [words["team.was_either"]]), words["team.withdraw"]))
+        return screen_texts.build_notice_screen(words, words["team.debriefing"], body, words["go_on"])
+
+
+DEBRIEF = ActivityKind("debrief", DebriefPlan, DebriefActivity)

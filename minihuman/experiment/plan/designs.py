@@ -1,0 +1,172 @@
+"""Ports of adaptive designs: of a block's episodes, and of a study's participants.
+
+A design is pure: the same history, or statistics, and the same random numbers give the same decision, so a log proves
+each decision. It rounds numbers on which a decision depends, as processors differ in the last bit.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeVar
+
+import msgspec
+
+from minihuman.errors import ProtocolError
+from minihuman.plugins import check_plugin_type, load_plugin
+
+GROUP = "minihuman.designs"
+Outcome = Literal["", "success", "reward", "steps", "log_steps"]  # of an episode
+Draw = Callable[[int], tuple[float, ...]]  # so many random numbers in [0, 1), the same for the same decision
+
+
+class DesignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A design in the protocol: its name and settings."""
+
+    name: str
+    settings: dict[str, Any] = {}
+
+
+class PlayedEpisode(msgspec.Struct, frozen=True):
+    """What a design knows of an episode: all of a block that were completed, in order."""
+
+    options: dict[str, Any]  # of the world, as it was made
+    seed: int
+    outcome: str
+    steps: int
+    return_: float
+
+    @property
+    def success(self) -> bool:
+        """Whether the goal was reached."""
+        return self.outcome == "goal"
+
+
+@dataclass(frozen=True, slots=True)
+class DesignDecision:
+    """What a design decides before an episode, and what it knows by then."""
+
+    options: Mapping[str, Any] = field(default_factory=dict)  # of the world, beside the block's own; JSON values
+    seed: int | None = None  # of the reset; None: the plan's
+    stop: bool = False  # the block is over
+    estimates: Mapping[str, float] = field(default_factory=dict)  # by name: {"threshold": 0.31}
+    posterior: Any = ()  # all that the decision follows from; the log has its 64-bit digest
+
+
+class Design(ABC):
+    """Decides between the episodes of a block. Pure: no state, clock or random numbers of its own.
+
+    Args:
+        settings: as the protocol has them; what cannot be read is refused with ProtocolError.
+    """
+
+    version = 1  # goes up when the same history leads to another decision
+
+    @abstractmethod
+    def __init__(self, settings: Mapping[str, Any]) -> None: ...
+
+    @abstractmethod
+    def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
+        """Decide on the next episode; after the block's last one only the estimates count."""
+
+
+class GroupAssignment(msgspec.Struct, frozen=True):
+    """What a design assigned a group from."""
+
+    design: str  # as the protocol names it
+    version: int
+    statistics: dict[str, Any]  # of the participants before; no codes
+
+
+class EnrolledParticipant(msgspec.Struct, frozen=True):
+    """What a design knows of a participant."""
+
+    group: str
+    stratum: str = ""
+    value: float | None = None  # of the design's outcome; None where the first session is not complete
+
+
+@dataclass(frozen=True, slots=True)
+class EnrolmentDecision:
+    """What a design decides from its statistics."""
+
+    group: str = ""  # of the next participant
+    stop: bool = False  # no further participant is enrolled
+    estimates: Mapping[str, float] = field(default_factory=dict)
+
+
+class EnrolmentDesign(ABC):
+    """Decides at enrolment. Pure: no state, clock or random numbers of its own.
+
+    Args:
+        settings: as the protocol has them; what cannot be read is refused with ProtocolError.
+    """
+
+    version = 1  # goes up when the same statistics lead to another decision
+    outcome: Outcome = ""  # what `EnrolledParticipant.value` is: the mean over the block's episodes; "": nothing
+    block: str = ""  # "": all blocks
+
+    @abstractmethod
+    def __init__(self, settings: Mapping[str, Any]) -> None: ...
+
+    @abstractmethod
+    def compute_statistics(self, enrolled: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, Any]:
+        """The sufficient statistics, JSON values: of the participants in order, and the groups' allocation ratios.
+
+        Those of a design for stopping have ``look``, the number of the latest planned look, 0 before the first.
+        """
+
+    @abstractmethod
+    def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
+        """Decide from the statistics; ``stratum`` is the next participant's, "" without strata."""
+
+
+def make_design(spec: DesignSpec) -> Design:
+    """The design of a block with that name and these settings.
+
+    Raises:
+        ProtocolError: if there is none, it is another kind of design, or a setting is wrong.
+    """
+    made: Design = _make(spec, Design)
+    return made
+
+
+def make_enrolment_design(spec: DesignSpec) -> EnrolmentDesign:
+    """The same for a design that decides at enrolment."""
+    made: EnrolmentDesign = _make(spec, EnrolmentDesign)
+    return made
+
+
+def _make(spec: DesignSpec, port: type) -> Any:
+    made = load_plugin(GROUP, spec.name, ProtocolError, what="design")(spec.settings)
+    check_plugin_type(made, port, ProtocolError, group=GROUP, name=spec.name)
+    return made
+
+
+SettingsType = TypeVar("SettingsType", bound=msgspec.Struct)
+
+
+def read_design_settings(settings: Mapping[str, Any], kind: type[SettingsType]) -> SettingsType:
+    """Convert a design's settings to its struct.
+
+    Raises:
+        ProtocolError: if a setting is unknown, missing or of another type.
+    """
+    try:
+        return msgspec.convert(dict(settings), kind)
+    except msgspec.ValidationError as error:
+        raise ProtocolError(f"settings: {error}; the settings are {', '.join(kind.__struct_fields__)}") from None
+
+
+def require_setting(holds: bool, complaint: str) -> None:
+    """Refuse settings that cannot be.
+
+    Raises:
+        ProtocolError: if it does not hold.
+    """
+    if not holds:
+        raise ProtocolError(f"settings: {complaint}")
+
+
+def round_estimate(value: float) -> float:
+    """Six digits, so that every processor gives the same number."""
+    return float(f"{value:.6g}")

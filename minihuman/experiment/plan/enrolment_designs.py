@@ -1,0 +1,165 @@
+"""Adaptive designs of a study: minimisation, Thompson sampling and group-sequential stopping.
+
+Each sums up the participants in sufficient statistics, which are logged, and decides from these alone.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+
+from minihuman.experiment.plan.designs import (
+    Draw,
+    EnrolledParticipant,
+    EnrolmentDecision,
+    EnrolmentDesign,
+    read_design_settings,
+    require_setting,
+    round_estimate,
+)
+
+
+class MinimisationSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Settings of minimisation."""
+
+    probability: float = 0.8  # of the group that leaves the least imbalance
+    stratum_weight: float = 2.0  # of the imbalance within the participant's stratum, beside that of the whole study
+
+
+class Minimisation(EnrolmentDesign):
+    """Minimisation with a biased coin (Pocock & Simon, 1975, Biometrics 31) over the stratum and the whole study."""
+
+    def __init__(self, settings: Mapping[str, Any]) -> None:
+        its = self.settings = read_design_settings(settings, MinimisationSettings)
+        require_setting(0.5 < its.probability <= 1, f"probability is {its.probability:g}; use more than 0.5, 1 at most")
+        require_setting(its.stratum_weight >= 0, f"stratum_weight is {its.stratum_weight:g}; use 0 or more")
+
+    def compute_statistics(self, enrolled: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, Any]:
+        """Participants by group, of the whole study and by stratum."""
+        strata = sorted({one.stratum for one in enrolled if one.stratum})
+
+        def count(stratum: str | None) -> dict[str, int]:
+            among = [one.group for one in enrolled if stratum in (None, one.stratum)]
+            return {group: among.count(group) for group in groups}
+
+        return {"ratios": dict(groups), "all": count(None), "strata": {name: count(name) for name in strata}}
+
+    def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
+        """The group that leaves the least imbalance, with the coin's probability; another one otherwise."""
+        ratios: dict[str, int] = statistics["ratios"]
+        margins = [(1.0, statistics["all"]), (self.settings.stratum_weight, statistics["strata"].get(stratum, {}))]
+
+        def imbalance(group: str) -> float:
+            total = 0.0
+            for weight, counts in margins[: 2 if stratum else 1]:
+                after = [(counts.get(name, 0) + (name == group)) / ratio for name, ratio in ratios.items()]
+                total += weight * (max(after) - min(after))
+            return round(total, 9)
+
+        imbalances = {group: imbalance(group) for group in ratios}
+        coin, which = draw(2)
+        best = [group for group in ratios if imbalances[group] == min(imbalances.values())]
+        others = [group for group in ratios if group not in best]
+        among = best if not others or coin < self.settings.probability else others
+        return EnrolmentDecision(among[int(which * len(among))], estimates={"imbalance": min(imbalances.values())})
+
+
+class ThompsonSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Settings of Thompson sampling."""
+
+    block: str = ""  # whose share of episodes with success is the reward; "": all
+    prior: tuple[float, float] = (1.0, 1.0)  # successes and failures of each group before the first participant
+
+
+class Thompson(EnrolmentDesign):
+    """Thompson sampling (Thompson, 1933, Biometrika 25): groups with more success get more participants.
+
+    Each group's chance of success has a beta distribution; a participant's share of successes counts as that part of
+    a success.
+    """
+
+    outcome = "success"
+
+    def __init__(self, settings: Mapping[str, Any]) -> None:
+        self.settings = read_design_settings(settings, ThompsonSettings)
+        self.block = self.settings.block
+        require_setting(min(self.settings.prior) > 0, f"prior is {list(self.settings.prior)}; use two above 0")
+
+    def compute_statistics(self, enrolled: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, Any]:
+        """Successes and failures by group, in participants."""
+        values = {group: [one.value for one in enrolled if one.group == group] for group in groups}
+        return {
+            group: [
+                round_estimate(sum(v for v in its if v is not None)),
+                round_estimate(sum(1 - v for v in its if v is not None)),
+            ]
+            for group, its in values.items()
+        }
+
+    def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
+        """The group whose draw from its distribution is the highest."""
+        from scipy.special import betaincinv  # only an enrolment needs it
+
+        prior, chances, best = self.settings.prior, dict[str, float](), dict[str, float]()
+        for (group, (won, lost)), share in zip(statistics.items(), draw(len(statistics)), strict=True):
+            wins, losses = prior[0] + won, prior[1] + lost
+            chances[group] = round_estimate(wins / (wins + losses))
+            best[group] = round(float(betaincinv(wins, losses, share)), 9)
+        return EnrolmentDecision(max(best, key=lambda group: best[group]), estimates=chances)
+
+
+class GroupSequentialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Settings of a group-sequential study."""
+
+    looks: tuple[int, ...]  # how many complete participants each look is taken at; the last ends the study
+    outcome: Literal["success", "reward", "steps", "log_steps"] = "success"
+    block: str = ""  # "": all
+    alpha: float = 0.05  # two-sided, of the whole study
+
+
+class GroupSequential(EnrolmentDesign):
+    """Stop for a difference of two groups at planned looks, alpha spent like O'Brien and Fleming (Lan & DeMets, 1983).
+
+    A look compares the first so many complete participants by Welch's test.
+    """
+
+    def __init__(self, settings: Mapping[str, Any]) -> None:
+        its = self.settings = read_design_settings(settings, GroupSequentialSettings)
+        self.block, self.outcome = its.block, its.outcome
+        rising = len(its.looks) > 0 and its.looks[0] >= 4 and list(its.looks) == sorted(set(its.looks))
+        require_setting(rising, f"looks is {list(its.looks)}; use rising numbers of participants from 4 on")
+        require_setting(0 < its.alpha < 0.5, f"alpha is {its.alpha:g}; use 0.05")
+
+    def compute_statistics(self, enrolled: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, Any]:
+        """By group: n, mean and variance; of the complete participants up to the latest look."""
+        complete = [one for one in enrolled if one.value is not None]
+        reached = [look for look in self.settings.looks if look <= len(complete)]
+        counted = complete[: reached[-1]] if reached else []
+        return {"look": len(reached)} | {group: _describe(counted, group) for group in list(groups)[:2]}
+
+    def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
+        """Whether the difference is beyond the look's boundary, or the last look is taken."""
+        from minihuman.experiment.plan.group_sequential import compute_adjusted_p, compute_welch_z, find_boundaries
+
+        looks, at = self.settings.looks, int(statistics["look"])
+        if not at:
+            return EnrolmentDecision()
+        fractions = [look / looks[-1] for look in looks]
+        boundaries = find_boundaries(fractions, self.settings.alpha)
+        first, second = (its for name, its in statistics.items() if name != "look")
+        z = round_estimate(compute_welch_z(first, second))
+        crossed = abs(z) >= boundaries[at - 1]
+        found = {
+            "look": at,
+            "z": z,
+            "boundary": round_estimate(boundaries[at - 1]),
+            "p": round_estimate(compute_adjusted_p(z, fractions[:at], boundaries)),
+        }
+        return EnrolmentDecision("", crossed or at == len(looks), found | {"crossed": float(crossed)})
+
+
+def _describe(enrolled: Sequence[EnrolledParticipant], group: str) -> list[float]:
+    values = [one.value for one in enrolled if one.group == group and one.value is not None]
+    mean, variance = np.mean(values or [0.0]), np.var(values, ddof=1) if len(values) > 1 else 0.0
+    return [len(values), round_estimate(float(mean)), round_estimate(float(variance))]

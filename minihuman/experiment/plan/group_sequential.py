@@ -1,0 +1,77 @@
+"""Group-sequential tests of two groups: boundaries by alpha spending, and the p that takes the looks into account.
+
+Two-sided and symmetric. Information is counted in participants; increments between looks are normal and independent.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, special, stats
+
+_POINTS = 801  # of the grid on which the score's density between two looks is followed
+
+
+def spend_alpha(fraction: float, alpha: float) -> float:
+    """Alpha spent at a fraction of the information, like O'Brien and Fleming (Lan & DeMets, 1983, Biometrika 70)."""
+    return float(4 * special.ndtr(special.ndtri(alpha / 4) / np.sqrt(fraction)))
+
+
+def find_boundaries(fractions: Sequence[float], alpha: float = 0.05) -> tuple[float, ...]:
+    """The |z| at which a study stops, for each look; ``fractions`` of the information rise to 1."""
+    spent = [0.0, *(spend_alpha(fraction, alpha) for fraction in fractions)]
+    walk, found = _Walk(), list[float]()
+    for at, fraction in enumerate(fractions):
+        due = spent[at + 1] - spent[at]
+        found.append(float(optimize.brentq(lambda z, t=fraction, due=due: walk.exit(z, t) - due, 0.5, 12.0)))
+        walk.advance(found[-1], fraction)
+    return tuple(found)
+
+
+def compute_adjusted_p(z: float, fractions: Sequence[float], boundaries: Sequence[float]) -> float:
+    """p of a study that stopped at the last of these looks with this z.
+
+    By stagewise ordering (Tsiatis, Rosner & Mehta, 1984, Biometrics 40): the chance to stop earlier, or to be as far
+    out at this look.
+    """
+    walk = _Walk()
+    earlier = 0.0
+    for boundary, fraction in zip(boundaries[: len(fractions) - 1], fractions, strict=False):
+        earlier += walk.exit(boundary, fraction)
+        walk.advance(boundary, fraction)
+    return min(1.0, earlier + walk.exit(abs(z), fractions[-1]))
+
+
+class _Walk:
+    """The density of the score among studies that have not stopped."""
+
+    def __init__(self) -> None:
+        self._scores: NDArray[np.float64] = np.zeros(1)
+        self._weights: NDArray[np.float64] = np.ones(1)  # density times the grid's step
+        self._fraction = 0.0
+
+    def exit(self, z: float, fraction: float) -> float:
+        """The chance to be at |z| or beyond at a fraction of the information, and not to have stopped before."""
+        spread, bound = np.sqrt(fraction - self._fraction), z * np.sqrt(fraction)
+        upper = special.ndtr((self._scores - bound) / spread)
+        return float(self._weights @ (upper + special.ndtr((-self._scores - bound) / spread)))
+
+    def advance(self, boundary: float, fraction: float) -> None:
+        """Follow those who are inside the boundary."""
+        spread, bound = np.sqrt(fraction - self._fraction), boundary * np.sqrt(fraction)
+        scores = np.linspace(-bound, bound, _POINTS)
+        density = np.exp(-(((scores[:, None] - self._scores) / spread) ** 2) / 2) @ self._weights
+        weights = density * (scores[1] - scores[0]) / (spread * np.sqrt(2 * np.pi))
+        weights[[0, -1]] /= 2
+        self._scores, self._weights, self._fraction = scores, weights, fraction
+
+
+def compute_welch_z(first: Sequence[float], second: Sequence[float]) -> float:
+    """Welch's t of two groups' (n, mean, variance) as a normal deviate with the same two-sided p; 0 if undefined."""
+    (n, mean, variance), (m, other, spread) = first, second
+    if n < 2 or m < 2 or variance + spread <= 0:
+        return 0.0
+    squares = variance / n, spread / m
+    t = (mean - other) / np.sqrt(sum(squares))
+    freedom = sum(squares) ** 2 / (squares[0] ** 2 / (n - 1) + squares[1] ** 2 / (m - 1))
+    return float(-np.sign(t) * special.ndtri(stats.t.sf(abs(t), freedom)))

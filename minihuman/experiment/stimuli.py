@@ -1,0 +1,229 @@
+"""Stimuli: worlds for trials, whose options are what one trial shows and what each response earns.
+
+A trial is an episode of a single step (two in the two-step task): the response, or ``none`` at the deadline. Rewards
+that are a matter of chance are drawn from the seed of the reset, so a trial replays like any other episode.
+"""
+
+import base64
+import io
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageColor, ImageDraw
+
+from minihuman.display.text import draw_line, is_rtl, select_typefaces
+from minihuman.errors import WorldError
+
+NO_RESPONSE = "none"
+SIDES = {"left": 0.25, "centre": 0.5, "right": 0.75}  # of the width
+_CARDS = {"left": 0.27, "right": 0.73}
+SHAPES = ("circle", "square", "diamond")
+BACKGROUND = "#16191e"
+_TWO_STEP_NAMES = (("A", "B"), ("C", "D"), ("E", "F"))
+_TWO_STEP_COLOURS = ("#e8e6e1", "#f0b048", "#56b4e9")
+
+
+class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
+    """One stimulus and one response.
+
+    The observation is the count of responses made; what was shown is in the episode's options.
+
+    Args:
+        render_mode: ``rgb_array``.
+        responses: the actions, beside ``none``.
+        text: what is written at ``side``.
+        left: what is written on the card on the left, as in a choice.
+        right: on the card on the right.
+        image: a PNG in URL-safe Base64, shown at ``side``.
+        shape: a filled shape at ``side``: "circle", "square" or "diamond".
+        colour: of text and shape, a CSS name or "#rrggbb".
+        side: "left", "centre" or "right".
+        size: of what is shown, of the picture's height.
+        correct: the response that earns 1; ``none`` for no response, "" where chance decides.
+        language: of the text, for its typefaces.
+        **chances: ``chance_RESPONSE``: how probable it is that a response earns 1.
+
+    Raises:
+        WorldError: if an option holds what it cannot.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - Gymnasium's
+    picture_size_px = (640, 480)  # set by who draws
+
+    def __init__(
+        self,
+        render_mode: str | None = None,
+        *,
+        responses: tuple[str, ...] = ("left", "right"),
+        text: str | float = "",
+        left: str | float = "",
+        right: str | float = "",
+        image: str = "",
+        shape: str = "",
+        colour: str = "#e8e6e1",
+        side: str = "centre",
+        size: float = 0.2,
+        correct: str = "",
+        language: str = "en",
+        **chances: float,
+    ) -> None:
+        self.render_mode = render_mode
+        self.action_names = (*(str(response) for response in responses), NO_RESPONSE)
+        self.action_space = gymnasium.spaces.Discrete(len(self.action_names))  # type: ignore[assignment]
+        self.observation_space = gymnasium.spaces.Box(0, 2, (2,), np.int64)
+        self._chances = {name.removeprefix("chance_"): float(chance) for name, chance in chances.items()}
+        if correct:
+            self._chances = {correct: 1.0}
+        for name, value, known in (
+            ("side", side, SIDES),
+            ("shape", shape, ("", *SHAPES)),
+            *(("correct" if correct else "chance", name, self.action_names) for name in self._chances),
+        ):
+            if value not in known:
+                raise WorldError(f"{name} is {value!r}; use one of {', '.join(filter(None, known))}")
+        try:
+            self._ink: Any = ImageColor.getrgb(str(colour))[:3]
+        except ValueError as error:
+            raise WorldError(f"{colour!r} is not a colour; use a CSS colour name or #rrggbb") from error
+        self._text = str(text)
+        self._cards = tuple(
+            (str(item), _CARDS[place]) for item, place in ((left, "left"), (right, "right")) if item != ""
+        )
+        self._shape, self._side, self._size, self._image = shape, SIDES[side], size, _read_image(image)
+        self._language = language
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.int64], dict[str, Any]]:
+        """Show the stimulus."""
+        super().reset(seed=seed)
+        self._made = 0
+        return self._observe(), {"onset": True}
+
+    def step(self, action: int) -> tuple[NDArray[np.int64], float, bool, bool, dict[str, Any]]:
+        """Take the response."""
+        self._made += 1
+        return self._observe(), self._draw_reward(self.action_names[int(action)]), True, False, {}
+
+    def _draw_reward(self, response: str) -> float:
+        return float(self.np_random.random() < self._chances.get(response, 0.0))
+
+    def _observe(self) -> NDArray[np.int64]:
+        return np.array([self._made, 0], np.int64)
+
+    def render(self) -> Any:
+        """The picture, uint8[H, W, 3] of ``picture_size_px``; empty ground once there was a response."""
+        width, height = self.picture_size_px
+        picture = Image.new("RGB", (width, height), BACKGROUND)
+        if not self._is_over:
+            self._draw(picture)
+        return np.array(picture)
+
+    @property
+    def _is_over(self) -> bool:
+        return self._made > 0
+
+    def _draw(self, picture: Image.Image) -> None:
+        width, height = picture.size
+        draw, reach, middle = ImageDraw.Draw(picture), self._size * height / 2, height / 2
+        at = self._side * width
+        if self._image is not None:
+            scale = min(2 * reach / self._image.height, 0.45 * width / self._image.width)
+            shown = self._image.resize(
+                (max(1, round(self._image.width * scale)), max(1, round(self._image.height * scale)))
+            )
+            picture.paste(shown, (round(at - shown.width / 2), round(middle - shown.height / 2)), shown)
+        box = (at - reach, middle - reach, at + reach, middle + reach)
+        match self._shape:
+            case "circle":
+                draw.ellipse(box, fill=self._ink)
+            case "square":
+                draw.rectangle(box, fill=self._ink)
+            case "diamond":
+                draw.regular_polygon((at, middle, reach * 1.2), 4, rotation=45, fill=self._ink)
+        self._write(draw, self._text, at, middle, self._ink)
+        for item, side in self._cards:
+            self._draw_card(draw, item, side * width, middle, self._ink)
+
+    def _draw_card(self, draw: ImageDraw.ImageDraw, text: str, x: float, y: float, ink: Any) -> None:
+        reach = self._size * self.picture_size_px[1] * 0.75
+        box = (x - reach, y - reach, x + reach, y + reach)
+        draw.rounded_rectangle(box, radius=reach / 4, outline=ink, width=max(2, round(reach / 24)))
+        self._write(draw, text, x, y, ink)
+
+    def _write(self, draw: ImageDraw.ImageDraw, text: str, x: float, y: float, ink: Any) -> None:
+        size_px = max(8, round(self._size * self.picture_size_px[1]))
+        faces = select_typefaces(self._language)
+        draw_line(draw, (x, y), text, faces=faces, size_px=size_px, colour=ink, anchor="m", rtl=is_rtl(text))
+
+
+class TwoStep(Stimulus):
+    """The two-step task of Daw et al. (2011, Neuron 69): a choice that commonly leads to one of two further choices.
+
+    Args:
+        render_mode: ``rgb_array``.
+        common: how probable the common transition is; left commonly leads to the first pair.
+        chance_1: how probable a reward is on the left of the first pair.
+        chance_2: on its right.
+        chance_3: on the left of the second pair.
+        chance_4: on its right.
+    """
+
+    def __init__(
+        self,
+        render_mode: str | None = None,
+        *,
+        common: float = 0.7,
+        chance_1: float = 0.6,
+        chance_2: float = 0.4,
+        chance_3: float = 0.3,
+        chance_4: float = 0.7,
+    ) -> None:
+        super().__init__(render_mode)
+        self._common = common
+        self._rewards = ((chance_1, chance_2), (chance_3, chance_4))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.int64], dict[str, Any]]:
+        """Show the first choice."""
+        self._pair = 0  # 0: the first choice
+        return super().reset(seed=seed, options=options)
+
+    def step(self, action: int) -> tuple[NDArray[np.int64], float, bool, bool, dict[str, Any]]:
+        """Choose; no response ends the trial without a reward."""
+        self._made += 1
+        response = self.action_names[int(action)]
+        if response == NO_RESPONSE:
+            self._made = 2
+            return self._observe(), 0.0, True, False, {}
+        if not self._pair:
+            is_common = self.np_random.random() < self._common
+            self._pair = 1 if is_common == (response == "left") else 2
+            return self._observe(), 0.0, False, False, {"onset": True}
+        chance = self._rewards[self._pair - 1][int(response == "right")]
+        return self._observe(), float(self.np_random.random() < chance), True, False, {}
+
+    def _observe(self) -> NDArray[np.int64]:
+        return np.array([self._made, self._pair], np.int64)
+
+    @property
+    def _is_over(self) -> bool:
+        return self._made > 1
+
+    def _draw(self, picture: Image.Image) -> None:
+        draw, (width, height) = ImageDraw.Draw(picture), picture.size
+        ink = ImageColor.getrgb(_TWO_STEP_COLOURS[self._pair])[:3]
+        for name, side in zip(_TWO_STEP_NAMES[self._pair], _CARDS.values(), strict=True):
+            self._draw_card(draw, name, side * width, height / 2, ink)
+
+
+def _read_image(encoded: str) -> Image.Image | None:
+    if not encoded:
+        return None
+    try:
+        return Image.open(io.BytesIO(base64.urlsafe_b64decode(encoded)), formats=("PNG",)).convert("RGBA")
+    except (ValueError, OSError) as error:
+        raise WorldError(f"a stimulus image is not a PNG ({type(error).__name__}); save it as PNG") from error

@@ -1,0 +1,205 @@
+"""Export RLDS episodes as TensorFlow Datasets keeps them, `OUT/<world>/1.0.0`; `tfds.builder_from_directory` reads one.
+
+An episode is a sequence of steps. The last one holds what was observed after the last action; its action, reward and
+discount mean nothing, as RLDS says. Written without TensorFlow: a TFRecord file frames `tf.train.Example` messages with
+their CRC-32C. Sources: https://github.com/google-research/rlds, https://www.tensorflow.org/tutorials/load_data/tfrecord.
+"""
+
+import json
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import google_crc32c
+import numpy as np
+
+from minihuman import __version__
+from minihuman.dataset.episode_stream import IncludedEpisode, IncludedEpisodes
+from minihuman.exporters.exporter import ExportResult
+from minihuman.exporters.flat_observations import (
+    PICTURE_PX,
+    ReplayedEpisode,
+    Resimulator,
+    build_actions,
+    build_state,
+    dataset_name,
+)
+from minihuman.exporters.study_metadata import describe_episode, get_study_facts
+from minihuman.log.observations import encode_png
+
+DATASET_VERSION = "1.0.0"
+SHARD_BYTES = 200 * 1024 * 1024
+_PYTHON = "tensorflow_datasets.core.features."
+
+
+def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
+    """Write every episode that has a step.
+
+    Raises:
+        ExportError: if an episode does not replay.
+    """
+    resimulate = Resimulator(picture_px=PICTURE_PX)
+    datasets: dict[str, _Dataset] = {}
+    left_out: list[str] = []
+    episodes = steps = 0
+    for item in chosen:
+        if not len(item.episode.actions):
+            left_out.append(f"{describe_episode(item)} has no step")
+            continue
+        name = dataset_name(item).replace("-", "_")
+        columns = build_steps(item, resimulate(item))
+        if name not in datasets:
+            datasets[name] = _Dataset(out / name / DATASET_VERSION, name, get_study_facts(item).description)
+        datasets[name].add(columns, {key: _plain(value) for key, value in item.facts.items()})
+        episodes, steps = episodes + 1, steps + len(item.episode.actions)
+    for dataset in datasets.values():
+        dataset.finish()
+    return ExportResult(tuple(dataset.root for dataset in datasets.values()), episodes, steps, tuple(left_out))
+
+
+def build_steps(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, Any]:
+    """The ``n + 1`` steps as columns; what belongs to an action is 0 in the last."""
+    episode = item.episode
+    n = len(episode.actions)
+    discount = np.ones(n + 1, np.float32)
+    discount[n - 1] = 0.0 if episode.terminated[-1] else 1.0
+    ends = np.arange(n + 1) == n
+    return {
+        **({"observation/image": np.stack(demonstration.pictures)} if demonstration.pictures else {}),
+        "observation/state": build_state(demonstration),
+        **{
+            name: np.pad(values, [(0, 1), *[(0, 0)] * (values.ndim - 1)])
+            for name, values in build_actions(item, demonstration).items()
+        },
+        "reward": np.pad(episode.rewards, (0, 1)).astype(np.float32),
+        "discount": discount,
+        "is_first": np.arange(n + 1) == 0,
+        "is_last": ends,
+        "is_terminal": ends & bool(episode.terminated[-1]),
+        "time_s": (episode.t_ns - episode.t_ns[0]) / 1e9,
+        "language_instruction": [episode.start.mission] * (n + 1),
+    }
+
+
+class _Dataset:
+    """One world's dataset while it is written."""
+
+    def __init__(self, root: Path, name: str, description: str) -> None:
+        self.root = root
+        self._name, self._description = name, description
+        self._shards: list[list[int]] = []  # episodes, bytes
+        self._features: dict[str, Any] = {}
+        root.mkdir(parents=True)
+
+    def add(self, steps: Mapping[str, Any], facts: Mapping[str, Any]) -> None:
+        """Append an episode to the last file, or to the next where that is full."""
+        if not self._shards or self._shards[-1][1] >= SHARD_BYTES:
+            self._shards.append([0, 0])
+        self._features = self._features or _features(steps, facts)
+        columns = {f"steps/{name}": values for name, values in steps.items()}
+        columns |= {f"episode_metadata/{name}": [value] for name, value in facts.items()}
+        record = _frame(encode_example(columns))
+        with self._path(len(self._shards) - 1).open("ab") as file:
+            file.write(record)
+        self._shards[-1] = [self._shards[-1][0] + 1, self._shards[-1][1] + len(record)]
+
+    def _path(self, number: int, of: int | None = None) -> Path:
+        end = "" if of is None else f"-of-{of:05d}"
+        return self.root / f"{self._name}-train.tfrecord-{number:05d}{end}"
+
+    def finish(self) -> None:
+        """Name the files by their number and write what describes them."""
+        for number in range(len(self._shards)):
+            self._path(number).rename(self._path(number, len(self._shards)))
+        split = {
+            "name": "train",
+            "shardLengths": [str(episodes) for episodes, _ in self._shards],
+            "numBytes": str(sum(size for _, size in self._shards)),
+            "filepathTemplate": "{DATASET}-{SPLIT}.{FILEFORMAT}-{SHARD_X_OF_Y}",
+        }
+        info = {
+            "name": self._name,
+            "version": DATASET_VERSION,
+            "description": self._description or f"Sessions recorded with minihuman {__version__}.",
+            "fileFormat": "tfrecord",
+            "releaseNotes": {},
+            "splits": [split],
+        }
+        for name, content in (("dataset_info", info), ("features", self._features)):
+            text = json.dumps(content, indent=4, sort_keys=True) + "\n"
+            (self.root / f"{name}.json").write_text(text, encoding="utf-8", newline="\n")
+
+
+def _features(steps: Mapping[str, Any], facts: Mapping[str, Any]) -> dict[str, Any]:
+    """What TensorFlow Datasets reads the examples by."""
+    kinds = {name: _kind(values) for name, values in steps.items()}
+    seen = {name.partition("/")[2]: kind for name, kind in kinds.items() if "/" in name}
+    inner = {name: kind for name, kind in kinds.items() if "/" not in name} | {"observation": _dictionary(seen)}
+    sequence = {"feature": _dictionary(inner), "length": "-1"}
+    whole = {
+        "episode_metadata": _dictionary({name: _kind([value]) for name, value in facts.items()}),
+        "steps": {"pythonClassName": f"{_PYTHON}dataset_feature.Dataset", "sequence": sequence},
+    }
+    return _dictionary(whole)
+
+
+def _dictionary(features: Mapping[str, Any]) -> dict[str, Any]:
+    return {"featuresDict": {"features": dict(features)}, "pythonClassName": f"{_PYTHON}features_dict.FeaturesDict"}
+
+
+def _kind(values: Any) -> dict[str, Any]:
+    if isinstance(values, list) and isinstance(values[0], str):
+        return {"pythonClassName": f"{_PYTHON}text_feature.Text", "text": {}}
+    array = np.asarray(values)
+    shape = {"dimensions": [str(size) for size in array.shape[1:]]} if array.ndim > 1 else {}
+    if array.ndim == 4:
+        picture = {"dtype": "uint8", "encodingFormat": "png", "shape": shape}
+        return {"image": picture, "pythonClassName": f"{_PYTHON}image_feature.Image"}
+    tensor = {"dtype": str(array.dtype), "encoding": "none", "shape": shape}
+    python = "tensor_feature.Tensor" if shape else "scalar.Scalar"
+    return {"pythonClassName": f"{_PYTHON}{python}", "tensor": tensor}
+
+
+def encode_example(columns: Mapping[str, Any]) -> bytes:
+    """A ``tf.train.Example``: texts and pictures as bytes, whole numbers and flags as int64, others as float."""
+    entries = []
+    for name, values in columns.items():
+        if isinstance(values, list) and isinstance(values[0], str):
+            feature = _field(1, b"".join(_field(1, text.encode()) for text in values))
+        elif (array := np.asarray(values)).ndim == 4:
+            feature = _field(1, b"".join(_field(1, encode_png(picture)) for picture in array))
+        elif array.dtype.kind == "f":
+            feature = _field(2, _field(1, array.astype("<f4").tobytes()))
+        else:
+            feature = _field(3, _field(1, b"".join(map(_varint, array.ravel().tolist()))))
+        entries.append(_field(1, _field(1, name.encode()) + _field(2, feature)))
+    return _field(1, b"".join(entries))
+
+
+def _field(number: int, payload: bytes) -> bytes:
+    """A length-delimited field of a protobuf message."""
+    return _varint(number << 3 | 2) + _varint(len(payload)) + payload
+
+
+def _varint(number: int) -> bytes:
+    rest, found = int(number) & 0xFFFFFFFFFFFFFFFF, bytearray()
+    while rest > 0x7F:
+        found.append(rest & 0x7F | 0x80)
+        rest >>= 7
+    return bytes((*found, rest))
+
+
+def _frame(record: bytes) -> bytes:
+    """A record of a TFRecord file: its length and bytes, each followed by its masked CRC-32C."""
+    length = struct.pack("<Q", len(record))
+    return length + _checksum(length) + record + _checksum(record)
+
+
+def _checksum(content: bytes) -> bytes:
+    crc = google_crc32c.value(content)
+    return struct.pack("<I", ((crc >> 15 | crc << 17) + 0xA282EAD8) & 0xFFFFFFFF)
+
+
+def _plain(value: Any) -> Any:
+    return value if isinstance(value, str | int) else json.dumps(value)

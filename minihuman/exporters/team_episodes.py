@@ -1,0 +1,228 @@
+"""Export episodes of teams with all bodies: PettingZoo-style episodes, and Overcooked-AI's trajectories for kitchens.
+
+An episode is written once, from the first of its members' logs; each is played again from seed and joint actions, and
+its last state compared with the log. Rows of one body have no place in these formats and are left out.
+"""
+
+import json
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from minihuman.dataset.episode_stream import IncludedEpisode, IncludedEpisodes
+from minihuman.errors import ExportError, WorldError
+from minihuman.exporters.exporter import ExportResult
+from minihuman.exporters.study_metadata import describe_episode
+from minihuman.log.model.session_log import TeamRecord
+from minihuman.worlds.adapters.world import World
+
+if TYPE_CHECKING:
+    from minihuman.worlds.grid.kitchen import Kitchen
+
+NO_TEAM = "was played by one body"
+
+
+def export_pettingzoo(chosen: IncludedEpisodes, out: Path) -> ExportResult:
+    """Write a folder per world: ``episodes.jsonl``, a line an episode, and each one's observations as ``.npz``.
+
+    Agents are named as PettingZoo's parallel API names them, ``body_0`` for the first. Observations of body i
+    are ``body_i`` of the file, (steps + 1, ...); actions and rewards are lists by step, by agent.
+
+    Raises:
+        ExportError: if an episode does not replay.
+    """
+    files: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    left_out: list[str] = []
+    paths, steps = [], 0
+    for item, team in _team_episodes(chosen, left_out):
+        folder = item.episode.plan.world.rpartition("/")[-1].rpartition(":")[-1].lower()
+        agents = [f"body_{seat}" for seat in range(len(team.seats))]
+        observations: list[list[Any]] = [[] for _ in agents]
+        for world in _play(item):
+            for seat, seen in enumerate(observations):
+                seen.append(world.unwrapped.team.observation(seat))
+        number = len(files[folder])
+        path = out / folder / f"episode_{number:05d}.npz"
+        path.parent.mkdir(exist_ok=True)
+        arrays: dict[str, Any] = {agent: np.stack(seen) for agent, seen in zip(agents, observations, strict=True)}
+        np.savez_compressed(path, **arrays)
+        paths.append(path)
+        plan = item.episode.plan
+        files[folder].append(
+            {
+                "episode": number,
+                "observations": path.name,
+                "world": plan.world,
+                "options": {name: value for name, value in plan.options.items() if name != "seat"},
+                "seed": plan.seed,
+                "team": team.team,
+                "block": plan.block_name,
+                "episode_in_block": plan.episode_in_block,
+                "agents": agents,
+                "seats": team.seats,
+                "action_names": item.episode.start.action_names,
+                "actions": team.actions.tolist(),
+                "rewards": team.rewards.tolist(),
+                "sources": team.sources,
+                "terminated": bool(item.episode.terminated[-1:].any()),
+                "truncated": bool(item.episode.truncated[-1:].any()),
+                "outcome": item.episode.outcome_word,
+                "digest": f"{team.digest:016x}",
+            }
+        )
+        steps += len(team.actions)
+    for folder, episodes in files.items():
+        path = out / folder / "episodes.jsonl"
+        path.write_text("".join(json.dumps(one) + "\n" for one in episodes), encoding="utf-8", newline="\n")
+        paths.append(path)
+    return ExportResult(tuple(paths), sum(map(len, files.values())), steps, left_out=tuple(left_out))
+
+
+def export_overcooked(chosen: IncludedEpisodes, out: Path) -> ExportResult:
+    """Write kitchens as Overcooked-AI's trajectories: a JSON file per layout, which ``load_traj_from_json`` reads.
+
+    Raises:
+        ExportError: if an episode does not replay.
+    """
+    from minihuman.worlds.grid.kitchen import Kitchen
+
+    files: dict[str, dict[str, list[Any]]] = {}
+    left_out: list[str] = []
+    steps = 0
+    for item, team in _team_episodes(chosen, left_out):
+        kitchen: Any = None
+        states: list[dict[str, Any]] = []
+        for world in _play(item):
+            kitchen = world.unwrapped.team
+            if not isinstance(kitchen, Kitchen):
+                break
+            states.append(describe_state(kitchen, len(states)))
+        if not states:
+            left_out.append(f"{describe_episode(item)} is in no kitchen")
+            continue
+        layout = str(item.episode.plan.options.get("layout", "cramped_room"))
+        name = "".join(letter if letter.isalnum() else "_" for letter in layout)
+        found = files.setdefault(name, {key: [] for key in _TRAJECTORY})
+        rewards = team.rewards[:, 0].astype(int).tolist()
+        n = len(rewards)
+        for key, value in (
+            ("ep_states", states[:n]),
+            ("ep_actions", [[ACTIONS[action] for action in row] for row in team.actions.tolist()]),
+            ("ep_rewards", rewards),
+            ("ep_dones", [*[False] * (n - 1), True][:n]),
+            ("ep_returns", sum(rewards)),
+            ("ep_lengths", n),
+            ("mdp_params", {"layout_name": layout, "terrain": _terrain(kitchen)}),
+            ("env_params", {"horizon": item.episode.plan.max_steps}),
+        ):
+            found[key].append(value)
+        steps += n
+    paths = []
+    for name, trajectories in files.items():
+        paths.append(out / f"{name}.json")
+        paths[-1].write_text(json.dumps(trajectories), encoding="utf-8", newline="\n")
+    episodes = sum(len(one["ep_lengths"]) for one in files.values())
+    return ExportResult(tuple(paths), episodes, steps, left_out=tuple(left_out))
+
+
+_TRAJECTORY = (
+    "ep_states",
+    "ep_actions",
+    "ep_rewards",
+    "ep_dones",
+    "ep_returns",
+    "ep_lengths",
+    "mdp_params",
+    "env_params",
+)
+ORIENTATIONS = ((0, -1), (0, 1), (1, 0), (-1, 0))  # Overcooked-AI's vectors, by our direction: up, down, right, left
+ACTIONS = (*ORIENTATIONS, (0, 0), "interact")  # by our action
+_THINGS = ("", "onion", "tomato", "dish", "soup")
+_LETTERS = " PXOTDS"  # of Overcooked-AI's layouts, by our terrain
+
+
+def describe_state(kitchen: "Kitchen", step: int) -> dict[str, Any]:
+    """A kitchen's state in Overcooked-AI's words, as its ``OvercookedState.to_dict``."""
+    from minihuman.worlds.grid.core import kitchen_rules as rules
+
+    row = kitchen.row
+    width, height, cooks = row[:3].tolist()
+    cells = row[rules.COOK + 4 * cooks + width * height :].reshape(width, height)
+    times = row[rules.TIMES : rules.TIMES + 16].tolist()
+
+    def thing(number: int, position: list[int]) -> dict[str, Any] | None:
+        kind = number & 7
+        if not kind:
+            return None
+        found = {"name": _THINGS[kind], "position": position}
+        if kind != rules.SOUP:
+            return found
+        onions, tomatoes, clock = number >> 3 & 3, number >> 5 & 3, (number >> 7) - 1
+        inside = ["onion"] * onions + ["tomato"] * tomatoes
+        time = times[onions + 4 * tomatoes]
+        return found | {
+            "_ingredients": [{"name": name, "position": position} for name in inside],
+            "cooking_tick": clock,
+            "_cooking_tick": clock,
+            "is_cooking": 0 <= clock < time,
+            "is_ready": clock >= time,
+            "is_idle": clock < 0,
+            "cook_time": -1 if clock < 0 else time,
+        }
+
+    players = []
+    for cook in range(cooks):
+        x, y, direction, held = row[rules.COOK + 4 * cook :][:4].tolist()
+        held_object = thing(held, [x, y])
+        players.append({"position": [x, y], "orientation": list(ORIENTATIONS[direction]), "held_object": held_object})
+    objects = [thing(int(cells[x, y]), [x, y]) for x, y in np.argwhere(cells).tolist()]
+    orders = {"bonus_orders": [], "all_orders": [{"ingredients": ["onion"] * 3}]}
+    return {"players": players, "objects": objects, "timestep": step, **orders}
+
+
+def _terrain(kitchen: "Kitchen") -> list[list[str]]:
+    from minihuman.worlds.grid.core import kitchen_rules as rules
+
+    width, height, cooks = kitchen.row[:3].tolist()
+    cells = kitchen.row[rules.COOK + 4 * cooks :][: width * height].reshape(width, height)
+    return [[_LETTERS[cells[x, y]] for x in range(width)] for y in range(height)]
+
+
+def _team_episodes(chosen: IncludedEpisodes, left_out: list[str]) -> Iterator[tuple[IncludedEpisode, TeamRecord]]:
+    """Every team's episode once; what else there is goes into ``left_out``."""
+    seen = set()
+    for item in chosen:
+        team, plan = item.episode.team, item.episode.plan
+        if team is None:
+            left_out.append(f"{describe_episode(item)} {NO_TEAM}")
+            continue
+        key = (team.team, plan.block_name, item.log.plan.session, plan.episode_in_block, item.episode.attempt)
+        if key not in seen and len(team.actions):
+            seen.add(key)
+            yield item, team
+
+
+def _play(item: IncludedEpisode) -> Iterator[World]:
+    """The world at each state of an episode, the reset's first.
+
+    Raises:
+        ExportError: if it cannot be made here, or ends in another state than in the log.
+    """
+    episode = item.episode
+    try:
+        with closing(World(episode.plan.world, episode.world_options)) as world:
+            world.reset(episode.plan.seed)
+            yield world
+            for action in episode.actions:
+                world.step(int(action))
+                yield world
+            if world.state_hash() != int(episode.state_hashes[-1]):
+                raise ExportError(
+                    f"{item.log.path}: {episode.name} ends in a different state than in the log; run: minihuman verify"
+                )
+    except WorldError as error:
+        raise ExportError(f"{item.log.path}: {episode.name}: {error}") from error

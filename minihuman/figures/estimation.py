@@ -1,0 +1,168 @@
+"""Estimation plots: every participant's value with each group's mean, beside the differences of groups with their
+intervals; and distributions of reaction times, a line per participant.
+
+Sources: Gardner and Altman (1986), Confidence intervals rather than P values; Ho et al. (2019), Moving beyond P values.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from minihuman.figures.figure_data import Difference
+from minihuman.figures.style import MUTED, PAGE_CM, SERIES, figure_style, label_panel, new_figure
+from minihuman.statistics.comparison import compare_means
+
+Values = NDArray[np.float64]
+_TICKS_MS = (50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000)
+_FEW = 12  # participants of a group: of more, their lines of reaction times hide each other
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+
+
+def compare_every_pair(groups: Mapping[str, Values]) -> list[Difference]:
+    """Every two groups' difference, with Welch's interval."""
+    found = []
+    for first, second in combinations(groups, 2):
+        a, b = (groups[name][~np.isnan(groups[name])] for name in (first, second))
+        known = min(len(a), len(b)) > 1 and max(np.ptp(a), np.ptp(b)) > 0
+        interval = compare_means(a, b).interval() if known else (np.nan, np.nan)
+        if len(a) and len(b):
+            found.append(Difference(first, second, float(a.mean() - b.mean()), interval))
+    return found
+
+
+def spread_dots(values: Values, *, rows: int = 40, width: float = 0.36) -> Values:
+    """How far to the side each dot stands, so that equal ones lie beside each other: (n,), at most ``width``."""
+    extent = float(np.ptp(values)) if len(values) else 0.0
+    height = (values - values.min()) / extent if extent else np.zeros(len(values))
+    row = (height * (rows - 1)).round().astype(int)
+    offsets = np.zeros(len(values))
+    fullest = max(np.bincount(row).max() if len(row) else 1, 2)
+    step = min(0.09, 2 * width / fullest)
+    for one in np.unique(row):
+        places = np.flatnonzero(row == one)
+        offsets[places] = (np.arange(len(places)) - (len(places) - 1) / 2) * step
+    return offsets
+
+
+def draw_participants(
+    ax: Axes, groups: Mapping[str, Values], *, measure: str, limits: tuple[float, float] | None = None
+) -> Axes:
+    """Draw one dot per participant, and beside each group's dots its mean and the mean's 95 % interval (Student's).
+
+    The interval is cut at ``limits``, which the measure cannot leave.
+    """
+    from minihuman.figures.learning_curves import mean_and_band
+
+    most = max((len(values) for values in groups.values()), default=1)
+    size = 4.2 if most <= 30 else 3.0 if most <= 100 else 1.8
+    for place, (group, values) in enumerate(groups.items()):
+        colour, told = SERIES[place % len(SERIES)], values[~np.isnan(values)]
+        offsets = spread_dots(told)
+        beside = max([0.1, *offsets]) + 0.08
+        ax.plot(
+            place + offsets, told, _MARKERS[place % len(_MARKERS)], ms=size, mfc=colour, mec="white", mew=0.3,
+            alpha=0.85, gid=f"participants: {group}",
+        )  # fmt: skip
+        if len(told):
+            (mean,), (low,), (high,) = mean_and_band(told[:, None])
+            if np.isfinite(low):
+                low, high = np.clip((low, high), *limits) if limits else (low, high)
+                ax.plot([place + beside] * 2, [low, high], color="black", lw=1.1, gid=f"interval: {group}")
+            ax.plot(place + beside, mean, "D", ms=3.6, color="black", gid=f"mean: {group}")
+    ax.set_xticks(range(len(groups)), [f"{group}\nn = {int((~np.isnan(v)).sum())}" for group, v in groups.items()])
+    ax.set(xlim=(-0.55, len(groups) - 0.4), ylabel=measure)
+    return ax
+
+
+def draw_differences(ax: Axes, differences: Sequence[Difference], *, level: str = "difference of means") -> Axes:
+    """Draw each difference of two groups with its interval, one below the other, and a line where there is none."""
+    ax.axvline(0, color=MUTED, lw=0.8, ls="--")
+    for row, one in enumerate(differences):
+        if np.isfinite(one.interval[0]):
+            ax.plot(one.interval, [row, row], color="black", lw=1.4, gid=f"interval: {one.first}, {one.second}")
+        ax.plot(one.estimate, row, "D", color="black", ms=4.5, gid=f"difference: {one.first}, {one.second}")
+    names = [f"{one.first}\n\N{MINUS SIGN} {one.second}" for one in differences]
+    ax.set_yticks(range(len(differences)), names)
+    ax.set(ylim=(len(differences) - 0.4, -0.6), xlabel=level)
+    ax.xaxis.set_major_locator(MaxNLocator(5))
+    low, high = ax.get_xlim()
+    ax.set_xlim(min(low, -0.05 * (high - low)), max(high, 0.05 * (high - low)))
+    return ax
+
+
+def estimation_figure(
+    groups: Mapping[str, Values],
+    differences: Sequence[Difference],
+    *,
+    measure: str,
+    title: str = "",
+    limits: tuple[float, float] | None = None,
+) -> Figure:
+    """Every participant by group, and the groups' differences beside them, for the width of a page.
+
+    Args:
+        groups: one value per participant; NaN where there is none.
+        differences: of groups, with 95 % intervals.
+        measure: what the values are.
+        title: the block and the measure.
+        limits: which the measure cannot leave.
+    """
+    with figure_style():
+        figure = new_figure(width_cm=PAGE_CM, height_cm=7.4)
+        figure.suptitle(title)
+        left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+        draw_participants(left, groups, measure=measure, limits=limits)
+        draw_differences(right, differences)
+        for place, (ax, name) in enumerate(
+            ((left, "every participant, mean and 95 % interval"), (right, "difference"))
+        ):
+            ax.set_title(name, loc="left")
+            label_panel(ax, place)
+    return figure
+
+
+def draw_reaction_times(ax: Axes, groups: Mapping[str, NDArray[np.float64]], edges_ms: Values) -> Axes:
+    """Draw each participant's distribution of reaction times as a thin line, each group's mean of them as a thick one.
+
+    Where a group has more than 12, the lines would hide each other: a band from their 10th to their 90th percentile.
+
+    Args:
+        ax: where.
+        groups: (participants, bins) shares of each participant's reaction times.
+        edges_ms: (bins + 1,) the bins' edges.
+    """
+    middles = np.sqrt(edges_ms[:-1] * edges_ms[1:])
+    are_few = max(map(len, groups.values())) <= _FEW
+    for place, (group, shares) in enumerate(groups.items()):
+        colour = SERIES[place % len(SERIES)]
+        if are_few:
+            ax.plot(middles, 100 * shares.T, color=colour, lw=0.4, alpha=0.5)
+        else:
+            low, high = np.percentile(100 * shares, (10, 90), axis=0)
+            ax.fill_between(middles, low, high, color=colour, alpha=0.2, lw=0, gid=f"band: {group}")
+        mean = 100 * shares.mean(axis=0)
+        ax.plot(
+            middles, mean, ("-", "--", ":", "-.")[place % 4], color=colour, lw=1.8, zorder=3,
+            label=f"{group} (n = {len(shares)})", path_effects=[withStroke(linewidth=3, foreground="white")],
+        )  # fmt: skip
+    ax.set(xscale="log", xlabel="reaction time (ms, log scale)", ylabel="share of responses (%)", ylim=(0, None))
+    shown = [ms for ms in _TICKS_MS if edges_ms[0] <= ms <= edges_ms[-1]]
+    ax.set_xticks(shown, [str(ms) for ms in shown])
+    ax.set_xticks([], minor=True)
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2, ncols=min(2, len(groups)))
+    return ax
+
+
+def reaction_time_figure(groups: Mapping[str, NDArray[np.float64]], edges_ms: Values, *, title: str) -> Figure:
+    """Distributions of reaction times for one column of a page."""
+    with figure_style():
+        figure = new_figure(height_cm=6.6)
+        figure.suptitle(title)
+        draw_reaction_times(figure.subplots(), groups, edges_ms)
+    return figure

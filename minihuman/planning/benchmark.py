@@ -1,0 +1,175 @@
+"""The baseline set: levels of several families, with fresh seeds for each set, run by players that are not people.
+
+A set is an ordinary protocol: people, models and policies play it with the same commands, and `minihuman score` scores
+them. Levels that a model may have seen in training are replaced by another seed.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from minihuman.admin.protocol_file import read_protocol
+from minihuman.errors import PlayerFailedError, SimulationError
+from minihuman.reporting.scorecard import Scorecard, build_scorecard
+from minihuman.runtime.simulated_session import simulate
+
+LEVELS_PER_FAMILY = 5
+TURNS = ("left", "right", "forward")
+HANDS = (*TURNS, "pickup", "drop", "toggle")
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """Levels of one kind of world."""
+
+    name: str
+    world: str
+    actions: tuple[str, ...]
+    max_steps: int
+    instructions: str = "Do what the line above the picture says. You are the triangle."
+
+
+_LOOK = "You see the world from inside. Find the red box."
+FAMILIES: dict[str, tuple[Family, ...]] = {
+    "grid": (
+        Family("empty", "MiniGrid-Empty-8x8-v0", TURNS, 60),
+        Family("four-rooms", "MiniGrid-FourRooms-v0", TURNS, 100),
+        Family("crossing", "MiniGrid-SimpleCrossingS9N2-v0", TURNS, 90),
+        Family("door-key", "MiniGrid-DoorKey-6x6-v0", HANDS, 90),
+        Family("unlock", "MiniGrid-Unlock-v0", HANDS, 90),
+        Family("key-corridor", "MiniGrid-KeyCorridorS3R2-v0", HANDS, 120),
+        Family("go-to-local", "BabyAI-GoToLocal-v0", HANDS, 60),
+        Family("go-to", "BabyAI-GoTo-v0", HANDS, 150),
+        Family("pick-up", "BabyAI-PickupLoc-v0", HANDS, 60),
+        Family("put-next", "BabyAI-PutNextLocal-v0", HANDS, 100),
+    ),
+    "first-person": (
+        Family("rooms", "MiniWorld-FourRooms-v0", ("turn_left", "turn_right", "move_forward"), 250, _LOOK),
+        Family("hallway", "MiniWorld-Hallway-v0", ("turn_left", "turn_right", "move_forward"), 250, _LOOK),
+    ),
+}
+_PROTOCOL_START = """\
+# Baseline levels: {count} levels in {families} families, drawn from seed {seed}. Written by `minihuman bench new`.
+
+[study]
+name = "{name}"
+version = "{seed}"
+seed = {seed}
+participants = 1000
+consent = "You are asked to play short games of finding things. You may stop at any time."
+
+[model]
+modality = "{modality}"
+
+[keys]
+pool = ["1", "2", "3", "4", "5", "6"]
+keyboard_check = false
+
+[[groups]]
+name = "everyone"
+blocks = [{blocks}]
+"""
+_BLOCK_TABLE = """
+[[blocks]]
+name = "{name}"
+world = "minihuman/{world}"
+episodes = {episodes}
+seeds = {seeds}
+actions = [{actions}]
+max_steps = {max_steps}
+key_map = "shown"
+instructions = "{instructions}"
+"""
+
+
+def compose_baseline(kind: str, seed: int, *, levels: int = LEVELS_PER_FAMILY) -> str:
+    """The protocol of a set of levels, as TOML.
+
+    Args:
+        kind: "grid" or "first-person".
+        seed: that the levels' own seeds are drawn from; a new one gives unseen levels.
+        levels: of each family.
+    """
+    families = FAMILIES[kind]
+    drawn = np.random.SeedSequence([seed, list(FAMILIES).index(kind)]).generate_state(len(families) * levels)
+    seeds = drawn.reshape(len(families), levels).tolist()
+    head = _PROTOCOL_START.format(
+        count=len(families) * levels,
+        families=len(families),
+        seed=seed,
+        name=f"baseline-{kind}-{seed}",
+        modality="both" if kind == "grid" else "picture",
+        blocks=", ".join(f'"{family.name}"' for family in families),
+    )
+    blocks = (
+        _BLOCK_TABLE.format(
+            name=family.name,
+            world=family.world,
+            episodes=levels,
+            seeds=its,
+            actions=", ".join(f'"{action}"' for action in family.actions),
+            max_steps=family.max_steps,
+            instructions=family.instructions,
+        )
+        for family, its in zip(families, seeds, strict=True)
+    )
+    return head + "".join(blocks)
+
+
+def parse_players(text: str) -> dict[str, int]:
+    """Read "human-like=12,random=3": players and their numbers of runs.
+
+    Raises:
+        SimulationError: if a number is none.
+    """
+    found = {}
+    for part in filter(None, text.split(",")):
+        name, _, runs = part.rpartition("=")
+        if not name or not runs.isdecimal() or not int(runs):
+            raise SimulationError(
+                f"{part!r} does not give a player and its number of runs; write NAME=RUNS, as in random=3"
+            )
+        found[name] = int(runs)
+    return found
+
+
+def run_baseline(
+    protocols: Sequence[Path],
+    data: Path,
+    players: dict[str, int],
+    *,
+    seed: int = 1,
+    on_progress: Callable[[str], None] = lambda _: None,
+) -> Scorecard:
+    """Have players play sets of levels, each in a folder of its own, and score them; what was played is not repeated.
+
+    Args:
+        protocols: the sets.
+        data: the folder that gets a folder for each player.
+        players: their names, and how many runs each is to have.
+        seed: of the players.
+        on_progress: is told who plays.
+
+    Raises:
+        MinihumanError: if a set is no valid protocol, or a player cannot play it.
+    """
+    studies: list[Path] = []
+    notes: list[str] = []
+    for path in protocols:
+        protocol = read_protocol(path)
+        for player, runs in players.items():
+            folder = data / player.replace(":", "-").replace("/", "-")
+            studies.append(folder / protocol.study.name)
+            left = runs - len(list(studies[-1].glob("sub-*")))
+            on_progress(f"{player} plays {protocol.study.name}")
+            try:
+                list(simulate(protocol, folder, participants=left, seed=seed, player=player) if left > 0 else ())
+            except PlayerFailedError:
+                raise
+            except SimulationError as error:
+                notes.append(f"{player} does not play {protocol.study.name}: {error}")
+        studies.append(data / protocol.study.name)  # of people and models, by the ordinary commands
+    card = build_scorecard(studies, seed=seed)
+    return replace(card, notes=(*card.notes, *notes))

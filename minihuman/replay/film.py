@@ -1,0 +1,186 @@
+"""A film of episodes, and a contact sheet of a session. Every picture is drawn again and checked against the log.
+
+Beside what the participant saw are the keys with their actions, the map with the path so far, and each step's key and
+reaction time.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib import font_manager
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from minihuman.dataset.measures import response_ms
+from minihuman.display.video import VideoWriter
+from minihuman.errors import LogError
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
+from minihuman.replay.frames import BACKGROUND, fit_picture, render_frames
+
+SIZE_PX = (840, 420)
+VIEW_PX = (420, 420)
+STEPS_PER_S = 8
+FORMATS = ("mp4", "webm", "gif", "png")
+PAPER, PANEL, INK, FAINT, BLUE = "#ffffff", "#f4f5f7", "#1f2328", "#6e747c", "#0969da"
+_GIF_COLOURS, _GIF_PX = 32, (560, 280)  # it stores pictures of rooms badly
+_LINES = 7  # steps listed
+_MOST_KEYS = 6  # drawn
+_SHEET = 6  # pictures of an episode on a contact sheet
+_THUMB_PX = (200, 150)
+
+
+def load_font(size_px: int, *, mono: bool = False, bold: bool = False) -> ImageFont.FreeTypeFont:
+    """A face that Matplotlib brings."""
+    family = "DejaVu Sans Mono" if mono else "DejaVu Sans"
+    found = font_manager.findfont(font_manager.FontProperties(family=family, weight="bold" if bold else "normal"))
+    return ImageFont.truetype(found, size_px)
+
+
+TITLE, TEXT, MONO, KEY = load_font(19, bold=True), load_font(14), load_font(12, mono=True), load_font(22, bold=True)
+
+
+def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Path:
+    """Write a film of one episode or of all, or, as ``.png``, a contact sheet of them.
+
+    Args:
+        log: the session.
+        out: the file; its ending says the format, one of ``FORMATS``.
+        episode: the episode's number, 1 for the first; of several attempts the last.
+
+    Raises:
+        LogError: if the format is unknown, there is no such episode or none with a step, or a world shows something
+            else than was seen.
+        WorldError: if a world cannot be run here, and the log holds no pictures.
+        OSError: if the file cannot be written.
+    """
+    kind = out.suffix.lower().removeprefix(".")
+    if kind not in FORMATS:
+        raise LogError(
+            f"{out} does not have a film format's ending; use one of {', '.join('.' + name for name in FORMATS)}"
+        )
+    numbers = sorted({one.number for one in log.episodes})
+    if episode is not None and episode not in numbers:
+        raise LogError(
+            f"{log.path} has no episode {episode}; its episodes are {', '.join(map(str, numbers)) or 'none'}"
+        )
+    wanted = [one for one in log.episodes if len(one.actions)] if episode is None else [
+        [one for one in log.episodes if one.number == episode][-1]
+    ]  # fmt: skip
+    if not any(len(one.actions) for one in wanted):
+        raise LogError(f"{log.path}: there is no step to film; choose another episode")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    if kind == "png":
+        draw_contact_sheet(log, wanted).save(out)
+        return out
+    unfinished = out.with_name(f"{out.name}.unfinished")
+    try:
+        images = (image for one in wanted for image in compose_frames(log, one))
+        if kind == "gif":
+            first, *others = (
+                image.resize(_GIF_PX, Image.Resampling.LANCZOS).quantize(_GIF_COLOURS, dither=Image.Dither.NONE)
+                for image in images
+            )
+            duration_ms = 1000 // STEPS_PER_S
+            first.save(unfinished, "gif", save_all=True, append_images=others, duration=duration_ms, loop=0)
+        else:
+            with VideoWriter(unfinished, kind, fps=STEPS_PER_S) as video:
+                video.write(np.asarray(image) for image in images)
+        unfinished.replace(out)
+    finally:
+        unfinished.unlink(missing_ok=True)
+    return out
+
+
+def compose_frames(log: SessionLog, episode: EpisodeLog, *, stride: int = 1) -> Iterator[Image.Image]:
+    """The film's pictures of an episode: the reset's, every ``stride``-th step's, and the last step's, shown longer."""
+    times_ms, views = response_ms(episode), render_frames(episode, VIEW_PX)
+    last = len(views) - 1
+    for step, view in enumerate(views):
+        if step % stride == 0 or step == last:
+            image = _compose(log, episode, step, Image.fromarray(fit_picture(view, VIEW_PX)), times_ms)
+            yield from [image] * (STEPS_PER_S if step == last and stride == 1 else 1)
+
+
+def _compose(
+    log: SessionLog, episode: EpisodeLog, step: int, view: Image.Image, times_ms: NDArray[np.float64]
+) -> Image.Image:
+    image = Image.new("RGB", SIZE_PX, PAPER)
+    draw = ImageDraw.Draw(image)
+    image.paste(view, (0, 0))
+    left, right = VIEW_PX[0] + 20, SIZE_PX[0] - 20
+    draw.text((left, 14), episode.plan.world.rpartition("/")[2].rpartition(":")[2][:32], INK, TITLE)
+    who = f"{log.plan.participant.id}, episode {episode.number}, {episode.plan.block_name}"
+    draw.text((left, 40), who[:48], FAINT, TEXT)
+    pressed = episode.step_keys[step - 1] if step else ""
+    for place, (key, action) in enumerate(sorted(episode.plan.key_map.keys.items())[:_MOST_KEYS]):
+        x, y = left + place % 3 * 62, 74 + place // 3 * 78
+        down = pressed == key
+        draw.rounded_rectangle((x, y, x + 44, y + 44), 7, fill=BLUE if down else PANEL, outline=FAINT)
+        name = key if len(key) < 3 else key[:5]
+        draw.text((x + 22, y + 22), name, PAPER if down else INK, KEY if len(key) < 3 else MONO, anchor="mm")
+        draw.text((x + 22, y + 55), action.rpartition("_")[2][:8], INK, MONO, anchor="mm")
+    _draw_map(draw, episode, step, (right - 160, 70, right, 230))
+    seconds = (episode.t_ns[step] - episode.t_ns[0]) / 1e9
+    end = f": {episode.outcome_word}" if step == len(episode.actions) else ""
+    draw.text((left, 250), f"step {step} of {len(episode.actions)}, {seconds:.1f} s{end}", INK, TEXT)
+    for line, one in enumerate(range(max(0, step - _LINES), step)):
+        waited = times_ms[one]
+        text = (
+            f"{(episode.t_ns[one + 1] - episode.t_ns[0]) / 1e9:7.2f} s  {episode.step_keys[one] or '-':>5}  "
+            f"{episode.start.action_names[episode.actions[one]].rpartition('_')[2][:10]:<10}"
+            f"{'' if np.isnan(waited) else f'{waited:6.0f} ms'}"
+        )
+        draw.text((left, 278 + 19 * line), text, INK if one == step - 1 else FAINT, MONO)
+    return image
+
+
+def _draw_map(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, box: tuple[int, int, int, int]) -> None:
+    """The floor plan from above with the path so far; nothing where the world tells none."""
+    plan = episode.start.map
+    if plan is None:
+        return
+    x0, z0, x1, z1 = plan.bounds
+    scale = min((box[2] - box[0]) / max(x1 - x0, 1e-9), (box[3] - box[1]) / max(z1 - z0, 1e-9))
+
+    def at(x: float, z: float) -> tuple[float, float]:
+        return box[0] + (x - x0) * scale, box[1] + (z - z0) * scale
+
+    draw.rectangle((*at(x0, z0), *at(x1, z1)), fill=PANEL)
+    for wall in plan.walls:
+        draw.line((*at(wall[0], wall[1]), *at(wall[2], wall[3])), fill=INK, width=2)
+    for thing in plan.things:
+        x, z = at(thing.x, thing.z)
+        radius = max(thing.radius * scale, 4)
+        draw.rectangle((x - radius, z - radius, x + radius, z + radius), fill=thing.colour, outline=INK)
+    path = episode.poses[: step + 1, [0, 2]]
+    points = [at(x, z) for x, z in path[~np.isnan(path[:, 0])].tolist()]
+    if len(points) > 1:
+        draw.line(points, fill=BLUE, width=3, joint="curve")
+    for x, z in points[-1:]:
+        draw.ellipse((x - 5, z - 5, x + 5, z + 5), fill=BLUE, outline=PAPER)
+
+
+def draw_contact_sheet(log: SessionLog, episodes: Sequence[EpisodeLog]) -> Image.Image:
+    """A row per episode: its words, its map with the whole path, and pictures from its beginning to its end."""
+    width, height = _THUMB_PX
+    rows = [one for one in episodes if len(one.actions)]
+    left = 190
+    sheet = Image.new("RGB", (left + (_SHEET + 1) * (width + 6), 40 + len(rows) * (height + 8)), PAPER)
+    draw = ImageDraw.Draw(sheet)
+    draw.text((10, 10), f"{log.plan.study}: {log.plan.participant.id}, session {log.plan.session}", INK, TITLE)
+    for row, episode in enumerate(rows):
+        y, views = 40 + row * (height + 8), render_frames(episode, _THUMB_PX)
+        words = (
+            f"episode {episode.number}", episode.plan.block_name[:20], f"{len(episode.actions)} steps",
+            f"{episode.outcome_word}, {episode.return_:.2f}",
+        )  # fmt: skip
+        for line, text in enumerate(words):
+            draw.text((10, y + 10 + 22 * line), text, FAINT if line else INK, TEXT)
+        _draw_map(draw, episode, len(episode.actions), (left + 20, y + 4, left + width - 20, y + height - 4))
+        for place, step in enumerate(np.linspace(0, len(views) - 1, _SHEET).round().astype(int).tolist()):
+            picture = Image.fromarray(fit_picture(views[step], _THUMB_PX))
+            x = left + (place + 1) * (width + 6)
+            sheet.paste(picture, (x, y))
+            draw.text((x + 6, y + 4), f"step {step}", PAPER, MONO, stroke_width=2, stroke_fill=BACKGROUND)
+    return sheet

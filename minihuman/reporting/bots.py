@@ -1,0 +1,269 @@
+"""Was it a person? What a log's key times say, as a likelihood ratio of a person against a program, with its reasons.
+
+Simulated people and simulated programs are mixtures of kinds: some hands of people, some programs and, as not every
+program is known, one that can be anything. Each kind has a histogram of every measure of the key times
+(``analysis/bots.py`` fits them). The ratio of the mixtures is shrunk by a logistic regression, since measures are
+correlated, and bounded. It is not calibrated on people: it flags a session, a person decides. Keys that a script made,
+keys without focus and times that another session has too are facts beside it.
+"""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.stats import rankdata
+
+from minihuman.dataset.annotations import collect_tags
+from minihuman.dataset.selection import SelectedSession
+from minihuman.experiment.machine.events import Noted, TextTyped
+from minihuman.experiment.replay import BROWSER_NOTE
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
+
+Array = NDArray[np.float64]
+MEASURES = {  # words, and the range of the histogram; what lies outside counts in the outermost bin
+    "median": ("median time between keys, log10 ms", 1.5, 4.5),
+    "spread": ("their interquartile range over the median, log10", -3.0, 0.7),
+    "skewness": ("their upper over their lower quartile distance, log10", -0.8, 1.2),
+    "autocorrelation": ("correlation of each log time with the one before", -0.5, 1.0),
+    "repetition": ("time of the same key again over that of another, log10", -1.0, 0.4),
+    "first": ("time of an episode's first key over the median, log10", -1.0, 1.2),
+    "practice": ("rank correlation of time and number of the key", -0.8, 0.8),
+    "hold": ("median time that a key is held, log10 ms", 0.0, 3.0),
+    "hold_spread": ("the interquartile range of holds over the median, log10", -3.0, 0.7),
+    "overlap": ("share of keys pressed before the last one was released", -0.05, 1.0),
+}
+BINS = 20
+N_INTERVALS, N_OTHERS = 20, 5  # the fewest intervals of a session, and of each side of a ratio
+BOUND = 3.0  # a ratio beyond 1000 is not claimed from some hundred simulated people
+FLAG = -2.0  # log10 of the ratio at which a session is flagged
+NOT_CALIBRATED = "not calibrated on people: fitted to simulated people and programs"
+_SAME_RUN, _SAME_MS = 5, 2.0  # so many times in a row, each as near as this, in another session
+_ANSWER_AT_ONCE = 40  # characters
+
+
+@dataclass(frozen=True, slots=True)
+class PressTimes:
+    """A session's presses while playing; ``nan`` stands between episodes and where a pause lies.
+
+    Attributes:
+        intervals_ms: (n,), from each press to the next of its episode.
+        same: (n,), whether that is the same key again.
+        firsts_ms: of each episode, from its first picture to its first press.
+        holds_ms: of each press that came up again.
+        overlap: share of presses before the last key was released.
+    """
+
+    intervals_ms: Array
+    same: NDArray[np.bool_]
+    firsts_ms: Array
+    holds_ms: Array
+    overlap: float
+
+
+def read_key_times(log: SessionLog) -> PressTimes:
+    """A session's key times, of the episodes that a person's seat played."""
+    parts = [part for episode in log.episodes if (part := _read_episode(episode)) is not None]
+    joined = [np.concatenate([np.empty(0), *column]) for column in zip(*parts, strict=True)] or [np.empty(0)] * 5
+    intervals, same, firsts, holds, overlaps = joined
+    return PressTimes(intervals, same.astype(bool), firsts, holds, float(overlaps.mean()) if len(overlaps) else np.nan)
+
+
+def _read_episode(episode: EpisodeLog) -> tuple[Array, ...] | None:
+    keys, begins = episode.keys, [begin for begin, _ in episode.pauses]
+    t_ns = np.asarray(keys.column("t_ns")) - np.asarray(keys.column("waited_ns"))
+    down, codes = np.asarray(keys.column("down"), bool), keys.column("key").codes
+    pressed = down & ~keys.column("verdict").equals_any(("repeat", "typing", "not_playing"))
+    at_ns, which = t_ns[pressed], codes[pressed]
+    if not len(at_ns):
+        return None
+    up_ns = np.full(len(at_ns), np.nan)
+    for code in np.unique(which):
+        ups = np.append(np.sort(t_ns[~down & (codes == code)]).astype(float), np.nan)
+        up_ns[which == code] = ups[np.searchsorted(ups[:-1], at_ns[which == code])]
+    intervals = np.append(np.diff(at_ns) / 1e6, np.nan)
+    intervals[np.append(np.diff(np.searchsorted(begins, at_ns)) > 0, False)] = np.nan
+    return (
+        intervals,
+        np.append(which[1:] == which[:-1], False).astype(float),
+        np.array([(at_ns[0] - episode.t_ns[0]) / 1e6]),
+        ((up_ns - at_ns) / 1e6)[~np.isnan(up_ns)],
+        (at_ns[1:] < up_ns[:-1]).astype(float),
+    )
+
+
+def measure_key_times(times: PressTimes) -> dict[str, float]:
+    """The measures of `MEASURES`; NaN where there is too little, none at all with too few intervals."""
+    known = ~np.isnan(times.intervals_ms)
+    intervals = np.maximum(times.intervals_ms, 0.1)
+    if known.sum() < N_INTERVALS:
+        return {}
+    logs = np.log10(intervals)
+    kinds = [logs[known & times.same], logs[known & ~times.same]]
+    if min(map(len, kinds)) >= N_OTHERS:  # a run of the same key is no correlation
+        logs = logs - np.where(times.same, np.median(kinds[0]), np.median(kinds[1]))
+    pairs = known[1:] & known[:-1]
+    low, middle, high = np.quantile(intervals[known], (0.25, 0.5, 0.75))
+    held = np.maximum(times.holds_ms, 0.1) if len(times.holds_ms) >= N_OTHERS else np.full(1, np.nan)
+    found = {
+        "median": np.log10(middle),
+        "spread": np.log10((high - low) / middle + 1e-3),
+        "skewness": np.log10((high - middle + 1.0) / (middle - low + 1.0)),
+        "autocorrelation": _correlate(logs[1:][pairs], logs[:-1][pairs]),
+        "repetition": _compare(intervals[known & times.same], intervals[known & ~times.same]),
+        "first": _compare(times.firsts_ms, intervals[known]),
+        "practice": _correlate(rankdata(intervals[known]), np.arange(known.sum())),
+        "hold": np.log10(np.median(held)),
+        "hold_spread": np.log10(np.ptp(np.quantile(held, (0.25, 0.75))) / np.median(held) + 1e-3),
+        "overlap": times.overlap,
+    }
+    return {name: float(value) for name, value in found.items()}
+
+
+def _correlate(first: Array, second: Array) -> float:
+    if len(first) < N_OTHERS or min(np.std(first), np.std(second)) < 1e-9:
+        return float("nan")
+    return float(np.corrcoef(first, second)[0, 1])
+
+
+def _compare(first: Array, second: Array) -> float:
+    if min(len(first), len(second)) < N_OTHERS:
+        return float("nan")
+    return float(np.log10(max(float(np.median(first)), 0.1) / max(float(np.median(second)), 0.1)))
+
+
+def place_in_bin(name: str, value: float) -> int:
+    """The bin of a measure's histogram that holds a value."""
+    _, low, high = MEASURES[name]
+    return int(np.clip((value - low) / (high - low) * BINS, 0, BINS - 1))
+
+
+def weigh_measures(
+    measured: Mapping[str, float], model: Mapping[str, Any], *, bound: float = BOUND
+) -> tuple[float, dict[str, float]]:
+    """log10 of the likelihood ratio of a person against a program, and what each measure adds to it.
+
+    A measure's share is that between the kind of person and the kind of program that fit best.
+
+    Args:
+        measured: of `measure_key_times`.
+        model: ``people`` and ``programs``, each a list of kinds with its ``weight`` and ``log10`` of the probability of
+            each bin by measure; ``slope`` and ``intercept``.
+        bound: the largest ratio that is claimed, either way.
+    """
+    places = {name: place_in_bin(name, value) for name, value in measured.items() if np.isfinite(value)}
+    likelihoods, best = [], []
+    for kinds in (model["people"], model["programs"]):
+        fits = [np.log10(one["weight"]) + sum(one["log10"][name][at] for name, at in places.items()) for one in kinds]
+        likelihoods.append(np.logaddexp.reduce(np.array(fits) * np.log(10)) / np.log(10))
+        best.append(kinds[int(np.argmax(fits))]["log10"])
+    slope: float = model["slope"]
+    shares = {name: slope * (best[0][name][at] - best[1][name][at]) for name, at in places.items()}
+    return float(np.clip(slope * (likelihoods[0] - likelihoods[1]) + model["intercept"], -bound, bound)), shares
+
+
+@cache
+def load_model() -> dict[str, Any]:
+    """The fitted model that comes with the package."""
+    text = (files("minihuman.reporting") / "data" / "bots.json").read_text(encoding="utf-8")
+    found: dict[str, Any] = json.loads(text)
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What one session's key times say."""
+
+    participant: str
+    session: int
+    log: Path
+    presses: int
+    log10_ratio: float | None  # of a person against a program; None with too few presses
+    reasons: tuple[str, ...]  # what weighs most, in words
+    facts: tuple[str, ...]  # each flags by itself
+    flagged: bool
+    decision: str  # a reviewer's annotations of the whole session
+
+    def line(self) -> str:
+        """The verdict in one line; ``facts`` and ``reasons`` say why."""
+        ratio = "too few keys"
+        if self.log10_ratio is not None:
+            odds = f"{10 ** abs(self.log10_ratio):.2g}"
+            ratio = f"person : program = {f'{odds} : 1' if self.log10_ratio >= 0 else f'1 : {odds}'}"
+        what = "FLAGGED" if self.flagged else "-"
+        decided = f"; annotated {self.decision}" if self.decision else ""
+        return f"{self.participant} session {self.session}: {what}  {ratio}{decided}"
+
+
+def weigh_sessions(sessions: Iterable[SelectedSession], *, typing: bool = False) -> Iterator[Evidence]:
+    """Weigh the evidence of each session.
+
+    Args:
+        sessions: of one study, as times of one session in another are looked for.
+        typing: also look at how answers were typed.
+    """
+    read = [(one.log, one.marks, read_key_times(one.log)) for one in sessions]
+    copies = find_same_times([times for _, _, times in read])
+    for number, (log, marks, times) in enumerate(read):
+        measured = measure_key_times(times)
+        total, shares = weigh_measures(measured, load_model()) if measured else (None, {})
+        facts = list(_find_facts(log, typing=typing))
+        if (other := copies.get(number)) is not None:
+            name = f"{read[other][0].plan.participant.id} session {read[other][0].plan.session}"
+            facts.append(f"{_SAME_RUN} times in a row within {_SAME_MS:g} ms of those of {name}")
+        flagged = bool(facts) or (total is not None and total <= FLAG)
+        strongest = sorted(shares, key=lambda name: -shares[name] * np.sign(total or 1))[:3]
+        yield Evidence(
+            participant=log.plan.participant.id,
+            session=log.plan.session,
+            log=log.path,
+            presses=len(times.intervals_ms),
+            log10_ratio=total,
+            reasons=tuple(f"{MEASURES[name][0]}: {measured[name]:.2f} ({shares[name]:+.1f})" for name in strongest),
+            facts=tuple(facts),
+            flagged=flagged,
+            decision=", ".join(sorted(collect_tags(marks).get(None, ()))),
+        )
+
+
+def _find_facts(log: SessionLog, *, typing: bool) -> Iterator[str]:
+    scripted = sum(
+        isinstance(note, Noted) and note.kind == BROWSER_NOTE and note.text.endswith("made by a script")
+        for note in log.notes
+    )
+    if scripted:
+        yield f"{scripted} key events were made by a script (isTrusted)"
+    focus = [note for note in log.notes if isinstance(note, Noted) and note.kind == "focus"]
+    changes = [(note.t_ns, note.text == "lost") for note in focus]
+    if changes:
+        presses = log.keys
+        t_ns = np.asarray(presses.column("t_ns"))[np.asarray(presses.column("down"), bool)]
+        places = np.searchsorted([t for t, _ in changes], t_ns)
+        blind = int(np.append(False, [lost for _, lost in changes])[places].sum())
+        if blind:
+            yield f"{blind} keys were pressed while the page had no focus"
+    at_once = [len(event.text) for event in log.part_events if isinstance(event, TextTyped)] if typing else []
+    if at_once and max(at_once) >= _ANSWER_AT_ONCE:
+        yield f"{max(at_once)} characters of an answer came at once: pasted, dictated or made by a program"
+
+
+def find_same_times(times: list[PressTimes]) -> dict[int, int]:
+    """Which sessions have a run of key times that another one has too, and which one: a log that was replayed."""
+    rows, owners = [np.empty((0, _SAME_RUN))], [np.empty(0, int)]
+    for number, one in enumerate(times):
+        if len(one.intervals_ms) >= _SAME_RUN:
+            runs = np.lib.stride_tricks.sliding_window_view(one.intervals_ms, _SAME_RUN)
+            varied = runs[~np.isnan(runs).any(axis=1) & (np.ptp(np.nan_to_num(runs), axis=1) > 50 * _SAME_MS)]
+            rows.append(varied)
+            owners.append(np.full(len(varied), number))
+    owner = np.concatenate(owners)
+    pairs = cKDTree(np.concatenate(rows)).query_pairs(_SAME_MS, p=np.inf, output_type="ndarray")
+    theirs = owner[pairs]
+    apart = theirs[theirs[:, 0] != theirs[:, 1]] if len(theirs) else np.empty((0, 2), int)
+    return {int(one): int(other) for first in (apart, apart[:, ::-1]) for one, other in first[::-1]}

@@ -1,0 +1,305 @@
+"""A scorecard: people, policies, models and simulated people on the same levels, as one table and one figure.
+
+A level is a block's world with a seed; an episode counts where it ended by itself. A score needs no person, but it says
+who its reference is: people are called that from ten on.
+"""
+
+import csv
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from minihuman.dataset.log_files import list_readable_logs
+from minihuman.dataset.selection import Selection
+from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.store import StudyStore
+from minihuman.errors import ReportError
+from minihuman.experiment.machine.events import ModelCall
+from minihuman.experiment.protocol.protocol import decode_logged_protocol
+from minihuman.figures.figure_files import draw_figure_files
+from minihuman.log.read.session_reader import read_log
+from minihuman.statistics.scores import DRAWS, HUMAN_REFERENCE, Estimate, PlayerScore, Runs, score_player
+
+HUMAN = "human"
+MODELS_FOLDER = "models"  # beside people's studies, in the data folder
+_COLUMNS = [
+    *("participant", "session", "block", "episode", "attempt", "episode_in_block", "exclusion_reason", "world", "seed"),
+    *("outcome", "success", "steps", "max_steps", "feasible_steps", "excess_steps", "spl"),
+]
+_ENDED = ("goal", "timeout", "failure")
+_LEVEL = ["block", "world", "seed"]
+_STAND_INS = ("human-like", "exploring", "optimal")  # for people who are not there, the likest first
+
+
+@dataclass(frozen=True, slots=True)
+class Costs:
+    """What a player's calls took; zeros for one who is no model."""
+
+    calls: int = 0
+    invalid: int = 0
+    unknown: int = 0
+    tokens: int = 0
+    price: float = 0.0
+    currency: str = ""
+    declined: int = 0  # sessions whose consent it refused
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredPlayer:
+    """One line of the scorecard."""
+
+    player: str
+    runs: int
+    episodes: int
+    levels: int  # that the reference has played, too
+    score: PlayerScore
+    excess_steps: float  # mean, over the fewest, of successful episodes
+    success_by_episode: tuple[float, ...]  # share of successes, by the place of the episode in its block
+    costs: Costs
+
+
+@dataclass(frozen=True, slots=True)
+class Scorecard:
+    """The players on the same levels."""
+
+    reference: str  # "human (n = 12)", or the stand-in's name and that it is one
+    reference_player: str
+    players: tuple[ScoredPlayer, ...]
+    notes: tuple[str, ...]
+
+
+def build_scorecard(
+    studies: Sequence[Path],
+    *,
+    reference: str = "",
+    selection: Selection | None = None,
+    seed: int = 1,
+    draws: int = DRAWS,
+) -> Scorecard:
+    """Score every player of some studies' folders; the models' folder of each is read, too.
+
+    Participants of one code in one data folder count as one, so that a set of levels may be several protocols.
+
+    Args:
+        studies: their folders.
+        reference: the player that scores 1; by default people, or who is likest to them.
+        selection: which episodes are included.
+        seed: of the bootstrap.
+        draws: of the bootstrap.
+
+    Raises:
+        ReportError: if there is no episode, no such reference, or no level that it shares.
+    """
+    found = [folder for study in studies for folder in (study, find_models_folder(study)) if folder.is_dir()]
+    read = [_read_study(folder, selection or Selection()) for folder in dict.fromkeys(found)]
+    rows = pd.concat([frame for frame, _ in read], ignore_index=True) if read else pd.DataFrame()
+    if not len(rows):
+        raise ReportError(f"{', '.join(map(str, studies))}: no episode was played to its end; play some first")
+    costs: dict[str, Costs] = {}
+    for _, its in read:
+        costs.update(its)
+    players = sorted(rows["player"].unique())
+    chosen = reference or next((name for name in (HUMAN, *_STAND_INS, *players) if name in players), "")
+    if chosen not in players:
+        raise ReportError(f"reference {reference!r} played none of the levels; use one of {', '.join(players)}")
+    scored = [_score(rows, name, chosen, costs.get(name, Costs()), seed, draws) for name in players]
+    lines = sorted(filter(None, scored), key=lambda one: -one.score.efficiency.value)
+    people = rows.loc[rows["player"] == chosen, "run"].nunique()
+    named = f"{'human' if chosen == HUMAN else chosen} (n = {people})"
+    if chosen != HUMAN:
+        named += ", in place of people"
+    elif people < HUMAN_REFERENCE:
+        named = f"{people} people, too few to be called human"
+    return Scorecard(named, chosen, tuple(lines), tuple(_note(lines, chosen, named, set(players))))
+
+
+def find_models_folder(study: Path) -> Path:
+    """Where the models of a study lie."""
+    study = study.absolute()
+    return study.parent / MODELS_FOLDER / study.name
+
+
+def _read_study(folder: Path, selection: Selection) -> tuple[pd.DataFrame, dict[str, Costs]]:
+    """The episodes that count, with who played them, and what models cost."""
+    with StudyStore(StudySessions(folder, selection), with_shortest=True, tables=["episodes", "participants"]) as store:
+        episodes = store.tables.table("episodes", _COLUMNS).to_pandas()
+        played = store.tables.table("participants", ["participant", "session", "player"]).to_pandas()
+    rows = episodes[episodes["exclusion_reason"].isna() & episodes["outcome"].isin(_ENDED)]
+    rows = rows.merge(played.drop_duplicates(["participant", "session"]), on=["participant", "session"])
+    rows = rows.assign(run=str(folder.parent) + "/" + rows["participant"], player=rows["player"].map(_label))
+    logs = [read_log(path) for path in list_readable_logs(folder)[0]]
+    protocols = [decode_logged_protocol(log.plan.protocol_toml) for log in logs[:1] if log.plan.protocol_toml]
+    practice = {block.name for protocol in protocols for block in protocol.blocks if not block.analysed}
+    currency = protocols[0].model.currency if protocols else ""
+    costs: dict[str, Costs] = {}
+    for log in logs:
+        calls = [event for event in log.part_events if isinstance(event, ModelCall) and event.state != "asked"]
+        if not calls:
+            continue
+        before = costs.get(_label(log.player), Costs())
+        costs[_label(log.player)] = Costs(
+            before.calls + len(calls),
+            before.invalid + sum(call.verdict == "invalid" for call in calls),
+            before.unknown + sum(call.state == "unknown" for call in calls),
+            before.tokens + sum(call.prompt_tokens + call.completion_tokens for call in calls),
+            before.price + sum(call.price for call in calls),
+            currency,
+            before.declined + (log.end_reason == "declined"),
+        )
+    return rows[~rows["block"].isin(practice)], costs
+
+
+def _label(player: str) -> str:
+    """A player's name without the folder of its file."""
+    kind, colon, rest = player.partition(":")
+    return f"{kind}:{Path(rest).name}" if colon and kind == "policy" else player
+
+
+def _score(rows: pd.DataFrame, name: str, reference: str, costs: Costs, seed: int, draws: int) -> ScoredPlayer | None:
+    """One player's line; None where it shares no level with the reference."""
+    mine, theirs = rows[rows["player"] == name], rows[rows["player"] == reference]
+    shared = mine[_LEVEL].drop_duplicates().merge(theirs[_LEVEL].drop_duplicates())
+    if not len(shared):
+        return None
+    levels = pd.MultiIndex.from_frame(shared.sort_values(_LEVEL))
+    runs = {who: _runs(rows[rows["player"] == who], levels) for who in {name, reference, "random"}}
+    floor = runs["random"] if len(runs["random"].success) else None
+    score = score_player(runs[name], runs[reference], floor, seed=seed, draws=draws)
+    success_by_episode = mine.groupby("episode_in_block")["success"].mean()
+    return ScoredPlayer(
+        name,
+        mine["run"].nunique(),
+        len(mine),
+        len(levels),
+        score,
+        float(mine["excess_steps"].mean()),
+        tuple(float(share) for share in success_by_episode),
+        costs,
+    )
+
+
+def _runs(rows: pd.DataFrame, levels: pd.MultiIndex) -> Runs:
+    reached = rows["success"].astype(float)
+    values = rows.assign(
+        success=reached,
+        spl=np.where(reached > 0, rows["spl"].fillna(1.0), 0.0),
+        steps=np.where(reached > 0, rows["steps"], rows["max_steps"]).astype(float),
+    )
+    arrays = [
+        values.pivot_table(index="run", columns=_LEVEL, values=name, aggfunc="mean").reindex(columns=levels)
+        for name in ("success", "spl", "steps")
+    ]
+    return Runs(*(array.to_numpy(float) for array in arrays))
+
+
+def _note(lines: Sequence[ScoredPlayer], reference: str, named: str, players: set[str]) -> Iterator[str]:
+    yield f"reference: {named}"
+    if "random" not in players:
+        yield "no random player: the human-normalised score's 0 is an efficiency of 0"
+    for line in lines:
+        if line.runs == 1:
+            yield f"{line.player} has 1 run: its interval says nothing about other runs"
+        if line.player != reference and not line.score.separable:
+            people = next(one.runs for one in lines if one.player == reference)
+            yield f"{people} of {reference} on {line.levels} levels cannot separate {line.player} from them"
+        if line.costs.declined:
+            yield f"{line.player} declined to take part in {line.costs.declined} sessions"
+
+
+def write_scorecard(card: Scorecard, out: Path, *, stem: str = "scores") -> tuple[Path, ...]:
+    """Write the table as CSV and Markdown, and the figure; return their paths."""
+    out.mkdir(parents=True, exist_ok=True)
+    page = out / f"{stem}.md"
+    page.write_text(format_scorecard(card), encoding="utf-8", newline="\n")
+    return (write_score_table(card, out / f"{stem}.csv"), page, *draw_scorecard(card, out / stem))
+
+
+def write_score_table(card: Scorecard, path: Path) -> Path:
+    """Write the table as CSV, with every interval's ends in columns of their own; return its path."""
+    lines = [_values(line) for line in card.players]
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, lines[0], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(lines)
+    return path
+
+
+def draw_scorecard(card: Scorecard, stem: Path) -> tuple[Path, Path]:
+    """Draw the scores with their intervals, and success over the episodes of a block; PNG and PDF."""
+    from minihuman.figures.score_figure import ScoreBar  # with Matplotlib, which few reports need
+
+    bars = [
+        ScoreBar(
+            line.player,
+            line.score.success,
+            line.score.normalised,
+            line.score.relative_efficiency,
+            line.success_by_episode,
+        )
+        for line in card.players
+    ]
+    return draw_figure_files(stem, "score_figure.score_figure", bars, reference=card.reference)
+
+
+def format_scorecard(card: Scorecard) -> str:
+    """The table in Markdown, with what has to be known to read it."""
+    heads = "player | runs | levels | success | efficiency | normalised | relative efficiency | excess steps | price"
+    rows = [
+        " | ".join(
+            [
+                *(line.player, str(line.runs), str(line.levels), _interval(line.score.success)),
+                *(_interval(line.score.efficiency), _interval(line.score.normalised)),
+                *(_interval(line.score.relative_efficiency), _number(line.excess_steps), _price(line.costs)),
+            ]
+        )
+        for line in card.players
+    ]
+    table = [f"| {heads} |", "|---" * 9 + "|", *(f"| {row} |" for row in rows)]
+    return "\n".join([*table, "", *(f"- {note}" for note in card.notes), ""])
+
+
+def _interval(one: Estimate) -> str:
+    return f"{one.value:.2f} [{one.low:.2f}, {one.high:.2f}]"
+
+
+def _number(value: float) -> str:
+    return "" if np.isnan(value) else f"{value:.1f}"
+
+
+def _price(costs: Costs) -> str:
+    return f"{costs.price:.4f} {costs.currency}".strip() if costs.calls else ""
+
+
+def _values(line: ScoredPlayer) -> Mapping[str, object]:
+    score, costs = line.score, line.costs
+    named = {
+        "success": score.success,
+        "efficiency": score.efficiency,
+        "normalised_score": score.normalised,
+        "relative_efficiency": score.relative_efficiency,
+        "success_difference": score.difference,
+    }
+    return {
+        "player": line.player,
+        "runs": line.runs,
+        "episodes": line.episodes,
+        "levels": line.levels,
+        **{
+            f"{name}{end}": f"{getattr(one, what):.6g}"
+            for name, one in named.items()
+            for end, what in (("", "value"), ("_low", "low"), ("_high", "high"))
+        },
+        "excess_steps": _number(line.excess_steps),
+        "separable": score.separable,
+        "success_by_episode": " ".join(f"{share:.4g}" for share in line.success_by_episode),
+        "calls": costs.calls,
+        "invalid_answers": costs.invalid,
+        "unknown_calls": costs.unknown,
+        "tokens": costs.tokens,
+        "price": f"{costs.price:.6g}",
+        "currency": costs.currency,
+        "declined": costs.declined,
+    }

@@ -1,0 +1,248 @@
+"""One window for several people at one machine: what each of them sees, and whose key a key is.
+
+Each session runs in a thread of its own, in front of a window that is a part of this one; the thread that runs this one
+alone touches the display. While all play, their pictures stand side by side, and a key goes to the seat whose map has
+it. Outside of play one person after the other is asked, until all wait for each other.
+"""
+
+import queue
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from itertools import chain
+from pathlib import Path
+from typing import Literal, TypeVar
+
+import numpy as np
+
+from minihuman.display.windows.window import Clock, Window
+from minihuman.experiment.keys import RESERVED_KEYS
+from minihuman.experiment.machine.inputs import FocusChanged, Input, KeyDown, KeyUp, ScreenShown, Stop
+from minihuman.experiment.machine.screens import PageScreen, PlayScreen, QuestionScreen, Screen, TextScreen
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.machine.transitions import Phase
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.experiment.words import InterfaceWords
+from minihuman.operating_system import receive_end_signals
+from minihuman.runtime.agent_host import make_agent_host
+from minihuman.runtime.host import host_session
+from minihuman.runtime.machine import SessionClock
+from minihuman.runtime.team_host import TeamTable
+
+POLL_NS = 4_000_000  # how soon a new screen of a seat is seen: the display's thread waits for keys meanwhile
+GAP_PX, GROUND = 12, (22, 25, 30)  # between pictures
+_STOP_KEYS = RESERVED_KEYS - {"enter"}
+_QUESTIONS = (Phase.PAUSED, Phase.UNFOCUSED, Phase.QUIT_QUESTION, Phase.ABORT_QUESTION)  # about all sessions
+
+Result = TypeVar("Result")
+
+
+class SeatWindow(Window):
+    """One person's part of a shared window. Its screens are shown when it is in front, and `wait` says so."""
+
+    def __init__(self, whole: Window, clock: Clock, number: int, seats: int) -> None:
+        self.session: SessionMachine | None = None  # once it has begun
+        self.screen: Screen | None = None
+        self.label = f"{number}"
+        self._whole, self._clock, self._seats = whole, clock, seats
+        self._keys: Mapping[str, str] = {}  # that had an action last
+        self._inputs: queue.SimpleQueue[Input | tuple[Screen, ScreenShown] | None] = queue.SimpleQueue()
+
+    def begin(self, session: SessionMachine) -> None:
+        """Take the session that sits here."""
+        words = InterfaceWords(session.plan.language, session.plan.words, session.plan.fonts)
+        self.session, self.label = session, words.fill("team.person", number=self.label)
+
+    @property
+    def waits(self) -> bool:
+        """Whether there is nothing for its person to do."""
+        screen = self.screen
+        return screen is None or (isinstance(screen, TextScreen) and not screen.prompt and not screen.keys)
+
+    def has_key(self, key: str) -> bool:
+        """Whether a key does something in its episode, or did in the last one."""
+        play = None if self.session is None else self.session.play
+        if play is not None:
+            self._keys = play.plan.key_map.keys
+        return key in self._keys
+
+    def put(self, given: Input | tuple[Screen, ScreenShown] | None = None) -> None:
+        """Hand an input to its session, or wake it up."""
+        self._inputs.put(given)
+
+    def show(self, screen: Screen) -> None:  # type: ignore[override]
+        """Have a screen shown; that it was comes with `wait`."""
+        self.screen = screen
+
+    def show_after(self, screen: Screen, written: Callable[[], None]) -> None:
+        """The same, once what it answers to is written."""
+        written()
+        self.show(screen)
+
+    def wait(self, until_ns: int | None) -> list[Input]:
+        """Block until its person does something, its screen was shown, or another seat did what may concern it.
+
+        One input at a time, so that a screen's time is later than what the session did before.
+        """
+        try:
+            given = self._inputs.get(timeout=None if until_ns is None else max(0.0, (until_ns - self._clock()) / 1e9))
+        except queue.Empty:
+            return []
+        if isinstance(given, tuple):
+            return [replace(given[1], t_ns=self._clock())] if given[0] is self.screen else []
+        return [] if given is None else [given]
+
+    def facts(self) -> dict[str, str]:
+        """Those of the whole, and how many share it."""
+        return self._whole.facts() | {"seats_at_window": str(self._seats)}
+
+    @property
+    def picture_px(self) -> tuple[int, int] | None:
+        """Its share of the room."""
+        room = self._whole.picture_px
+        return None if room is None else ((room[0] - GAP_PX * (self._seats - 1)) // self._seats, room[1])
+
+    def close(self) -> None:
+        """The whole is not its own to close."""
+
+
+class SharedWindow:
+    """Shows several seats in one window.
+
+    Args:
+        window: open; used by the thread that calls `run` alone.
+        clock: of all sessions.
+        seats: how many.
+    """
+
+    def __init__(self, window: Window, clock: Clock, seats: int) -> None:
+        self.seats = tuple(SeatWindow(window, clock, number, seats) for number in range(1, seats + 1))
+        self._window, self._clock = window, clock
+        self._displayed: list[tuple[SeatWindow, Screen]] = []
+        self._down: dict[str, Sequence[SeatWindow]] = {}  # whose keys are down
+
+    def run(self, plays: Sequence[Callable[[], Result]]) -> list[Result]:
+        """Call each seat's function in a thread of its own until all have returned.
+
+        Raises:
+            Exception: what one of them raised; the others were ended.
+        """
+        with (
+            receive_end_signals(lambda name: self._stop("signal", name)),
+            ThreadPoolExecutor(len(plays), "minihuman-seat") as pool,
+        ):
+            runs = [pool.submit(play) for play in plays]
+            try:
+                while not all(run.done() for run in runs):
+                    self._show()
+                    for happened in self._window.wait(self._clock() + POLL_NS):
+                        self._route(happened)
+                    if any(run.done() and run.exception() for run in runs):
+                        self._stop("window_closed", "another seat's session failed")
+            except BaseException as error:
+                self._stop("window_closed", type(error).__name__)
+                raise
+        return [run.result() for run in runs]
+
+    def _stop(self, reason: Literal["window_closed", "signal"], detail: str) -> None:
+        for seat in self.seats:
+            seat.put(Stop(self._clock(), reason, detail))
+
+    @property
+    def _here(self) -> list[SeatWindow]:
+        """The seats whose sessions are not over."""
+        return [seat for seat in self.seats if seat.session is None or not seat.session.over] or [*self.seats]
+
+    @property
+    def _front(self) -> SeatWindow:
+        """Who is asked something; the first, if all play or wait."""
+        return next((seat for seat in self._here if not seat.waits), self._here[0])
+
+    def _show(self) -> None:
+        """Show what is new."""
+        front = self._front
+        shown = [seat for seat in self._here if isinstance(seat.screen, PlayScreen)]
+        coming = [(seat, seat.screen) for seat in (shown if front in shown else [front]) if seat.screen is not None]
+        there = {(seat, id(screen)) for seat, screen in self._displayed}
+        new = [(seat, screen) for seat, screen in coming if (seat, id(screen)) not in there]
+        if not new and len(coming) == len(there):
+            return
+        seen = self._window.show(_compose([seat.label for seat, _ in coming], [screen for _, screen in coming]))
+        for seat, screen in new:
+            seat.put((screen, replace(seen, step=screen.step) if isinstance(screen, PlayScreen) else seen))
+        self._displayed = coming
+
+    def _route(self, happened: Input) -> None:
+        match happened:
+            case KeyDown(key=key):
+                if not happened.repeat or key not in self._down:
+                    self._down[key] = self._owners(key)
+                seats = self._down[key]
+            case KeyUp(key=key):
+                seats = self._down.pop(key, self.seats)
+            case Stop() | FocusChanged():
+                seats = self.seats
+            case _:
+                seats = (self._front,)
+        for seat in seats:
+            seat.put(happened)
+
+    def _owners(self, key: str) -> Sequence[SeatWindow]:
+        """Whose a key is, by what people see: in play the seat's that has it; one that none has is in each log."""
+        phases = {seat.session.phase for seat in self._here if seat.session is not None}
+        if key in _STOP_KEYS or phases.intersection(_QUESTIONS):
+            return self._here
+        seen = [seat for seat, screen in self._displayed if isinstance(screen, PlayScreen)]
+        if not seen:
+            return [seat for seat, _ in self._displayed] or [self._front]
+        return [seat for seat in self._here if seat.has_key(key)] or seen
+
+
+def _compose(labels: Sequence[str], screens: Sequence[Screen]) -> Screen:
+    """One screen: pictures side by side, or one person's, that says whose it is."""
+    first = screens[0]
+    if isinstance(first, TextScreen | PageScreen | QuestionScreen):
+        return replace(first, title=f"{labels[0]}: {first.title}" if first.title else labels[0])
+    plays = [screen for screen in screens if isinstance(screen, PlayScreen)]
+    if not plays:
+        return first
+    gap = np.full((len(plays[0].picture), GAP_PX, 3), GROUND, np.uint8)
+    pictures = list(chain.from_iterable((gap, screen.picture) for screen in plays))[1:]
+    said = [f"{label}: {one.controller_text}" for label, one in zip(labels, plays, strict=True) if one.controller_text]
+    return replace(
+        plays[0],
+        progress="   ".join((labels[0], plays[0].progress, *labels[1:])) if len(plays) > 1 else plays[0].progress,
+        picture=np.concatenate(pictures, axis=1) if plays[0].picture.size else plays[0].picture,
+        legend=tuple(chain.from_iterable(screen.legend for screen in plays)),
+        labels=tuple(chain.from_iterable(screen.labels for screen in plays)),
+        controller="person" if said else "",
+        controller_text="   ".join(said),
+    )
+
+
+def host_team(
+    protocol: Protocol,
+    plans: Sequence[SessionPlan],
+    shared: SharedWindow,
+    clock: SessionClock,
+    data: Path,
+    *,
+    markers: bool = False,
+) -> list[Path | None]:
+    """Run the sessions of people who share this machine; the logs, as `host_session` returns each.
+
+    Raises:
+        Exception: what `host_session` raises for one of them; the others were ended, and their logs finished.
+    """
+    table = TeamTable(protocol, data, gather=len(plans))
+
+    def play(plan: SessionPlan, seat: SeatWindow) -> Path | None:
+        agent = make_agent_host(protocol, plan, data, teams=table, changed=seat.put)
+        try:
+            return host_session(plan, seat, clock, data, markers=markers, agent=agent, begun=seat.begin)
+        finally:
+            table.depart()
+
+    return shared.run([partial(play, *one) for one in zip(plans, shared.seats, strict=True)])

@@ -1,0 +1,416 @@
+"""What a model in a participant's place is shown, and how its answers are read. No network, clock or file.
+
+It gets the values of the screens that a person gets: a picture is the same drawing at the protocol's size. A
+`Conversation` fed the same screens and answers composes the same prompts, so that a log proves them.
+"""
+
+import base64
+import hashlib
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.display.drawing.screen import picture_size_px, repaint_screen
+from minihuman.experiment.machine.events import Event, KeyPressed, ModelCall, PointerUsed, TextTyped
+from minihuman.experiment.machine.inputs import (
+    Input,
+    KeyDown,
+    KeyUp,
+    PointerPressed,
+    PointerReleased,
+    TextInput,
+)
+from minihuman.experiment.machine.screens import (
+    OptionList,
+    PageScreen,
+    PlayScreen,
+    QuestionScreen,
+    RatingMatrix,
+    RatingScale,
+    Screen,
+    ShapeCanvas,
+    Slider,
+    TextField,
+    TextScreen,
+)
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.protocol.specs import ModelSpec
+from minihuman.log.observations import encode_png
+
+NS_PER_MS = 1_000_000
+HOLD_MS = 90.0
+TOKENS_PER_PICTURE = 1_500  # an estimate, for calls whose answer is lost
+WAIT, SKIP = "wait", "skip"
+
+RULES = (
+    "You take part in a study in the place of a person, and are shown the screens that a person is shown. Each message "
+    "ends with what can be answered. Put your answer alone on the last line, after 'Answer:'."
+)
+_ANSWER = re.compile(r"^[\s>*_`#-]*answer[\s*_`]*[:=]\s*(?P<answer>.*)$", re.IGNORECASE)
+_NUMBERS = re.compile(r"\d+(?:\s*[,; ]\s*\d+)*")
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerRule:
+    """What a screen takes as an answer, in words and as values."""
+
+    screen: str  # "play", "page" or "question"
+    request: str  # the prompt's last line
+    keys: tuple[str, ...] = ()
+    named: tuple[tuple[str, str], ...] = ()  # an action's name on the screen, and its key
+    buttons: tuple[str, ...] = ()
+    targets: tuple[str, ...] = ()  # of options, in the order numbered
+    many: bool = False
+    chosen: tuple[int, ...] = ()  # options that are chosen already
+    typed: int = 0  # characters that are in the field already
+    number: bool = False  # 0 to 100
+    text: bool = False
+    may_wait: bool = False
+
+    def read(self, answer: str) -> str | None:
+        """How an answer is read ("key 3"); None for one that is not valid."""
+        lines = [line for line in answer.strip().splitlines() if line.strip()]
+        marked = [found["answer"] for line in lines if (found := _ANSWER.match(line))]
+        said = (marked[-1] if marked else lines[-1] if self.text and lines else answer).strip().strip("`'\"<>*").strip()
+        word = said.rstrip(".").strip().lower()
+        if self.keys:
+            key = dict(self.named).get(word, word.removeprefix("key ").strip())
+            return f"key {key}" if key in self.keys else WAIT if word == WAIT and self.may_wait else None
+        if self.buttons:
+            button = word.replace(" ", "_")
+            return f"button {button}" if button in self.buttons else None
+        if word == SKIP:
+            return SKIP
+        if self.targets:
+            numbers = [int(number) for number in re.findall(r"\d+", word)] if _NUMBERS.fullmatch(word) else []
+            right = all(1 <= number <= len(self.targets) for number in numbers) and (self.many or len(numbers) == 1)
+            return f"choose {' '.join(map(str, numbers))}" if numbers and right else None
+        if self.number:
+            try:
+                return f"slide {float(word)}" if 0 <= float(word) <= 100 else None
+            except ValueError:
+                return None
+        typed = "".join(letter for letter in said if letter.isprintable())
+        return f"text {typed}" if self.text and typed else None
+
+
+def find_answer_rule(screen: Screen, session: SessionMachine) -> AnswerRule | None:
+    """What a screen takes; None where nothing is to be decided: it is only read, or passes by itself."""
+    match screen:
+        case PlayScreen() if session.play is not None:
+            named = tuple((action.lower(), key) for key, action in screen.legend)
+            wait = session.part.real_time
+            keys, or_wait = session.plan.key_pool, f", or '{WAIT}' to press none" if wait else ""
+            request = f"Answer with one key of: {' '.join(keys)}{or_wait}."
+            return AnswerRule("play", request, keys=keys, named=named, may_wait=wait)
+        case PageScreen(buttons=buttons) if screen.page == screen.pages:
+            labels = {button.name: button.label for button in buttons if button.name != "back"}
+            if "decline" in labels:
+                request = " or ".join(f"'{name}' ({label})" for name, label in labels.items())
+                return AnswerRule("page", f"Answer with {request}.", buttons=tuple(labels))
+        case QuestionScreen(item=item):
+            return _find_question_rule(item)
+    return None
+
+
+def _find_question_rule(item: Any) -> AnswerRule:
+    skip = f" '{SKIP}' leaves it out."
+    match item:
+        case OptionList(options=options, many=many, chosen=chosen):
+            targets = tuple(f"option:{number}" for number in range(len(options)))
+            request = "Answer with the numbers of all that apply." if many else "Answer with one option's number."
+            return AnswerRule("question", request + skip, targets=targets, many=many, chosen=chosen)
+        case RatingScale(points=points):
+            targets = tuple(f"option:{number}" for number in range(len(points)))
+            return AnswerRule("question", f"Answer with one number from 1 to {len(points)}.{skip}", targets=targets)
+        case RatingMatrix(rows=rows, points=points):
+            targets = tuple(f"option:{number}" for number in range(len(rows) * len(points)))
+            request = "Answer with the numbers of one point for each statement."
+            return AnswerRule("question", request + skip, targets=targets, many=True)
+        case ShapeCanvas(shapes=shapes):
+            targets = tuple(shape.target for shape in shapes if shape.target)
+            return AnswerRule("question", "Answer with one shape's number." + skip, targets=targets)
+        case Slider():
+            return AnswerRule(
+                "question", "Answer with a number from 0 (left end) to 100 (right end)." + skip, number=True
+            )
+    typed = len(item.text) if isinstance(item, TextField) else 0
+    return AnswerRule("question", "Answer with a text of one line." + skip, text=True, typed=typed)
+
+
+def list_inputs(reading: str, rule: AnswerRule, t_ns: int) -> list[Input]:
+    """The inputs that an answer stands for, in order of time; each leaves one event in the log."""
+    how, _, what = reading.partition(" ")
+    match how:
+        case "key":
+            return [KeyDown(t_ns, what, what), KeyUp(t_ns + round(HOLD_MS * NS_PER_MS), what, what)]
+        case "button":
+            return _click(t_ns, what)
+        case "choose":
+            wanted = {int(number) - 1 for number in what.split()}
+            numbers = sorted(wanted ^ set(rule.chosen)) if rule.many else sorted(wanted)
+            clicks = [(rule.targets[number], 0.5) for number in numbers]
+        case "slide":
+            clicks = [("slider", float(what) / 100)]
+        case "text":
+            clicks = []
+        case _:
+            return [] if reading == WAIT else _click(t_ns, "go_on")  # skip
+    step_ns = round(2 * HOLD_MS * NS_PER_MS)
+    inputs: list[Input] = [kind(t_ns, "backspace") for _ in range(rule.typed) for kind in (KeyDown, KeyUp)]
+    inputs += [TextInput(t_ns, what)] if how == "text" else []
+    for number, (target, along) in enumerate(clicks):
+        inputs += _click(t_ns + number * step_ns, target, along)
+    return inputs + _click(t_ns + max(1, len(clicks)) * step_ns, "go_on")
+
+
+def _click(t_ns: int, target: str, along: float = 0.5) -> list[Input]:
+    up_ns = t_ns + round(HOLD_MS * NS_PER_MS)
+    return [PointerPressed(t_ns, 0.5, 0.5, target, along), PointerReleased(up_ns, 0.5, 0.5, target, along)]
+
+
+@dataclass(frozen=True, slots=True)
+class Prompt:
+    """What is sent, and what of it is logged."""
+
+    messages: list[dict[str, Any]]
+    sha256: str
+    picture_sha256: str
+    tokens: int  # estimated
+    text: str  # the screen in words, and what it takes
+    read: str  # the pages so far
+    rule: AnswerRule
+    picture: bytes | None  # the screen as PNG
+    observation: Any  # of a grid world, as lists; None unless the protocol sends text
+
+
+class Conversation:
+    """What a model was shown and what it said: composes the next prompt.
+
+    Args:
+        spec: the protocol's settings.
+    """
+
+    def __init__(self, spec: ModelSpec) -> None:
+        self._spec = spec
+        self._read: list[str] = []  # pages, which stay in every prompt
+        self._since: list[str] = []  # texts since the last answer
+        self._past: list[tuple[str, str]] = []  # screen in words, and the answer to it
+        self._asked = ""
+        self._last: Screen | None = None
+        width, height = spec.size_px
+        self._canvas = np.zeros((height, width, 3), np.uint8)  # what was drawn last, so that only changes are drawn
+        self._drawn: Screen | None = None
+
+    def see(self, screen: Screen) -> None:
+        """Take note of a screen that is shown; the same one again changes nothing."""
+        if screen is self._last:
+            return
+        self._last = screen
+        match screen:
+            case PageScreen():
+                text = _join(screen.title, screen.body)
+                if text not in self._read:
+                    self._read.append(text)
+            case TextScreen(keys=()):
+                self._note(_join(screen.title, screen.body))
+            case PlayScreen() if screen.mark:
+                outcome = {"good": "success", "bad": "failure", "neutral": "no success"}[screen.mark]
+                self._note(_join(f"The episode ended: {outcome}.", screen.score_text))
+
+    def _note(self, text: str) -> None:
+        if text and self._since[-1:] != [text]:
+            self._since.append(text)
+
+    def build_prompt(self, screen: Screen, rule: AnswerRule, session: SessionMachine) -> Prompt:
+        """The messages for a screen that is to be answered."""
+        shown = "\n\n".join(_describe_screen(screen, session, self._spec))
+        self._asked = "\n\n".join(filter(None, [*self._since, shown]))
+        text = f"{self._asked}\n\n{rule.request}"
+        messages: list[dict[str, Any]] = [{"role": "system", "content": _join(RULES, *self._read)}]
+        for said, answer in self._past[len(self._past) - self._spec.history :] if self._spec.history else ():
+            messages += [{"role": "user", "content": said}, {"role": "assistant", "content": answer}]
+        picture = self._draw(screen)
+        plain = [*messages, {"role": "user", "content": text}]
+        digest = "" if picture is None else _digest(picture)
+        sha256 = hashlib.sha256(json.dumps([plain, digest], ensure_ascii=False).encode()).hexdigest()
+        tokens = sum(len(one["content"].encode()) for one in plain) // 3 + TOKENS_PER_PICTURE * (picture is not None)
+        content: Any = text
+        png = None if picture is None else encode_png(picture)
+        if png is not None:
+            url = f"data:image/png;base64,{base64.b64encode(png).decode()}"
+            content = [{"type": "text", "text": text}, {"type": "image_url", "image_url": {"url": url}}]
+        sent = [*messages, {"role": "user", "content": content}]
+        observation = _list_observation(session) if self._spec.modality != "picture" else None
+        return Prompt(sent, sha256, digest, tokens, text, _join(*self._read), rule, png, observation)
+
+    def _draw(self, screen: Screen) -> NDArray[np.uint8] | None:
+        """The whole screen as a window draws it, uint8[H, W, 3]; None where words say it all."""
+        pictured = isinstance(screen, PlayScreen) or getattr(screen, "picture", None) is not None
+        if not pictured or self._spec.modality == "text":
+            return None
+        repaint_screen(self._canvas, self._drawn, screen)
+        self._drawn = screen
+        return self._canvas
+
+    def take(self, call: ModelCall) -> None:
+        """Take an answer, valid or not."""
+        self._past.append((self._asked, call.answer))
+        valid = call.verdict == "valid"
+        mistake = "That answer was not valid." if self._spec.invalid == "retry" else ""
+        self._since = [] if valid else [mistake] if mistake else []
+
+
+def _join(*texts: str) -> str:
+    return "\n\n".join(text.strip() for text in texts if text.strip())
+
+
+def _describe_screen(screen: Screen, session: SessionMachine, spec: ModelSpec) -> Iterator[str]:
+    """The screen's texts, in reading order."""
+    match screen:
+        case PlayScreen():
+            yield from filter(None, [screen.progress, screen.mission[:1].upper() + screen.mission[1:]])
+            if screen.legend:
+                yield ", ".join(f"{key} = {action}" for key, action in screen.legend)
+            if spec.modality != "picture" and session.play is not None:
+                yield session.play.world.text()
+        case PageScreen():
+            yield screen.prompt
+        case QuestionScreen():
+            yield from filter(None, [screen.progress, screen.title, screen.question, _describe_item(screen.item)])
+            yield screen.note
+
+
+def _describe_item(item: Any) -> str:
+    match item:
+        case OptionList(options=options):
+            return "\n".join(f"{number}. {option}" for number, option in enumerate(options, 1))
+        case RatingScale(points=points, low=low, high=high):
+            return _join("\n".join(f"{number}. {one}" for number, one in enumerate(points, 1)), f"{low} ... {high}")
+        case RatingMatrix(rows=rows, points=points, low=low, high=high):
+            numbers = [(row, point) for row in rows for point in points]
+            lines = (f"{number}. {row}: {point}" for number, (row, point) in enumerate(numbers, 1))
+            return _join("\n".join(lines), f"{low} ... {high}")
+        case ShapeCanvas(shapes=shapes):
+            labels = [shape.label for shape in shapes if shape.target]
+            return "\n".join(f"{number}. {label}" for number, label in enumerate(labels, 1))
+        case Slider(low=low, high=high):
+            return f"{low} ... {high}"
+        case TextField(unit=unit):
+            return unit
+    return ""
+
+
+def _list_observation(session: SessionMachine) -> Any:
+    found = None if session.play is None else session.play.world.observation
+    if not isinstance(found, dict):
+        return None
+    return {name: one.tolist() if isinstance(one, np.ndarray | np.generic) else one for name, one in found.items()}
+
+
+def _digest(picture: NDArray[np.uint8]) -> str:
+    return hashlib.sha256(str(picture.shape).encode() + picture.tobytes()).hexdigest()
+
+
+@dataclass(frozen=True, slots=True)
+class SpentTotals:
+    """What the calls of a session have cost so far; unknown ones count as paid."""
+
+    calls: int = 0
+    tokens: int = 0
+    price: float = 0.0
+    latency_ms: float = 0.0
+
+    def add(self, call: ModelCall) -> "SpentTotals":
+        """The totals with a call's end."""
+        if call.state == "asked":
+            return self
+        return SpentTotals(
+            self.calls + 1,
+            self.tokens + call.prompt_tokens + call.completion_tokens,
+            self.price + call.price,
+            self.latency_ms + call.latency_ms,
+        )
+
+
+def find_picture_size(spec: ModelSpec) -> tuple[int, int] | None:
+    """The largest picture of a world on the screens that a model is sent; None where it is sent words only."""
+    return None if spec.modality == "text" else picture_size_px(spec.size_px)
+
+
+def count_price(spec: ModelSpec, prompt_tokens: int, completion_tokens: int) -> float:
+    """What so many tokens cost by the protocol's prices."""
+    return (prompt_tokens * spec.price_prompt + completion_tokens * spec.price_completion) / 1_000_000
+
+
+class SeatRecord:
+    """The conversation of a seat and its latest call, followed through a log or a running session."""
+
+    def __init__(self, spec: ModelSpec) -> None:
+        self.conversation = Conversation(spec)
+        self.spent = SpentTotals()
+        self.call: ModelCall | None = None  # the latest
+        self.rule: AnswerRule | None = None  # of the screen that it was about
+        self.coming: list[Input] = []  # what answers stand for and has not happened yet, in order of time
+
+    def follow(self, session: SessionMachine, call: ModelCall | None) -> str:
+        """Follow a replay: see the screen or take a call; return how the log's prompt differs, "" where it does not."""
+        if call is None:
+            self.conversation.see(session.screen)
+            return ""
+        wrong = ""
+        if call.state == "asked":
+            self.rule = find_answer_rule(session.screen, session)
+            if self.rule is None:
+                return f"call {call.call}: the screen asks for no answer"
+            prompt = self.conversation.build_prompt(session.screen, self.rule, session)
+            if (prompt.sha256, prompt.picture_sha256) != (call.prompt_sha256, call.picture_sha256):
+                which = "picture" if prompt.picture_sha256 != call.picture_sha256 else "prompt"
+                wrong = (
+                    f"call {call.call}: the {which} sent has digest {getattr(call, f'{which}_sha256')[:16]}, here not"
+                )
+        elif call.state == "answered" and self.rule is not None:
+            reading = self.rule.read(call.answer)
+            if (reading or "", "valid" if reading else "invalid") != (call.reading, call.verdict):
+                wrong = f"call {call.call}: the answer is read as {call.reading!r} in the log, now {reading!r}"
+        self.take(call)
+        return wrong
+
+    def take(self, call: ModelCall) -> None:
+        """Take note of a call."""
+        self.call = call
+        self.spent = self.spent.add(call)
+        if call.state == "answered":
+            self.conversation.take(call)
+        if call.verdict == "valid" and self.rule is not None:
+            self.add(list_inputs(call.reading, self.rule, call.t_ns + round(call.latency_ms * NS_PER_MS)))
+
+    def add(self, inputs: list[Input]) -> None:
+        """Have inputs come; the release of the last answer may be among them still."""
+        self.coming = sorted([*self.coming, *inputs], key=lambda happened: happened.t_ns)
+
+    def see_input(self, event: Event) -> None:
+        """Follow a replay: take out the input that left an event."""
+        for number, happened in enumerate(self.coming):
+            if _leaves(happened, event):
+                del self.coming[number]
+                return
+
+
+def _leaves(happened: Input, event: Event) -> bool:
+    match happened, event:
+        case (KeyDown() | KeyUp(), KeyPressed()):
+            return isinstance(happened, KeyDown) == event.down and happened.key == event.key
+        case (PointerPressed() | PointerReleased(), PointerUsed(what="pressed" | "released")):
+            return isinstance(happened, PointerPressed) == (event.what == "pressed") and happened.target == event.target
+    return isinstance(happened, TextInput) and isinstance(event, TextTyped)
+
+
+def end_call(asked: ModelCall, state: Any, **ended: Any) -> ModelCall:
+    """What became of a call that was asked."""
+    return replace(asked, state=state, **ended)

@@ -1,0 +1,133 @@
+"""Scores of players on the same levels, human-normalised and relative, with crossed bootstrap intervals.
+
+Both people and levels are samples, so both are drawn again, independently, and a level counts for all players alike:
+the pigeonhole bootstrap (Owen, 2007), whose intervals are, if anything, too wide. Needs NumPy only.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+DRAWS = 2_000
+HUMAN_REFERENCE = 10  # people from whom on a reference is called human
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A value and its 95 % interval; NaN where it cannot be known."""
+
+    value: float
+    low: float
+    high: float
+
+    def holds(self, value: float) -> bool:
+        """Whether the interval contains a value."""
+        return self.low <= value <= self.high
+
+
+@dataclass(frozen=True, slots=True)
+class Runs:
+    """One player's episodes on some levels; NaN where a run has no episode of a level.
+
+    Attributes:
+        success: (runs, levels), 1 or 0; means over a run's repeated episodes.
+        efficiency: (runs, levels), the fewest steps over the steps taken, 0 without success.
+        steps: (runs, levels), the step limit without success.
+    """
+
+    success: Array
+    efficiency: Array
+    steps: Array
+
+    @property
+    def present(self) -> Array:
+        """Whether a run has a level, (runs, levels)."""
+        return (~np.isnan(self.success)).astype(float)
+
+
+@dataclass(frozen=True, slots=True)
+class PlayerScore:
+    """How one player compares with the reference on the levels that both played."""
+
+    success: Estimate
+    efficiency: Estimate
+    normalised: Estimate  # 0: the floor; 1: the reference
+    relative_efficiency: Estimate  # the reference's steps over the player's
+    difference: Estimate  # of success from the reference's
+
+    @property
+    def separable(self) -> bool:
+        """Whether the data tell the player from the reference, in success or in steps."""
+        return not (self.difference.holds(0.0) and self.relative_efficiency.holds(1.0))
+
+
+def score_player(
+    player: Runs, reference: Runs, floor: Runs | None, *, seed: int = 1, draws: int = DRAWS
+) -> PlayerScore:
+    """Score a player against a reference and a floor, all on the same levels in the same order.
+
+    The human-normalised score is that of Mnih et al. (2015), of efficiency: (player - floor) / (reference - floor).
+
+    Args:
+        player: whose score it is; the reference itself scores 1 with the spread of its own people.
+        reference: people, or who stands in for them.
+        floor: the random player; None: 0.
+        seed: of the draws.
+        draws: of the bootstrap.
+    """
+    rng = np.random.default_rng(seed)
+    n_levels = player.success.shape[1]
+    level_weights = _draw_weights(rng, n_levels, draws)
+    same = player is reference
+    of_player = _draw_weights(rng, len(player.success), draws)
+    of_reference = _draw_weights(rng, len(reference.success), draws)
+    of_floor = None if floor is None else _draw_weights(rng, len(floor.success), draws)
+    means = {
+        name: _weighted_mean(getattr(player, name), of_player, level_weights)
+        for name in ("success", "efficiency", "steps")
+    }
+    theirs = {
+        name: _weighted_mean(getattr(reference, name), of_reference, level_weights)
+        for name in ("success", "efficiency", "steps")
+    }
+    least = np.zeros(draws + 1) if floor is None else _weighted_mean(floor.efficiency, of_floor, level_weights)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        normalised = (means["efficiency"] - least) / (theirs["efficiency"] - least)
+        relative = theirs["steps"] / means["steps"]
+    if same:  # one value by definition; the spread is that of people against their mean
+        normalised[0] = relative[0] = 1.0
+    return PlayerScore(
+        success=_estimate(means["success"], 0, 1),
+        efficiency=_estimate(means["efficiency"], 0, 1),
+        normalised=_estimate(normalised),
+        relative_efficiency=_estimate(relative),
+        difference=_estimate(means["success"] - theirs["success"]),
+    )
+
+
+def _draw_weights(rng: np.random.Generator, count: int, draws: int) -> Array:
+    """How often each of ``count`` is in each draw, (draws + 1, count); the first draw is the sample itself."""
+    drawn = rng.multinomial(count, np.full(count, 1 / count), size=draws).astype(float)
+    return np.concatenate([np.ones((1, count)), drawn])
+
+
+def _weighted_mean(values: Array, rows: Array | None, columns: Array) -> Array:
+    """The mean of (runs, levels) under each draw's weights, (draws + 1,): of each level's mean over the runs it has."""
+    assert rows is not None
+    present = ~np.isnan(values)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        levels = (rows @ np.where(present, values, 0.0)) / (rows @ present.astype(float))
+        weights = np.where(np.isnan(levels), 0.0, columns)
+        mean: Array = (np.nan_to_num(levels) * weights).sum(1) / weights.sum(1)
+    return mean
+
+
+def _estimate(drawn: Array, least: float = -np.inf, most: float = np.inf) -> Estimate:
+    """The sample's value, and the percentile interval of the draws."""
+    known = drawn[1:][np.isfinite(drawn[1:])]
+    if not len(known) or not np.isfinite(drawn[0]):
+        return Estimate(float(drawn[0]), np.nan, np.nan)
+    low, high = np.quantile(known, (0.025, 0.975))
+    return Estimate(float(drawn[0]), float(max(least, low)), float(min(most, high)))

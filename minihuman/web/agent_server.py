@@ -1,0 +1,244 @@
+"""Programs of any language in a participant's place: a small HTTP face of the models' sessions.
+
+A program begins a session, gets each screen as JSON with its picture as PNG, and answers it. Its sessions are recorded
+and proved like a model's. Requests are bounded, a session is known by a secret of 128 bits, and a program that stays
+away leaves a log that the same name resumes.
+"""
+
+import base64
+import json
+import queue
+import secrets
+import threading
+import time
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any, TypeGuard
+
+from minihuman.errors import MinihumanError
+from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.experiment.protocol.specs import ModelSpec
+from minihuman.log.read.session_reader import read_log
+from minihuman.log.record.disk import GroupCommit
+from minihuman.runtime.model_sessions import (
+    MODELS_FOLDER,
+    ModelRun,
+    find_cut_off,
+    play_participant,
+    require_playable,
+)
+from minihuman.simulation.chat_client import ChatAnswer, ModelUnavailableError, SeatClient
+from minihuman.simulation.model_seat import Prompt
+
+MAX_BODY_BYTES = 65_536
+MAX_NAME = 40
+MAX_SESSIONS = 64  # at a time
+ANSWER_WAIT_S = 60.0  # for the screen after an answer
+
+
+def is_valid_name(name: object) -> TypeGuard[str]:
+    """Whether a program may call itself that."""
+    return isinstance(name, str) and name.isprintable() and 0 < len(name) <= MAX_NAME
+
+
+class ProgramClient(SeatClient):
+    """Hands screens to a program and takes its answers, each with a number, so that none counts twice."""
+
+    def __init__(self, name: str, timeout_s: float) -> None:
+        self.model = name
+        self._timeout_s = timeout_s
+        self._changed = threading.Condition()
+        self._answers: queue.Queue[str] = queue.Queue()
+        self._prompt: Prompt | None = None
+        self._number = 0
+        self._over = ""
+
+    def ask(self, prompt: Prompt) -> ChatAnswer:
+        """Show a screen and wait for the program.
+
+        Raises:
+            ModelUnavailableError: if it does not answer in time.
+        """
+        with self._changed:
+            self._prompt, self._number = prompt, self._number + 1
+            self._changed.notify_all()
+        started_s = time.perf_counter()
+        try:
+            text = self._answers.get(timeout=self._timeout_s)
+        except queue.Empty:
+            raise ModelUnavailableError("the program stayed away", temporary=False) from None
+        return ChatAnswer(text, "", self.model, "", 0, 0, (time.perf_counter() - started_s) * 1_000)
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    def end(self, reason: str) -> None:
+        """Say that there is no further screen, and why."""
+        with self._changed:
+            self._prompt, self._over = None, reason
+            self._changed.notify_all()
+
+    def answer(self, number: int, text: str) -> bool:
+        """Take an answer to the screen of that number; False if it is not the one that waits."""
+        with self._changed:
+            if self._prompt is None or number != self._number:
+                return False
+            self._prompt = None
+        self._answers.put(text)
+        return True
+
+    def read_screen(self) -> dict[str, Any]:
+        """The screen that waits for an answer, or how the session ended, as JSON values."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._prompt is not None or self._over, ANSWER_WAIT_S)
+            if self._prompt is None:
+                return {"number": self._number, "over": self._over or None}
+            prompt, rule = self._prompt, self._prompt.rule
+            return {
+                "number": self._number,
+                "over": None,
+                "screen": rule.screen,
+                "read": prompt.read,
+                "text": prompt.text,
+                "picture_png": None if prompt.picture is None else base64.b64encode(prompt.picture).decode(),
+                "observation": prompt.observation,
+                "keys": rule.keys,
+                "actions": dict(rule.named),
+                "buttons": rule.buttons,
+                "options": len(rule.targets),
+                "may_wait": rule.may_wait,
+            }
+
+
+@dataclass(slots=True)
+class ProgramSeats:
+    """The sessions of programs.
+
+    Args:
+        protocol: the study.
+        data: the data folder.
+
+    Raises:
+        SimulationError: if the study has parts that a program cannot take.
+    """
+
+    protocol: Protocol
+    data: Path
+    clients: dict[str, ProgramClient] = field(default_factory=dict)  # by secret; those of ended sessions, too
+    threads: list[threading.Thread] = field(default_factory=list)
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    group_commit: GroupCommit = field(default_factory=GroupCommit)
+
+    def __post_init__(self) -> None:
+        """Refuse a study that programs cannot take part in."""
+        require_playable(self.protocol)
+
+    def begin(self, name: str) -> tuple[str, ProgramClient] | None:
+        """Begin a program's session, or resume one of that name; None if too many run."""
+        with self.lock:
+            self.threads = [thread for thread in self.threads if thread.is_alive()]
+            if len(self.threads) >= MAX_SESSIONS:
+                return None
+            secret = secrets.token_urlsafe(16)
+            client = self.clients[secret] = ProgramClient(name, self.protocol.model.timeout_s)
+            self.threads.append(threading.Thread(target=self._play, args=(client,), daemon=True))
+            self.threads[-1].start()
+        return secret, client
+
+    def _play(self, client: ProgramClient) -> None:
+        data = self.data / MODELS_FOLDER
+
+        def make_client(_: ModelSpec) -> ProgramClient:
+            return client
+
+        run = ModelRun(f"http:{client.model}", make_client, lock=self.lock, group_commit=self.group_commit)
+        try:
+            with self.lock:
+                left = find_cut_off(data / self.protocol.study.name, run.name)
+            logs = play_participant(self.protocol, data, left[0] if left else None, run)
+            client.end(read_log(logs[-1]).end_reason if logs else "complete")
+        except MinihumanError as error:
+            client.end(type(error).__name__)
+        except Exception:
+            client.end("internal_error")
+            raise
+
+
+def make_agent_server(seats: ProgramSeats, *, port: int, host: str = "127.0.0.1") -> ThreadingHTTPServer:
+    """Make the server; ``serve_forever`` runs it.
+
+    ``POST /sessions`` with ``{"name": ...}`` begins a session, ``POST /sessions/SECRET`` with ``{"number": n, "answer":
+    ...}`` answers its screen, and ``GET /sessions/SECRET`` reads it again. Each returns the screen that follows.
+    """
+
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"
+        timeout = 120  # seconds, for a client that sends nothing
+
+        def do_GET(self) -> None:
+            """Read the screen again."""
+            if (client := self._client()) is not None:
+                self._reply(200, client.read_screen())
+
+        def do_POST(self) -> None:
+            """Begin a session or answer its screen."""
+            body = self._body()
+            if body is None:
+                return
+            if self.path == "/sessions":
+                self._begin(body)
+            elif (client := self._client()) is not None:
+                number, answer = body.get("number"), body.get("answer")
+                if not isinstance(number, int) or not isinstance(answer, str):
+                    self._reply(400, {"error": 'send {"number": the screen\'s, "answer": a text}'})
+                elif not client.answer(number, answer):
+                    self._reply(409, {"error": f"screen {number} does not wait for an answer", **client.read_screen()})
+                else:
+                    self._reply(200, client.read_screen())
+
+        def _begin(self, body: dict[str, Any]) -> None:
+            name = body.get("name")
+            if not is_valid_name(name):
+                self._reply(400, {"error": f"name is a text of 1 to {MAX_NAME} characters"})
+            elif (begun := seats.begin(name)) is None:
+                self._reply(503, {"error": f"{MAX_SESSIONS} sessions run already; try again later"})
+            else:
+                secret, client = begun
+                self._reply(201, {"session": f"/sessions/{secret}", **client.read_screen()})
+
+        def _client(self) -> ProgramClient | None:
+            found = seats.clients.get(self.path.removeprefix("/sessions/"))
+            if found is None:
+                self._reply(404, {"error": "there is no such session; begin one with POST /sessions"})
+            return found
+
+        def _body(self) -> dict[str, Any] | None:
+            length = self.headers.get("Content-Length", "")
+            if not length.isdecimal() or int(length) > MAX_BODY_BYTES:
+                self.close_connection = True
+                self._reply(413, {"error": f"send a body of at most {MAX_BODY_BYTES} bytes with its length"})
+                return None
+            try:
+                found = json.loads(self.rfile.read(int(length)))
+            except (ValueError, RecursionError):
+                found = None
+            if not isinstance(found, dict):
+                self._reply(400, {"error": "send a JSON object"})
+                return None
+            return found
+
+        def _reply(self, status: int, values: dict[str, Any]) -> None:
+            content = json.dumps(values).encode()
+            self.send_response(status)
+            self.send_header("Content-Type", "application/json")
+            self.send_header("Content-Length", str(len(content)))
+            self.end_headers()
+            self.wfile.write(content)
+
+        def log_message(self, format: str, *arguments: Any) -> None:
+            """Say nothing: a line would hold an address and a secret."""
+
+    server = ThreadingHTTPServer((host, port), Handler)
+    server.daemon_threads = True
+    return server

@@ -1,0 +1,333 @@
+"""Check that servers with one database and one object store lose nothing while they are restarted and killed.
+
+The servers are processes on this machine; the participants are simulated pages without a browser, which play a short
+study of the check's own, so that any study's questions and eligibility are left aside.
+"""
+
+import asyncio
+import json
+import random
+import shutil
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import WebSocketException
+from websockets.typing import Origin
+
+from minihuman.admin.recruitment import Recruitment, hash_link_token
+from minihuman.admin.remote_store import STORE_URL_FILE_NAME, sync_logs
+from minihuman.admin.verify.log import find_log_differences
+from minihuman.dataset.journal import URL_FILE_NAME
+from minihuman.errors import MinihumanError
+from minihuman.experiment.machine.events import KeyPressed
+from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.web.messages import MESSAGE_VERSION
+from minihuman.worlds.adapters.world import World
+
+_FACTS = {"browser": "simulated", "window_px": "1366 x 768", "mouse": True, "touch": False}
+_POLL_S = 0.1
+_PAUSE_S = 5.0  # from one restart to the next
+_KEY_PERIOD_S = 2.0
+_TIMEOUT_S = 1_800.0
+_TOML = """
+[study]
+name = "{name}"
+version = "1"
+seed = 1
+participants = {participants}
+[keys]
+pool = ["1", "2", "3"]
+keyboard_check = false
+[web]
+image_size_px = [96, 96]
+max_concurrent_sessions = 10000
+[[groups]]
+name = "everyone"
+blocks = ["walk"]
+[[blocks]]
+name = "walk"
+world = "minihuman/MiniGrid-FourRooms-v0"
+episodes = 2
+actions = ["left", "right", "forward"]
+max_steps = 20
+computed = "server"
+"""
+
+
+class DeploymentCheckError(MinihumanError, RuntimeError):
+    """The servers lost or doubled something, or could not be started."""
+
+
+@dataclass(frozen=True, slots=True)
+class CheckResult:
+    """What a check counted.
+
+    Args:
+        interrupted: participants who were in a session when a server was stopped or killed, summed over these.
+        acknowledged: key presses that a server had acknowledged; lost: those that no log has.
+        twice: sessions with two different logs.
+    """
+
+    participants: int
+    complete: int
+    interrupted: int
+    moved: int
+    acknowledged: int
+    lost: int
+    twice: int
+    differences: int
+
+    @property
+    def passed(self) -> bool:
+        """Whether every session is there once, with all that was acknowledged, and replays as recorded."""
+        return self.complete == self.participants and self.lost == self.twice == self.differences == 0
+
+    def __str__(self) -> str:
+        """One line."""
+        return (
+            f"{self.complete} of {self.participants} participants complete, {self.moved} on several servers; "
+            f"{self.interrupted} sessions interrupted; {self.acknowledged} key presses acknowledged, {self.lost} lost; "
+            f"{self.twice} sessions twice; {self.differences} logs that replay differently"
+        )
+
+
+class _Server:
+    """`minihuman serve` as a process."""
+
+    def __init__(self, protocol: Path, data: Path) -> None:
+        words = ["serve", str(protocol), "--data", str(data), "--port", "0", "--links", "0"]
+        self._command = [sys.executable, "-m", "minihuman", *words]
+        self.start()
+
+    def start(self) -> None:
+        self._process = subprocess.Popen(self._command, stdout=subprocess.PIPE, text=True, encoding="utf-8")
+        found = next((line for line in self._process.stdout or () if "http://" in line), None)
+        if found is None:
+            raise DeploymentCheckError("a server ended before it served; see its message above")
+        self.host = found.split("http://")[1].strip().rstrip("/")
+
+    def stop(self, *, kill: bool = False) -> None:
+        with self._process:
+            (self._process.kill if kill else self._process.terminate)()
+
+
+class _Page:
+    """A participant's page: it presses keys at random, and repeats at any server what was not acknowledged."""
+
+    def __init__(self, token: str, find_host: Callable[[], str], rng: random.Random) -> None:
+        self.token, self.end = token, ""
+        self.acknowledged: Counter[tuple[str, int]] = Counter()  # key and time in ns
+        self.hosts: set[str] = set()
+        self._find_host, self._rng, self._stream = find_host, rng, f"{rng.getrandbits(64):x}"
+        self._segment, self._zero_s = "", 0.0
+        self._last_ns = self._said = self._heard = 0
+        self._unacknowledged: dict[int, dict[str, Any]] = {}
+        self._screen, self._due_ns = "", None
+
+    async def take_part(self) -> None:
+        """Connect again until the session has ended."""
+        while not self.end:
+            with suppress(OSError, WebSocketException, TimeoutError):
+                await self._visit(self._find_host())
+            await asyncio.sleep(0.2 + 0.6 * self._rng.random())
+
+    async def _visit(self, host: str) -> None:
+        self._screen, self._due_ns, self._heard = "", None, 0
+        settings: dict[str, Any] = {"max_size": None, "compression": None, "ping_interval": None, "open_timeout": 60}
+        async with connect(f"ws://{host}/socket", origin=Origin(f"http://{host}"), **settings) as socket:
+            hello = {"t": "hello", "version": MESSAGE_VERSION, "token": self.token, "stream": self._stream}
+            hello |= {"first": min(self._unacknowledged, default=self._said + 1), "segment": self._segment}
+            await socket.send(json.dumps({**hello, "last": self._last_ns, "facts": _FACTS}))
+            acting = asyncio.create_task(self._act(socket))
+            try:
+                async for data in socket:
+                    for message in self._read(data):
+                        await self._take(message, socket, host)
+                    if self.end:
+                        return
+            finally:
+                acting.cancel()
+                await asyncio.gather(acting, return_exceptions=True)
+
+    def _now_ns(self) -> int:
+        return max(self._last_ns + 1, round((time.monotonic() - self._zero_s) * 1e9))
+
+    async def _say(self, socket: ClientConnection, **what: Any) -> None:
+        self._said, self._last_ns = self._said + 1, self._now_ns()
+        message = {"t": "n", "n": self._said, "at": self._last_ns, "what": what}
+        self._unacknowledged[self._said] = message
+        await socket.send(json.dumps(message))
+
+    async def _act(self, socket: ClientConnection) -> None:
+        told, press_s = 0, time.monotonic() + _KEY_PERIOD_S * self._rng.random()
+        while True:
+            await asyncio.sleep(_POLL_S)
+            if self._due_ns is not None and self._due_ns <= self._now_ns():
+                self._due_ns = None
+                await self._say(socket, t="tick")
+            if self._heard > told:
+                told = self._heard
+                await socket.send(json.dumps({"t": "heard", "n": told}))
+            if self._screen and time.monotonic() >= press_s:
+                press_s = time.monotonic() + _KEY_PERIOD_S * (0.6 + 0.8 * self._rng.random())
+                key = self._rng.choice("123") if self._screen == "play" else "enter"
+                for down in (True, False):
+                    await self._say(socket, t="key", key=key, down=down, stamp=self._now_ns())
+
+    def _read(self, data: str | bytes) -> Iterator[dict[str, Any]]:
+        """The messages in what arrived; of a picture, only its number."""
+        if isinstance(data, str):
+            yield json.loads(data)
+            return
+        at = 0
+        while at < len(data):
+            is_picture, size = struct.unpack_from("<BI", data, at)
+            part, at = data[at + 5 : at + 5 + size], at + 5 + size
+            if is_picture:
+                self._heard = int.from_bytes(part[:4], "little")
+            else:
+                yield json.loads(part)
+
+    async def _take(self, message: dict[str, Any], socket: ClientConnection, host: str) -> None:
+        if "n" in message and "m" in message:
+            self._heard, message = message["n"], message["m"]
+        match message["t"]:
+            case "welcome":
+                self.hosts.add(host)
+                await self._welcome(message, socket)
+            case "acked":
+                for number in [number for number in self._unacknowledged if number <= message["through"]]:
+                    what = self._unacknowledged.pop(number)["what"]
+                    if what["t"] == "key" and what["down"]:
+                        self.acknowledged[what["key"], what["stamp"]] += 1
+            case "screen":
+                self._screen, self._due_ns = message["screen"]["kind"], message["tick"]
+                if self._screen != "play":
+                    at_ns = self._now_ns()
+                    await self._say(socket, t="shown", submit=at_ns, flip=at_ns, screen=message["id"])
+            case "now":
+                self._due_ns = message["tick"]
+            case "ask":
+                await self._say(socket, t="asked", number=message["number"])
+            case "over" | "refused":
+                self.end = message.get("end") or message["reason"]
+
+    async def _welcome(self, welcome: dict[str, Any], socket: ClientConnection) -> None:
+        """Take over a server's clock and numbers, and repeat what it has not heard."""
+        if welcome["segment"] != self._segment:
+            self._unacknowledged.clear()
+            self._segment, self._last_ns, self._said = welcome["segment"], 0, welcome["heard"]
+            self._zero_s = time.monotonic() - welcome["now"] / 1e9
+        if welcome["heard"] > self._said:
+            self._said, self._last_ns = welcome["heard"], max(self._last_ns, welcome["taken"])
+        for number in sorted(self._unacknowledged):
+            if number > welcome["heard"]:
+                await socket.send(json.dumps(self._unacknowledged[number]))
+        if self._last_ns == 0:
+            await self._say(socket, t="tick")
+
+
+def check_deployment(
+    data: Path, participants: int, *, servers: int = 2, on_progress: Callable[[str], None] = print
+) -> CheckResult:
+    """Serve a short study, restart each server in turn, kill one, and count what was lost or doubled.
+
+    Args:
+        data: the folder with register.url and logs.url, which name the database and the store.
+        servers: at least two.
+
+    Raises:
+        DeploymentCheckError: if there is no database or store, or a server does not start.
+    """
+    for name in (URL_FILE_NAME, STORE_URL_FILE_NAME):
+        if not (data / name).is_file():
+            raise DeploymentCheckError(f"{data / name} does not exist; write the address into it, as docs/web.md says")
+    name = f"check-{uuid4().hex[:8]}"
+    with tempfile.TemporaryDirectory(prefix="minihuman-check-") as root:
+        folders = [Path(root) / f"server-{number}" for number in range(max(2, servers))]
+        for folder in (*folders, gathered := Path(root) / "gathered"):
+            folder.mkdir()
+            for file_name in (URL_FILE_NAME, STORE_URL_FILE_NAME):
+                shutil.copyfile(data / file_name, folder / file_name)
+        protocol = Path(root) / f"{name}.toml"
+        toml = _TOML.format(name=name, participants=participants)
+        protocol.write_text(toml, encoding="utf-8", newline="\n")
+        recruits = Recruitment(folders[0] / name)
+        tokens = recruits.issue(participants)
+        on_progress(f"study {name}: {len(folders)} servers, {participants} simulated participants")
+        running: list[_Server] = []
+        try:
+            running.extend(_Server(protocol, folder) for folder in folders)
+            pages, interrupted = asyncio.run(_play(running, tokens, on_progress))
+        finally:
+            for server in running:
+                server.stop()
+        for folder in (*folders, gathered):
+            sync_logs(folder, f"{name}/")
+        codes = {token: recruits.find_participant(hash_link_token(token)) for token in tokens}
+        return _count(gathered / name, folders, pages, codes, interrupted)
+
+
+async def _play(
+    servers: list[_Server], tokens: list[str], on_progress: Callable[[str], None]
+) -> tuple[list[_Page], int]:
+    """Let everybody play while servers are restarted; the pages, and how many sessions that interrupted."""
+    rng, interrupted = random.Random(1), 0
+    pages = [_Page(token, lambda: rng.choice(servers).host, random.Random(n)) for n, token in enumerate(tokens)]
+
+    async def restart() -> None:
+        nonlocal interrupted
+        while 2 * sum(bool(page.acknowledged) for page in pages) < len(pages):
+            await asyncio.sleep(_POLL_S)
+        for number, kill in [*((number, False) for number in range(len(servers))), (0, True)]:
+            present = sum(bool(page.acknowledged) and not page.end for page in pages)
+            interrupted += present
+            on_progress(f"server {number + 1} {'killed' if kill else 'restarted'}, {present} participants in a session")
+            await asyncio.to_thread(servers[number].stop, kill=kill)
+            await asyncio.to_thread(servers[number].start)
+            await asyncio.sleep(_PAUSE_S)
+
+    async with asyncio.timeout(_TIMEOUT_S), asyncio.TaskGroup() as group:
+        group.create_task(restart())
+        for page in pages:
+            group.create_task(page.take_part())
+            await asyncio.sleep(_POLL_S)
+    return pages, interrupted
+
+
+def _count(
+    gathered: Path, folders: list[Path], pages: list[_Page], codes: dict[str, str | None], interrupted: int
+) -> CheckResult:
+    """Hold what the pages had acknowledged against the logs in the store."""
+    digests: dict[str, set[bytes]] = {}
+    for log in (log for folder in (gathered, *folders) for log in folder.rglob("*.mcap")):
+        if read_log(log).end_reason == "complete":
+            digests.setdefault(log.name.partition("_other")[0].removesuffix(".mcap"), set()).add(log.read_bytes())
+    logs = {log.name.partition("_")[0]: log for log in gathered.rglob("*.mcap")}
+    lost = 0
+    for page in pages:
+        found = logs.get(codes[page.token] or "")
+        events = (event for event in read_events(found) if isinstance(event, KeyPressed)) if found else ()
+        pressed = Counter((event.key, event.t_ns - event.waited_ns) for event in events if event.down)
+        lost += (page.acknowledged - pressed).total()
+    return CheckResult(
+        participants=len(pages),
+        complete=sum(page.end == "complete" for page in pages),
+        interrupted=interrupted,
+        moved=sum(len(page.hosts) > 1 for page in pages),
+        acknowledged=sum(page.acknowledged.total() for page in pages),
+        lost=lost,
+        twice=sum(len(found) > 1 for found in digests.values()),
+        differences=sum(bool(list(find_log_differences(log, World))) for log in logs.values()),
+    )

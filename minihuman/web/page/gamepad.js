@@ -1,0 +1,69 @@
+// A gamepad, read once a frame: its buttons as keys, its sticks and triggers as axes, named as in minihuman/experiment/keys.py.
+
+/** @import { Keyboard } from "./input.js" */
+/** @import { Input } from "./messages" */
+const BUTTONS = [ // of the standard mapping (W3C Gamepad); two of them do what the session asks keys for
+  "pad_south", "pad_east", "pad_west", "pad_north", "pad_left_shoulder", "pad_right_shoulder", "pad_left_trigger",
+  "pad_right_trigger", "escape", "enter", "pad_left_stick", "pad_right_stick", "pad_up", "pad_down", "pad_left", "pad_right",
+];
+const AXES = ["pad_left_x", "pad_left_y", "pad_right_x", "pad_right_y", "pad_left_trigger", "pad_right_trigger"];
+const DEAD_ZONE = 0.1, LEVELS = 128;
+/** @type {Record<string, [minus: string, plus: string]>} */
+const WAYS = { pad_left_x: ["stick_left", "stick_right"], pad_left_y: ["stick_up", "stick_down"] };
+
+/** An axis as it is logged: beyond the dead zone, in steps. @param {number} raw */
+const levelOf = (raw) => (Math.sign(raw) * Math.round(
+  (Math.max(0, Math.min(1, Math.abs(raw)) - DEAD_ZONE) / (1 - DEAD_ZONE)) * LEVELS)) / LEVELS || 0;
+
+export class GamepadReader {
+  isWanted = false; // by the study
+  /** @type {Set<string>} */ #down = new Set();
+  /** @type {Map<string, number>} */ #levels = new Map();
+  #name = "";
+
+  /** @param {Keyboard} keyboard @param {() => boolean} hasFocus @param {(what: Input) => void} send */
+  constructor(keyboard, hasFocus, send) {
+    this.keyboard = keyboard;
+    this.hasFocus = hasFocus;
+    this.send = send;
+  }
+
+  /** Read it from now on, or never. @param {boolean} isWanted */
+  want(isWanted) {
+    if (isWanted && !this.isWanted) this.#read();
+    this.isWanted = isWanted;
+  }
+
+  #read() {
+    requestAnimationFrame(() => this.#read());
+    const pad = navigator.getGamepads().find((one) => one?.connected && one.mapping === "standard");
+    if (!this.hasFocus()) this.#down.clear(); // its presses were let go of by the session
+    else if (pad) this.#report(pad, performance.now());
+  }
+
+  /** @param {Gamepad} pad @param {number} ms */
+  #report(pad, ms) {
+    if (pad.id !== this.#name) {
+      this.#name = pad.id;
+      this.send({ t: "pad", id: pad.id.slice(0, 64), axes: pad.axes.length, buttons: pad.buttons.length });
+    }
+    pad.buttons.forEach((button, number) => this.#hold(BUTTONS[number], button.pressed, ms));
+    [...pad.axes.slice(0, 4), pad.buttons[6]?.value ?? 0, pad.buttons[7]?.value ?? 0].forEach((raw, number) => {
+      const axis = AXES[number], value = levelOf(raw);
+      if (value === (this.#levels.get(axis) ?? 0)) return;
+      this.#levels.set(axis, value);
+      this.send({ t: "axis", axis, value });
+      (WAYS[axis] ?? []).forEach((way, side) => {
+        const reach = side ? value : -value;
+        this.#hold(way, reach > (this.#down.has(way) ? 0.4 : 0.5), ms);
+      });
+    });
+  }
+
+  /** @param {string | undefined} name @param {boolean} isDown @param {number} ms */
+  #hold(name, isDown, ms) {
+    if (!name || isDown === this.#down.has(name)) return;
+    if (isDown) { this.#down.add(name); this.keyboard.press(name, "gamepad", ms, true); }
+    else { this.#down.delete(name); this.keyboard.release(name, ms, true); }
+  }
+}

@@ -1,0 +1,80 @@
+// Buttons on the screen that stand for keys, for hands without a keyboard: a tap is a press and a release, stamped as
+// keys are, and named "touch" in the log.
+
+import { el } from "./elements.js";
+
+/** @import { Screen } from "./messages" */
+/** @import { Keyboard } from "./input.js" */
+
+const KEYS_OF = new Set(["play", "blank"]);
+const OWN_BUTTONS = new Set(["page", "question", "pair", "film"]);
+
+export class TouchKeys {
+  /** @type {Record<string, string>} what is printed on each key that the study is played with, Enter and Escape too */ caps = {};
+  /** @type {Map<number, string>} which finger is on which key */ #fingers = new Map();
+  /** @type {Record<string, string>} what the page says beside the session's words */ texts = {};
+  isTouched = matchMedia("(pointer: coarse)").matches;
+  #shown = "";
+
+  /** @param {HTMLElement} bar @param {Keyboard} keyboard @param {() => void} resized */
+  constructor(bar, keyboard, resized) {
+    this.bar = bar;
+    this.keyboard = keyboard;
+    this.resized = resized;
+    bar.addEventListener("contextmenu", (event) => event.preventDefault());
+    const release = (/** @type {PointerEvent} */ event) => this.#release(event);
+    addEventListener("pointerup", release); // a press may lead to a screen with other buttons before the finger is up
+    addEventListener("pointercancel", release);
+  }
+
+  /** The buttons that a screen needs. @param {Screen} screen */
+  show(screen) {
+    if (!this.isTouched) return;
+    document.documentElement.classList.add("touched");
+    const names = this.#namesFor(screen);
+    const labels = screen.kind === "play" ? new Map(screen.legend.map(([cap, , action]) => [cap, action])) : new Map();
+    labels.set(this.caps.escape, screen.kind === "text" && screen.title === this.texts.quit_title ? this.texts.touch_hold : this.texts.touch_leave);
+    const looks = JSON.stringify([names, [...labels]]);
+    if (looks === this.#shown) return;
+    this.#shown = looks;
+    const played = names.filter((name) => name !== "escape");
+    this.bar.dataset.columns = String(played.length > 4 ? 3 : played.length || 1);
+    this.bar.replaceChildren(...names.map((name) => this.#button(name, labels.get(this.caps[name]) ?? this.caps[name])));
+    this.bar.hidden = !names.length;
+    this.resized();
+  }
+
+  /** @param {Screen} screen @returns {string[]} */
+  #namesFor(screen) {
+    if (OWN_BUTTONS.has(screen.kind)) return [];
+    const played = Object.keys(this.caps).filter((name) => name !== "enter" && name !== "escape");
+    const isPlayed = KEYS_OF.has(screen.kind) || (screen.kind === "text" && (screen.keys.length > 0 || !screen.prompt));
+    return [...(isPlayed ? played : ["enter"]), "escape"];
+  }
+
+  /** @param {string} name @param {string} label */
+  #button(name, label) {
+    const button = el("button", { type: "button", tabindex: "-1", class: name === "escape" ? "quit" : "", "data-key": name, text: label });
+    button.addEventListener("pointerdown", (event) => {
+      event.preventDefault(); // the focus stays where it is
+      this.#fingers.set(event.pointerId, name);
+      button.classList.add("down");
+      this.keyboard.press(name, "touch", event.timeStamp, event.isTrusted);
+    });
+    button.addEventListener("click", (event) => { // that no pointer made is a screen reader's
+      if (event.detail !== 0) return;
+      this.keyboard.press(name, "touch", event.timeStamp, event.isTrusted);
+      this.keyboard.release(name, event.timeStamp, event.isTrusted);
+    });
+    return button;
+  }
+
+  /** @param {PointerEvent} event */
+  #release(event) {
+    const name = this.#fingers.get(event.pointerId);
+    if (name === undefined) return;
+    this.#fingers.delete(event.pointerId);
+    this.bar.querySelector(`[data-key="${name}"]`)?.classList.remove("down");
+    this.keyboard.release(name, event.timeStamp, event.isTrusted);
+  }
+}

@@ -1,0 +1,345 @@
+"""The experimenter's start page: the studies of a folder, who is next, and buttons that start minihuman's own commands.
+
+It decides nothing: each button starts the process that the command line would, and its page shows what that printed.
+"""
+
+import asyncio
+import os
+import re
+import secrets
+import shlex
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections import Counter
+from collections.abc import Callable, Mapping
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TypeVar
+from urllib.parse import parse_qsl, urlencode
+
+import uvicorn
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import Request
+from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response
+from starlette.routing import Mount, Route, Router
+
+from minihuman.admin.due import DueSession, list_due_sessions
+from minihuman.admin.session_index import SessionRow, read_session_index
+from minihuman.admin.status import list_problems
+from minihuman.dataset.journal import ENROLMENT_FILE_NAME
+from minihuman.errors import MinihumanError
+from minihuman.experiment.machine.events import FINAL_END_REASONS
+from minihuman.log.paths import PART_SUFFIX, require_folder
+from minihuman.log.record.file_lock import is_being_recorded
+from minihuman.web.server.app import HeaderMiddleware
+from minihuman.web.server.process import HOST, open_listening_socket
+
+T = TypeVar("T")
+REPORTS_FOLDER = "reports"  # beside the data folder
+_NAME = re.compile(r"[a-z0-9_-]+")
+_LINK = re.compile(r"https?://\S+")
+_LONGEST_BYTES = 10_000  # of a form
+_SHOWN_BYTES = 20_000  # of what a command printed
+_VERDICTS = {None: "running", 0: "done", 1: "failed", 2: "refused"}  # by exit status; any other: "ended"
+_POLICY = "default-src 'self'; object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+_REPORT_POLICY = "sandbox allow-scripts allow-downloads; default-src 'self' 'unsafe-inline' data:; connect-src 'none'"
+
+
+@dataclass(frozen=True, slots=True)
+class StudyEntry:
+    """A study: its protocol file, its sessions, or both."""
+
+    key: str  # in addresses
+    name: str
+    folder: Path  # of its sessions; need not exist
+    protocol: Path | None = None
+    problem: str = ""  # why its protocol cannot be read
+
+    def sessions(self) -> list[SessionRow]:
+        """Its recorded sessions."""
+        return list(read_session_index(self.folder)) if self.folder.is_dir() else []
+
+    def due(self) -> tuple[DueSession, ...]:
+        """Who is expected for a further session, or for the rest of one."""
+        return list_due_sessions(self.folder, datetime.now().astimezone().date()) if self.folder.is_dir() else ()
+
+    def running(self) -> set[str]:
+        """The participants whose sessions are being recorded now."""
+        parts = self.folder.rglob(f"*{PART_SUFFIX}") if self.folder.is_dir() else ()
+        return {part.name.partition("_")[0] for part in parts if is_being_recorded(part)}
+
+    def counts(self) -> Mapping[str, int]:
+        """Its sessions by how far they are."""
+        running = self.running()
+        return Counter(_state(row, running) for row in self.sessions())
+
+    def command(self, action: str, form: Mapping[str, str]) -> list[str]:
+        """The words of the command that a button stands for.
+
+        Raises:
+            KeyError: if there is no such button.
+        """
+        folder, protocol = str(self.folder), str(self.protocol)
+        data = f"--data={self.folder.parent}"
+        reason, code = f"--reason={form.get('reason', '')}", form.get("participant", "")
+        window = "--windowed" if form.get("windowed") else "--fullscreen"
+        session = ["run", protocol, data, window, f"--participant={code}", f"--session={form.get('session', 1)}"]
+        words = {
+            "next": ["run", protocol, data, window, "--next-slot"],
+            "session": session,
+            "other day": [*session, "--any-day", reason],
+            "replace": ["replace", f"--study={folder}", reason, "--", code],
+            "check": ["check", protocol],
+            "trust": ["check", protocol, "--trust"],
+            "doctor": ["doctor", protocol, data, window],
+            "serve": ["serve", protocol, data, "--port=0", f"--links={form.get('links', 1)}", "--watch"],
+            "watch": ["watch", folder],
+            "verify": ["verify", folder],
+            "report": ["report", folder, f"--out={self.folder.parent.parent / REPORTS_FOLDER / self.name}"],
+        }[action]
+        if self.protocol is None and protocol in words:
+            raise KeyError(action)
+        return words
+
+
+def _state(row: SessionRow, running: set[str]) -> str:
+    if (found := row.summary) is None:
+        return "unreadable"
+    if found.complete or found.end_reason in FINAL_END_REASONS:
+        return "ended"
+    return "running" if found.participant in running else "unfinished"
+
+
+def find_studies(folder: Path, data: Path) -> list[StudyEntry]:
+    """Find the studies of a folder and its subfolders: files with a ``[study]`` table, then sessions without one."""
+    found = []
+    for path in sorted({*folder.glob("*.toml"), *folder.glob("*/*.toml")}):
+        key, name, problem = str(path.relative_to(folder)), path.stem, ""
+        try:
+            with path.open("rb") as file:
+                name = tomllib.load(file)["study"]["name"]
+        except (KeyError, TypeError):
+            continue  # another program's
+        except (OSError, ValueError) as error:
+            problem = f"{path.name} cannot be read: {error}"
+        if not isinstance(name, str) or not _NAME.fullmatch(name):
+            name, problem = path.stem, problem or f"study.name is {name!r}; use a-z, 0-9, - and _"
+        found.append(StudyEntry(key, name, data / name, path, problem))
+    known = {study.name for study in found}
+    others = sorted(path.parent for path in data.glob(f"*/{ENROLMENT_FILE_NAME}") if path.parent.name not in known)
+    return found + [StudyEntry(f"{path.name}/", path.name, path) for path in others]
+
+
+class CommandProcess:
+    """A command of minihuman as a process, which outlives this one if it records a session."""
+
+    def __init__(self, words: list[str], study: StudyEntry | None, output: Path) -> None:
+        self.words, self.study, self.started_at = words, study, datetime.now()
+        self._output = output
+        with output.open("ab") as file:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "minihuman", *words],
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, "PYTHONUNBUFFERED": "1"},
+                start_new_session=True,  # Ctrl-C is for the page alone
+            )
+
+    @property
+    def line(self) -> str:
+        """As one would type it."""
+        return shlex.join(["minihuman", *self.words])
+
+    @property
+    def verdict(self) -> str:
+        """How it went, in a word."""
+        return _VERDICTS.get(self._process.poll(), "ended")
+
+    def output(self) -> str:
+        """The end of what it printed."""
+        with self._output.open("rb") as file:
+            file.seek(max(0, self._output.stat().st_size - _SHOWN_BYTES))
+            return file.read().decode(errors="replace")
+
+    def links(self) -> list[str]:
+        """The addresses that it printed."""
+        return _LINK.findall(self.output()) if self.words[0] in ("watch", "serve") else []
+
+    def last_line(self) -> str:
+        """What it printed last."""
+        return next(reversed(self.output().split("\n")[:-1]), "")
+
+    def stop(self) -> None:
+        """End it, and wait until it has."""
+        self._process.terminate()
+        self._process.wait()
+
+
+class StartPage:
+    """The start page of one folder.
+
+    Args:
+        folder: of the protocols.
+        data: of the studies' folders.
+        temporary: for what the commands print.
+    """
+
+    def __init__(self, folder: Path, data: Path, temporary: Path) -> None:
+        self._folder, self._data, self._temporary = folder, data, temporary
+        self._token = secrets.token_urlsafe(16)
+        self._processes: list[CommandProcess] = []
+        environment = Environment(
+            loader=PackageLoader("minihuman.web.server"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+        )
+        self._template = environment.get_template("desk.html.j2")
+        self._files = {
+            "desk.css": (environment.get_template("desk.css").render(), "text/css"),
+            "desk.js": (environment.get_template("desk.js").render(), "text/javascript"),
+        }
+
+    @property
+    def path(self) -> str:
+        """The secret part of its address."""
+        return f"/{self._token}/"
+
+    def app(self) -> Starlette:
+        """The application: it answers below its path, to this machine's name only."""
+        pages = Router(
+            [
+                Route("/", self._home),
+                Route("/study", self._study),
+                Route("/process/{number:int}", self._process),
+                Route("/start", self._start, methods=["POST"]),
+                Route("/process/{number:int}/stop", self._stop, methods=["POST"]),
+                Route("/{name:str}", self._file),
+            ]
+        )
+        reports = Router([Route("/{path:path}", self._report)])
+        return Starlette(
+            routes=[
+                Mount(f"{self.path}reports", HeaderMiddleware(reports, policy=_REPORT_POLICY)),
+                Mount(self.path.rstrip("/"), HeaderMiddleware(pages, policy=_POLICY)),
+            ],
+            middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=[HOST])],
+        )
+
+    def close(self) -> None:
+        """End the commands that run, but for sessions."""
+        for process in self._processes:
+            if process.words[0] != "run" and process.verdict == "running":
+                process.stop()
+
+    def _page(self, kind: str, **values: object) -> HTMLResponse:
+        return HTMLResponse(self._template.render(kind=kind, root=self.path, urlencode=urlencode, **values))
+
+    def _home(self, _: Request) -> Response:
+        return self._page(
+            "home",
+            studies=[(study, *self._attempt(study.counts)) for study in find_studies(self._folder, self._data)],
+            folder=self._folder.resolve().name,
+            doctor=self._latest(None, "doctor"),
+            processes=[(number, one) for number, one in enumerate(self._processes) if one.verdict == "running"],
+        )
+
+    def _study(self, request: Request) -> Response:
+        study = self._find(request.query_params.get("key", ""))
+        sessions, problem = self._attempt(study.sessions)
+        due, undecided = self._attempt(study.due)
+        problems, _ = self._attempt(lambda: list_problems(study.folder) if sessions else ())
+        report = self._data.parent / REPORTS_FOLDER / study.name / "report.html"
+        return self._page(
+            "study",
+            study=study,
+            sessions=sessions or (),
+            due=due or (),
+            running=study.running(),
+            problems=[one for one in (study.problem, problem, undecided, *(problems or ())) if one],
+            latest={command: self._latest(study, command) for command in ("check", "doctor", "verify", "report")},
+            report=report.is_file(),
+            processes=[(number, one) for number, one in enumerate(self._processes) if one.study == study],
+        )
+
+    def _process(self, request: Request) -> Response:
+        number = request.path_params["number"]
+        return self._page("process", number=number, process=self._get(number))
+
+    async def _start(self, request: Request) -> Response:
+        form = dict(parse_qsl((await request.body())[:_LONGEST_BYTES].decode(errors="replace")))
+        study = self._find(form["study"]) if form.get("study") else None
+        try:
+            words = ["doctor", "--windowed", f"--data={self._data}"]
+            words = words if study is None else study.command(form.get("action", ""), form)
+        except KeyError:
+            raise HTTPException(400, "there is no such button") from None
+        number = len(self._processes)
+        self._processes.append(CommandProcess(words, study, self._temporary / f"{number}.txt"))
+        return RedirectResponse(f"{self.path}process/{number}", 303)
+
+    async def _stop(self, request: Request) -> Response:
+        number = request.path_params["number"]
+        await asyncio.to_thread(self._get(number).stop)
+        return RedirectResponse(f"{self.path}process/{number}", 303)
+
+    def _report(self, request: Request) -> Response:
+        reports = (self._data.parent / REPORTS_FOLDER).resolve()
+        path = (reports / request.path_params["path"]).resolve()
+        if not path.is_relative_to(reports) or not path.is_file():
+            raise HTTPException(404)
+        return FileResponse(path)
+
+    def _file(self, request: Request) -> Response:
+        if (name := request.path_params["name"]) not in self._files:
+            raise HTTPException(404)
+        content, kind = self._files[name]
+        return Response(content, media_type=kind)
+
+    @staticmethod
+    def _attempt(read: Callable[[], T]) -> tuple[T | None, str]:
+        """What can be read, or None and why it cannot."""
+        try:
+            return read(), ""
+        except (MinihumanError, OSError) as error:
+            return None, str(error)
+
+    def _latest(self, study: StudyEntry | None, command: str) -> CommandProcess | None:
+        mine = (one for one in reversed(self._processes) if one.study == study and one.words[0] == command)
+        return next(mine, None)
+
+    def _find(self, key: str) -> StudyEntry:
+        for study in find_studies(self._folder, self._data):
+            if study.key == key:
+                return study
+        raise HTTPException(404, "there is no such study")
+
+    def _get(self, number: int) -> CommandProcess:
+        if number >= len(self._processes):
+            raise HTTPException(404, "there is no such command")
+        return self._processes[number]
+
+
+def run_desk(folder: Path, data: Path, *, port: int, say: Callable[[str], None]) -> None:
+    """Serve the start page until SIGTERM or Ctrl-C; ``say`` gets its address.
+
+    Raises:
+        LogError: if there is no such folder.
+        ServeError: if the port is taken.
+    """
+    require_folder(folder, instead="the folder of the protocols")
+    with (
+        tempfile.TemporaryDirectory(prefix="minihuman-", ignore_cleanup_errors=True) as temporary,
+        closing(StartPage(folder, data, Path(temporary))) as desk,
+        closing(open_listening_socket(port)) as taken,
+        suppress(KeyboardInterrupt),
+    ):
+        say(f"http://{HOST}:{taken.getsockname()[1]}{desk.path}")
+        config = uvicorn.Config(desk.app(), access_log=False, log_level="warning", timeout_graceful_shutdown=2)
+        uvicorn.Server(config).run(sockets=[taken])

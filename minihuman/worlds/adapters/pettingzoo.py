@@ -1,0 +1,95 @@
+"""A team world as PettingZoo's parallel API: ``minihuman.parallel_env("minihuman/Team-FourRooms-v0")``.
+
+Agents are called "body_0", "body_1", ... PettingZoo itself is not needed; where it is installed, the environment is
+one of its `ParallelEnv`.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from minihuman.worlds.team import TeamWorld, make_team
+
+if TYPE_CHECKING:
+    _Base = Any
+else:
+    try:
+        from pettingzoo import ParallelEnv as _Base
+    except ModuleNotFoundError:
+        _Base = object
+
+AgentObservations = dict[str, NDArray[Any]]
+
+
+class TeamParallelEnv(_Base):  # type: ignore[misc]  # only known where PettingZoo is installed
+    """A team world with PettingZoo's parallel API. An end is an end for all agents.
+
+    Args:
+        world: The team world; `unwrapped.world` gives it back.
+        world_id: What it is called.
+    """
+
+    def __init__(self, world: TeamWorld, world_id: str) -> None:
+        self.world = world
+        self.metadata = {"name": world_id, "render_modes": ["rgb_array"], "is_parallelizable": True}
+        self.render_mode = "rgb_array"
+        self.possible_agents = [f"body_{body}" for body in range(world.bodies)]
+        self.agents: list[str] = []
+        self.observation_spaces = dict.fromkeys(self.possible_agents, world.observation_space)
+        self.action_spaces = {agent: spaces.Discrete(len(world.action_names)) for agent in self.possible_agents}
+        self._seeds = np.random.default_rng()
+
+    def observation_space(self, agent: str) -> spaces.Box:
+        """What an agent can observe."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Discrete:
+        """What an agent can do."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[AgentObservations, dict[str, dict[str, Any]]]:
+        """Begin an episode: observations and empty infos. Without a seed, one is drawn from the last seed's stream."""
+        if seed is not None:
+            self._seeds = np.random.default_rng(seed)
+        self.world.reset(int(self._seeds.integers(2**63)) if seed is None else seed)
+        self.agents = list(self.possible_agents)
+        return self._observations(), {agent: {} for agent in self.agents}
+
+    def step(
+        self, actions: dict[str, int]
+    ) -> tuple[AgentObservations, dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
+        """Make one joint step; an agent that gives no action idles."""
+        idle, agents = self.world.idle_action, self.agents
+        done = self.world.step([int(actions.get(agent, idle)) for agent in self.possible_agents])
+        if done.terminated or done.truncated:
+            self.agents = []
+        return (
+            self._observations(),
+            dict(zip(agents, done.rewards, strict=True)),
+            dict.fromkeys(agents, done.terminated),
+            dict.fromkeys(agents, done.truncated),
+            {agent: dict(done.info) for agent in agents},
+        )
+
+    def _observations(self) -> AgentObservations:
+        return {agent: self.world.observation(body) for body, agent in enumerate(self.possible_agents)}
+
+    def render(self) -> NDArray[np.uint8]:
+        """What a person in body 0 sees."""
+        return self.world.frame(0, 640, 480)
+
+    def close(self) -> None:
+        """There is nothing to close."""
+
+
+def parallel_env(world_id: str, **options: Any) -> TeamParallelEnv:
+    """Make a team world with PettingZoo's parallel API.
+
+    Raises:
+        WorldError: as `make_team`.
+    """
+    return TeamParallelEnv(make_team(world_id, **options), world_id)

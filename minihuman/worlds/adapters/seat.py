@@ -1,0 +1,141 @@
+"""A seat: one body of a team world as a Gymnasium environment, so that whatever plays one body plays a team's.
+
+`joint` is the next step's joint action, where a session knows it; `script` holds those of a recorded episode. A body
+that neither of them names does the world's idle action.
+"""
+
+import importlib
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.contract import NativeWorld, Palette, View
+from minihuman.worlds.pose import Map, Pose
+from minihuman.worlds.team import TeamWorld, make_team
+
+SEAT_OPTION, SCRIPT_OPTION = "seat", "script"  # of the environment, beside the team world's own options
+
+
+class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
+    """One body of a team world.
+
+    Args:
+        team: the world.
+        seat: which body it is, 0 for the first.
+        script: joint actions by step, one action per body.
+
+    Raises:
+        WorldError: if the world has no such body.
+    """
+
+    metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - Gymnasium's own shape
+
+    def __init__(self, team: TeamWorld, seat: int = 0, script: Sequence[Sequence[int]] = ()) -> None:
+        if not 0 <= seat < team.bodies:
+            raise WorldError(f"seat {seat} does not exist; the world has seats 0 to {team.bodies - 1}")
+        self.team, self.seat, self.script = team, seat, script
+        self.joint: Sequence[int] | None = None  # of the next step
+        self.rewards: tuple[float, ...] = ()  # of the last step, by body
+        self.steps = 0
+        self.action_names = team.action_names
+        self.mission = team.mission
+        self.action_space = gymnasium.spaces.Discrete(len(team.action_names))
+        self.observation_space = team.observation_space
+        self.render_mode = "rgb_array"
+
+    @property
+    def max_steps(self) -> int:
+        """The world's own limit on an episode's steps."""
+        return self.team.max_steps
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode from a seed."""
+        super().reset(seed=seed)
+        self.team.reset(int(self.np_random.integers(2**31)) if seed is None else seed)
+        self.joint, self.rewards, self.steps, self.mission = None, (), 0, self.team.mission
+        return self.team.observation(self.seat), {}
+
+    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Make a joint step; this body's action is ``action``."""
+        reward, terminated, truncated, info = self._advance(action)
+        return self.team.observation(self.seat), reward, terminated, truncated, info
+
+    def advance(self, action: int) -> tuple[float, bool, bool]:
+        """A step without its observation."""
+        return self._advance(action)[:3]
+
+    def _advance(self, action: int) -> tuple[float, bool, bool, dict[str, Any]]:
+        planned = (
+            self.script[self.steps] if self.steps < len(self.script) else [self.team.idle_action] * self.team.bodies
+        )
+        joint = list(planned if self.joint is None else self.joint)
+        joint[self.seat] = int(action)
+        found = self.team.step(joint)
+        self.joint, self.rewards, self.steps = None, found.rewards, self.steps + 1
+        return found.rewards[self.seat], found.terminated, found.truncated, dict(found.info)
+
+    def render(self) -> Any:
+        """What this body's person sees."""
+        return self.picture()
+
+    def pose(self) -> Pose:
+        """Where this body stands."""
+        return self.team.pose(self.seat)
+
+    def poses(self) -> tuple[Pose, ...]:
+        """Where each body stands, by seat."""
+        return tuple(self.team.pose(body) for body in range(self.team.bodies))
+
+    def map(self) -> Map:
+        """The floor plan."""
+        return self.team.map()
+
+    def state_hash(self) -> int:
+        """The team's: the same for each seat."""
+        return self.team.state_hash()
+
+    def scene_hash(self) -> int:
+        """The same as the state's: steps are part of it."""
+        return self.team.state_hash()
+
+    def save(self) -> Any:
+        """The team's state and what belongs to the seat."""
+        return self.team.save(), self.steps, self.rewards
+
+    def restore(self, saved: Any) -> None:
+        """Go back to a saved state."""
+        state, self.steps, self.rewards = saved
+        self.team.restore(state)
+        self.joint = None
+
+    def picture(
+        self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
+    ) -> NDArray[np.uint8]:
+        """The picture that this body's person sees; a world that can show either view shows this one."""
+        if hasattr(self.team, "view"):
+            self.team.view = view
+        return self.team.frame(self.seat, *size_px, palette=palette)
+
+
+def make_seat(world_id: str, options: dict[str, Any]) -> SeatEnv | None:
+    """Make a seat of a team world from its id; None where the id is of a world of one body, or of none.
+
+    Raises:
+        WorldError: if the world cannot be made with the options.
+    """
+    module, _, name = world_id.rpartition(":")
+    if module:
+        importlib.import_module(module)
+    spec = gymnasium.registry.get(name)
+    entry = None if spec is None else spec.entry_point
+    if isinstance(entry, str):
+        where, _, attribute = entry.partition(":")
+        entry = getattr(importlib.import_module(where), attribute, None)
+    if not (isinstance(entry, type) and issubclass(entry, TeamWorld)):
+        return None
+    own = {name: value for name, value in options.items() if name not in (SEAT_OPTION, SCRIPT_OPTION)}
+    return SeatEnv(make_team(world_id, **own), options.get(SEAT_OPTION, 0), options.get(SCRIPT_OPTION, ()))

@@ -1,0 +1,282 @@
+"""Action spaces as things that keys can do: a few elementary actions with names, and what several of them at once are.
+
+A Discrete space has its own actions; two held together are one where the environment says so. The values of any other
+space are vectors: rest, and elements that each move one component away from it. Knows no keys and no time.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from minihuman.errors import WorldError
+
+ActionVector = tuple[float, ...]  # a value of a space that is not Discrete, flat; () for Discrete
+Action = int | ActionVector  # by number, or a vector
+
+REST, CHORD = "rest", "chord"  # names of no element and of several
+MAX_BOUND_AXES = 4  # of a Box; two for each hand
+
+
+@dataclass(frozen=True, slots=True)
+class ActionElement:
+    """What one key does to a vector: a component and the value it takes."""
+
+    name: str
+    component: int
+    value: float
+
+
+class DiscreteActions:
+    """Numbered actions.
+
+    Args:
+        names: one per action, in order.
+        first: the space's own number of the first.
+        chords: the action that several held together are, by their numbers.
+    """
+
+    is_discrete = True
+
+    def __init__(self, names: Sequence[str], first: int, chords: Mapping[frozenset[int], int]) -> None:
+        self.names = tuple(names)
+        self._first = first
+        self._chords = chords
+
+    @property
+    def numbers(self) -> range:
+        """The actions that a key can do."""
+        return range(len(self.names))
+
+    def combine(self, held: Sequence[int]) -> tuple[int, ActionVector]:
+        """The action of several that are held, the latest last: the environment's own chord, else the latest's."""
+        return self._chords.get(frozenset(held), held[-1]), ()
+
+    def resolve(self, action: Action) -> tuple[int, ActionVector]:
+        """An action's number and vector, which is ()."""
+        return action, ()  # type: ignore[return-value]
+
+    def value(self, action: Action) -> Any:
+        """What the environment's ``step`` takes.
+
+        Raises:
+            WorldError: if there is no such action.
+        """
+        if isinstance(action, tuple) or not 0 <= action < len(self.names):
+            raise WorldError(f"action {action!r} does not exist; actions are 0 to {len(self.names) - 1}")
+        return self._first + action
+
+
+class VectorActions:
+    """Actions that are vectors: Box, MultiBinary and MultiDiscrete, and Dict and Tuple of these and Discrete.
+
+    ``names`` are rest, one per element, and ``chord`` for what no single element is. The components of a Dict or Tuple
+    are those of its spaces one after the other, in the order in which Gymnasium has them.
+
+    Args:
+        space: the environment's.
+
+    Raises:
+        WorldError: if it is another kind of space.
+    """
+
+    is_discrete = False
+
+    def __init__(self, space: gymnasium.Space[Any]) -> None:
+        self._space = space
+        low: list[float] = []
+        high: list[float] = []
+        rest: list[float] = []
+        adds: list[bool] = []  # by component: opposite directions cancel each other
+        whole: list[bool] = []  # whether it takes whole numbers alone
+        elements: list[ActionElement] = []
+        for leaf in _list_leaves(space):
+            start = len(rest)
+            match leaf:
+                case spaces.Box():
+                    ends = [np.asarray(end, np.float64).ravel() for end in (leaf.low, leaf.high)]
+                    still = np.clip(np.zeros(leaf.low.size), *ends)
+                    axes = len({element.component for element in elements if element.name.startswith("axis")})
+                    elements += _axis_elements(ends[0], ends[1], still, start, MAX_BOUND_AXES - axes)
+                case spaces.MultiBinary():
+                    still = np.zeros(int(np.prod(leaf.shape)))
+                    ends = [still, still + 1]
+                    elements += [ActionElement(f"button_{start + n}", start + n, 1.0) for n in range(len(still))]
+                case spaces.MultiDiscrete() | spaces.Discrete():
+                    counts = np.ravel(leaf.n if isinstance(leaf, spaces.Discrete) else leaf.nvec)
+                    still = np.asarray(leaf.start, np.float64).ravel()
+                    ends = [still, still + counts - 1]
+                    elements += [
+                        ActionElement(f"choice_{start + place}_{value}", start + place, float(still[place] + value))
+                        for place, count in enumerate(counts.tolist())
+                        for value in range(1, count)
+                    ]
+                case _:
+                    raise WorldError(
+                        f"sessions do not support the action space {space}; "
+                        "use Discrete, MultiDiscrete, MultiBinary or Box, or Dict and Tuple of them"
+                    )
+            low += ends[0].tolist()
+            high += ends[1].tolist()
+            rest += still.tolist()
+            adds += [isinstance(leaf, spaces.Box | spaces.MultiBinary)] * len(still)
+            whole += [leaf.dtype is not None and leaf.dtype.kind in "iub"] * len(still)
+        self._low, self._high, self._adds, self._whole = np.array(low), np.array(high), adds, whole
+        self.rest: ActionVector = tuple(rest)
+        self._elements = tuple(elements)
+        self.names = (REST, *(element.name for element in elements), CHORD)
+
+    @property
+    def unbound(self) -> int:
+        """How many components no element moves; they stay at rest."""
+        return len(self.rest) - len({element.component for element in self._elements})
+
+    @property
+    def numbers(self) -> range:
+        """The actions that a key can do: rest and the elements."""
+        return range(len(self._elements) + 1)
+
+    def combine(self, held: Sequence[int]) -> tuple[int, ActionVector]:
+        """The vector of several elements that are held, the latest last, and its number among ``names``."""
+        vector = list(self.rest)
+        for number in held:
+            if number not in self.numbers:
+                raise WorldError(f"action {number!r} is not in {self._space}; use one of {', '.join(self.names[:-1])}")
+            if number:
+                element = self._elements[number - 1]
+                adds = self._adds[element.component]
+                rest = self.rest[element.component] if adds else vector[element.component]
+                vector[element.component] += element.value - rest
+        found = tuple(np.clip(vector, self._low, self._high).tolist())
+        return self._number(found), found
+
+    def move(self, vector: ActionVector, component: int, share: float) -> ActionVector:
+        """A vector with one component moved from where it is: by -1..1 of the way from rest to an end.
+
+        Raises:
+            WorldError: if there is no such component.
+        """
+        self.require_component(component)
+        end = (self._high if share > 0 else self._low)[component]
+        reach = abs(end - self.rest[component]) if np.isfinite(end) else 1.0
+        moved = [*vector]
+        moved[component] += share * reach
+        return tuple(np.clip(moved, self._low, self._high).tolist())
+
+    def point(self, vector: ActionVector, component: int, share: float) -> ActionVector:
+        """A vector with one component at 0..1 of its range: of whole numbers the one whose cell holds the point.
+
+        Raises:
+            WorldError: if there is no such component, or it has no range.
+        """
+        self.require_component(component)
+        low, high = self._low[component], self._high[component]
+        if not np.isfinite(high - low):
+            raise WorldError(f"component {component} of {self._space} has no bounds, so no point of a picture is its")
+        cells = high - low + 1
+        value = low + (min(np.floor(share * cells), cells - 1) if self._whole[component] else share * (high - low))
+        return (*vector[:component], float(value), *vector[component + 1 :])
+
+    def require_component(self, component: int) -> None:
+        """Raise WorldError if there is no such component."""
+        if not 0 <= component < len(self.rest):
+            raise WorldError(f"component {component} does not exist; {self._space} has {len(self.rest)}, from 0")
+
+    def resolve(self, action: Action) -> tuple[int, ActionVector]:
+        """An action's number and vector."""
+        return (self._number(action), action) if isinstance(action, tuple) else self.combine([action])
+
+    def _number(self, vector: ActionVector) -> int:
+        """A vector's number among ``names``: rest, the element that it is, or ``chord``."""
+        moved = [place for place, (now, rest) in enumerate(zip(vector, self.rest, strict=True)) if now != rest]
+        if not moved:
+            return 0
+        single = (
+            number
+            for number, element in enumerate(self._elements, 1)
+            if moved == [element.component] and vector[moved[0]] == element.value
+        )
+        return next(single, len(self.names) - 1)
+
+    def value(self, action: Action) -> Any:
+        """What the environment's ``step`` takes, of its own type and shape.
+
+        Raises:
+            WorldError: if there is no such action.
+        """
+        vector = self.resolve(action)[1]
+        if len(vector) != len(self.rest):
+            raise WorldError(
+                f"the action {vector!r} has {len(vector)} components; {self._space} needs {len(self.rest)}"
+            )
+        value = _assemble(self._space, iter(vector))
+        if not self._space.contains(value):
+            raise WorldError(f"the action {vector!r} is outside {self._space}; use one inside it")
+        return value
+
+
+def _list_leaves(space: gymnasium.Space[Any]) -> list[gymnasium.Space[Any]]:
+    """The spaces of a Dict or Tuple, of those in it too; else the space itself."""
+    match space:
+        case spaces.Dict() | spaces.Tuple():
+            inner = space.spaces.values() if isinstance(space, spaces.Dict) else space.spaces
+            return [leaf for one in inner for leaf in _list_leaves(one)]
+    return [space]
+
+
+def _assemble(space: gymnasium.Space[Any], components: Iterator[float]) -> Any:
+    """A value of a space from its components."""
+    match space:
+        case spaces.Dict():
+            return {name: _assemble(one, components) for name, one in space.spaces.items()}
+        case spaces.Tuple():
+            return tuple(_assemble(one, components) for one in space.spaces)
+        case spaces.Discrete():
+            return int(next(components))
+    size = int(np.prod(space.shape or ()))
+    return np.asarray(list(islice(components, size)), space.dtype).reshape(space.shape or ())
+
+
+ActionInterface = DiscreteActions | VectorActions
+
+
+def _axis_elements(
+    low: np.ndarray[Any, np.dtype[np.float64]],
+    high: np.ndarray[Any, np.dtype[np.float64]],
+    rest: np.ndarray[Any, np.dtype[np.float64]],
+    start: int,
+    most: int,
+) -> list[ActionElement]:
+    """Both directions of each of the first axes, to its bound; an axis without a bound moves by 1."""
+    found = []
+    for axis in range(max(0, min(len(low), most))):
+        for sign, end in (("minus", low[axis]), ("plus", high[axis])):
+            value = float(end) if np.isfinite(end) else float(rest[axis]) + (1.0 if sign == "plus" else -1.0)
+            if value != rest[axis]:
+                found.append(ActionElement(f"axis_{start + axis}_{sign}", start + axis, value))
+    return found
+
+
+def find_chords(env: gymnasium.Env[Any, Any], count: int, first: int) -> dict[frozenset[int], int]:
+    """Which actions, held together, are which other, by the environment's own ``get_keys_to_action``.
+
+    The keys themselves are not taken over: a key alone names an action, several keys the chord of their actions.
+    """
+    table = getattr(env, "get_keys_to_action", None)
+    if not callable(table):
+        return {}
+    known: dict[Any, int] = {}
+    for keys, action in table().items():
+        number = int(action) - first if isinstance(action, int | np.integer) else -1
+        if 0 <= number < count:
+            known[tuple(keys) if isinstance(keys, tuple | list | str) else (keys,)] = number
+    alone = {keys[0]: number for keys, number in known.items() if len(keys) == 1}
+    return {
+        frozenset(alone[key] for key in keys): number
+        for keys, number in known.items()
+        if len(keys) > 1 and all(key in alone for key in keys)
+    }

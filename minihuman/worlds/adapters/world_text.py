@@ -1,0 +1,98 @@
+"""What an agent of a grid world sees, in words: for models that read, and drawn for people who get the same text.
+
+The wording is the one that BabyAI-Text (Carta et al., 2023) introduced and BALROG (Paglieri et al., 2025) evaluates
+with, composed here from the observation alone; ``tests/models/test_world_text.py`` holds it to BALROG's.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from minihuman.errors import WorldError
+from minihuman.worlds.grid.layout import observation_to_text
+from minihuman.worlds.grid.object_kinds import ObjectKind
+
+_KINDS = ["unseen", "empty", "wall", "floor", "door", "key", "ball", "box", "goal", "lava", "agent"]
+_COLOURS = ["red", "green", "blue", "purple", "yellow", "grey"]
+_DOORS = ["open", "closed", "locked"]
+_UNSEEN, _EMPTY, _WALL, _DOOR = 0, 1, 2, 4
+
+
+_FONT = Path(__file__).parents[2] / "display" / "fonts" / "DejaVuSans.ttf"
+_PAPER, _INK = (16, 16, 16), (232, 232, 232)
+_LINES = 18  # of a picture, unless there are more
+
+
+def describe_observation(observation: Any, kinds: Sequence[ObjectKind] = ()) -> str:
+    """The observation of a grid world as a diagram and, after an empty line, as sentences.
+
+    Raises:
+        WorldError: if it is no grid observation.
+    """
+    image = observation.get("image") if isinstance(observation, Mapping) else None
+    if not isinstance(image, np.ndarray) or image.ndim != 3 or image.shape[2] != 3:
+        raise WorldError(
+            "the world has no grid observation to describe in words; use another view, or modality = 'picture'"
+        )
+    lines = list(describe_view(image))
+    return "\n".join([observation_to_text(image, kinds), "", *(lines or ["nothing in sight"])])
+
+
+def draw_text(text: str, size_px: tuple[int, int]) -> NDArray[np.uint8]:
+    """A text of `describe_observation` as a picture, uint8[H, W, 3]; the diagram's characters stand in columns."""
+    diagram, _, sentences = text.partition("\n\n")
+    rows, lines = diagram.split("\n"), sentences.split("\n")
+    width, height = size_px
+    font = ImageFont.truetype(str(_FONT), 100, layout_engine=ImageFont.Layout.BASIC)
+    longest = max(font.getlength(line) for line in lines) / 100  # in em
+    line_px = min(height / max(_LINES, len(rows) + len(lines) + 3), 0.88 * width / longest / 0.78)
+    font = font.font_variant(size=max(6, int(0.78 * line_px)))
+    image = Image.new("RGB", (width, height), _PAPER)
+    draw = ImageDraw.Draw(image)
+    left, top = 0.06 * width, line_px
+    for number, row in enumerate(rows):
+        for column, character in enumerate(row):
+            at = left + (0.75 * column + 0.4) * line_px, top + number * line_px
+            draw.text(at, character, _INK, font, anchor="ma")
+    for number, line in enumerate(lines, len(rows) + 1):
+        draw.text((left, top + number * line_px), line, _INK, font)
+    return np.asarray(image)
+
+
+def describe_view(image: NDArray[np.integer[Any]]) -> Iterator[str]:
+    """Yield one line per wall ahead and beside, and per thing in sight, as BALROG's BabyAI prompts list them.
+
+    Args:
+        image: int[columns, rows, 3]: kind, colour and state of each cell; the agent is at the bottom's middle and looks
+            up, and what it carries is in its own cell.
+    """
+    kinds = image[..., 0]
+    columns, rows = kinds.shape
+    x, y = columns // 2, rows - 1
+    if kinds[x, y] not in (_UNSEEN, _EMPTY):
+        yield f"You carry a {_name(image[x, y])}"
+    sight = {"forward": kinds[x, :y][::-1], "left": kinds[:x, y][::-1], "right": kinds[x + 1 :, y]}
+    for where, line in sight.items():
+        blocked = np.flatnonzero(line > _EMPTY)
+        if len(blocked) and line[blocked[0]] == _WALL:
+            yield f"a wall {_steps(int(blocked[0]) + 1, where)}"
+    for i, j in np.argwhere(kinds > _WALL):
+        if (i, j) != (x, y):
+            across = [_steps(abs(int(i) - x), "right" if i > x else "left")] if i != x else []
+            ahead = [_steps(y - int(j), "forward")] if j != y else []
+            yield f"a {_name(image[i, j])} {' and '.join(across + ahead)}"
+
+
+def _name(cell: NDArray[np.integer[Any]]) -> str:
+    kind, colour, state = map(int, cell)
+    thing = _KINDS[kind] if kind < len(_KINDS) else f"thing {kind}"
+    named = f"{_COLOURS[colour] if colour < len(_COLOURS) else 'colourless'} {thing}"
+    return f"{_DOORS[state]} {named}" if kind == _DOOR else named
+
+
+def _steps(count: int, where: str) -> str:
+    return f"{count} step{'s' if count > 1 else ''} {where}"

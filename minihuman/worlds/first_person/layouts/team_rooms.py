@@ -1,0 +1,158 @@
+"""Four rooms in first person for several bodies, which see each other and cannot walk through each other.
+
+The state has one agent, and a figure for each body: a coloured block with a grey face in front. An agent that acts or
+sees for a body takes its figure's place, and the figure is nowhere meanwhile.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.contract import Palette, View
+from minihuman.worlds.first_person import rules
+from minihuman.worlds.first_person.entities import Box
+from minihuman.worlds.first_person.layouts.connected_rooms import FourRooms
+from minihuman.worlds.first_person.rules import MOVES
+from minihuman.worlds.first_person.state import FirstPersonSnapshot
+from minihuman.worlds.options import check_one_of, check_whole
+from minihuman.worlds.pose import Map, Pose
+from minihuman.worlds.team import TeamStep, TeamWorld
+
+FIGURE_COLOURS = ("blue", "yellow", "purple", "green", "grey", "blue", "yellow", "purple")  # by body
+_NOWHERE = (math.nan, math.nan, math.nan)
+
+
+class _SharedRooms(FourRooms):
+    """FourRooms with a figure for each body; between steps the agent is in the first body's place."""
+
+    def __init__(self, bodies: int, **options: Any) -> None:
+        self.colours = FIGURE_COLOURS[:bodies]
+        super().__init__(trig=1, **options)  # the same on every machine
+
+    def build(self) -> None:
+        """Lay the rooms out, with the agent, and place the figures."""
+        super().build()
+        self.inside = 0  # which body the agent is
+        self.figures = [Box(colour, (0.56, 1.25, 0.56)) for colour in self.colours]
+        self.faces = [Box("grey", (0.2, 0.3, 0.36)) for _ in self.colours]
+        for body, (figure, face) in enumerate(zip(self.figures, self.faces, strict=True)):
+            self.place_entity(figure, pos=_NOWHERE, dir=0.0) if body == 0 else self.place_entity(figure)
+            self.place_entity(face, pos=_NOWHERE, dir=0.0)
+            self._turn_face(body)
+
+    def enter(self, body: int) -> None:
+        """Put the agent in a body's place, and a figure where it was."""
+        agent, old, new = self.agent, self.figures[self.inside], self.figures[body]
+        old.pos, old.dir = agent.pos, agent.dir
+        self._turn_face(self.inside)
+        agent.pos, agent.dir = new.pos, new.dir
+        new.pos, self.faces[body].pos = _NOWHERE, _NOWHERE
+        self.inside = body
+
+    def _turn_face(self, body: int) -> None:
+        """Put a face before its figure, at the height of eyes."""
+        figure, face = self.figures[body], self.faces[body]
+        figure.trig = 1
+        (x, _, z), (ahead_x, ahead_z) = figure.pos, figure.forward
+        face.pos, face.dir = (x + 0.2 * ahead_x, 0.9, z + 0.2 * ahead_z), figure.dir
+
+    def act_together(self, actions: Sequence[int]) -> tuple[list[float], bool, bool]:
+        """One joint step, body after body in this step's order: rewards, terminated, truncated."""
+        if self._stage is None or self._over:
+            raise WorldError("no episode is running; call reset() before step(), and again after each episode")
+        rewards, first = [0.0] * len(actions), self.step_count % len(actions)
+        self.step_count += 1
+        for k in range(len(actions)):
+            body = (first + k) % len(actions)
+            self.enter(body)
+            if actions[body] < len(self.action_names):
+                self.flat_state().step(self, actions[body], rules.ACT)
+            if self.near(self.box):
+                rewards[body] = self.success_reward()
+        self.enter(0)
+        terminated = any(rewards)
+        truncated = self.max_steps is not None and self.step_count >= self.max_steps
+        self._over = terminated or truncated
+        return rewards, terminated, truncated
+
+
+class TeamRooms(TeamWorld):
+    """Four rooms and a red box in first person: all search, and all earn when one finds it.
+
+    Args:
+        bodies: how many, 1 to 8.
+        max_steps: joint steps of an episode.
+        obs_width: width of an observation in pixels.
+        obs_height: height of an observation in pixels.
+        view: what a person sees: through the body's eyes ("partial") or the world from above ("full").
+    """
+
+    action_names = (*MOVES, "stay")
+    idle_action = len(MOVES)
+    mission = "find the red box: when one of you reaches it, all of you have won"
+
+    def __init__(
+        self,
+        *,
+        bodies: int = 2,
+        max_steps: int = 250,
+        obs_width: int = 80,
+        obs_height: int = 60,
+        view: View = "partial",
+    ) -> None:
+        self.bodies, self.max_steps = check_whole("bodies", bodies, 1, len(FIGURE_COLOURS)), max_steps
+        self.view: View = check_one_of("view", view, ("partial", "full"))
+        self._env = _SharedRooms(bodies, max_steps=max_steps, obs_width=obs_width, obs_height=obs_height)
+        self.observation_space = spaces.Box(0, 255, (obs_height, obs_width, 3), np.uint8)
+
+    def reset(self, seed: int) -> None:
+        """Begin a new episode."""
+        self._env.begin(seed=seed)
+
+    def step(self, actions: Sequence[int]) -> TeamStep:
+        """Make one joint step; bodies act one after the other, the first by the steps taken so far."""
+        self.check_actions(actions)
+        rewards, terminated, truncated = self._env.act_together(actions)
+        return TeamStep((sum(rewards),) * self.bodies, terminated, truncated)
+
+    def observation(self, body: int) -> NDArray[np.uint8]:
+        """What a body sees, uint8[obs_height, obs_width, 3]."""
+        return self._draw(body, self._env.see)
+
+    def frame(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> NDArray[np.uint8]:
+        """What a person in this body sees, of exactly this size."""
+        return self._draw(body, lambda: self._env.picture(view=self.view, size_px=(width, height), palette=palette))
+
+    def _draw(self, body: int, draw: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
+        self._env.enter(check_whole("body", body, 0, self.bodies - 1))
+        picture = draw()
+        self._env.enter(0)
+        return picture
+
+    def pose(self, body: int) -> Pose:
+        """Where a body's feet are, metres, and where it heads."""
+        check_whole("body", body, 0, self.bodies - 1)
+        it = self._env.figures[body] if body else self._env.agent
+        return Pose(*it.pos, it.dir)
+
+    def map(self) -> Map:
+        """Walls, and the box."""
+        plan = self._env.map()
+        return Map(plan.unit, plan.bounds, plan.walls, plan.things[:1])  # the box was placed before all figures
+
+    def state_hash(self) -> int:
+        """A uint64 over rooms, bodies, step count and random stream."""
+        return self._env.state_hash()
+
+    def save(self) -> FirstPersonSnapshot:
+        """An exact copy of the state in mid-episode."""
+        return self._env.save()
+
+    def restore(self, saved: FirstPersonSnapshot) -> None:
+        """Go back to a saved state."""
+        self._env.restore(saved)

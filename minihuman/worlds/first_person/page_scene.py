@@ -1,0 +1,149 @@
+"""What a page needs of a first-person world: its state in flat arrays, and its scene, cut down to what is in it."""
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.worlds.contract import Palette
+from minihuman.worlds.first_person import rules
+from minihuman.worlds.first_person.render.assets import join, pack, size_table
+from minihuman.worlds.first_person.render.drawing import half_view, turn
+from minihuman.worlds.first_person.render.kernel_tables import F64, FIRST, I32, LAST, FaceTable, TextureTable
+from minihuman.worlds.first_person.render.scene import SceneTables
+from minihuman.worlds.first_person.render.texture import MOST_SIZES
+from minihuman.worlds.first_person.render.visibility import packed_faces
+from minihuman.worlds.rng import RngState, read_rng_state
+
+if TYPE_CHECKING:
+    from minihuman.worlds.first_person.env import FirstPersonEnv
+
+
+class PageState(NamedTuple):
+    """The arrays of `rules.step`, and of how many things the scene is made."""
+
+    things: F64
+    numbers: F64
+    walls: F64
+    rng_state: RngState
+    rooms: F64
+    edges: F64
+    looks: int
+
+
+class PageScene(NamedTuple):
+    """Arrays by the names of `cover`'s and `colour`'s parameters, and the pixels of each texture, uint8[h, w, 3]."""
+
+    tables: dict[str, NDArray[np.generic]]
+    textures: tuple[NDArray[np.uint8], ...]
+
+
+def copy_state(env: "FirstPersonEnv") -> tuple[F64, F64, RngState]:
+    """What a step changes: things, numbers, and the random stream, all 0 where no step draws from it."""
+    flat, rng_state = env.flat_state(), np.zeros(6, np.uint64)
+    numbers = flat.numbers.copy()
+    numbers[rules.STEPS] = env.step_count
+    if flat.score:
+        numbers[rules.SCORE] = getattr(env, flat.score)
+    if numbers[rules.DRAWS]:
+        read_rng_state(env.np_random, rng_state)
+    return flat.things.copy(), numbers, rng_state
+
+
+def describe(env: "FirstPersonEnv", palette: Palette, size_px: tuple[int, int]) -> tuple[PageState, PageScene]:
+    """An episode's state and its scene as a page takes them; pictures of it may have any size."""
+    shown, target = env.staged(palette, size_px)
+    things, numbers, rng_state = copy_state(env)
+    places = {id(thing): number for number, thing in enumerate(shown)}
+    things[:, rules.LOOK] = [places.get(id(thing), -1) for thing in env.flat_state().listed]
+    agent, floor = env.agent, env.stage.floor
+    numbers[rules.CAMERA_AHEAD] = agent.cam_fwd_disp
+    numbers[rules.COS_PITCH : rules.SIN_PITCH + 1] = turn(agent.cam_pitch * (math.pi / 180), agent.trig)
+    numbers[rules.TAN_FOV] = half_view(agent.cam_fov_y, agent.trig)
+    numbers[rules.SHADOWS] = len(shown) if target.layout.thing_count > len(shown) else 0
+    outlines = [
+        (room.outline.min_x, room.outline.max_x, room.outline.min_z, room.outline.max_z) for room in floor.rooms
+    ]
+    rooms = np.column_stack((floor.room_weights, outlines, floor.first_edge[:-1], floor.first_edge[1:]))
+    edges = np.ascontiguousarray(floor.edges[:, (0, 1, 5, 6)])
+    state = PageState(things, numbers, floor.walls, rng_state, rooms, edges, target.layout.thing_count)
+    return state, cut_scene(target.layout, target.view.copy())
+
+
+def cut_scene(layout: SceneTables, view: F64) -> PageScene:
+    """Keep of a scene's tables the faces and textures that it shows; they have other numbers then.
+
+    Args:
+        layout: The scene.
+        view: What of it does not change: light and sky.
+    """
+    room_floats, room_wholes = (each.copy() for each in layout.packed_rooms)
+    things, library = layout.things.copy(), _unpacked(*layout.packed_library)
+    faces, places = pack([], []), {}
+    for row in things:
+        first, last = int(row[FIRST]), int(row[LAST])
+        if (first, last) not in places:
+            places[first, last] = len(faces.texture)
+            faces = join(faces, _part(library, first, last))
+        row[FIRST] = places[first, last]
+        row[LAST] = row[FIRST] + last - first
+    count = int(room_wholes[1])
+    of_rooms = room_wholes[3 + count : 3 + 2 * count]  # a view: the rooms' tables follow
+    shown = [int(row) for row in np.unique(np.concatenate([of_rooms, faces.texture])) if row >= 0]
+    numbers = {row: number for number, row in enumerate(shown)}
+    for textures in (of_rooms, faces.texture):
+        textures[:] = [numbers.get(int(row), int(row)) for row in textures]
+    pixels = tuple(_pixels(layout.textures, row) for row in shown)
+    begin, table = 0, np.zeros((len(shown), MOST_SIZES, 2), np.uint32)
+    for number, each in enumerate(pixels):
+        table[number] = size_table(each.shape[1], each.shape[0], begin)
+        begin = int(table[number, int(table[number, -1, 1]), 0]) + 9
+    floats, wholes = packed_faces(faces)
+    limits = np.array([layout.capacity, layout.most_corners, len(layout.rooms.bounds), begin], np.int32)
+    return PageScene(
+        {
+            "room_floats": room_floats,
+            "room_wholes": room_wholes,
+            "library_floats": floats,
+            "library_wholes": wholes,
+            "things": things,
+            "table": table.ravel(),
+            "view": view,
+            "limits": limits,
+        },
+        pixels,
+    )
+
+
+def _unpacked(floats: F64, wholes: I32) -> FaceTable:
+    corners, faces = int(wholes[0]), int(wholes[1])
+    sizes = np.cumsum([3 * corners, 2 * corners, 3 * corners, 3 * faces, 4 * faces])
+    position, place, normal, colour, plane = np.split(floats[: sizes[-1]], sizes[:-1])
+    return FaceTable(
+        wholes[2 : 3 + faces],
+        position.reshape(-1, 3),
+        place.reshape(-1, 2),
+        normal.reshape(-1, 3),
+        colour.reshape(-1, 3),
+        wholes[3 + faces : 3 + 2 * faces],
+        plane.reshape(-1, 4),
+    )
+
+
+def _part(faces: FaceTable, first: int, last: int) -> FaceTable:
+    a, b = int(faces.start[first]), int(faces.start[last])
+    start, position, place, normal, colour, texture, plane = faces
+    own = slice(first, last)
+    return FaceTable(
+        start[first : last + 1] - a, position[a:b], place[a:b], normal[a:b], colour[own], texture[own], plane[own]
+    )
+
+
+def _pixels(textures: TextureTable, row: int) -> NDArray[np.uint8]:
+    """The largest size of a texture, first row on top."""
+    begin, extents = (int(number) for number in textures.table[2 * MOST_SIZES * row :][:2])
+    width, height = extents & 0xFFFF, extents >> 16
+    ringed = textures.texels[begin : begin + (width + 2) * (height + 2)].reshape(height + 2, width + 2)
+    inner = np.ascontiguousarray(ringed[-2:0:-1, 1:-1])
+    return np.ascontiguousarray(inner.view(np.uint8).reshape(height, width, 4)[..., :3])

@@ -1,0 +1,53 @@
+"""Termination rules: what a step earns and when an episode ends, by the rules that kernels know.
+
+A world that returns one from `termination_rule` is stepped by kernels alone, so a page can compute it, too.
+"""
+
+from typing import NamedTuple
+
+from minihuman.worlds.first_person.entities import Entity
+from minihuman.worlds.first_person.rooms import Room
+from minihuman.worlds.first_person.rules import FACE, GOAL, HEALTH, NEVER, PUT_NEXT, SIGN, TAKE_ALL
+
+
+class TerminationRule(NamedTuple):
+    """A rule, and what it is about; made by the functions of this module."""
+
+    kind: int = NEVER
+    things: tuple[Entity, ...] = ()
+    numbers: tuple[float, ...] = ()
+    score: str = ""  # the world's attribute that it counts in
+
+
+def near_goal(goal: Entity, *, forbidden: Room | None = None) -> TerminationRule:
+    """End near a thing, which earns 1 down to 0.8; or in a forbidden room, for nothing."""
+    edges = () if forbidden is None else forbidden.outline.edges
+    return TerminationRule(GOAL, (goal,), tuple(part for edge in edges for part in (*edge.start, *edge.normal)))
+
+
+def pick_up_all(count: int, *, score: str) -> TerminationRule:
+    """Earn 1 for each thing picked up, which is gone then; end after so many."""
+    return TerminationRule(TAKE_ALL, (), (float(count),), score)
+
+
+def put_next(one: Entity, other: Entity) -> TerminationRule:
+    """End when nothing is carried and two things are near each other, which earns 1 down to 0.8."""
+    return TerminationRule(PUT_NEXT, (one, other))
+
+
+def stay_alive(*, score: str, cost: float, full: float, reward: float, penalty: float) -> TerminationRule:
+    """Pay for each step with health, all of which a thing that is picked up gives back; end without any.
+
+    The thing turns up elsewhere. A step earns ``reward``, the last one ``penalty``.
+    """
+    return TerminationRule(HEALTH, (), (cost, full, reward, penalty), score)
+
+
+def touch_right_one(things: tuple[Entity, ...], right: int) -> TerminationRule:
+    """End near one of the things, the last of several counting: 1 for the right one, -1 for another; or by "done"."""
+    return TerminationRule(SIGN, things, (float(right),))
+
+
+def face(goal: Entity, *, reach_m: float, tolerance_m: float) -> TerminationRule:
+    """End where a point so far ahead is within a tolerance of a thing, which earns 1 down to 0.8."""
+    return TerminationRule(FACE, (goal,), (reach_m, tolerance_m))

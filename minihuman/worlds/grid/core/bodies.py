@@ -1,0 +1,326 @@
+"""What a joint action does in a grid with several bodies.
+
+The row of a team is the classic row with five numbers appended for each body from the second on: column, line,
+direction, what it carries, and a scratch number that is 0 between steps. The first body stays in the header, so a row
+of one body is the classic row. Every rule for one body is used as it stands: a body acts and sees from the header.
+
+The rule of moves, which `docs/team-worlds.md` repeats for readers:
+
+1. All turns are made.
+2. All steps forward are judged by the grid as it was. Of several bodies that want one cell, only the first in this
+   step's order gets it. A body enters a cell that another leaves in the same step, and three or more go round in a
+   circle; two never pass through each other, and where a body stays, none enters.
+3. Hands act one after the other, in the order of the step, on what is in front of them then; not on a cell in which
+   another body stands.
+
+The order begins with the body whose number is the steps taken so far, modulo the number of bodies.
+
+Tasks of teams, beside `rewards.REACH` (a body on any goal ends the episode, and earns):
+
+- `OWN_GOALS`: each body earns on reaching the goal of its colour, and stays there; all there end the episode.
+- `CARRY`: a load that nobody lifts alone. Two take it from opposite sides ("pickup"), and it moves where they agree:
+  both sideways the same way, or one forward while the other stays, and so goes backwards. "drop" lets go. All earn
+  when it comes to a goal.
+- `HIDE`: body 0 seeks, and stands still for the first steps. From then on, each step that it sees another earns it
+  1/max_steps and costs the others as much; a step that it sees none, the reverse.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.worlds.grid.core.cells import (
+    AGENT,
+    BLUE,
+    EMPTY,
+    GOAL,
+    GREEN,
+    GREY,
+    LAVA,
+    PURPLE,
+    RED,
+    YELLOW,
+    ahead,
+    colour_of,
+    identity_of,
+    kind_of,
+)
+from minihuman.worlds.grid.core.rewards import DROP, FORWARD, LEFT, PICKUP, REACH, RIGHT, success_reward
+from minihuman.worlds.grid.core.rules import NO_SUCH_ACTION, NOT_PLAYING, apply, close
+from minihuman.worlds.grid.core.state import (
+    ACTIONS,
+    DIRECTION,
+    HEADER,
+    HEIGHT,
+    MAX_STEPS,
+    PHASE,
+    PLAYING,
+    STEP,
+    TARGET,
+    TASK,
+    WIDTH,
+    Row,
+    X,
+    can_enter,
+    cell_at,
+    lift,
+    put,
+    row_length,
+)
+from minihuman.worlds.grid.core.view import see
+from minihuman.worlds.kernels import device_function, inline, kernel
+
+MAX_BODIES = 8
+BLOCK = 5  # numbers of each body after the first: x, y, direction, carrying (as in the header), scratch
+SCRATCH = 4
+STAY = 6  # the seventh action, Minigrid's "done"
+OWN_GOALS, CARRY, HIDE = 10, 11, 12  # tasks; CARRY's target is the load's identity, HIDE's the steps of a head start
+TEAM_ACTION_NAMES = ("left", "right", "forward", "pickup", "drop", "toggle", "stay")
+BODY_COLOURS = (RED, BLUE, YELLOW, PURPLE, GREEN, GREY, RED, BLUE)  # by body
+
+
+def team_row_length(width: int, height: int, bodies: int) -> int:
+    """How many numbers the state of a team's grid takes."""
+    return row_length(width, height) + BLOCK * (bodies - 1)
+
+
+@inline
+def body_index(row: Row, body: int) -> int:
+    """Where in the row a body's column is; line, direction and what it carries follow."""
+    return X if body == 0 else HEADER + 3 * row[WIDTH] * row[HEIGHT] + BLOCK * (body - 1)
+
+
+@kernel("int64(int32[::1])")
+def count_bodies(row: Row) -> int:
+    """How many bodies the row holds."""
+    return 1 + (len(row) - HEADER - 3 * row[WIDTH] * row[HEIGHT]) // BLOCK
+
+
+@device_function("void(int32[::1], int64)")
+def exchange(row: Row, body: int) -> None:
+    """Exchange a body with the one in the header, where rules for one body act and see. Twice changes nothing."""
+    at = body_index(row, body)
+    for k in range(4):
+        row[X + k], row[at + k] = row[at + k], row[X + k]
+
+
+@device_function("int64(int32[::1], int64, int64, int64)")
+def body_at(row: Row, bodies: int, x: int, y: int) -> int:
+    """Which body stands in a cell; -1 for none."""
+    for body in range(bodies):
+        at = body_index(row, body)
+        if row[at] == x and row[at + 1] == y:
+            return body
+    return -1
+
+
+@device_function("UniTuple(int64, 2)(int32[::1], int64)")
+def cell_before(row: Row, body: int) -> tuple[int, int]:
+    """The cell in front of a body."""
+    at = body_index(row, body)
+    return ahead(row[at], row[at + 1], row[at + 2])
+
+
+@device_function("boolean(int32[::1], int64)")
+def is_home(row: Row, body: int) -> bool:
+    """Whether a body stands on the goal of its colour, where that is its task."""
+    at = body_index(row, body)
+    code = cell_at(row, row[at], row[at + 1])
+    return row[TASK] == OWN_GOALS and kind_of(code) == GOAL and colour_of(code) == BODY_COLOURS[body]
+
+
+@device_function("boolean(int32[::1], int64)")
+def holds_load(row: Row, body: int) -> bool:
+    """Whether a body has its hands on the load."""
+    held = row[body_index(row, body) + 3]
+    return row[TASK] == CARRY and held != EMPTY and identity_of(held) == row[TARGET]
+
+
+@device_function()
+def free_action(row: Row, actions: NDArray[np.int64], body: int) -> int:
+    """A body's action, STAY where its task holds it."""
+    waits = row[TASK] == HIDE and body == 0 and row[STEP] <= row[TARGET]
+    if waits or is_home(row, body) or (holds_load(row, body) and actions[body] != DROP):
+        return STAY
+    return actions[body]
+
+
+@device_function()
+def move_bodies(row: Row, actions: NDArray[np.int64], first: int) -> int:
+    """Move those that go forward and can: a bit for each body that moved."""
+    bodies = len(actions)
+    moving = 0
+    for k in range(bodies):
+        body = (first + k) % bodies
+        if free_action(row, actions, body) != FORWARD:
+            continue
+        x, y = cell_before(row, body)
+        free = can_enter(row, cell_at(row, x, y))
+        for other in range(bodies):
+            if moving >> other & 1 and cell_before(row, other) == (x, y):
+                free = False
+        if free:
+            moving |= 1 << body
+    changed = True
+    while changed:
+        changed = False
+        for body in range(bodies):
+            if moving >> body & 1:
+                x, y = cell_before(row, body)
+                other = body_at(row, bodies, x, y)
+                if other >= 0:
+                    at = body_index(row, body)
+                    if not moving >> other & 1 or cell_before(row, other) == (row[at], row[at + 1]):
+                        moving &= ~(1 << body)
+                        changed = True
+    for body in range(bodies):
+        if moving >> body & 1:
+            at = body_index(row, body)
+            row[at], row[at + 1] = cell_before(row, body)
+    return moving
+
+
+@device_function("int64(int32[::1], int64, int64)")
+def heading(row: Row, body: int, action: int) -> int:
+    """The direction in which a body that holds the load would have it go; -1 for none."""
+    if action > FORWARD:
+        return -1
+    return (row[body_index(row, body) + 2] + (3 if action == LEFT else 1 if action == RIGHT else 0)) % 4
+
+
+@device_function()
+def carry_load(row: Row, actions: NDArray[np.int64]) -> bool:
+    """Move the load and the two that hold it where they agree; whether it came to a goal."""
+    bodies = len(actions)
+    one = other = -1
+    for body in range(bodies):
+        if holds_load(row, body):
+            one, other = other, body
+    if one < 0:
+        return False
+    mine, its = body_index(row, one), body_index(row, other)
+    x, y = cell_before(row, one)
+    if cell_before(row, other) != (x, y) or row[mine + 2] ^ 2 != row[its + 2]:
+        return False
+    way, its_way = heading(row, one, actions[one]), heading(row, other, actions[other])
+    forward = (actions[one] == FORWARD and actions[other] == STAY) or (
+        actions[other] == FORWARD and actions[one] == STAY
+    )
+    if way < 0:
+        way = its_way
+    if way < 0 or not (forward or way == its_way):
+        return False
+    for k in range(-1, 2):  # the cells of body, load and body, and where each goes
+        here_x, here_y = (x, y) if k == 0 else (row[mine], row[mine + 1]) if k < 0 else (row[its], row[its + 1])
+        to_x, to_y = ahead(here_x, here_y, way)
+        own = (to_x, to_y) == (x, y) or body_at(row, bodies, to_x, to_y) in (one, other)
+        if not own and (not can_enter(row, cell_at(row, to_x, to_y)) or body_at(row, bodies, to_x, to_y) >= 0):
+            return False
+    to_x, to_y = ahead(x, y, way)
+    arrived = kind_of(cell_at(row, to_x, to_y)) == GOAL
+    put(row, to_x, to_y, lift(row, x, y))
+    row[mine], row[mine + 1] = ahead(row[mine], row[mine + 1], way)
+    row[its], row[its + 1] = ahead(row[its], row[its + 1], way)
+    return arrived
+
+
+@device_function()
+def use_hands(row: Row, body: int, action: int) -> None:
+    """Do what a body's hands do in front of it; its hands only close around the load, and open."""
+    at = body_index(row, body)
+    x, y = cell_before(row, body)
+    if row[TASK] == CARRY and identity_of(cell_at(row, x, y)) == row[TARGET]:
+        if action == PICKUP and row[at + 3] == EMPTY:
+            row[at + 3] = cell_at(row, x, y)
+        elif action == DROP and holds_load(row, body):
+            row[at + 3] = EMPTY
+    elif body_at(row, count_bodies(row), x, y) < 0:
+        exchange(row, body)
+        apply(row, action)
+        exchange(row, body)
+
+
+@kernel(hold_gil=True)
+def act_team(row: Row, actions: NDArray[np.int64], rewards: NDArray[np.float64]) -> int:
+    """Make one joint step without looking, writing each body's reward; the status as `rules.step` returns it."""
+    bodies = len(actions)
+    if row[PHASE] != PLAYING:
+        return NOT_PLAYING
+    for body in range(bodies):
+        if actions[body] < 0 or actions[body] >= row[ACTIONS]:
+            return NO_SUCH_ACTION
+    first = row[STEP] % bodies
+    row[STEP] += 1
+    rewards[:] = 0.0
+    ended = row[TASK] == CARRY and carry_load(row, actions)
+    if ended:
+        rewards[:] = success_reward(row)
+    for body in range(bodies):
+        action = free_action(row, actions, body)
+        if action <= RIGHT:
+            at = body_index(row, body)
+            row[at + 2] = (row[at + 2] + (3 if action == LEFT else 1)) % 4
+    moved = move_bodies(row, actions, first)
+    home = 0
+    for body in range(bodies):
+        at = body_index(row, body)
+        kind = kind_of(cell_at(row, row[at], row[at + 1]))
+        home += is_home(row, body)
+        if moved >> body & 1:
+            if is_home(row, body) or (kind == GOAL and row[TASK] == REACH):
+                rewards[body] = success_reward(row)
+            ended |= kind == LAVA or (kind == GOAL and row[TASK] == REACH)
+    ended |= home == bodies
+    for k in range(bodies):
+        body = (first + k) % bodies
+        action = free_action(row, actions, body)
+        if FORWARD < action < STAY:
+            use_hands(row, body, action)
+    return close(row, ended)
+
+
+@kernel(hold_gil=True)
+def see_body(row: Row, body: int, image: NDArray[np.uint8]) -> None:
+    """Fill ``image`` with a body's view, as `view.see` does; other bodies are agents in their colours.
+
+    Their direction is as the viewer sees it: 3 (up) looks the same way as the viewer does.
+    """
+    bodies = count_bodies(row)
+    exchange(row, body)
+    for k in range(1, bodies):
+        at = body_index(row, k)
+        cell = HEADER + row[at] * row[HEIGHT] + row[at + 1]
+        facing = (row[at + 2] - row[DIRECTION] + 3) % 4
+        row[at + SCRATCH] = row[cell]
+        row[cell] = AGENT | BODY_COLOURS[0 if k == body else k] << 4 | facing << 7
+    see(row, image)
+    for k in range(bodies - 1, 0, -1):
+        at = body_index(row, k)
+        row[HEADER + row[at] * row[HEIGHT] + row[at + 1]] = row[at + SCRATCH]
+        row[at + SCRATCH] = 0
+    exchange(row, body)
+
+
+@kernel(hold_gil=True)
+def step_team(row: Row, actions: NDArray[np.int64], images: NDArray[np.uint8], rewards: NDArray[np.float64]) -> int:
+    """Make one joint step and see its result: ``images`` is uint8[bodies, size, size, 3]."""
+    status = act_team(row, actions, rewards)
+    if status >= 0:
+        for body in range(len(actions)):
+            see_body(row, body, images[body])
+        if row[TASK] == HIDE and row[STEP] > row[TARGET]:
+            seen = False
+            for i in range(images.shape[1]):
+                for j in range(images.shape[2]):
+                    seen |= images[0, i, j, 0] == AGENT
+            rewards[:] = (-1.0 if seen else 1.0) / row[MAX_STEPS]
+            rewards[0] = -rewards[0]
+    return status
+
+
+@kernel()
+def clear_bodies(row: Row) -> None:
+    """Take every body but the first off the grid, as `state.clear` does with that one."""
+    for body in range(1, count_bodies(row)):
+        at = body_index(row, body)
+        row[at] = row[at + 1] = row[at + 2] = -1
+        row[at + 3] = EMPTY

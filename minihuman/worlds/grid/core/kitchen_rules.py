@@ -1,0 +1,302 @@
+"""The kitchen's dynamics as kernels on one row of int32: cooks, counters, pots, and what lies on them.
+
+Source: Overcooked-AI 1.1.0 (Carroll et al., 2019, https://arxiv.org/abs/1910.05789), whose order of effects is kept:
+hands act cook by cook, then all move, and stay where they were if any two would meet or pass through each other, then
+pots cook. By the rules of 2019, with which its human data were recorded, a pot starts by itself at the third
+ingredient, takes one kind only, and its clock goes on when the soup is ready.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.worlds.kernels import device_function, inline, kernel
+
+Row = NDArray[np.int32]
+
+WIDTH, HEIGHT, COOKS, STEP, MAX_STEPS, PHASE = range(6)
+AUTOMATIC = 6  # 1: the rules of 2019
+VALUES = 7  # by recipe (onions + 4 * tomatoes): what delivering it earns
+TIMES = VALUES + 16  # by recipe: steps that it cooks
+COOK = TIMES + 16  # four numbers a cook: column, line, direction, what it holds; then terrain, then what lies there
+
+NEW, PLAYING, OVER = range(3)
+ENDED, EARNED = 1, 2  # bits of a step's status
+UP, DOWN, RIGHT, LEFT, STAY, INTERACT = range(6)
+FLOOR, POT, COUNTER, ONIONS, TOMATOES, DISHES, HATCH = range(7)  # terrain
+NOTHING, ONION, TOMATO, DISH, SOUP = range(5)  # kinds of things; of a soup the bits above say more
+FULL = 3  # ingredients
+BASE_LAYERS = 16  # of an observation, besides five a cook
+URGENT = 40  # steps before the end from which on the last layer is 1
+PLACED, DISH_TAKEN, SOUP_TAKEN = 3.0, 3.0, 5.0  # shaping rewards
+
+
+def kitchen_row_length(width: int, height: int, cooks: int) -> int:
+    """How many numbers the state of a kitchen takes."""
+    return COOK + 4 * cooks + 2 * width * height
+
+
+@inline
+def terrain_index(row: Row) -> int:
+    """Where in the row the terrain begins, cell by cell (x * height + y)."""
+    return COOK + 4 * row[COOKS]
+
+
+@inline
+def soup(onions: int, tomatoes: int, clock: int) -> int:
+    """A soup's number: its clock is -1 until it cooks, then the steps it has."""
+    return SOUP | onions << 3 | tomatoes << 5 | clock + 1 << 7
+
+
+@inline
+def kind_of(thing: int) -> int:
+    """What kind of thing a number is."""
+    return thing & 7
+
+
+@inline
+def onions_in(thing: int) -> int:
+    """A soup's onions."""
+    return thing >> 3 & 3
+
+
+@inline
+def tomatoes_in(thing: int) -> int:
+    """A soup's tomatoes."""
+    return thing >> 5 & 3
+
+
+@inline
+def clock_of(thing: int) -> int:
+    """A soup's clock."""
+    return (thing >> 7) - 1
+
+
+@inline
+def recipe_of(thing: int) -> int:
+    """A soup's recipe: onions + 4 * tomatoes."""
+    return thing >> 3 & 15
+
+
+@device_function()
+def is_ready(row: Row, thing: int) -> bool:
+    """Whether a soup is done."""
+    return clock_of(thing) >= row[TIMES + recipe_of(thing)]
+
+
+@inline
+def ahead(x: int, y: int, direction: int) -> tuple[int, int]:
+    """The next cell in a direction: up, down, right, left."""
+    return x + (direction == RIGHT) - (direction == LEFT), y + (direction == DOWN) - (direction == UP)
+
+
+@device_function()
+def destination(row: Row, cook: int, action: int) -> tuple[int, int]:
+    """Where a cook stands after its action if nobody is in its way."""
+    at = COOK + 4 * cook
+    x, y = row[at], row[at + 1]
+    if action < STAY:
+        i, j = ahead(x, y, action)
+        if row[terrain_index(row) + i * row[HEIGHT] + j] == FLOOR:
+            return i, j
+    return x, y
+
+
+@device_function()
+def interact(row: Row, cook: int, active_pots: int, outcomes: NDArray[np.float64]) -> None:
+    """Do what a cook's hands do to the cell in front."""
+    cooks, at = row[COOKS], COOK + 4 * cook
+    cells, terrains = row[WIDTH] * row[HEIGHT], terrain_index(row)
+    x, y = ahead(row[at], row[at + 1], row[at + 2])
+    cell = terrains + x * row[HEIGHT] + y
+    terrain, here = row[cell], cell + cells
+    held, thing = row[at + 3], row[here]
+    if terrain == COUNTER:
+        if (held == NOTHING) != (thing == NOTHING):
+            row[at + 3], row[here] = thing, held
+    elif terrain == HATCH:
+        if kind_of(held) == SOUP:
+            outcomes[cook] += row[VALUES + recipe_of(held)]
+            row[at + 3] = NOTHING
+    elif terrain == POT:
+        if held == NOTHING:
+            if thing != NOTHING and clock_of(thing) < 0 and row[AUTOMATIC] == 0:
+                row[here] = soup(onions_in(thing), tomatoes_in(thing), 0)
+        elif held == DISH:
+            if thing != NOTHING and clock_of(thing) >= 0 and is_ready(row, thing):
+                row[at + 3], row[here] = thing, NOTHING
+                outcomes[cooks + cook] += SOUP_TAKEN
+        elif kind_of(held) != SOUP:
+            onions, tomatoes = onions_in(thing), tomatoes_in(thing)
+            clock = clock_of(thing) if thing != NOTHING else -1
+            mixes = row[AUTOMATIC] == 1 and (tomatoes > 0 if held == ONION else onions > 0)
+            if clock < 0 and onions + tomatoes < FULL and not mixes:
+                onions, tomatoes = onions + (held == ONION), tomatoes + (held == TOMATO)
+                starts = row[AUTOMATIC] == 1 and onions + tomatoes == FULL
+                row[here] = soup(onions, tomatoes, 0 if starts else -1)
+                row[at + 3] = NOTHING
+                outcomes[cooks + cook] += PLACED
+    elif terrain != FLOOR and held == NOTHING:
+        if terrain == DISHES and cooks == 2:
+            dishes, on_counters = 0, False
+            for other in range(cooks):
+                dishes += row[COOK + 4 * other + 3] == DISH
+            for k in range(terrains, terrains + cells):
+                on_counters |= row[k] == COUNTER and row[k + cells] == DISH
+            if dishes < active_pots and not on_counters:
+                outcomes[cooks + cook] += DISH_TAKEN
+        row[at + 3] = terrain - ONIONS + ONION
+
+
+@device_function()
+def move_cooks(row: Row, actions: NDArray[np.int64]) -> None:
+    """Turn and move all cooks; where any two collide, none moves."""
+    collide = False
+    for cook in range(row[COOKS]):
+        new = destination(row, cook, actions[cook])
+        for other in range(cook):
+            its_new = destination(row, other, actions[other])
+            at, its = COOK + 4 * cook, COOK + 4 * other
+            crossed = new == (row[its], row[its + 1]) and its_new == (row[at], row[at + 1])
+            collide |= new == its_new or crossed
+    for cook in range(row[COOKS]):
+        at = COOK + 4 * cook
+        if not collide:
+            row[at], row[at + 1] = destination(row, cook, actions[cook])
+        if actions[cook] < STAY:
+            row[at + 2] = actions[cook]
+
+
+@kernel(hold_gil=True)
+def step_kitchen(row: Row, actions: NDArray[np.int64], outcomes: NDArray[np.float64], images: NDArray[np.uint8]) -> int:
+    """Make one joint step and observe its result.
+
+    Args:
+        row: The state.
+        actions: One a cook.
+        outcomes: Gets what each cook's deliveries earned, then each cook's shaping reward.
+        images: Gets each cook's observation, as `observe` writes it.
+
+    Returns:
+        Bits: `ENDED` and, where `outcomes` are not all 0, `EARNED`. -1 where no episode is played and -2 for an action
+        there is not: nothing changes.
+    """
+    if row[PHASE] != PLAYING:
+        return -1
+    cooks = row[COOKS]
+    for cook in range(cooks):
+        if actions[cook] < 0 or actions[cook] > INTERACT:
+            return -2
+    terrains, cells = terrain_index(row), row[WIDTH] * row[HEIGHT]
+    outcomes[:] = 0.0
+    active_pots = 0
+    for k in range(terrains, terrains + cells):
+        if row[k] == POT and row[k + cells] != NOTHING:
+            thing = row[k + cells]
+            active_pots += clock_of(thing) >= 0 or onions_in(thing) + tomatoes_in(thing) < FULL
+    for cook in range(cooks):
+        if actions[cook] == INTERACT:
+            interact(row, cook, active_pots, outcomes)
+    move_cooks(row, actions)
+    for k in range(terrains, terrains + cells):
+        if row[k] == POT and row[k + cells] != NOTHING:
+            thing = row[k + cells]
+            if clock_of(thing) >= 0 and (row[AUTOMATIC] == 1 or not is_ready(row, thing)):
+                row[k + cells] = soup(onions_in(thing), tomatoes_in(thing), clock_of(thing) + 1)
+    row[STEP] += 1
+    if row[STEP] >= row[MAX_STEPS]:
+        row[PHASE] = OVER
+    observe(row, images)
+    status = ENDED if row[PHASE] == OVER else 0
+    for k in range(2 * cooks):
+        if outcomes[k] != 0:
+            status |= EARNED
+    return status
+
+
+@device_function()
+def observe_thing(row: Row, thing: int, in_pot: bool, image: NDArray[np.uint8], at: int) -> None:
+    """Add a thing to the layers of its cell, from ``at`` on: onions, tomatoes, cooking soup, done soup, dishes, ..."""
+    kind = kind_of(thing)
+    if kind == SOUP:
+        clock = clock_of(thing)
+        cooked = 2 if clock >= 0 or not in_pot else 0
+        image[at + cooked] = onions_in(thing)
+        image[at + cooked + 1] = tomatoes_in(thing)
+        if in_pot and clock >= 0:
+            image[at + 4] = max(0, row[TIMES + recipe_of(thing)] - clock)
+        if not in_pot or (clock >= 0 and is_ready(row, thing)):
+            image[at + 5] = 1
+    elif kind == DISH:
+        image[at + 6] = 1
+    elif kind == ONION:
+        image[at + 7] = 1
+    elif kind == TOMATO:
+        image[at + 8] = 1
+
+
+@kernel(hold_gil=True)
+def observe(row: Row, images: NDArray[np.uint8]) -> None:
+    """Fill what each cook observes, uint8[cooks, width * height * layers].
+
+    Layers are of the whole kitchen, in the order of Overcooked-AI's lossless encoding: where each cook is, the
+    observer first, then each cook's four directions, pots, counters, onions, tomatoes, dishes and hatches; onions and
+    tomatoes in waiting pots, onions and tomatoes in cooking or cooked soups, steps a soup still cooks, soups done,
+    dishes, onions, tomatoes, and 1 everywhere in the last forty steps.
+    """
+    cooks, cells = row[COOKS], row[WIDTH] * row[HEIGHT]
+    terrains, layers = terrain_index(row), 5 * cooks + BASE_LAYERS
+    urgent = row[MAX_STEPS] - row[STEP] < URGENT
+    first = images[0]
+    first[:] = 0
+    for cell in range(cells):
+        base = cell * layers + 5 * cooks
+        terrain, thing = row[terrains + cell], row[terrains + cells + cell]
+        if terrain != FLOOR:
+            first[base + terrain - 1] = 1
+            if thing != NOTHING:
+                observe_thing(row, thing, terrain == POT, first, base + 6)
+        if urgent:
+            first[base + 15] = 1
+    for cook in range(cooks):
+        at = COOK + 4 * cook
+        if row[at + 3] != NOTHING:
+            cell = row[at] * row[HEIGHT] + row[at + 1]
+            observe_thing(row, row[at + 3], False, first, cell * layers + 5 * cooks + 6)
+    for viewer in range(cooks - 1, -1, -1):
+        image = images[viewer]
+        if viewer > 0:
+            for k in range(cells * layers):
+                image[k] = first[k]
+        for cook in range(cooks):
+            at = COOK + 4 * cook
+            base = (row[at] * row[HEIGHT] + row[at + 1]) * layers
+            place = 0 if cook == viewer else cook + (cook < viewer)
+            image[base + place] = 1
+            image[base + cooks + 4 * place + row[at + 2]] = 1
+
+
+@kernel(nogil=True)
+def step_kitchens(
+    rows: Row,
+    start: Row,
+    actions: NDArray[np.int64],
+    outcomes: NDArray[np.float64],
+    images: NDArray[np.uint8],
+    ends: NDArray[np.bool_],
+) -> int:
+    """`step_kitchen` for each row; an episode that ends is begun anew at once, and ``images`` show its beginning.
+
+    Returns:
+        -1, or the first kitchen that is given an action there is not: then none was stepped.
+    """
+    for i in range(len(rows)):
+        for cook in range(actions.shape[1]):
+            if actions[i, cook] < 0 or actions[i, cook] > INTERACT:
+                return i
+    for i in range(len(rows)):
+        ends[i] = step_kitchen(rows[i], actions[i], outcomes[i], images[i]) & ENDED != 0
+        if ends[i]:
+            for k in range(len(start)):
+                rows[i, k] = start[k]
+            observe(rows[i], images[i])
+    return -1

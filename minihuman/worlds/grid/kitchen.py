@@ -1,0 +1,212 @@
+"""Kitchen: cooks put onions and tomatoes into pots and bring soups to the hatch, as in Overcooked-AI.
+
+`core.kitchen_rules` has the dynamics, `layouts.kitchens` the kitchens. `KitchenBatch` steps many at once.
+"""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.contract import Palette
+from minihuman.worlds.grid.core import kitchen_rules as fields
+from minihuman.worlds.grid.core.kitchen_rules import Row, kitchen_row_length, observe, step_kitchen, step_kitchens
+from minihuman.worlds.grid.layouts.kitchens import CELLS, KITCHENS, RECIPES, KitchenLayout
+from minihuman.worlds.grid.pictures.kitchen_pictures import THING_COLOURS, THING_NAMES, draw_kitchen
+from minihuman.worlds.hashing import hash64
+from minihuman.worlds.options import check_one_of, check_whole
+from minihuman.worlds.pose import Map, Pose, Thing, wall_outlines
+from minihuman.worlds.step_limit import check_max_steps
+from minihuman.worlds.team import TeamBatch, TeamStep, TeamWorld
+
+KitchenRules = Literal["2019", "1.1.0"]
+YAWS_RAD = (np.pi / 2, -np.pi / 2, 0.0, np.pi)  # by direction: up, down, right, left
+SOUP_2019 = 5  # what a soup earned in the recordings of 2019
+
+
+class Kitchen(TeamWorld):
+    """A kitchen of Overcooked-AI, its dynamics to the number.
+
+    All cooks earn what a delivery earns. After a step that earned something, ``info`` has each cook's part and
+    Overcooked-AI's shaping rewards, by cook: ``{"delivered": (20.0, 0.0), "shaping": (0.0, 3.0)}``.
+
+    Args:
+        layout: A name of `layouts.kitchens.KITCHENS`, a floor plan in its letters ("XXPXX/O  2O/X1  X/XDXSX"), or a
+            `KitchenLayout`.
+        rules: "1.1.0": as that version; "2019": as its human data were recorded.
+        max_steps: Joint steps of an episode.
+
+    Attributes:
+        row: The state, int32; `core.kitchen_rules` names its numbers.
+    """
+
+    action_names = ("up", "down", "right", "left", "stay", "interact")
+    idle_action = fields.STAY
+
+    def __init__(
+        self, *, layout: str | KitchenLayout = "cramped_room", rules: KitchenRules = "1.1.0", max_steps: int = 400
+    ) -> None:
+        if isinstance(layout, str):
+            layout = KitchenLayout(layout) if "/" in layout else KITCHENS[check_one_of("layout", layout, KITCHENS)]
+        old = check_one_of("rules", rules, ("2019", "1.1.0")) == "2019"
+        self.layout, self.bodies, self.max_steps = layout, layout.cooks, check_max_steps(max_steps)
+        self._start = _start_row(layout, old, self.max_steps)
+        self.mission = _mission(layout, old)
+        self.row = self._start.copy()
+        self.row[fields.PHASE] = fields.NEW
+        shape = (*self.row[:2].tolist(), 5 * self.bodies + fields.BASE_LAYERS)
+        self.observation_space = spaces.Box(0, 255, shape, np.uint8)
+        self._images = np.zeros((self.bodies, *shape), np.uint8)
+        self._flat_images = self._images.reshape(self.bodies, -1)
+        self._outcomes = np.zeros(2 * self.bodies)
+        self._actions = np.zeros(self.bodies, np.int64)
+        self._nothing = TeamStep((0.0,) * self.bodies, False, False)
+
+    def reset(self, seed: int) -> None:
+        """Begin a new episode. Nothing in it is drawn: every seed begins the same."""
+        self.row[:] = self._start
+        observe(self.row, self._flat_images)
+
+    def step(self, actions: Sequence[int]) -> TeamStep:
+        """Make one joint step."""
+        if len(actions) != self.bodies:
+            self.check_actions(actions)
+        own = self._actions
+        for body, action in enumerate(actions):  # a third of the time that a slice takes
+            own[body] = action
+        status = step_kitchen(self.row, self._actions, self._outcomes, self._flat_images)
+        if status < 0:
+            self.check_actions(actions)
+            raise WorldError(
+                "no episode is running in the kitchen; call reset() before step(), and again after each episode"
+            )
+        if status == 0:
+            return self._nothing
+        outcomes, cooks, ended = self._outcomes.tolist(), self.bodies, status & fields.ENDED != 0
+        if not status & fields.EARNED:
+            return self._nothing._replace(truncated=ended)
+        delivered = tuple(outcomes[:cooks])
+        info = {"delivered": delivered, "shaping": tuple(outcomes[cooks:])}
+        return TeamStep((sum(delivered),) * cooks, False, ended, info)
+
+    def observation(self, body: int) -> NDArray[np.uint8]:
+        """The whole kitchen in layers, the observer's own first: uint8[width, height, 5 * cooks + 16]."""
+        return self._images[body].copy()
+
+    def frame(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> NDArray[np.uint8]:
+        """The kitchen from above, the same for all cooks but for the ring around one's own."""
+        columns, rows = self.row[:2].tolist()
+        tile_px = max(1, min(width // columns, height // rows))
+        return draw_kitchen(self.row, check_whole("body", body, 0, self.bodies - 1), tile_px, palette)
+
+    def pose(self, body: int) -> Pose:
+        """A cook's cell (column, 0, row) and direction."""
+        at = fields.COOK + 4 * check_whole("body", body, 0, self.bodies - 1)
+        x, y, direction = self.row[at : at + 3].tolist()
+        return Pose(float(x), 0.0, float(y), YAWS_RAD[direction])
+
+    def map(self) -> Map:
+        """The floor plan: where cooks cannot stand, and every station by name."""
+        width, height = self.row[:2].tolist()
+        terrain = self.row[fields.COOK + 4 * self.bodies :][: width * height].reshape(width, height)
+        things = tuple(
+            Thing(THING_NAMES[number], float(x), float(y), 0.5, THING_COLOURS[number])
+            for x, y in np.argwhere(terrain != fields.FLOOR).tolist()
+            if (number := int(terrain[x, y])) != fields.COUNTER
+        )
+        bounds = (-0.5, -0.5, width - 0.5, height - 0.5)
+        return Map("cell", bounds, wall_outlines(terrain != fields.FLOOR), things)
+
+    def state_hash(self) -> int:
+        """A uint64 over the kitchen, its orders, cooks and everything that lies in it."""
+        return hash64(["kitchen", self.row])
+
+    def save(self) -> Row:
+        """A copy of the row."""
+        return self.row.copy()
+
+    def restore(self, saved: Row) -> None:
+        """Go back to a saved state of a kitchen of the same size."""
+        if saved.shape != self.row.shape or not np.array_equal(saved[:3], self.row[:3]):
+            raise WorldError("the saved state is from another kitchen; restore it into one with the same layout")
+        self.row[:] = saved
+        observe(self.row, self._flat_images)
+
+    def batch(self, num_worlds: int) -> "KitchenBatch":
+        """So many kitchens like this one, stepped by one call."""
+        return KitchenBatch(self, num_worlds)
+
+
+class KitchenBatch(TeamBatch):
+    """Many kitchens like one; after a step, `shaping` has Overcooked-AI's shaping rewards, float64[worlds, cooks].
+
+    Args:
+        world: The kitchen.
+        num_worlds: How many.
+    """
+
+    def __init__(self, world: Kitchen, num_worlds: int) -> None:
+        super().__init__(world, num_worlds)
+        self._start = world._start
+        self.rows = np.tile(self._start, (num_worlds, 1))
+        self._outcomes = np.zeros((num_worlds, 2 * world.bodies))
+        self._images = self.observations.reshape(num_worlds, world.bodies, -1)
+
+    def reset(self, seed: int) -> NDArray[np.uint8]:
+        """Begin all episodes; what all bodies observe."""
+        self.rows[:] = self._start
+        for row, images in zip(self.rows, self._images, strict=True):
+            observe(row, images)
+        return self.observations
+
+    def step(self, actions: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.bool_]]:
+        """Make one joint step in each kitchen; an end is followed by the next episode's beginning."""
+        self.check_actions(actions)
+        refused = step_kitchens(self.rows, self._start, actions, self._outcomes, self._images, self.ends)
+        if refused >= 0:
+            raise WorldError(
+                f"kitchen {refused} refused the actions {actions[refused].tolist()}; use actions from 0 to 5"
+            )
+        delivered, self.shaping = np.split(self._outcomes, 2, axis=1)
+        return self.observations, np.broadcast_to(delivered.sum(axis=1, keepdims=True), delivered.shape), self.ends
+
+
+def _start_row(layout: KitchenLayout, old: bool, max_steps: int) -> Row:
+    plan = [list(row) for row in layout.plan.split("/")]
+    width, height, cooks = len(plan[0]), len(plan), layout.cooks
+    row = np.zeros(kitchen_row_length(width, height, cooks), np.int32)
+    row[: fields.AUTOMATIC + 1] = width, height, cooks, 0, max_steps, fields.PLAYING, old
+    for recipe in RECIPES:
+        number = recipe.count("o") + 4 * recipe.count("t")
+        value = layout.value(recipe)
+        row[fields.VALUES + number] = min(value, SOUP_2019) if old else value
+        row[fields.TIMES + number] = layout.time(recipe)
+    for x, y in np.ndindex(width, height):
+        letter = plan[y][x]
+        if letter.isdigit():
+            at = fields.COOK + 4 * (int(letter) - 1)
+            row[at : at + 3] = x, y, fields.UP
+        else:
+            row[fields.COOK + 4 * cooks + x * height + y] = CELLS.index(letter)
+    return row
+
+
+_WORDS = {"o": ("onion", "onions"), "t": ("tomato", "tomatoes")}
+
+
+def _mission(layout: KitchenLayout, old: bool) -> str:
+    """What to cook, and how: "cook soups of 3 onions and bring them to the serving hatch"."""
+    orders = [
+        " and ".join(
+            f"{recipe.count(letter)} {many if recipe.count(letter) > 1 else one}"
+            for letter, (one, many) in _WORDS.items()
+            if letter in recipe
+        )
+        for recipe in layout.orders
+    ]
+    start = "it cooks by itself once it is full" if old else "interact with the pot to start it"
+    what = "any soup" if not layout.orders else "soups of " + " or of ".join(orders)
+    return f"cook {what}: fill a pot, {start}, then take the soup with a plate to the serving hatch"

@@ -1,0 +1,225 @@
+"""TeamGrid: a grid with 2 to 8 bodies, laid out in plain Python; what a joint action does is compiled.
+
+A subclass says `bodies` and writes `layout`, which places each of them. `core.bodies` has the rule of moves.
+"""
+
+import abc
+from collections.abc import Sequence
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.contract import Palette, View
+from minihuman.worlds.grid.core import state as fields
+from minihuman.worlds.grid.core.bodies import (
+    MAX_BODIES,
+    STAY,
+    TEAM_ACTION_NAMES,
+    body_index,
+    clear_bodies,
+    see_body,
+    step_team,
+    team_row_length,
+)
+from minihuman.worlds.grid.core.cells import EMPTY
+from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED
+from minihuman.worlds.grid.core.state import Row, State, clear
+from minihuman.worlds.grid.core.view import see_size
+from minihuman.worlds.grid.engine import YAWS_RAD, floor_plan
+from minihuman.worlds.grid.layout import Layout
+from minihuman.worlds.grid.object_kinds import ObjectKind, check_kinds
+from minihuman.worlds.grid.pictures.team_pictures import draw_team
+from minihuman.worlds.hashing import hash64
+from minihuman.worlds.options import MAX_CELLS, check_bool, check_one_of, check_whole
+from minihuman.worlds.pose import Map, Pose
+from minihuman.worlds.rng import RngState, read_rng_state, write_rng_state
+from minihuman.worlds.step_limit import check_max_steps
+from minihuman.worlds.team import TeamStep, TeamWorld
+
+
+class TeamSnapshot(NamedTuple):
+    """An exact copy of a team's grid in mid-episode, its random stream included."""
+
+    row: Row
+    rng_state: RngState
+    mission: str
+
+
+class TeamGrid(TeamWorld, abc.ABC):
+    """A grid with several bodies, each with a view of its own.
+
+    Args:
+        width: Columns, 3 or more, outer walls included.
+        height: Rows, likewise.
+        max_steps: Joint steps after which an episode is truncated; success earns ``1 - 0.9 * step / max_steps``.
+        mission: What to do, in words.
+        see_through_walls: Walls hide nothing.
+        agent_view_size: Cells on a side of each body's view, odd, 3 to 61.
+        view: What a person sees: the body's own view ("partial") or the whole grid ("full").
+    """
+
+    bodies: int = 2
+    kinds: ClassVar[tuple[ObjectKind, ...]] = ()  # things of its own, at most five kinds
+    shared_reward: ClassVar[bool] = True  # each body earns what all earn together; otherwise its own
+    action_names = TEAM_ACTION_NAMES
+    idle_action = STAY
+
+    def __init__(
+        self,
+        *,
+        width: int,
+        height: int,
+        max_steps: int,
+        mission: str = "",
+        see_through_walls: bool = False,
+        agent_view_size: int = 7,
+        view: View = "partial",
+    ) -> None:
+        check_whole("bodies", self.bodies, 1, MAX_BODIES)
+        check_whole("width", width, 3, MAX_CELLS)
+        check_whole("height", height, 3, MAX_CELLS)
+        self.mission, self.max_steps = mission, check_max_steps(max_steps)
+        self.view: View = check_one_of("view", view, ("partial", "full"))
+        size = see_size(agent_view_size)
+        self.observation_space = spaces.Box(0, 255, (size, size, 3), np.uint8)
+        self._first_mission = mission
+        self._row = np.zeros(team_row_length(width, height, self.bodies), np.int32)
+        self._row[[fields.WIDTH, fields.HEIGHT, fields.MAX_STEPS, fields.SEE_THROUGH, fields.ACTIONS]] = (
+            width,
+            height,
+            self.max_steps,
+            check_bool("see_through_walls", see_through_walls) | check_kinds(self.kinds),
+            len(TEAM_ACTION_NAMES),
+        )
+        self._images = np.zeros((self.bodies, size, size, 3), np.uint8)
+        self._rewards = np.zeros(self.bodies)
+        self._actions = np.zeros(self.bodies, np.int64)
+        self.np_random = np.random.default_rng(0)
+
+    @abc.abstractmethod
+    def layout(self, grid: Layout) -> None:
+        """Lay out an episode on an empty grid. It places every body: ``grid.place_agent(body=1)``."""
+
+    def reward_and_done(
+        self, actions: Sequence[int], rewards: tuple[float, ...], terminated: bool
+    ) -> tuple[tuple[float, ...], bool]:
+        """Rewards and end of a joint step that was made, given what goals and lava say.
+
+        It may change the world (through ``self.state``); observations are taken afterwards.
+        """
+        return rewards, terminated
+
+    @property
+    def state(self) -> State:
+        """The state, readable by name; its agent is body 0."""
+        return State(self._row)
+
+    def reset(self, seed: int) -> None:
+        """Lay out a new episode.
+
+        Raises:
+            WorldError: if the layout leaves a body out, or finds no place for something.
+        """
+        self.np_random = np.random.default_rng(seed)
+        clear(self._row)
+        clear_bodies(self._row)
+        grid = Layout(self._row, self.np_random, self._first_mission, self.kinds, self.bodies)
+        self.layout(grid)
+        self.mission = grid.mission
+        if self._row[fields.FAILED]:
+            raise WorldError(
+                f"{type(self).__name__} with seed {seed!r} has no free cell for something it places; make the grid "
+                "larger"
+            )
+        places = [self._body(body)[:2] for body in range(self.bodies)]
+        for body, place in enumerate(places):
+            if min(place) < 0 or place in places[:body]:
+                raise WorldError(
+                    f"{type(self).__name__} placed body {body} "
+                    f"{'nowhere' if min(place) < 0 else f'where body {places.index(place)} stands'}; "
+                    "give each a cell of its own"
+                )
+        self._row[fields.PHASE] = fields.PLAYING
+        self._look()
+
+    def _look(self) -> None:
+        for body in range(self.bodies):
+            see_body(self._row, body, self._images[body])
+
+    def _body(self, body: int) -> list[int]:
+        """A body's column, row, direction and the code of what it carries."""
+        check_whole("body", body, 0, self.bodies - 1)
+        at = body_index(self._row, body)
+        found: list[int] = self._row[at : at + 4].tolist()
+        return found
+
+    def held_by(self, body: int) -> int | None:
+        """The code of what a body carries; None for nothing."""
+        code = self._body(body)[3]
+        return None if code == EMPTY else code
+
+    def step(self, actions: Sequence[int]) -> TeamStep:
+        """Make one joint step."""
+        if len(actions) != self.bodies:
+            self.check_actions(actions)
+        self._actions[:] = actions
+        status = step_team(self._row, self._actions, self._images, self._rewards)
+        if status < 0:
+            self.check_actions(actions)
+            raise WorldError(
+                f"{type(self).__name__} is not in an episode; call reset() before step(), and again after each episode"
+            )
+        rewards, terminated = tuple(self._rewards.tolist()), status & TERMINATED != 0
+        if type(self).reward_and_done is not TeamGrid.reward_and_done:
+            rewards, terminated = self.reward_and_done(actions, rewards, terminated)
+            self._row[fields.PHASE] = fields.OVER if terminated or status & TRUNCATED else fields.PLAYING
+            self._look()
+        if self.shared_reward:
+            rewards = (sum(rewards),) * self.bodies
+        return TeamStep(rewards, terminated, status & TRUNCATED != 0)
+
+    def observation(self, body: int) -> NDArray[np.uint8]:
+        """What a body sees, uint8[size, size, 3]: kind, colour, state; other bodies are of the kind "agent"."""
+        return self._images[body].copy()
+
+    def frame(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> NDArray[np.uint8]:
+        """The largest picture with whole-numbered tiles that fits."""
+        size = len(self._images[0])
+        columns, rows = (size, size) if self.view == "partial" else (self.state.width, self.state.height)
+        tile_px = max(1, min(width // columns, height // rows))
+        looks: dict[str, Any] = {"view": self.view, "view_size": size, "tile_px": tile_px, "palette": palette}
+        return draw_team(self._row, check_whole("body", body, 0, self.bodies - 1), kinds=self.kinds, **looks)
+
+    def pose(self, body: int) -> Pose:
+        """A body's cell (column, 0, row) and direction."""
+        x, y, direction, _ = self._body(body)
+        return Pose(float(x), 0.0, float(y), YAWS_RAD[direction])
+
+    def map(self) -> Map:
+        """The floor plan with doors, objects and goals where they are now."""
+        return floor_plan(self.state, kinds=self.kinds)
+
+    def state_hash(self) -> int:
+        """A uint64 over layout, bodies, task, mission and random stream."""
+        saved = self.save()
+        return hash64([saved.row, saved.rng_state[: 6 if saved.rng_state[4] else 4], saved.mission])
+
+    def save(self) -> TeamSnapshot:
+        """An exact copy of the state in mid-episode."""
+        rng_state = np.zeros(6, np.uint64)
+        read_rng_state(self.np_random, rng_state)
+        return TeamSnapshot(self._row.copy(), rng_state, self.mission)
+
+    def restore(self, saved: TeamSnapshot) -> None:
+        """Go back to a saved state of a world of the same size and number of bodies."""
+        if saved.row.shape != self._row.shape or not np.array_equal(saved.row[:2], self._row[:2]):
+            raise WorldError(
+                f"the saved state differs in size from {type(self).__name__}; restore it into the world that saved it"
+            )
+        self._row[:] = saved.row
+        write_rng_state(saved.rng_state, self.np_random)
+        self.mission = saved.mission
+        self._look()

@@ -1,0 +1,90 @@
+"""A model that plays by calling tools: the MCP client library takes a session to its end over the standard streams."""
+
+import asyncio
+import base64
+import io
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcp import Client, StdioServerParameters
+from mcp.types import CallToolResult, ImageContent, TextContent
+from PIL import Image
+
+from minihuman import verify
+from minihuman.admin.protocol_file import read_protocol
+from minihuman.log.read.session_reader import read_log
+from minihuman.web.agent_server import ProgramSeats
+from minihuman.web.mcp_server import make_mcp_server
+from tests.models.studies import study
+from tests.models.test_agent_server import answer_of
+
+
+def read(result: CallToolResult) -> tuple[dict[str, Any], bytes | None]:
+    """A screen and its picture."""
+    assert not result.is_error, result
+    text, *pictures = result.content
+    assert isinstance(text, TextContent)
+    found = [base64.b64decode(one.data) for one in pictures if isinstance(one, ImageContent)]
+    return json.loads(text.text), (found or [None])[0]
+
+
+async def play(client: Client) -> list[tuple[dict[str, Any], bytes | None]]:
+    """Play a session; every screen with its picture."""
+    shown = [read(await client.call_tool("begin", {"name": "tool-user"}))]
+    session = shown[0][0]["session"]
+    while (screen := shown[-1][0])["over"] is None:
+        answer = {"session": session, "number": screen["number"], "answer": answer_of(screen)}
+        shown.append(read(await client.call_tool("answer", answer)))
+    return shown
+
+
+@pytest.mark.program
+def test_a_client_of_the_protocol_plays_a_session_that_verifies(tmp_path: Path) -> None:
+    (tmp_path / "study.toml").write_text(study())
+    command = ["-m", "minihuman", "serve", "study.toml", "--agents", "--mcp", "--data", "data"]
+    server = StdioServerParameters(command=sys.executable, args=command, cwd=tmp_path, env=dict(os.environ))
+
+    async def talk() -> list[tuple[dict[str, Any], bytes | None]]:
+        async with Client(server) as client:
+            names = [tool.name for tool in (await client.list_tools()).tools]
+            assert names == ["begin", "answer", "read_screen"]
+            return await play(client)
+
+    shown = asyncio.run(talk())
+    assert shown[-1][0]["over"] == "complete"
+    screen, picture = shown[1]
+    assert (screen["screen"], screen["keys"]) == ("play", ["1", "2", "3"])
+    assert screen["observation"]["image"]
+    assert picture is not None
+    assert Image.open(io.BytesIO(picture)).size == (640, 480)
+    (log,) = map(read_log, (tmp_path / "data").rglob("*.mcap"))
+    assert (log.player, log.end_reason, len(log.episodes)) == ("http:tool-user", "complete", 2)
+    assert all(line.ok for line in verify(tmp_path / "data"))
+
+
+def test_mistakes_are_answered_and_cost_nothing(tmp_path: Path) -> None:
+    (tmp_path / "study.toml").write_text(study(model="timeout_s = 1.0"))
+    seats = ProgramSeats(read_protocol(tmp_path / "study.toml"), tmp_path / "data")
+
+    async def talk() -> None:
+        async with Client(make_mcp_server(seats)) as client:
+            for tool, arguments in (
+                ("begin", {"name": "a\nb"}),
+                ("read_screen", {"session": "guessed"}),
+                ("answer", {"session": "guessed", "number": 1, "answer": "1"}),
+            ):
+                assert (await client.call_tool(tool, arguments)).is_error
+            assert not (tmp_path / "data").exists()
+            first, _ = read(await client.call_tool("begin", {"name": "tool-user"}))
+            again, _ = read(await client.call_tool("read_screen", {"session": first["session"]}))
+            assert again == {name: value for name, value in first.items() if name != "session"}
+            late = {"session": first["session"], "number": 7, "answer": "go_on"}
+            assert (await client.call_tool("answer", late)).is_error
+
+    asyncio.run(talk())
+    for thread in seats.threads:
+        thread.join(10)

@@ -1,0 +1,297 @@
+"""A model in a participant's place: a scripted endpoint plays whole sessions, and every call is proved from the log."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from minihuman import simulate, verify
+from minihuman.errors import WorldError
+from minihuman.experiment.machine.events import Answered, ModelCall, PointerUsed
+from minihuman.experiment.machine.inputs import Input
+from minihuman.log.model.session_log import SessionLog
+from minihuman.log.read.session_reader import read_log
+from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.runtime.model_sessions import ModelWindow, RunStoppedError, SessionLeft
+from minihuman.simulation import model_seat
+from minihuman.simulation.chat_client import ModelUnavailableError
+from tests.models.endpoint import KEY, Endpoint, Reply, play, serve_endpoint, text_of
+from tests.models.studies import study
+
+
+@pytest.fixture
+def environment(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    monkeypatch.setenv("OPENAI_API_KEY", KEY)
+    monkeypatch.setattr("minihuman.runtime.model_sessions.RETRY_WAIT_S", 0.0)
+    return monkeypatch
+
+
+def run(
+    folder: Path, text: str, reply: Reply, patch: pytest.MonkeyPatch, *, participants: int = 1, **options: Any
+) -> tuple[list[SessionLog], Endpoint]:
+    (folder / "study.toml").write_text(text)
+    with serve_endpoint(reply) as endpoint:
+        patch.setenv("OPENAI_BASE_URL", endpoint.url)
+        logs = list(
+            simulate(
+                folder / "study.toml",
+                participants=participants,
+                data=folder / "data",
+                player="model:scripted",
+                **options,
+            )
+        )
+    return [read_log(log) for log in sorted(logs)], endpoint
+
+
+def calls(log: SessionLog, state: str = "answered") -> list[ModelCall]:
+    return [event for event in log.part_events if isinstance(event, ModelCall) and event.state == state]
+
+
+def all_as_logged(folder: Path) -> bool:
+    return not [line for line in verify(folder / "data") if not line.ok]
+
+
+def test_a_model_agrees_plays_and_answers_every_kind_of_question(
+    tmp_path: Path, environment: pytest.MonkeyPatch
+) -> None:
+    (log,), endpoint = run(tmp_path, study(), play, environment)
+    assert (log.end_reason, log.player, log.plan.participant.id) == ("complete", "model:scripted", "model-01")
+    assert [len(episode.actions) for episode in log.episodes] == [4, 4]
+    answers = {event.item: event.value for event in log.part_events if isinstance(event, Answered)}
+    assert list(answers.values()) == ["1", "[1]", '"it was fine"', "1", "1", "30"]
+    found = calls(log)
+    assert len(found) == len(endpoint.requests) == 1 + 8 + 6
+    assert {call.model for call in found} == {"scripted-2026"}
+    assert found[0].price == pytest.approx((1000 * 1 + 10 * 2) / 1e6)
+    assert all_as_logged(tmp_path)
+
+
+def test_it_is_sent_what_a_person_sees(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    _, endpoint = run(tmp_path, study(), play, environment)
+    system, *_, latest = endpoint.requests[1]
+    assert "You agree to take part." in system["content"]
+    assert "Find the green square." in system["content"]
+    text, picture = latest["content"]
+    assert "Episode 1 of 2" in text["text"]
+    assert "a green goal 2 steps right and 2 steps forward" in text["text"]
+    assert picture["image_url"]["url"].startswith("data:image/png;base64,")
+    assert sum("The episode ended" in text_of(request) for request in endpoint.requests) == 2
+    assert all(len(request) <= 2 + 2 * 2 for request in endpoint.requests), "history is 2"
+
+
+@pytest.mark.parametrize(("modality", "pictures"), [("picture", True), ("text", False)])
+def test_a_protocol_says_what_it_is_sent(
+    tmp_path: Path, environment: pytest.MonkeyPatch, modality: str, pictures: bool
+) -> None:
+    (log,), endpoint = run(tmp_path, study(modality), play, environment)
+    assert ("steps forward" in str(endpoint.requests[2])) is not pictures
+    assert ("data:image/png" in str(endpoint.requests[2])) is pictures
+    assert all(bool(call.picture_sha256) == (pictures and call.screen == "play") for call in calls(log))
+    assert all_as_logged(tmp_path)
+
+
+def test_what_is_no_answer_is_never_a_key(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    def hesitate(messages: list[dict[str, Any]], number: int) -> str:
+        return "I would rather press 9" if number % 2 else play(messages, number)
+
+    (log,), _ = run(tmp_path, study(), hesitate, environment)
+    assert log.end_reason == "complete"
+    verdicts = Counter(call.verdict for call in calls(log))
+    assert verdicts["valid"] == 15
+    assert verdicts["invalid"] >= 9, "what is none of the keys, buttons and options"
+    assert {call.reading for call in calls(log) if call.verdict == "invalid"} == {""}
+    assert sum(len(episode.actions) for episode in log.episodes) == 8
+    assert all_as_logged(tmp_path)
+
+
+@pytest.mark.parametrize(("invalid", "asked"), [("retry", 3), ("no_op", 3), ("end", 1)])
+def test_after_too_many_invalid_answers_the_session_ends(
+    tmp_path: Path, environment: pytest.MonkeyPatch, invalid: str, asked: int
+) -> None:
+    (log,), endpoint = run(tmp_path, study(invalid=invalid), lambda *_: "perhaps", environment)
+    assert log.end_reason == "player_failed"
+    assert len(endpoint.requests) == asked
+    assert ("not valid" in text_of(endpoint.requests[-1])) is (invalid == "retry")
+    assert all_as_logged(tmp_path)
+
+
+def test_a_model_may_decline(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    (log,), endpoint = run(tmp_path, study(), lambda *_: "Answer: decline", environment)
+    assert (log.end_reason, len(endpoint.requests), log.episodes) == ("declined", 1, ())
+    assert all_as_logged(tmp_path)
+
+
+def test_in_real_time_the_world_does_not_wait_for_an_answer(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    def slowly(messages: list[dict[str, Any]], number: int) -> str:
+        time.sleep(0.02)
+        return "Answer: wait" if number == 3 else play(messages, number)
+
+    block = 'pace = "real_time"\nstep_period_ms = 8\nnoop_action = "left"'
+    (log,), _ = run(tmp_path, study(block=block), slowly, environment)
+    keys = [key for episode in log.episodes for key in episode.step_keys]
+    assert len(keys) == 8
+    assert keys.count("") >= 4, "20 ms are two ticks without a key"
+    assert all_as_logged(tmp_path)
+
+
+def test_limits_end_a_session_or_stop_a_run_that_is_then_resumed(
+    tmp_path: Path, environment: pytest.MonkeyPatch
+) -> None:
+    price = (1000 * 1 + 10 * 2) / 1e6
+    with pytest.raises(RunStoppedError, match="limit"):
+        run(tmp_path, study(), play, environment, max_price=3 * price)
+    (log,), endpoint = run(tmp_path, study(), play, environment)
+    assert len(endpoint.requests) == 15 - 3, "what was paid for is not asked again"
+    assert [call.call for call in calls(log)] == list(range(1, 16))
+    assert all_as_logged(tmp_path)
+    (tmp_path / "two").mkdir()
+    (log,), endpoint = run(tmp_path / "two", study(model="max_session_tokens = 3000"), play, environment)
+    assert (log.end_reason, len(endpoint.requests)) == ("player_failed", 3)
+
+
+def test_a_server_that_fails_is_asked_again_and_then_the_session_waits(
+    tmp_path: Path, environment: pytest.MonkeyPatch
+) -> None:
+    (log,), _ = run(tmp_path, study(), lambda messages, n: 429 if n % 2 else play(messages, n), environment)
+    assert {call.error for call in calls(log, "failed")} == {"HTTP 429"}
+    assert (len(calls(log, "failed")), len(calls(log))) == (15, 15)
+    assert all_as_logged(tmp_path)
+    with pytest.raises(ModelUnavailableError, match="HTTP 401"):
+        run(tmp_path, study(), lambda messages, n: 401 if n > 4 else play(messages, n), environment)
+    (log,), endpoint = run(tmp_path, study(), play, environment)
+    assert (log.plan.participant.id, log.end_reason, len(endpoint.requests)) == ("model-02", "complete", 11)
+
+
+def test_models_have_slots_of_their_own_and_the_keys_of_the_people_with_their_number(
+    tmp_path: Path, environment: pytest.MonkeyPatch
+) -> None:
+    models, _ = run(tmp_path, study(), play, environment, participants=3, parallel=3)
+    people = [read_log(log) for log in simulate(tmp_path / "study.toml", participants=3, data=tmp_path / "data")]
+    assert [log.plan.participant.id for log in models] == ["model-01", "model-02", "model-03"]
+    assert [log.plan.participant.id for log in people] == ["sub-01", "sub-02", "sub-03"]
+    assert [log.plan.episodes for log in models] == [log.plan.episodes for log in people]
+    assert not list((tmp_path / "data" / "seat").glob("model-*"))
+
+
+def test_nothing_written_holds_the_key_or_the_address(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    def echo(messages: list[dict[str, Any]], number: int) -> str | int:
+        return 500 if number == 2 else f"{KEY}\n{play(messages, number)}"
+
+    (log,), endpoint = run(tmp_path, study(), echo, environment)
+    assert endpoint.keys == {f"Bearer {KEY}"}
+    assert "[key]" in calls(log)[0].answer
+    assert "[key]" in calls(log)[0].reasoning
+    secrets = [KEY.encode(), endpoint.url.encode(), b"127.0.0.1", b"chatcmpl-secret", b"/home/somebody"]
+    read = "".join(repr(event) for event in log.part_events) + repr(log.facts)
+    assert not any(secret.decode() in read for secret in secrets)
+    for path in (tmp_path / "data").rglob("*"):
+        content = path.read_bytes() if path.is_file() else b""
+        assert not any(secret in content for secret in secrets), path
+
+
+def test_a_changed_prompt_picture_or_reading_is_found(
+    tmp_path: Path, environment: pytest.MonkeyPatch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(tmp_path, study(), play, environment)
+    monkeypatch.setattr(model_seat, "RULES", "Play well.")
+    assert any("prompt" in line.text for line in verify(tmp_path / "data") if not line.ok)
+
+
+def test_a_world_without_words_is_refused_before_anything_is_asked(
+    tmp_path: Path, environment: pytest.MonkeyPatch
+) -> None:
+    text = (
+        study("text")
+        .replace("MiniGrid-Empty-5x5", "MiniWorld-FourRooms")
+        .replace('"left", "right", "forward"', '"turn_left", "turn_right", "move_forward"')
+    )
+    with pytest.raises(WorldError, match="modality = 'picture'"):
+        run(tmp_path, text, play, environment)
+
+
+def test_a_session_that_had_ended_before_the_kill_is_only_finished(
+    tmp_path: Path, environment: pytest.MonkeyPatch
+) -> None:
+    with pytest.MonkeyPatch.context() as killed:
+        killed.setattr(McapRecorder, "close", McapRecorder.leave)
+        run(tmp_path, study("text"), play, environment)
+    assert len(list((tmp_path / "data").rglob("*.mcap.part"))) == 1
+    (log,), endpoint = run(tmp_path, study("text"), play, environment)
+    assert (log.end_reason, len(calls(log)), endpoint.requests) == ("complete", 15, [])
+    assert all_as_logged(tmp_path)
+
+
+def test_a_session_left_between_the_inputs_of_an_answer_goes_on_with_the_rest(
+    tmp_path: Path, environment: pytest.MonkeyPatch
+) -> None:
+    """A choice is a press on the option and one on "Next"; the last answer's release may come in between."""
+    wait, inputs = ModelWindow.wait, Counter[str]()
+
+    def leave_after_each_input(window: ModelWindow, until_ns: int | None) -> list[Input]:
+        if inputs["now"] == 1:
+            window._recorder.leave, inputs["now"] = True, 0
+            raise SessionLeft(RunStoppedError("left"))
+        happened = wait(window, until_ns)
+        inputs["now"] += bool(happened) and window._session.next_episode == 2
+        return happened
+
+    environment.setattr(ModelWindow, "wait", leave_after_each_input)
+    log = None
+    while log is None:
+        try:
+            (log,), _ = run(tmp_path, study("text"), play, environment)
+        except RunStoppedError:
+            continue
+    assert log.end_reason == "complete"
+    assert [len(calls(log, state)) for state in ("asked", "answered")] == [15, 15]
+    pressed, released = (
+        Counter(one.target for one in log.part_events if isinstance(one, PointerUsed) and one.what == what)
+        for what in ("pressed", "released")
+    )
+    assert pressed == released
+    assert all_as_logged(tmp_path)
+
+
+KILLS = 100 if os.environ.get("MINIHUMAN_LONG") else 2
+
+
+@pytest.mark.program
+@pytest.mark.long
+def test_after_a_kill_no_stored_answer_is_asked_again(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    """Eight sessions at a time are killed again and again, a few requests after each start, until all are done."""
+    (tmp_path / "study.toml").write_text(study("text"))
+    command = [sys.executable, "-m", "minihuman", "simulate", "study.toml", "--data", "data", "--player", "model:x"]
+    sessions, parallel = max(8, KILLS * 2 // 3), 8
+    process: list[subprocess.Popen[bytes]] = []
+    kill_at: list[int] = []
+
+    def reply(messages: list[dict[str, Any]], number: int) -> str:
+        if kill_at and number >= kill_at[0]:
+            process[-1].send_signal(signal.SIGKILL)
+        return play(messages, number)
+
+    with serve_endpoint(reply) as endpoint:
+        environment.setenv("OPENAI_BASE_URL", endpoint.url)
+        for kill in range(KILLS + 1):
+            kill_at[:] = [len(endpoint.requests) + 1 + kill * 5 % 13] if kill < KILLS else []
+            left = str(sessions - len(list((tmp_path / "data").rglob("*.mcap"))))
+            options = ["--participants", left, "--parallel", str(parallel)]
+            process.append(subprocess.Popen([*command, *options], cwd=tmp_path, stdout=subprocess.DEVNULL))
+            process[-1].wait()
+        assert process[-1].returncode == 0
+    logs = [read_log(path) for path in (tmp_path / "data").rglob("*.mcap")]
+    states = Counter(call.state for log in logs for call in log.part_events if isinstance(call, ModelCall))
+    assert len(logs) == sessions
+    assert states["answered"] == sessions * 15
+    assert states["asked"] == states["answered"] + states["unknown"]
+    assert len(endpoint.requests) <= states["asked"], "each request was on the disk before it was sent"
+    assert states["unknown"] <= KILLS * parallel
+    assert all(call.price > 0 for log in logs for call in calls(log, "unknown"))
+    assert all_as_logged(tmp_path)

@@ -1,0 +1,108 @@
+"""Power that counts what the report's page says: the same p as the report's, and known rejection rates."""
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from minihuman.errors import ReportError
+from minihuman.experiment.protocol.specs import AnalysisSpec
+from minihuman.planning.report_power import (
+    ReportPool,
+    StudyDesign,
+    compare_study,
+    draw_study,
+    estimate_report_power,
+    plan_report_power,
+)
+from minihuman.reporting.results import MEASURES, compare_within, compute_block_results
+from minihuman.statistics.comparison import t_test_power
+from tests.counts import count
+from tests.power.test_command import PROTOCOL
+
+CONDITIONS = ("narrow", "wide")
+
+
+NAMED = AnalysisSpec(primary_measure="reward_mean", conditions=CONDITIONS)
+
+
+def pool(analysis=NAMED, ratios=(1, 1), people=300):
+    """Normal rewards of many participants in two blocks over two days, and three other measures that are noise."""
+    rng = np.random.default_rng(5)
+    rows = pd.DataFrame(
+        {"group": group, "participant": f"{group}{number}", "session": session, "block": block, "keys_total": 0}
+        | dict.fromkeys(MEASURES, np.nan)
+        | {"reward_mean": rng.normal(), "success": rng.random(), "spl_mean": rng.normal(), "steps_at_limit_mean": 5.0}
+        for group in ("a", "b")
+        for number in range(people)
+        for session in (1, 2)
+        for block in CONDITIONS
+    )
+    return ReportPool(rows, dict(zip(("a", "b"), ratios, strict=True)), analysis, "wide")
+
+
+@pytest.mark.parametrize("primary", ["reward_mean", ""])
+def test_its_p_are_the_reports(primary):
+    analysis = AnalysisSpec(primary_measure=primary, conditions=CONDITIONS)
+    drawn_from = pool(analysis, ratios=(1, 2))
+    rng = np.random.default_rng(1)
+    for on in ("groups", "change", "conditions"):
+        rows = draw_study(drawn_from, StudyDesign(0.8, on, drop_out=0.1), 9, rng)
+        theirs = rows[rows["block"] == "wide"].assign(episodes=2, reward_sd=0.1)
+        episodes = theirs[["group", "participant", "session"]].assign(
+            world="w", episode_in_block=1, reward=0.5, playing_s=1.0, steps=4, success=False, exclusion_reason=None,
+            max_steps=9, outcome="timeout",
+        )  # fmt: skip
+        report = compute_block_results("wide", theirs, episodes, ["a", "b"], analysis)
+        measure = primary or report.headline[0].measure
+        expected = {
+            "groups": [one.p_holm for one in report.comparisons if one.measure == measure],
+            "change": [one.p_holm for _, one in report.changes_compared if one.measure == measure],
+            "conditions": [one.p_holm for one in compare_within(rows, analysis).comparisons if one.measure == measure],
+        }[on]
+        assert [p for _, p in compare_study(rows, drawn_from, on)] == pytest.approx(expected)
+        assert expected
+
+
+def test_groups_have_their_ratio_and_some_drop_out():
+    rows = draw_study(pool(ratios=(1, 2)), StudyDesign(drop_out=0.5), 40, np.random.default_rng(2))
+    there = rows.groupby(["group", "session"])["participant"].nunique()
+    assert 8 <= there["a", 1] <= 32
+    assert 25 <= there["b", 1] <= 55
+    assert there["a", 2] < there["a", 1]
+
+
+@pytest.mark.long
+def test_power_for_normal_participants_is_the_textbooks():
+    drawn_from, studies = pool(), count(60, 2000)
+    only_first = drawn_from.rows[drawn_from.rows["session"] == 1]
+    drawn_from = dataclasses.replace(drawn_from, rows=only_first)
+    (null,) = estimate_report_power(drawn_from, StudyDesign(), [15], studies=studies, seed=1)
+    (groups,) = estimate_report_power(drawn_from, StudyDesign(0.8), [26], studies=studies, seed=1)
+    (within,) = estimate_report_power(drawn_from, StudyDesign(0.8, "conditions"), [10], studies=studies, seed=1)
+    paired = stats.nct(19, 0.8 / np.sqrt(2) * np.sqrt(20)).sf(stats.t.ppf(0.975, 19))
+    print(null, groups, within, t_test_power(0.8, (26, 26)), paired)
+    assert null.low - 0.03 <= 0.05 <= null.high + 0.03
+    assert groups.low - 0.03 <= t_test_power(0.8, (26, 26)) <= groups.high + 0.03
+    assert within.low - 0.04 <= paired <= within.high + 0.04
+
+
+def test_a_design_that_is_none_is_refused():
+    with pytest.raises(ReportError, match="--on 'days' is unknown"):
+        StudyDesign(on="days")
+    with pytest.raises(ReportError, match="--drop-out 1 is not valid; use a probability"):
+        StudyDesign(drop_out=1)
+    with pytest.raises(ReportError, match=r"write it as shift=0\.5"):
+        plan_report_power(b"", "shift=much", [5], studies=10, people=4, player="human-like", seed=1)
+    alone = pool(AnalysisSpec(primary_measure="reward_mean"))
+    with pytest.raises(ReportError, match="has no comparison of"):
+        estimate_report_power(alone, StudyDesign(on="conditions"), [5], studies=1, seed=1)
+
+
+def test_whole_sessions_of_a_protocol_make_the_pool():
+    toml = PROTOCOL.encode() + b'[analysis]\nprimary_measure = "success"\n'
+    found = plan_report_power(toml, "shift=0.5", [4], drop_out=0.1, studies=10, people=4, player="human-like", seed=1)
+    assert [one.measure for one in found.estimates] == ["success: one - other"]
+    assert "after its corrections" in found.text

@@ -1,0 +1,96 @@
+"""Comparisons within a participant, where the answer is known."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+import statsmodels.formula.api as smf
+from scipy import stats
+
+from minihuman.statistics.paired import compare_conditions, fit_crossover, paired_test
+from tests.counts import count
+
+
+@pytest.mark.parametrize("n", [2, 6, 11, 13])
+def test_p_is_scipys(n):
+    rng = np.random.default_rng(n)
+    for values in (rng.normal(0.4, 1, n), np.round(rng.normal(0.4, 1, n))):
+        peer = stats.permutation_test(
+            (values,), np.mean, permutation_type="samples", n_resamples=np.inf, vectorized=True
+        )
+        assert paired_test(values).p() == pytest.approx(peer.pvalue)
+
+
+def test_the_interval_ends_where_the_test_begins_to_reject_and_never_contradicts_p():
+    rng = np.random.default_rng(1)
+    for number in range(60):
+        values = rng.normal(rng.normal(0, 0.6), 1, 6 + number % 20)
+        test = paired_test(values if number % 2 else np.round(values, 1))
+        low, high = test.interval()
+        assert (test.p() < 0.05) != (low <= 0 <= high)
+        if number % 2:
+            for bound, outwards in ((low, -1), (high, 1)):
+                assert test.p(bound - 1e-3 * outwards) >= 0.05 > test.p(bound + 1e-2 * outwards)
+
+
+def test_too_few_differences_have_no_interval_and_say_how_small_p_can_be():
+    test = paired_test(np.array([1.0, 2.0, 3.0, 4.0, 5.0]))
+    assert test.p() == test.smallest_p == pytest.approx(2 / 32)
+    assert np.isnan(test.interval()).all()
+    assert paired_test(np.array([1.0])) is None
+
+
+def test_conditions_are_compared_over_who_has_both_and_corrected_together():
+    values = pd.DataFrame(
+        {"x": [1.0, 2, 3, 4, 5, 6, 7, np.nan], "y": [2.0, 3, 5, 5, 7, 7, 9, 1], "z": [0.5, 1.9, 3.2, 4, 5.1, 6, 7, 2]}
+    )
+    found = compare_conditions({"m": values})
+    assert [(one.first, one.second, one.n) for one in found] == [("x", "y", 7), ("x", "z", 7), ("y", "z", 8)]
+    assert found[0].difference == pytest.approx(-10 / 7)
+    assert found[0].p_holm == pytest.approx(3 * found[0].p)
+    (ratio,) = compare_conditions({"m": np.log(values[["x", "y"]])}, log_measures=["m"])
+    assert ratio.is_log
+    assert ratio.means[0] == pytest.approx(math.exp(np.log(values["x"]).mean()))
+
+
+ORDERS = ("abcd", "bdac", "cadb", "dcba")  # Williams: each condition follows each other one once
+
+
+def crossover(rng, people=16, *, position=0.0, carry=0.0):
+    rows = []
+    for person in range(people):
+        own, before = rng.normal(0, 1), ""
+        for at, condition in enumerate(ORDERS[person % 4]):
+            value = own + 0.8 * (condition == "a") + position * at + carry * (before == "a") + rng.normal(0, 0.5)
+            rows.append((person, condition, at + 1, before, value))
+            before = condition
+    return pd.DataFrame(rows, columns=["participant", "condition", "position", "before", "value"])
+
+
+def test_the_effects_of_order_are_statsmodels():
+    rows = crossover(np.random.default_rng(2), position=0.3, carry=0.5)
+    found = {one.effect: one for one in fit_crossover("m", rows)}
+    rows = rows.assign(**{f"after_{one}": 1.0 * (rows["before"] == one) - (rows["before"] == "d") for one in "abc"})
+    columns = {"condition": "C(condition)", "position": "C(position)", "carry-over": "after_a + after_b + after_c"}
+    model = smf.ols(f"value ~ C(participant) + {' + '.join(columns.values())}", rows).fit()
+    for effect, column in columns.items():
+        rest = " + ".join(["C(participant)", *(one for one in columns.values() if one != column)])
+        smaller = smf.ols(f"value ~ {rest}", rows).fit()
+        f, p, freedom = model.compare_f_test(smaller)
+        assert found[effect].f == pytest.approx(f)
+        assert found[effect].p == pytest.approx(p, abs=1e-12)
+        assert found[effect].freedom == (freedom, model.df_resid)
+
+
+@pytest.mark.long
+def test_without_an_effect_of_order_none_is_found_too_often_and_a_real_one_is():
+    studies = count(40, 1000)
+    rng = np.random.default_rng(6)
+    none = [{one.effect: one.p for one in fit_crossover("m", crossover(rng))} for _ in range(studies)]
+    real = [{one.effect: one.p for one in fit_crossover("m", crossover(rng, carry=0.6))} for _ in range(studies // 4)]
+    for effect in ("position", "carry-over"):
+        hits = sum(one[effect] < 0.05 for one in none)
+        print(f"{effect}: {hits / studies:.3f} of {studies} studies without one")
+        assert stats.binomtest(hits, studies, 0.05, alternative="greater").pvalue > 0.001
+    assert np.mean([one["carry-over"] < 0.05 for one in real]) > 0.5

@@ -1,0 +1,110 @@
+"""Two session machines beside one team table, on a clock of the test's own."""
+
+from pathlib import Path
+from typing import Any
+
+from minihuman.admin.manifest import record_log_end
+from minihuman.admin.next_session import plan_next_session
+from minihuman.admin.protocol_file import read_protocol
+from minihuman.experiment.activities.team_play import JointStepped, TeamPlayActivity
+from minihuman.experiment.machine.events import Event
+from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown, Stop, Tick
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.machine.transitions import Phase
+from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.runtime.agent_host import make_agent_host
+from minihuman.runtime.team_host import TeamTable
+from minihuman.worlds.adapters.world import World
+
+MS = 1_000_000
+
+
+class Clock:
+    """Seconds that a test turns on."""
+
+    s = 0.0
+
+    def __call__(self) -> float:
+        return self.s
+
+
+class Seat:
+    """A person's session machine and the events that it emitted."""
+
+    def __init__(self, protocol: Any, data: Path, table: TeamTable) -> None:
+        self.plan = plan_next_session(protocol, data)
+        self.machine = SessionMachine(self.plan, World, {}, picture_px=None)
+        self.host = make_agent_host(protocol, self.plan, data, teams=table)
+        self._data = data
+        self.events: list[Event] = []
+        self._now_ns = 0
+        self.take(Tick(0))
+
+    def take(self, *inputs: Input) -> None:
+        for happened in inputs:
+            self.events += self.machine.receive(happened)
+        self.answer()
+
+    def answer(self) -> None:
+        """Ask the host for whatever the machine waits for."""
+        while not self.machine.over and (want := self.machine.request) is not None:
+            given = self.host.answer(want, self.machine.play, self._now_ns)
+            if given is None:
+                return
+            self.events += self.machine.receive(given)
+
+    def wait(self, ms: float) -> None:
+        """Let time pass, and whatever screen there is be seen."""
+        self._now_ns += round(ms * MS)
+        self.take(Tick(self._now_ns), ScreenShown(self._now_ns, self._now_ns, self._now_ns))
+
+    def press(self, *keys: str) -> None:
+        for key in keys:
+            self._now_ns += MS
+            self.take(KeyDown(self._now_ns, key))
+
+    def to_play(self, *others: "Seat") -> None:
+        """Press Enter and let time pass until all play."""
+        for _ in range(40):
+            for seat in (self, *others):
+                if seat.machine.phase is not Phase.PLAYING:
+                    seat.wait(20)
+                    seat.press("enter")
+            if all(seat.machine.phase is Phase.PLAYING for seat in (self, *others)):
+                return
+        raise AssertionError([seat.machine.phase for seat in (self, *others)])
+
+    def stop(self, reason: str) -> None:
+        """End the session from outside, so that nobody waits for it."""
+        self._now_ns += MS
+        self.events += self.machine.receive(Stop(self._now_ns, reason, ""))  # type: ignore[arg-type]
+        self.host.close()
+
+    def save(self) -> None:
+        """Write the session's log."""
+        recorder = McapRecorder(self._data, self.plan, started_ns=1)
+        recorder.write(self.events)
+        log = recorder.close()
+        if log is not None:
+            record_log_end(log)
+
+    def of(self, kind: type) -> list[Any]:
+        """The events of a kind."""
+        return [event for event in self.events if isinstance(event, kind)]
+
+    @property
+    def joint(self) -> list[tuple[int, ...]]:
+        """The joint actions of the running or last episode."""
+        return [event.actions for event in self.of(JointStepped)]
+
+    @property
+    def part(self) -> TeamPlayActivity:
+        assert isinstance(self.machine.part, TeamPlayActivity)
+        return self.machine.part
+
+
+def sit_down(path: Path, data: Path, *, people: int = 2) -> tuple[list[Seat], Clock, TeamTable]:
+    """So many people of a study before their first key."""
+    protocol, clock = read_protocol(path), Clock()
+    table = TeamTable(protocol, data, clock)
+    return [Seat(protocol, data, table) for _ in range(people)], clock, table

@@ -1,0 +1,39 @@
+"""Two people in two browsers play in one world, in turns and in ticks, whatever is cut or killed."""
+
+from pathlib import Path
+
+import pytest
+
+from minihuman.experiment.activities.team_play import InputLate, JointStepped, PictureCorrected
+from minihuman.experiment.machine.events import Stepped
+from tests.counts import count
+from tests.teams.browsers import play_together
+from tests.teams.study import team_study
+
+
+@pytest.mark.program
+@pytest.mark.parametrize("pace", ["turns", "ticks"])
+def test_two_people_in_browsers_play_to_the_end_and_each_log_proves_all_bodies(tmp_path: Path, pace: str) -> None:
+    ticks = 'pace = "real_time"\nstep_period_ms = 100' if pace == "ticks" else ""
+    protocol = team_study(tmp_path, episodes=count(1, 20), max_steps=10, block=ticks)
+    played, _ = play_together(protocol, tmp_path, rtt_ms=60)
+    assert played.complaints == [[], []]
+    assert played.joint[0] == played.joint[1] != []
+    assert played.count(Stepped) == played.count(JointStepped)
+    assert played.lost == [[], []]
+    assert played.notes == []
+    assert [good for _, good in played.teams] == [True]
+    assert (sum(played.count(PictureCorrected)) > 0) == (pace == "turns")
+
+
+@pytest.mark.program
+def test_a_server_killed_and_connections_cut_lose_no_press_and_both_go_on(tmp_path: Path) -> None:
+    times = count(2, 20)
+    protocol = team_study(tmp_path, episodes=1 + times // 2)
+    played, happened = play_together(protocol, tmp_path, interruptions=times, seed=3)
+    assert sum(happened.values()) == times
+    assert played.complaints == [[], []]
+    assert played.joint[0] == played.joint[1] != []
+    assert played.lost == [[], []]
+    assert played.count(InputLate) == [0, 0]
+    assert [good for _, good in played.teams] == [True]

@@ -1,0 +1,30 @@
+"""The script of error rates runs, and its committed result is that of its designs and holds what the docs say."""
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from analysis import error_rates
+
+COMMITTED = Path(error_rates.__file__).with_suffix(".csv")
+
+
+def test_the_script_measures_every_kind_of_design(capsys: pytest.CaptureFixture[str]) -> None:
+    at_hand = error_rates.summarise(error_rates.measure_means(error_rates.normal(6, 9), 20, 1), 1.0)
+    assert at_hand["contradictions"] == 0
+    for found in (
+        error_rates.measure_survival("10 v 20 waits, 30 % censored at random", 5, 1),
+        error_rates.measure_paired("12 within, normal", 20, 1),
+    ):
+        assert error_rates.summarise(found, 1.0)["contradictions"] == 0
+
+
+def test_the_committed_result_is_of_these_designs_and_holds_what_it_should() -> None:
+    with COMMITTED.open(encoding="utf-8", newline="") as file:
+        rows = {row["design"]: row for row in csv.DictReader(file)}
+    assert list(rows) == [*(one.name for one in error_rates.MEANS), *error_rates.SURVIVAL, *error_rates.PAIRED]
+    assert {row["contradictions"] for row in rows.values()} == {"0"}
+    for name, row in rows.items():
+        if row["coverage_high"] and float(row["refused"]) < 0.5:
+            assert float(row["coverage_high"]) >= 0.93, name
