@@ -2,6 +2,7 @@
 
 import configparser
 import json
+import os
 import re
 import shlex
 import shutil
@@ -10,6 +11,7 @@ import subprocess
 from pathlib import Path
 
 import click
+import msgspec
 import pytest
 import yaml
 
@@ -62,9 +64,9 @@ def test_container_and_unit_start_the_server_with_options_that_there_are(folders
         assert (str(params["protocol"]), params["links"], params["workers"]) == ("study.toml", 0, workers)
         assert params["address"] == ADDRESS
     assert unit["Install"]["WantedBy"] == "multi-user.target"
-    copied = re.findall(r"^COPY (\S+)", text, re.MULTILINE)
-    assert copied[0] == "minihuman-*.whl"
-    assert all((folders[name] / one).is_file() for one in copied[1:])
+    assert re.findall(r"^COPY ([^\[]\S*)", text, re.MULTILINE) == ["minihuman*.whl"]
+    copied = [json.loads(line) for line in re.findall(r"^COPY (\[.*)$", text, re.MULTILINE)]
+    assert all((folders[name] / source).is_file() and source == target for source, target in copied)
     assert (folders[name] / "study.toml").read_bytes() == PROTOCOL.read_bytes()
 
 
@@ -84,14 +86,61 @@ def test_compose_has_the_services_that_were_asked_for(folders):
     assert whole["services"]["study"]["environment"]["PGPASSWORD"] == password
 
 
-@pytest.mark.skipif(shutil.which("caddy") is None, reason="caddy is not installed")
-def test_caddy_reads_its_file_and_routes_each_participant_to_one_worker(folders):
-    said = subprocess.run(
-        ["caddy", "adapt", "--config", folders["whole"] / "Caddyfile"], capture_output=True, text=True, check=True
+def test_a_file_whose_name_has_a_space_is_copied(tmp_path):
+    (tmp_path / "our maze.png").write_bytes((PROTOCOL.parents[1] / "docs/images/paths.png").read_bytes())
+    study = decode_protocol(PROTOCOL.read_bytes())
+    study = msgspec.structs.replace(
+        study, files={**study.files, "our maze.png": (tmp_path / "our maze.png").read_bytes()}
     )
-    assert re.findall(r'"dial":"([^"]+)"', said.stdout) == [f"127.0.0.1:{port}" for port in (8000, 8001, 8002)]
-    assert '"policy":"uri_hash"' in said.stdout
-    assert '"host":["study.example.org"]' in said.stdout
+    write_deployment(study, tmp_path / "out", ALONE)
+    copied = re.findall(r"^COPY (\[.*)$", (tmp_path / "out/Containerfile").read_text(), re.MULTILINE)
+    assert [json.loads(line) for line in copied] == [["our maze.png"] * 2, ["study.toml"] * 2]
+
+
+def test_an_update_installs_the_new_wheel_alone(folders, tmp_path):
+    """The README's commands and the container file's installation, with programs that only say what they were given."""
+    folder = tmp_path / "folder"
+    shutil.copytree(folders["alone"], folder)
+    (folder / "minihuman-0.1.0-py3-none-any.whl").touch()
+    new = "minihuman_lab-0.2.0-py3-none-any.whl"
+    programs = tmp_path / "programs"
+    programs.mkdir()
+    for name, line in (("python", f"touch '{folder}/{new}'"), ("docker", "true"), ("pip", 'printf "%s\\n" "$@"')):
+        (programs / name).write_text(f"#!/bin/sh\n{line}\n")
+        (programs / name).chmod(0o755)
+    readme = (folder / "README.md").read_text().replace("FOLDER", shlex.quote(str(folder)))
+    path = {"PATH": f"{programs}:{os.environ['PATH']}"}
+    subprocess.run(["sh", "-ec", "\n".join(re.findall(r"^    (.*)", readme, re.MULTILINE))], env=path, check=True)
+    text = (folder / "Containerfile").read_text().replace("/tmp/", f"{folder}/")
+    (installing,) = re.findall(r"^RUN (set --(?:.*\\\n)*.*)$", text, re.MULTILINE)
+    done = subprocess.run(["sh", "-c", installing], env=path, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["install", "--no-cache-dir", f"{folder}/{new}[web]"]
+    for one in ("minihuman-0.1.0-py3-none-any.whl", new):
+        (folder / one).touch()
+    refused = subprocess.run(["sh", "-c", installing], env=path, capture_output=True, text=True, check=False)
+    assert refused.stderr == "2 wheels of minihuman are in this folder; remove all but the newest\n"
+    assert refused.returncode == 1
+
+
+@pytest.mark.skipif(shutil.which("caddy") is None, reason="caddy is not installed")
+@pytest.mark.parametrize("name", ["alone", "whole"])
+def test_caddy_reads_its_file_and_routes_sockets_alone_to_one_worker_each(folders, name):
+    said = subprocess.run(
+        ["caddy", "adapt", "--config", folders[name] / "Caddyfile"], capture_output=True, text=True, check=True
+    )
+    (server,) = json.loads(said.stdout)["apps"]["http"]["servers"].values()
+    assert server["read_header_timeout"] == 10_000_000_000
+    assert server["routes"][0]["match"] == [{"host": ["study.example.org"]}]
+    routes = server["routes"][0]["handle"][0]["routes"]
+    proxies = [(route.get("match"), route["handle"][0]) for route in routes]
+    assert proxies.pop(0) == ([{"path": ["/metrics"]}], {"handler": "static_response", "status_code": 404})
+    ports = (8000, 8001, 8002) if name == "whole" else (8000,)
+    for _, proxy in proxies:
+        assert [one["dial"] for one in proxy["upstreams"]] == [f"127.0.0.1:{port}" for port in ports]
+    policies = [(match, proxy["load_balancing"]["selection_policy"]["policy"]) for match, proxy in proxies]
+    sockets = [([{"path": ["/socket"]}], "uri_hash")] if name == "whole" else []
+    assert policies == [*sockets, (None, "first")]
+    assert proxies[-1][1]["load_balancing"]["try_duration"] == 30_000_000_000
 
 
 def test_a_second_time_keeps_the_password_which_only_its_owner_reads(folders):
