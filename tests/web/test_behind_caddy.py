@@ -1,4 +1,4 @@
-"""Behind Caddy with TLS, by the Caddyfile that `minihuman deploy` writes: each page gets to its worker, and clocks are fine."""
+"""Behind Caddy with TLS, by the Caddyfile of `minihuman deploy`: each page gets to its worker, and clocks are fine."""
 
 import shutil
 import subprocess

@@ -1,5 +1,6 @@
 """A folder that serves a study: every file is read by a parser, and says what the study needs."""
 
+import asyncio
 import configparser
 import json
 import os
@@ -9,20 +10,22 @@ import shutil
 import stat
 import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 
 import click
 import msgspec
 import pytest
 import yaml
+from websockets.asyncio.server import serve
 
 from minihuman.admin.remote_store import STORE_URL_FILE_NAME
 from minihuman.cli.command_line import make_command_line
 from minihuman.dataset.journal import URL_FILE_NAME
 from minihuman.errors import ProtocolError
 from minihuman.experiment.protocol.protocol import decode_protocol
-from minihuman.web.deployment import Deployment, write_deployment
+from minihuman.web.deployment import Deployment, check, write_deployment
 from minihuman.web.deployment.check import CheckResult, DeploymentCheckError, check_deployment
-from tests.counts import count
+from tests.counts import PATIENCE_S, count
 from tests.lab.database import database, fresh
 from tests.lab.object_store import object_store
 
@@ -87,10 +90,10 @@ def test_compose_has_the_services_that_were_asked_for(folders):
 
 
 def test_a_file_whose_name_has_a_space_is_copied(tmp_path):
-    (tmp_path / "our maze.png").write_bytes((PROTOCOL.parents[1] / "docs/images/paths.png").read_bytes())
+    picture = (PROTOCOL.parents[1] / "docs/images/paths.png").read_bytes()
     study = decode_protocol(PROTOCOL.read_bytes())
     study = msgspec.structs.replace(
-        study, files={**study.files, "our maze.png": (tmp_path / "our maze.png").read_bytes()}
+        study, files={**study.files, "our maze.png": picture}
     )
     write_deployment(study, tmp_path / "out", ALONE)
     copied = re.findall(r"^COPY (\[.*)$", (tmp_path / "out/Containerfile").read_text(), re.MULTILINE)
@@ -193,6 +196,24 @@ def test_a_check_with_anything_amiss_has_not_passed(wrong):
     assert CheckResult(**fine, lost=0, twice=0, differences=0).passed
     amiss = {"lost": 0, "twice": 0, "differences": 0, wrong: 1}
     assert not CheckResult(**{**fine, **amiss}).passed
+
+
+@pytest.mark.parametrize("times_out", [False, True])
+def test_a_check_whose_participants_are_all_refused_ends_and_says_so(times_out, monkeypatch):
+    async def refuse(socket):
+        await socket.recv()
+        await socket.send(json.dumps({"t": "wait"} if times_out else {"t": "refused", "reason": "full"}))
+        await socket.wait_closed()
+
+    async def play():
+        async with serve(refuse, "127.0.0.1", 0) as server:
+            port = server.sockets[0].getsockname()[1]
+            return await check._play([SimpleNamespace(host=f"127.0.0.1:{port}")], ["a", "b"], print)
+
+    monkeypatch.setattr(check, "_TIMEOUT_S", 2.0 if times_out else PATIENCE_S)
+    said = "2 of 2 participants have not ended after 2 s" if times_out else "every participant was refused: full"
+    with pytest.raises(DeploymentCheckError, match=said):
+        asyncio.run(play())
 
 
 def test_a_check_without_a_database_names_the_file_that_it_needs(tmp_path):
