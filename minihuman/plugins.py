@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from minihuman.errors import MinihumanError
 
 Port = TypeVar("Port")
+DISTRIBUTION = "minihuman-lab"  # this package, as pip knows it: the name in pyproject.toml
 GROUP_PREFIX = "minihuman."
 EXTRA_OF_PACKAGE = {
     "torch": "learn",
@@ -31,7 +32,7 @@ class Plugin:
     group: str  # "players"
     name: str
     where: str  # "module:attribute"
-    package: str  # "minihuman 0.1.0"
+    package: str  # "minihuman-lab 0.1.0"
 
 
 def list_plugins() -> tuple[Plugin, ...]:

@@ -41,7 +41,7 @@ def names_in(name: str) -> set[str]:
 @cache
 def modules_beside(role: str) -> tuple[str, ...]:
     """The modules that are installed here and come from packages that the locked file does not name."""
-    allowed = names_in(f"{role}.txt") | {"minihuman", "pip", "setuptools"}
+    allowed = names_in(f"{role}.txt") | {"minihuman-lab", "pip", "setuptools"}
     installed = packages_distributions().items()
     return tuple(
         sorted(
@@ -110,7 +110,8 @@ def test_a_server_needs_no_more_than_its_file_names(tmp_path: Path) -> None:
     assert found.returncode == 2, found.stderr
     assert f"port {port}" in found.stderr
     assert "needs" not in found.stderr
-    deployed = run("server", "deploy", str(ROOT / "protocols/demo.toml"), "--address", "https://a.example", cwd=tmp_path)
+    demo = str(ROOT / "protocols/demo.toml")
+    deployed = run("server", "deploy", demo, "--address", "https://study.example.org", cwd=tmp_path)
     assert deployed.returncode == 0, deployed.stderr
     missing = run("server", "desk", "nowhere", cwd=tmp_path)
     assert "nowhere" in missing.stderr

@@ -14,9 +14,15 @@ import click
 
 from minihuman.cli.command_line import make_command_line
 from minihuman.errors import MinihumanError, escape_control_characters, escape_line
+from minihuman.plugins import DISTRIBUTION
 
-# by module, where it is called otherwise
-_DISTRIBUTIONS = {"rerun": "rerun-sdk", "pygame": "pygame-ce", "PIL": "pillow", "fontTools": "fonttools", "google": "protobuf"}
+_DISTRIBUTIONS = {  # by module
+    "rerun": "rerun-sdk",
+    "pygame": "pygame-ce",
+    "PIL": "pillow",
+    "fontTools": "fonttools",
+    "google": "protobuf",
+}
 _INTERRUPTED = 130  # as shells say it of a program that Ctrl-C ended
 
 
@@ -80,7 +86,7 @@ def find_missing_requirements(module: str) -> list[str]:
     package = module.partition(".")[0]
     name = _DISTRIBUTIONS.get(package, package).lower()
     extras: defaultdict[str, list[str]] = defaultdict(list)
-    for line in requires("minihuman") or ():
+    for line in requires(DISTRIBUTION) or ():
         requirement, _, marker = line.partition(";")
         extra = marker.partition("extra ==")[2].strip(" '\"")
         found = _name_requirement(requirement)
