@@ -20,7 +20,7 @@ from minihuman.learn.demonstrations import Demonstrations, read_demonstrations
 from minihuman.learn.policy.evaluation import evaluate_policy, make_random_policy
 from minihuman.learn.policy.network import EncoderName
 from minihuman.learn.policy.observation import ObservationEncoder, ViewMode
-from minihuman.statistics.proportions import wilson_interval
+from minihuman.statistics.scores import wilson_interval
 from teaching_study.trials import describe_command, mean_interval
 
 WORLD = "minihuman/MiniGrid-FourRooms-v0"

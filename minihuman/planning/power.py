@@ -17,7 +17,7 @@ from minihuman.errors import ReportError
 from minihuman.figures.style import COLUMN_CM, MUTED, SERIES, figure_style, save_figure
 from minihuman.planning.pool import ParticipantPool
 from minihuman.statistics.comparison import Values, permutation_tests
-from minihuman.statistics.proportions import wilson_interval
+from minihuman.statistics.scores import wilson_interval
 from minihuman.statistics.two_part_model import summarise_people, two_parts_p
 
 ALPHA = 0.05

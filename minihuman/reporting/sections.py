@@ -40,7 +40,7 @@ from minihuman.reporting.results import (
 )
 from minihuman.statistics.comparison import GroupComparison, PowerAnalysis
 from minihuman.statistics.paired import PairedComparison
-from minihuman.statistics.proportions import wilson_interval
+from minihuman.statistics.scores import wilson_interval
 from minihuman.statistics.two_part_model import PartComparison, TwoPartComparison
 
 _FACTORS = {  # of what a difference of logarithms is a factor

@@ -11,7 +11,7 @@ import torch
 from minihuman.learn.policy.network import Policy
 from minihuman.learn.policy.observation import Observation, ObservationEncoder
 from minihuman.learn.ppo import episode_seed
-from minihuman.statistics.proportions import wilson_interval
+from minihuman.statistics.scores import wilson_interval
 
 ChooseAction = Callable[[Observation], int]  # an action from what is seen
 
