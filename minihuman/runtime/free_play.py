@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from minihuman.display.windows.window import Clock, Window
-from minihuman.experiment.bindings import assign_usual_keys
+from minihuman.experiment.keys import assign_usual_keys
 from minihuman.experiment.machine.inputs import KeyDown, Stop
 from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
 from minihuman.worlds.adapters.world import StepResult, World

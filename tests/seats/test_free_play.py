@@ -1,7 +1,7 @@
 from collections.abc import Iterator
 
 from minihuman.display.windows.window import ScriptedWindow, VirtualClock
-from minihuman.experiment.bindings import assign_keys
+from minihuman.experiment.keys import assign_keys
 from minihuman.experiment.machine.inputs import KeyDown, KeyUp, Stop
 from minihuman.experiment.machine.screens import PlayScreen, TextScreen
 from minihuman.runtime.free_play import FreePlay, run_free_play
