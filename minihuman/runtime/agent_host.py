@@ -31,8 +31,8 @@ from minihuman.experiment.activities.correction import CorrectionPlan, EpisodeRe
 from minihuman.experiment.activities.preferences import ClipOffered, ClipRequest, EpisodeClip, PreferencesPlan
 from minihuman.experiment.machine.events import Event
 from minihuman.experiment.machine.inputs import ActivityInput
-from minihuman.experiment.machine.pending_allocation import SlotDrawn, SlotRequest, is_allocation_pending
 from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.session import SlotDrawn, SlotRequest, is_allocation_pending
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol

@@ -36,7 +36,6 @@ from minihuman.experiment.machine.inputs import (
     ScreenShown,
     TextInput,
 )
-from minihuman.experiment.machine.pending_allocation import build_session
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import (
     FilmScreen,
@@ -47,7 +46,7 @@ from minihuman.experiment.machine.screens import (
     Screen,
     TextScreen,
 )
-from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.machine.session import SessionMachine, build_session
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.experiment.plan.session_plan import SessionPlan
