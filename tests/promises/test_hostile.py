@@ -34,7 +34,7 @@ from minihuman.exporters.exporter import export_study
 from minihuman.figures.gallery import draw_all_figures
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record.finalization import recover_log, repair_log
-from minihuman.log.salvage.framing import MAX_RECORD_BYTES
+from minihuman.log.salvage.records import MAX_RECORD_BYTES
 from minihuman.log.salvage.scan import LogScanner
 from minihuman.reporting.build import build_report
 from minihuman.worlds.adapters.world import World
