@@ -332,8 +332,7 @@ def _verify_tables(study: Path, outputs: Iterable[Path]) -> Iterator[tuple[str, 
     from minihuman.dataset.sessions import StudySessions
     from minihuman.dataset.store import StudyStore
     from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, TABLES
-    from minihuman.dataset.table_comparison import compare_cache, compare_pages, compare_table_files
-    from minihuman.dataset.table_files import write_tables
+    from minihuman.dataset.table_files import compare_cache, compare_pages, compare_table_files, write_tables
     from minihuman.log.paths import require_folder
     from minihuman.reporting.build import build_report
 
