@@ -6,7 +6,7 @@ from pathlib import Path
 
 from minihuman.admin.enrolment_log import free_slot
 from minihuman.admin.manifest import record_log_end
-from minihuman.admin.session_summary import summarize_session
+from minihuman.admin.session_index import summarize_session
 from minihuman.display.windows.window import Window
 from minihuman.errors import WorldError
 from minihuman.experiment.activities.activity import RequestHandler

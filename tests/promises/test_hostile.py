@@ -18,8 +18,7 @@ from mcap.opcode import Opcode
 
 from minihuman.admin.log_info import format_session_json, format_session_lines
 from minihuman.admin.protocol_file import find_shipped_protocol
-from minihuman.admin.session_index import read_session_index
-from minihuman.admin.session_summary import summarize_session
+from minihuman.admin.session_index import read_session_index, summarize_session
 from minihuman.admin.status import format_status
 from minihuman.admin.verify.log import verify_session
 from minihuman.cli import main

@@ -32,7 +32,7 @@ from minihuman.admin.enrolment_entries import (
 )
 from minihuman.admin.manifest import find_changed_files
 from minihuman.admin.policies import verify_advice
-from minihuman.admin.session_summary import find_double_sessions
+from minihuman.admin.session_index import find_double_sessions
 from minihuman.admin.verify.episodes import describe_other_rules, verify_episodes
 from minihuman.errors import LogError, MinihumanError
 from minihuman.experiment.activities.activity import WorldFactory
