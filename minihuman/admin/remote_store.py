@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from minihuman.dataset.withdrawals import read_withdrawn_codes
+from minihuman.dataset.log_files import read_withdrawn_codes
 from minihuman.errors import LogError
 from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import LOG_SUFFIX, study_folder
