@@ -18,7 +18,6 @@ from minihuman.experiment.protocol.specs import AnalysisSpec, apply_overrides
 from minihuman.figures.figure_data import Difference, collect_learning_curves, group_by_block, name_measure
 from minihuman.figures.figure_files import draw_figure_files
 from minihuman.log.read.session_reader import read_log
-from minihuman.reporting.elements import ReportFigure
 from minihuman.reporting.methods import build_methods, find_known_keys
 from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study
 from minihuman.reporting.results import (
@@ -33,6 +32,7 @@ from minihuman.reporting.scripts import write_scripts
 from minihuman.reporting.sections import count_clauses, flow_section
 from minihuman.reporting.study_measures import add_measures
 from minihuman.reporting.teaching_section import read_taught_logs, tabulate_teaching, teaching_figures, teaching_section
+from minihuman.reporting.template import ReportFigure
 
 _CURVES = (
     ("log_excess_steps", "log of the excess steps over the shortest path", (0.0, math.inf)),

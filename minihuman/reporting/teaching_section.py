@@ -15,8 +15,8 @@ from minihuman.figures.figure_files import draw_figure_files
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 from minihuman.log.model.teaching_events import NO_ADVICE, TeachingRecord
 from minihuman.log.read.session_reader import read_log
-from minihuman.reporting.elements import ReportFigure, Table, format_number
 from minihuman.reporting.study_measures import TeachingMeasure
+from minihuman.reporting.template import ReportFigure, Table, format_number
 
 TaughtEpisode = tuple[EpisodeLog, TeachingRecord]
 _MS_PER_MIN = 60_000.0
