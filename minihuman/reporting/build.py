@@ -15,8 +15,13 @@ from minihuman.dataset.table_files import write_tables
 from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec, apply_overrides
-from minihuman.figures.figure_data import Difference, collect_learning_curves, group_by_block, name_measure
-from minihuman.figures.figure_files import draw_figure_files
+from minihuman.figures.figure_data import (
+    Difference,
+    collect_learning_curves,
+    draw_figure_files,
+    group_by_block,
+    name_measure,
+)
 from minihuman.log.read.session_reader import read_log
 from minihuman.reporting.methods import build_methods, find_known_keys
 from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study

@@ -19,7 +19,7 @@ from minihuman.dataset.store import StudyStore
 from minihuman.errors import ReportError
 from minihuman.experiment.machine.events import ModelCall
 from minihuman.experiment.protocol.protocol import decode_logged_protocol
-from minihuman.figures.figure_files import draw_figure_files
+from minihuman.figures.figure_data import draw_figure_files
 from minihuman.log.read.session_reader import read_log
 from minihuman.statistics.scores import DRAWS, HUMAN_REFERENCE, Estimate, PlayerScore, Runs, score_player
 
