@@ -39,8 +39,8 @@ from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.log.model.session_log import EpisodeLog
 from minihuman.log.paths import SegmentPath
 from minihuman.log.read.session_reader import read_log
+from minihuman.plugins import describe_failure, limit_answer_time, locate_error
 from minihuman.runtime.learner_process import LearnerProcess, LearnerRequest
-from minihuman.runtime.plugin_calls import describe_failure, limit_answer_time, locate_error
 from minihuman.runtime.team_host import TeamMember, TeamTable
 from minihuman.worlds.adapters.world import World
 

@@ -54,9 +54,9 @@ from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.log.paths import SegmentPath
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.log.record.recorder import BufferedRecorder, DeferredRecorder
+from minihuman.plugins import limit_answer_time, locate_error
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
-from minihuman.runtime.plugin_calls import limit_answer_time, locate_error
 from minihuman.runtime.session_loop import run_session
 from minihuman.runtime.team_host import TeamTable
 from minihuman.simulation.participant import (
