@@ -18,11 +18,10 @@ from minihuman.log.paths import SegmentPath
 from minihuman.log.record.file_lock import require_unclaimed
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.log.record.recorder import DeferredRecorder, Recorder
-from minihuman.runtime.command_inbox import CommandInbox, inbox_path
 from minihuman.runtime.devices.device import DeviceRecorder, open_devices
 from minihuman.runtime.devices.lsl import LslMarkerRecorder, pylsl
 from minihuman.runtime.machine import SessionClock, collect_machine_facts, collect_world_facts, list_world_ids
-from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.session_loop import CommandInbox, inbox_path, run_session
 from minihuman.worlds.adapters.world import World
 
 

@@ -37,7 +37,7 @@ from minihuman.log.record.mcap_recorder import McapRecorder, resume_segment
 from minihuman.log.record.recorder import DeferredRecorder, Recorder
 from minihuman.log.system import current_system, monotonic_s
 from minihuman.runtime.agent_host import make_agent_host
-from minihuman.runtime.command_inbox import CommandInbox, inbox_path
+from minihuman.runtime.session_loop import CommandInbox, inbox_path
 from minihuman.runtime.team_host import TeamTable
 from minihuman.trust import SOURCE_FACT
 from minihuman.web import messages
