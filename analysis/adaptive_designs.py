@@ -29,7 +29,7 @@ from minihuman.experiment.replay import compare_replay
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.runtime.session_loop import run_session
 from minihuman.runtime.simulated_session import SimulatedWindow
-from minihuman.simulation.observer import ObserverParticipant
+from minihuman.simulation.scripted import ObserverParticipant
 from minihuman.statistics.scores import wilson_interval
 from minihuman.worlds.adapters.world import World
 
