@@ -30,17 +30,17 @@ from minihuman.web.arrivals import Arrivals
 from minihuman.web.completion import build_completion, classify_ending, get_page_texts, get_session_code
 from minihuman.web.computed import kernels_digest
 from minihuman.web.connection import Connection, ConnectionFactory, TurnedAway
-from minihuman.web.limits import (
+from minihuman.web.messages import (
     HEADERS,
     HELLO_TIMEOUT_S,
     MAX_BACKLOG,
     MAX_TARGET_BYTES,
     MAX_WAITING,
     PREFETCH_BACKLOG,
+    MessageError,
     RateLimit,
     is_same_origin,
 )
-from minihuman.web.messages import MessageError
 
 _ENDS = (WebSocketDisconnect, RuntimeError)  # RuntimeError: something was sent after the end
 
