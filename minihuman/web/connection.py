@@ -42,12 +42,16 @@ from minihuman.runtime.team_host import TeamTable
 from minihuman.trust import SOURCE_FACT
 from minihuman.web import messages
 from minihuman.web.arrivals import Admission, Arrival, Arrivals, Rejection, identify_visitor
-from minihuman.web.completion import Completion, build_completion, classify_ending, get_page_texts, get_session_code
 from minihuman.web.computed import PageWorld, kernels_digest
 from minihuman.web.eligibility import (
     BrowserProperties,
+    Completion,
+    build_completion,
     check_eligibility,
+    classify_ending,
     collect_browser_facts,
+    get_page_texts,
+    get_session_code,
     list_touch_keys,
     needs_keyboard,
 )
