@@ -1,4 +1,5 @@
-"""Prefetch the screens that the next inputs lead to outside of episodes, and the pictures of films. No I/O, no clock.
+"""Prefetch the screens that the next inputs lead to outside of episodes, and the pictures of films; and look
+ahead in episodes where a page does not compute: the scenes that the next key would lead to. No I/O, no clock.
 
 A copy of the session tries each likely input; the session's own screen counts where the two differ. Films are drawn one
 picture at a time: a whole episode at once would keep all other participants waiting.
@@ -34,9 +35,8 @@ from minihuman.experiment.machine.screens import (
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.replay import WorldLender, can_copy_session, copy_session
-from minihuman.web.image_cache import ImageCache
 from minihuman.web.messages import FilmFrame, LookAheadUpdate, PrefetchedScreen, ScreenPrefetch
-from minihuman.web.screen_values import NumberPicture, convert_screen
+from minihuman.web.screen_values import ImageCache, NumberPicture, convert_screen
 from minihuman.worlds.adapters.world import World
 
 _NAME_BITS = 2**52 - 1  # of a scene's hash: what a page's numbers hold
@@ -170,7 +170,6 @@ class LookAheadGraph:
 
 
 NEAR_RTT_NS = 40_000_000  # below it one input ahead is enough
-_NAME_BITS = 2**52 - 1  # what a page's numbers hold
 _MOST_TRIES = 48  # from one screen
 _FLIP_NS = 16_000_000  # until a screen is there
 _LOOK_NS = 200_000_000  # until an input
