@@ -1,5 +1,7 @@
 """Screens as plain values for the page: one function per kind of screen. The page decides how they look. No I/O.
 
+The image cache sends each picture once, by its content, packed as small as can be decoded in time.
+
 A new kind of screen is a function here with its row, and a function of the same name in ``page/screens.js``. The screen
 of a plug-in's activity is sent as the picture that a window would show.
 """
@@ -15,8 +17,8 @@ from isal import isal_zlib
 from numpy.typing import NDArray
 from simplejpeg import encode_jpeg
 
-from minihuman.display.drawing.keycaps import arrange_keycaps
 from minihuman.display.drawing.screen import compose_screen
+from minihuman.display.drawing.sheet import arrange_keycaps
 from minihuman.experiment.keys import key_label
 from minihuman.experiment.machine import screens
 from minihuman.web.messages import PictureMessage
