@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from minihuman.dataset.episode_stream import IncludedEpisodes
+from minihuman.dataset.sessions import IncludedEpisodes
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, PRIMARY_KEYS, TABLES, TableColumn
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.specs import AboutSpec
@@ -16,7 +16,13 @@ from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.study_metadata import get_plan_study_facts
 from minihuman.exporters.tables import export_tables
 
-_TYPES = {"text": "sc:Text", "key": "sc:Text", "integer": "cr:Int64", "number": "cr:Float64", "boolean": "sc:Boolean"}
+_CROISSANT_TYPES = {
+    "text": "sc:Text",
+    "key": "sc:Text",
+    "integer": "cr:Int64",
+    "number": "cr:Float64",
+    "boolean": "sc:Boolean",
+}
 _JSON = ("data", "examples")  # what the vocabulary takes as it is
 _TERMS = (
     "citeAs column extract field fileObject fileProperty fileSet format includes isLiveDataset jsonPath key md5 "
@@ -36,18 +42,18 @@ CONTEXT: dict[str, Any] = {
 }
 
 
-def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
+def export_croissant(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write every table and ``croissant.json``."""
     written, first = export_tables(chosen, out, "parquet")
     if first is None:
         return replace(written, paths=())
     path = out / "croissant.json"
-    described = _description(first, sorted(out.glob("*.parquet")))
+    described = _describe_as_croissant(first, sorted(out.glob("*.parquet")))
     path.write_text(json.dumps(described, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
     return replace(written, paths=(*written.paths, path))
 
 
-def _description(plan: SessionPlan, tables: list[Path]) -> dict[str, Any]:
+def _describe_as_croissant(plan: SessionPlan, tables: list[Path]) -> dict[str, Any]:
     about = get_plan_study_facts(plan)
     facts = {
         "license": about.licence,
@@ -97,7 +103,7 @@ def _records(table: str, columns: tuple[TableColumn, ...]) -> dict[str, Any]:
                 "@id": f"{table}/{column.name}",
                 "name": f"{table}/{column.name}",
                 "description": column.meaning + (f" Unit: {column.unit}." if column.unit else ""),
-                "dataType": _TYPES[column.kind],
+                "dataType": _CROISSANT_TYPES[column.kind],
                 "source": {"fileObject": {"@id": f"{table}.parquet"}, "extract": {"column": column.name}},
             }
             for column in columns
@@ -112,10 +118,10 @@ def _version(said: str) -> str:
     return ".".join([*numbers, "0", "0", "0"][:3])
 
 
-_TYPES = {"text": "Text", "key": "Text", "integer": "Integer", "number": "Float", "boolean": "Boolean"}
+_PSYCH_DS_TYPES = {"text": "Text", "key": "Text", "integer": "Integer", "number": "Float", "boolean": "Boolean"}
 
 
-def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
+def export_psych_ds(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write every table and ``dataset_description.json``."""
     written, first = export_tables(chosen, out / "data", "csv")
     if first is None:
@@ -128,12 +134,14 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         files.append((out / "data" / f"{table}.csv").rename(out / "data" / name))
     described = out / "dataset_description.json"
     described.write_text(
-        json.dumps(_description(first, tables), indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n"
+        json.dumps(_describe_as_psych_ds(first, tables), indent=1, ensure_ascii=False) + "\n",
+        encoding="utf-8",
+        newline="\n",
     )
     return replace(written, paths=(*files, described, out / "dictionary.json"))
 
 
-def _description(plan: SessionPlan, tables: list[str]) -> dict[str, Any]:
+def _describe_as_psych_ds(plan: SessionPlan, tables: list[str]) -> dict[str, Any]:
     about = get_plan_study_facts(plan)
     facts = {
         "author": [
@@ -174,10 +182,14 @@ def _variables(tables: list[str]) -> Iterator[dict[str, Any]]:
         alone = len(said) == 1
         text = " ".join(meaning if alone else f"{meaning} ({', '.join(theirs)})" for meaning, theirs in said.items())
         variable = {"@type": "PropertyValue", "name": name, "description": text}
-        yield variable | {"additionalType": _TYPES[kinds[name]]} | ({"unitText": units[name]} if units[name] else {})
+        yield (
+            variable
+            | {"additionalType": _PSYCH_DS_TYPES[kinds[name]]}
+            | ({"unitText": units[name]} if units[name] else {})
+        )
 
 
-def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
+def export_frictionless(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write every table, what its columns mean and the facts about the study."""
     written, first = export_tables(chosen, out, "csv")
     if first is None:

@@ -12,16 +12,14 @@ from typing import Any, Literal
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet
-import pyreadstat
 
-from minihuman.dataset.episode_stream import IncludedEpisodes
+from minihuman.dataset.sessions import IncludedEpisodes
 from minihuman.dataset.store import StudyStore, TableDatabase
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EVERY_MOMENT, TABLES, build_data_dictionary
 from minihuman.dataset.table_files import TableFormat, write_tables
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.study_metadata import get_plan_study_facts
-from minihuman.log.read.session_reader import read_log
 
 
 def export_csv(chosen: IncludedEpisodes, out: Path) -> ExportResult:
@@ -76,15 +74,17 @@ _LABEL_CHARACTERS = 80  # Stata's limit for a column's label
 
 def export_spss(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write every table that has rows as SPSS data."""
-    return _write(chosen, out, "sav")
+    return _write_labelled(chosen, out, "sav")
 
 
 def export_stata(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write every table that has rows as Stata data."""
-    return _write(chosen, out, "dta")
+    return _write_labelled(chosen, out, "dta")
 
 
-def _write(chosen: IncludedEpisodes, out: Path, kind: Literal["sav", "dta"]) -> ExportResult:
+def _write_labelled(chosen: IncludedEpisodes, out: Path, kind: Literal["sav", "dta"]) -> ExportResult:
+    import pyreadstat  # in no other format
+
     paths: list[Path] = []
     with chosen.store() as store:
         for name, columns in TABLES.items():
@@ -114,8 +114,10 @@ def _label(text: str, kind: str) -> str:
     return text if kind == "sav" else shorten(text, _LABEL_CHARACTERS, placeholder=" ...")
 
 
-def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
+def export_hugging_face(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write every table that has rows; those that do not count are there too, with the reason."""
+    from minihuman.log.read.session_reader import read_log
+
     with chosen.store() as store:
         names = [name for name in TABLES if store.tables.count(name)]
         for name in names:
