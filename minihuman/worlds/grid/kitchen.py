@@ -15,7 +15,7 @@ from minihuman.worlds.contract import Palette
 from minihuman.worlds.grid.core import kitchen_rules as fields
 from minihuman.worlds.grid.core.kitchen_rules import Row, kitchen_row_length, observe, step_kitchen, step_kitchens
 from minihuman.worlds.grid.layouts.kitchens import CELLS, KITCHENS, RECIPES, KitchenLayout
-from minihuman.worlds.grid.pictures.kitchen_pictures import THING_COLOURS, THING_NAMES, draw_kitchen
+from minihuman.worlds.grid.pictures.team_pictures import THING_COLOURS, THING_NAMES, draw_kitchen
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.options import check_one_of, check_whole
 from minihuman.worlds.pose import Map, Pose, Thing, wall_outlines
