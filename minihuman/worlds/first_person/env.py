@@ -1,6 +1,7 @@
 """FirstPersonEnv: a first-person world as a Gymnasium environment.
 
-A subclass says what stands where (`build`), what a step earns and when the episode ends.
+A subclass says what stands where (`build`), and by a termination rule that kernels know what a step earns and when the
+episode ends.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +16,6 @@ from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.entities import Agent, Entity, ImageFrame, Position, TextFrame
-from minihuman.worlds.first_person.flat_state import FlatState
 from minihuman.worlds.first_person.miniworld_compat import MiniworldCompat
 from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters
 from minihuman.worlds.first_person.pictures import COMPILE_PIECES, WorldRenderer
@@ -32,6 +32,7 @@ from minihuman.worlds.first_person.rooms import (
 from minihuman.worlds.first_person.rules import FACE, GOAL, HEALTH, NEVER, PUT_NEXT, SIGN, TAKE_ALL
 from minihuman.worlds.first_person.state import (
     FirstPersonSnapshot,
+    FlatState,
     WorldState,
     floor_map,
     restore_state,
