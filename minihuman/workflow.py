@@ -425,7 +425,7 @@ def report(
     from minihuman.dataset.selection import Selection
     from minihuman.dataset.sessions import StudySessions
     from minihuman.errors import name_output_when_full
-    from minihuman.garbage_collection import infrequent_collection
+    from minihuman.figures.figure_data import infrequent_collection
     from minihuman.reporting.build import build_report, find_stale_figures
 
     out = Path(out)
