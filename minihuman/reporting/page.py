@@ -52,7 +52,7 @@ from minihuman.reporting.template import (
     to_records,
 )
 from minihuman.statistics.comparison import GroupComparison
-from minihuman.statistics.growth import MIN_EPISODES
+from minihuman.statistics.paired import MIN_EPISODES
 
 _PUBLISHED_PROTOCOLS = frozenset(  # SHA-256 of the shipped file, by its fields' present and earlier names
     {
