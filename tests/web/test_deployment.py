@@ -92,9 +92,7 @@ def test_compose_has_the_services_that_were_asked_for(folders):
 def test_a_file_whose_name_has_a_space_is_copied(tmp_path):
     picture = (PROTOCOL.parents[1] / "docs/images/paths.png").read_bytes()
     study = decode_protocol(PROTOCOL.read_bytes())
-    study = msgspec.structs.replace(
-        study, files={**study.files, "our maze.png": picture}
-    )
+    study = msgspec.structs.replace(study, files={**study.files, "our maze.png": picture})
     write_deployment(study, tmp_path / "out", ALONE)
     copied = re.findall(r"^COPY (\[.*)$", (tmp_path / "out/Containerfile").read_text(), re.MULTILINE)
     assert [json.loads(line) for line in copied] == [["our maze.png"] * 2, ["study.toml"] * 2]
