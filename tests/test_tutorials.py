@@ -17,6 +17,15 @@ from minihuman.experiment.protocol.protocol import decode_protocol
 DOCS = Path(__file__).parents[1] / "docs"
 BLOCK = re.compile(r"^( *)```(\w+)[^\n]*\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)
 PAGES = sorted([*DOCS.glob("*.md"), DOCS.parent / "README.md", DOCS.parent / "protocols/README.md"])
+STUDY = """
+[study]
+name = "page"
+version = "1"
+seed = 1
+participants = 4
+[keys]
+pool = ["1", "2", "3", "4", "5", "6"]
+"""
 WEB = "\n[[pages]]\n"  # above which the second tutorial's lines go
 
 
@@ -118,8 +127,3 @@ def test_the_drawn_level_of_the_play_page_can_be_trained_on() -> None:
     study = f"{STUDY}[[groups]]\nname = 'all'\nblocks = ['my-level']\n{level}episodes = 1\n"
     assert decode_protocol(study.encode()).blocks[0].name == "my-level"
     assert found["env"]
-
-
-STUDY = (
-    '[study]\nname = "page"\nversion = "1"\nseed = 1\nparticipants = 4\n[keys]\npool = ["1", "2", "3", "4", "5", "6"]\n'
-)
