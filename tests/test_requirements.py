@@ -1,5 +1,6 @@
 """A station and a server run with what their requirement files name; every other command says what is missing."""
 
+import os
 import re
 import subprocess
 import sys
@@ -55,7 +56,8 @@ def modules_beside(role: str) -> tuple[str, ...]:
 def run(role: str, *command: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run a command where nothing is importable but the packages of a locked file."""
     arguments = [sys.executable, "-c", BLOCKER, ",".join(modules_beside(role)), *command]
-    return subprocess.run(arguments, cwd=cwd, capture_output=True, text=True, timeout=300)
+    bare = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    return subprocess.run(arguments, cwd=cwd, capture_output=True, text=True, timeout=300, env=bare)
 
 
 @pytest.mark.parametrize("role", ["station", "server"])
@@ -78,6 +80,8 @@ def test_a_station_simulates_verifies_and_names_what_other_commands_need(tmp_pat
     for command in (["verify", "demo"], ["status", "demo"], ["check", demo], ["info", "demo/sub-01/ses-01"]):
         found = run("station", *command, cwd=tmp_path)
         assert found.returncode == 0, found.stderr
+    opened = run("station", "run", demo, "--next-slot", "--data", "live", cwd=tmp_path)
+    assert "no display" in opened.stderr, "it got as far as its window"
     named = {}
     for command, needed in (
         (["report", "demo", "--out", "r"], "pandas"),

@@ -23,6 +23,7 @@ _DISTRIBUTIONS = {  # by module
     "fontTools": "fonttools",
     "google": "protobuf",
 }
+_ALONE = ("jinja2",)  # what uses it first needs no more
 _INTERRUPTED = 130  # as shells say it of a program that Ctrl-C ended
 
 
@@ -92,7 +93,12 @@ def find_missing_requirements(module: str) -> list[str]:
         found = _name_requirement(requirement)
         if found == name:
             extras[extra].insert(0, requirement.strip())
-        elif "sys_platform" not in marker and (extra or found != "rerun-sdk") and not _can_import(found):
+        elif (
+            name not in _ALONE
+            and "sys_platform" not in marker
+            and (extra or found != "rerun-sdk")
+            and not _can_import(found)
+        ):
             extras[extra].append(requirement.strip())
     bringing = [extra for extra, found in extras.items() if _name_requirement(found[0]) == name]
     return extras[min(bringing, key=lambda extra: (bool(extra), len(extras[extra])))] if bringing else []

@@ -16,6 +16,7 @@ import click
 import msgspec
 import pytest
 import yaml
+from starlette.testclient import TestClient
 from websockets.asyncio.server import serve
 
 from minihuman.admin.remote_store import STORE_URL_FILE_NAME
@@ -23,8 +24,10 @@ from minihuman.cli.command_line import make_command_line
 from minihuman.dataset.journal import URL_FILE_NAME
 from minihuman.errors import ProtocolError
 from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.web.arrivals import Arrivals
 from minihuman.web.deployment import Deployment, check, write_deployment
 from minihuman.web.deployment.check import CheckResult, DeploymentCheckError, check_deployment
+from minihuman.web.server.app import WebServer
 from tests.counts import PATIENCE_S, count
 from tests.lab.database import database, fresh
 from tests.lab.object_store import object_store
@@ -217,3 +220,30 @@ def test_a_check_whose_participants_are_all_refused_ends_and_says_so(times_out, 
 def test_a_check_without_a_database_names_the_file_that_it_needs(tmp_path):
     with pytest.raises(DeploymentCheckError, match=r"register\.url does not exist; write the address into it"):
         check_deployment(tmp_path, 1)
+
+
+def test_the_kubernetes_manifest_starts_what_there_is_and_keeps_what_has_to_stay(tmp_path):
+    docs = PROTOCOL.parents[1] / "docs"
+    kinds = {one["kind"]: one for one in yaml.safe_load_all((docs / "kubernetes.yaml").read_text())}
+    assert kinds.keys() == {"StatefulSet", "Service", "PodDisruptionBudget", "Ingress"}
+    pod = kinds["StatefulSet"]["spec"]["template"]["spec"]
+    (container,) = pod["containers"]
+    params = _served(container["args"])
+    assert (params["links"], params["address"], params["host"]) == (0, ADDRESS, "0.0.0.0")
+    assert container["ports"] == [{"name": "http", "containerPort": params["port"]}]
+    page = TestClient(WebServer(Arrivals(decode_protocol(PROTOCOL.read_bytes()), tmp_path), tmp_path).app())
+    for probe in ("startupProbe", "livenessProbe", "readinessProbe"):
+        assert page.get(container[probe]["httpGet"]["path"]).text == "ok\n"
+    data = f"/study/{params['data']}"
+    mounted = {one["mountPath"]: one["name"] for one in container["volumeMounts"]}
+    volumes = {one["metadata"]["name"] for one in kinds["StatefulSet"]["spec"]["volumeClaimTemplates"]}
+    volumes |= {one["name"] for one in pod["volumes"]}
+    assert set(mounted.values()) == volumes
+    assert {data, f"{data}/{URL_FILE_NAME}", f"{data}/{STORE_URL_FILE_NAME}"} <= mounted.keys()
+    labels = kinds["StatefulSet"]["spec"]["template"]["metadata"]["labels"]
+    assert kinds["Service"]["spec"]["selector"] == labels
+    assert kinds["PodDisruptionBudget"]["spec"]["selector"]["matchLabels"] == labels
+    (rule,) = kinds["Ingress"]["spec"]["rules"]
+    assert rule["host"] == ADDRESS.removeprefix("https://")
+    assert rule["http"]["paths"][0]["backend"]["service"]["name"] == kinds["Service"]["metadata"]["name"]
+    assert re.search(r"@sha256:[0-9a-f]{64}$", container["image"]), "an image is named by its digest"
