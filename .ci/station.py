@@ -51,7 +51,7 @@ WORDS = {  # of every command; one that is new fails until it is listed here
     "recover": STUDY,
     "annotate": f"{LOG} --tag quiet",
     "manifest": STUDY,
-    "withdraw": f"sub-09 --study {STUDY} --reason none",
+    "withdraw": f"sub-01 --study {STUDY} --reason none --erase",
     "replace": f"sub-09 --study {STUDY} --reason none",
     "gather": STUDY,
     "export": f"csv {STUDY} --out csv",
@@ -153,7 +153,7 @@ def main() -> None:
     found: dict[str, str] = {}
     with tempfile.TemporaryDirectory() as name:
         trial = Trial(python, Path(name))
-        for command in sorted(names, key=lambda one: one != "simulate"):  # whose data the others take
+        for command in sorted(names, key=lambda one: (one != "simulate", one == "withdraw")):  # data for all the others
             words = (*command.split(), *(word.replace("|", " ") for word in WORDS[command].split()))
             if command in ("serve", "watch", "desk"):
                 found[command] = trial.answers(*words)
