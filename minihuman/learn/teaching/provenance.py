@@ -104,7 +104,8 @@ def get_code_versions() -> dict[str, str]:
         assert sources, f"{folder} holds no source"
         for path in sources:
             digest.update(str(path.relative_to(PACKAGE)).encode() + b"\0" + path.read_bytes() + b"\0")
-    return {name: version(name) for name in ("minihuman", "torch", "numpy")} | {"sources_sha256": digest.hexdigest()}
+    made_by = {"minihuman": minihuman.__version__, **{name: version(name) for name in ("torch", "numpy")}}
+    return made_by | {"sources_sha256": digest.hexdigest()}
 
 
 def _other_code(made_by: dict[str, str]) -> list[str]:
