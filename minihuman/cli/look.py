@@ -43,17 +43,14 @@ def status(
             lines = [one.line() for one in found] or ["no participant is due"]
             print(escape_control_characters("\n".join(lines)))
         return
+    from minihuman.admin.status import format_status, read_study_status
+
+    found_status = read_study_status(study)
     if json:
-        from minihuman.admin.status import read_study_status
-
-        found_status = read_study_status(study)
         print_json(found_status)
-        raise SystemExit(int(bool(found_status.problems)))
-    from minihuman.admin.status import format_status, list_problems
-
-    for line in format_status(study):
-        print(escape_control_characters(line))
-    raise SystemExit(int(bool(list_problems(study))))
+    else:
+        print(escape_control_characters("\n".join(format_status(study, found_status))))
+    raise SystemExit(int(bool(found_status.problems)))
 
 
 def info(
