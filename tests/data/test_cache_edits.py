@@ -132,11 +132,9 @@ def test_no_edit_of_the_session_index_is_believed(study: Path, caplog: pytest.Lo
         with duckdb.connect(str(study / TABLE_CACHE)) as cache:
             described = cache.execute("DESCRIBE session_index.sessions").fetchall()
             column, kind = rng.choice([(name, kind) for name, kind, *_ in described])
-            changes = [f'("{column}" || 1)::{kind}', "NULL"]
-            changes += (
-                ["'x'", "''"] if kind == "VARCHAR" else [f'NOT "{column}"'] if kind == "BOOLEAN" else ["7", "1e9"]
-            )
-            change = rng.choice(changes if kind != "BOOLEAN" else changes[1:])
+            longer = f'("{column}" || 1)::{kind}'
+            changes = {"VARCHAR": [longer, "'x'", "''"], "BOOLEAN": [f'NOT "{column}"']}.get(kind, [longer, "7", "1e9"])
+            change = rng.choice([*changes, "NULL"])
             at = f"rowid = {rng.choice(cache.execute('SELECT rowid FROM session_index.sessions').fetchall())[0]}"
             before = cache.execute(f'SELECT "{column}" FROM session_index.sessions WHERE {at}').fetchall()
             cache.execute(f'UPDATE session_index.sessions SET "{column}" = {change} WHERE {at}')

@@ -12,7 +12,7 @@ from pathlib import Path
 import duckdb
 import pytest
 
-from minihuman.admin import session_summary
+from minihuman.admin import session_index
 from minihuman.admin.session_index import LOCK_WAIT_S, SessionSummary, read_session_index
 from minihuman.admin.status import format_status
 from minihuman.dataset.caches import TABLE_CACHE
@@ -34,13 +34,13 @@ def _record(data: Path, participant: str, *, episodes: int = 2, steps: int = 5) 
 def _count_reads(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """The logs that are summed up from now on."""
     read: list[Path] = []
-    really = session_summary.summarize_session
+    really = session_index.summarize_session
 
     def counting(files: list[Path]) -> SessionSummary:
         read.extend(files)
         return really(files)
 
-    monkeypatch.setattr(session_summary, "summarize_session", counting)
+    monkeypatch.setattr(session_index, "summarize_session", counting)
     return read
 
 
