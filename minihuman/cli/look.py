@@ -31,11 +31,9 @@ def status(
     Example: minihuman status sessions/fourrooms-transfer --due
     """
     if due:
-        from datetime import datetime
-
         from minihuman.admin.due import list_due_sessions as expected
 
-        found = expected(study, datetime.now().astimezone().date())
+        found = expected(study)
         if json:
             print_json(found)
         else:
