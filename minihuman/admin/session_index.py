@@ -60,7 +60,7 @@ class SessionSummary:
 
 
 LOGGER = logging.getLogger("minihuman")
-_SQL_TYPES = {str: "TEXT", int: "BIGINT", bool: "BOOLEAN", float: "DOUBLE"}
+_SQL_TYPES: dict[Any, str] = {str: "TEXT", int: "BIGINT", bool: "BOOLEAN", float: "DOUBLE"}
 _VALUES = attrgetter(*(field.name for field in fields(SessionSummary)))
 _COLUMNS = dict.fromkeys(("log", "fingerprint", "path", "problem"), "TEXT") | {
     f'"{field.name}"': _SQL_TYPES[field.type] for field in fields(SessionSummary)

@@ -100,6 +100,7 @@ def test_what_looking_at_a_sealed_study_leaves_there_breaks_no_seal(app: click.G
     for former in ("tables.files", "figures.files"):  # of earlier versions
         (folder / former).mkdir()
         (folder / former / "episodes.parquet").write_bytes(b"of an earlier version")
+    (folder / "sessions.sqlite").write_bytes(b"of an earlier version")
     assert CliRunner().invoke(app, ["verify", str(folder), "--manifest", digest]).exit_code == 0
 
 
