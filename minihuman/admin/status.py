@@ -111,11 +111,8 @@ def _session_flow(number: int, found: Mapping[tuple[int, str], SessionSummary]) 
 
 
 def _flow_state(one: SessionSummary) -> str:
-    if one.end_reason == "screened_out":
-        return "out"
-    if one.end_reason == "player_failed":
-        return "failed"
-    return "complete" if one.complete else "unfinished"
+    left = {"screened_out": "out", "player_failed": "failed"}
+    return left.get(one.end_reason, "complete" if one.complete else "unfinished")
 
 
 def format_status(study_dir: Path, found: "StudyStatus | None" = None) -> Iterator[str]:
@@ -237,11 +234,8 @@ def _line(row: SessionRow) -> str:
 
 
 def _progress(summary: SessionSummary) -> str:
-    if summary.end_reason == "screened_out":
-        return "screened out"
-    if summary.end_reason == "player_failed":
-        return "the simulated participant failed"
-    return "complete" if summary.complete else f"unfinished: {summary.end_reason}"
+    left = {"screened_out": "screened out", "player_failed": "the simulated participant failed"}
+    return left.get(summary.end_reason, "complete" if summary.complete else f"unfinished: {summary.end_reason}")
 
 
 def _state(row: SessionRow) -> str:

@@ -17,11 +17,11 @@ import os
 import tempfile
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from functools import partial
 from hashlib import blake2b
 from itertools import islice
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import duckdb
@@ -133,7 +133,7 @@ def has_world_columns(name: str) -> bool:
     return any(column.name in COLUMNS_NEEDING_WORLD for column in TABLES[name])
 
 
-class TableDatabase:
+class TableDatabase(AbstractContextManager["TableDatabase", None]):
     """The tables of some sessions, each under a number of its own. Use it in a ``with``.
 
     Args:
@@ -348,12 +348,7 @@ class TableDatabase:
         """Leave the file to others."""
         self.connection.close()
 
-    def __enter__(self) -> "TableDatabase":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _lay_out(self) -> None:
@@ -422,7 +417,7 @@ class CachedSession(msgspec.Struct, frozen=True):
         return account
 
 
-class StudyStore:
+class StudyStore(AbstractContextManager["StudyStore", None]):
     """The tables of a study's sessions, up to date as of when it was opened. Use it in a ``with``.
 
     Opening it fills the sessions' account.
@@ -488,12 +483,7 @@ class StudyStore:
         if self._temporary is not None:
             self._temporary.cleanup()
 
-    def __enter__(self) -> "StudyStore":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _open(self, *, read_only: bool) -> TableDatabase:
