@@ -60,8 +60,9 @@ def collect_browser_facts(facts_given: Mapping[str, bool | float | str]) -> dict
 def find_utc_offset_min(facts_given: Mapping[str, bool | float | str]) -> int | None:
     """How many minutes a browser's local time is ahead of UTC; None where it says no such thing."""
     told = facts_given.get("utc_offset_min")  # a whole number, which arrives as a float
-    is_offset = isinstance(told, int | float) and not isinstance(told, bool) and abs(told) <= _MAX_UTC_OFFSET_MIN
-    return int(told) if is_offset and told == int(told) else None
+    if not isinstance(told, int | float) or isinstance(told, bool) or not abs(told) <= _MAX_UTC_OFFSET_MIN:
+        return None
+    return int(told) if told == int(told) else None
 
 
 Ineligibility = Literal["", "browser", "window", "latency", "keyboard"]
