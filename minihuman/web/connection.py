@@ -51,6 +51,7 @@ from minihuman.web.eligibility import (
     check_eligibility,
     classify_ending,
     collect_browser_facts,
+    find_utc_offset_min,
     get_page_texts,
     get_session_code,
     list_touch_keys,
@@ -561,7 +562,8 @@ class ConnectionFactory:
 
     async def _admit_page(self, hello: messages.Hello) -> Connection | TurnedAway:
         try:
-            admission = await asyncio.to_thread(self._arrivals.arrive, Arrival(hello.token, hello.platform))
+            arrival = Arrival(hello.token, hello.platform, find_utc_offset_min(hello.facts))
+            admission = await asyncio.to_thread(self._arrivals.arrive, arrival)
         except OSError as error:  # the database is away, or the disk: the page tries again
             LOG.warning("a participant has to wait: %s", error)
             return TurnedAway("wait", "")
