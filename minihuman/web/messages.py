@@ -290,26 +290,36 @@ class FilmFrame(msgspec.Struct, tag="frame", tag_field="t"):
     picture: int
 
 
-class GridState(msgspec.Struct, tag="grid", tag_field="world"):
-    """A grid world's state, for the page to compute the steps that follow it."""
+class GridPosition(msgspec.Struct, tag="grid", tag_field="world"):
+    """Where a grid world is after a step."""
 
     step: int
     row: list[int]  # a number and how often it comes, and so on
     rng_state: list[str]  # six whole numbers of 64 bits
+
+
+class GridState(GridPosition, tag="grid", tag_field="world"):
+    """A grid world's state, for the page to compute the steps that follow it."""
+
     view_size: int
     full: bool  # the picture is of the whole world
     in_view: bool  # and drawn as Minigrid draws it
     atlas: str  # the name of its tiles
 
 
-class FirstPersonState(msgspec.Struct, tag="first_person", tag_field="world"):
-    """A first-person world's state, for the page to compute the steps that follow it; arrays are little-endian."""
+class FirstPersonPosition(msgspec.Struct, tag="first_person", tag_field="world"):
+    """Where a first-person world is after a step; arrays are little-endian."""
 
     step: int
     things: bytes
     numbers: bytes
-    walls: bytes
     rng_state: list[str]
+
+
+class FirstPersonState(FirstPersonPosition, tag="first_person", tag_field="world"):
+    """A first-person world's state, for the page to compute the steps that follow it."""
+
+    walls: bytes
     rooms: bytes
     edges: bytes
     looks: int  # things of its scene
@@ -319,6 +329,7 @@ class FirstPersonState(msgspec.Struct, tag="first_person", tag_field="world"):
 
 
 WorldState = GridState | FirstPersonState
+WorldPosition = GridPosition | FirstPersonPosition
 
 
 class EpisodeRules(msgspec.Struct, tag="rules", tag_field="t"):
@@ -350,7 +361,7 @@ class StateCorrection(msgspec.Struct, tag="state", tag_field="t"):
 
     through: int
     episode: int
-    state: WorldState
+    state: WorldPosition
 
 
 class EpisodeState(msgspec.Struct, tag="now", tag_field="t"):

@@ -4,6 +4,7 @@ import asyncio
 import base64
 import random
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from minihuman.experiment.replay import BROWSER_NOTE, compare_replay
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.web import messages
-from minihuman.web.computed import PageWorld, kernels_digest
+from minihuman.web.computed import MOST_UNKNOWN, ComputedEpisode, PageWorld, kernels_digest
 from minihuman.web.outbox import PageSettings
 from minihuman.web.session_host import SessionHost
 from minihuman.worlds.adapters.world import World
@@ -37,9 +38,16 @@ MS = 1_000_000
 WRONG = "0123456789abcdef"
 
 
-def playing(folder: Path, *, block: str = "", computes: bool = True) -> tuple[SessionHost, MemoryRecorder, PageModel]:
+def playing(
+    folder: Path,
+    *,
+    world: tuple[str, tuple[str, ...]] = GRID,
+    block: str = "",
+    computes: bool = True,
+    max_steps: int = 9,
+) -> tuple[SessionHost, MemoryRecorder, PageModel]:
     """A host in its first episode, and a page before it that computes."""
-    protocol = decode_protocol(study(folder, max_steps=9, block=block).read_bytes())
+    protocol = decode_protocol(study(folder, world, max_steps=max_steps, block=block).read_bytes())
     plan, recorder = expand_protocol(protocol, enrol_participant(protocol, 0)), MemoryRecorder()
     session = SessionMachine(plan, PageWorld, {"window": "web"}, picture_px=(84, 84), renders_steps=False)
     host = SessionHost(session, recorder, PageWorld, PageSettings(picture_px=(84, 84)))
@@ -135,6 +143,96 @@ def test_a_step_through_a_wall_that_the_page_claims_and_the_session_does_not_mak
     page.say(messages.KeyMessage("x", True, 900 * MS, digest=WRONG))
     assert notes(recorder) == ["key x made a step of episode 1 in the page, and none here"]
     assert [told.state.step for told in corrections(page)] == [0]
+    host.close()
+
+
+WORLDS = pytest.mark.parametrize("world", [GRID, FIRST_PERSON_WORLD], ids=["grid", "first person"])
+
+
+def of_another_seed(steps: PageSteps, world_id: str) -> str:
+    """The digest of the first step of an episode that nobody gave the page."""
+    other = PageWorld(world_id, {"trig": 1} if "MiniWorld" in world_id else {})
+    other.reset(123_456)
+    made = other.step(steps.rules.actions["1"])
+    return other.digest(made.reward, terminated=made.terminated, truncated=made.truncated)
+
+
+def with_a_reward(steps: PageSteps, world_id: str) -> str:
+    """The digest of the right step and a reward that nobody earned."""
+    inside = steps._inside
+    reward, terminated, truncated = inside.step(steps.rules.actions["1"])
+    return inside.digest(reward + 1.0, terminated, truncated)
+
+
+@WORLDS
+@pytest.mark.parametrize("lie", [of_another_seed, with_a_reward])
+def test_a_page_that_claims_rewards_or_another_seed_is_named_and_told_the_truth(
+    tmp_path: Path, world: tuple[str, tuple[str, ...]], lie: Callable[[PageSteps, str], str]
+) -> None:
+    host, recorder, page = playing(tmp_path, world=world)
+    assert page.steps is not None
+    t_ns, claimed = page.sent[-1].at + 100 * MS, lie(page.steps, world[0])
+    page.say(messages.KeyMessage("1", True, t_ns, digest=claimed))
+    [note] = notes(recorder)
+    assert note.startswith(f"step 1 of episode 1 was computed otherwise in the page: its digest is {claimed}, here ")
+    [told] = corrections(page)
+    assert [event.reward for event in recorder.events if isinstance(event, Stepped)] == [0.0]
+    press(page, "2")
+    assert (len(notes(recorder)), told.state.step) == (1, 1), "the page is right again from where it was told"
+    assert list(compare_replay(recorder.events, World)) == []
+    host.close()
+
+
+@WORLDS
+def test_a_page_that_lies_of_real_time_is_named_once_and_told_where_it_is_at_each_tick(
+    tmp_path: Path, world: tuple[str, tuple[str, ...]]
+) -> None:
+    noop = 'noop_action = "done"' if world is GRID else ""
+    block = f'pace = "real_time"\nstep_period_ms = 33.3\n{noop}\n'
+    host, recorder, page = playing(tmp_path, world=world, block=block, max_steps=30)
+    for number in range(12):
+        page.say(messages.KeyMessage("1", True, page.sent[-1].at + 5 * MS))
+        page._now_ns += 40 * MS
+        page.say(messages.TickMessage(WRONG))
+        assert host.session.play is not None
+        assert host.session.play.steps == len(corrections(page)) > number / 2
+    assert len(notes(recorder)) == 1
+    assert WRONG in notes(recorder)[0]
+    assert list(compare_replay(recorder.events, World)) == []
+    host.close()
+
+
+def test_to_correct_a_page_costs_little_beside_what_describing_its_scene_costs(tmp_path: Path) -> None:
+    host, _, page = playing(tmp_path, world=FIRST_PERSON_WORLD, max_steps=400)
+    play, told = host.session.play, len(page.told)
+    assert play is not None
+    ComputedEpisode(play, (84, 84))
+    began_s = time.process_time()
+    for _ in range(5):
+        ComputedEpisode(play, (84, 84))
+    described_s = (time.process_time() - began_s) / 5
+    began_s = time.process_time()
+    for _ in range(60):
+        press(page, "1", WRONG)
+    assert (time.process_time() - began_s) / 60 < described_s / 3
+    assert len(corrections(page)) == 60
+    assert not any(isinstance(message, messages.ArraysMessage) for message in page.told[told:])
+    assert all(type(told.state) is messages.FirstPersonPosition for told in corrections(page))
+    host.close()
+
+
+def test_a_page_that_never_says_what_it_computed_is_named_when_it_should_know(tmp_path: Path) -> None:
+    host, recorder, page = playing(tmp_path, max_steps=400)
+    for _ in range(MOST_UNKNOWN - 1):
+        press(page, "1", "")
+    assert notes(recorder) == []
+    press(page, "1")  # it knows again
+    for _ in range(MOST_UNKNOWN - 1):
+        press(page, "1", "")
+    assert notes(recorder) == []
+    for _ in range(MOST_UNKNOWN):
+        press(page, "1", "")
+    assert notes(recorder) == [f"the page said nothing of {MOST_UNKNOWN} steps in a row that it was to compute"]
     host.close()
 
 
