@@ -36,7 +36,7 @@ KEY_CODES: Mapping[str, str] = (
     | {"CapsLock": "caps_lock", "NumLock": "num_lock"}
 )
 
-MESSAGE_VERSION = 4
+MESSAGE_VERSION = 5
 MAX_PAGE_MESSAGE_BYTES = 16 * 1024  # of a message of the page's
 _PICTURE = struct.Struct("<IIBBHH")  # stream number, picture number, encoding, spare, width, height
 _PART = struct.Struct("<BI")  # of several messages in one: 0 for text and 1 for a picture, bytes
@@ -195,6 +195,13 @@ class Ping(msgspec.Struct, tag="ping", tag_field="t", forbid_unknown_fields=True
 
 
 _FROM_PAGE = msgspec.json.Decoder(Hello | NumberedMessage | PageAck | Ping)
+# Numbered messages that come with every key are arrays: kind, number, time in us, and these fields, absent ones at the
+# end left out and "" in between; the first so many are times, in us before the message's.
+_SHORT_FORMS: Mapping[str, tuple[str, int, tuple[str, ...]]] = {
+    "k": ("key", 1, ("stamp", "key", "down", "digest", "symbol", "repeat")),
+    "s": ("shown", 2, ("flip", "submit", "episode", "step", "node")),
+    "t": ("tick", 0, ("digest",)),
+}
 
 
 def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck | Ping:
@@ -208,10 +215,22 @@ def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck 
             f"a message has {len(text)} bytes; at most {MAX_PAGE_MESSAGE_BYTES} are allowed; reload the page"
         )
     try:
+        if text[:1] in ("[", b"["):
+            return _expand(*msgspec.json.decode(text, type=list))
         message: Hello | NumberedMessage | PageAck | Ping = _FROM_PAGE.decode(text)
         return message
-    except (msgspec.DecodeError, msgspec.ValidationError, UnicodeError, RecursionError) as error:
+    except (msgspec.DecodeError, LookupError, TypeError, ValueError, RecursionError) as error:
         raise MessageError(f"a message from a page cannot be decoded ({error}); reload the page") from error
+
+
+def _expand(kind: str, number: object, at_us: int, *values: Any) -> NumberedMessage:
+    name, times, fields = _SHORT_FORMS[kind]
+    what = {field: value for field, value in zip(fields[: len(values)], values, strict=True) if value != ""}
+    at_ns = 1000 * int(at_us)
+    what |= {field: at_ns - 1000 * int(what[field]) for field in fields[:times]} | {"t": name}
+    if "down" in what:
+        what["down"] = bool(what["down"])
+    return msgspec.convert({"t": "n", "n": number, "at": at_ns, "what": what}, NumberedMessage)
 
 
 class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):

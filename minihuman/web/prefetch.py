@@ -36,7 +36,6 @@ from minihuman.web.messages import FilmFrame, PrefetchedScreen, ScreenPrefetch
 from minihuman.web.screen_values import NumberPicture, convert_screen
 
 NEAR_RTT_NS = 40_000_000  # below it one input ahead is enough
-_NAME_BITS = 2**52 - 1  # what a page's numbers hold
 _MOST_TRIES = 48  # from one screen
 _FLIP_NS = 16_000_000  # until a screen is there
 _LOOK_NS = 200_000_000  # until an input
@@ -157,7 +156,7 @@ def describe_screen(session: SessionMachine, number: NumberPicture, known: int =
 def _name(looks: object, session: SessionMachine) -> int:
     stands = (session.part.number, session.phase, session.next_episode)
     digest = hashlib.blake2b(msgspec.json.encode((looks, stands)), digest_size=8).digest()
-    return int.from_bytes(digest, "little") & _NAME_BITS
+    return name_scene(int.from_bytes(digest, "little"))
 
 
 def advances_by_itself(session: SessionMachine) -> bool:

@@ -20,7 +20,7 @@ import { IncomingStream } from "./stream.js";
  * @property {(why: string, refusal: Refusal | null) => void} leave
  */
 
-const VERSION = 4;
+const VERSION = 5;
 const MIN_RETRY_MS = 200;
 const MAX_RETRY_MS = 3000;
 const RESIZE_PAUSE_MS = 500; // after the last change of size

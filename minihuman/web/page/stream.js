@@ -12,8 +12,35 @@ export const UNTIMED = new Set(["shown", "link", "unheard"]); // what does not t
 const BATCH_MS = 100;
 const MAX_UNREPORTED = 100; // the server looks less far ahead of a page that has more to report
 const RESTART_NS = 2e9;
+const US = 1000; // the session's times are whole microseconds, which no browser's clock is finer than, in ns
 /** @param {number} ms */
 const ns = (ms) => Math.round(ms * 1e6);
+
+/**
+ * A message as it is sent. What comes with every key is a short array, times in us and those of events before the
+ * message's own; `messages.py` reads both forms. @param {Message} message
+ */
+export function encodeMessage({ n, at, what }) {
+  const values = shorten(at, what);
+  if (!values || [at, ...values].some((value) => typeof value === "number" && !Number.isInteger(value))) {
+    return JSON.stringify({ t: "n", n, at, what });
+  }
+  while ([undefined, "", false].includes(/** @type {any} */ (values[values.length - 1]))) values.pop();
+  const [kind, ...rest] = values.map((value) => value ?? "");
+  return JSON.stringify([kind, n, at / US, ...rest]);
+}
+
+/** @param {number} at @param {Input} what @returns {(string | number | boolean | undefined)[] | null} */
+function shorten(at, what) {
+  const ago = (/** @type {number} */ t) => (at - t) / US;
+  if (at % US) return null;
+  if (what.t === "tick") return ["t", what.digest];
+  if (what.t === "shown" && what.step !== undefined && what.screen === undefined && what.name === undefined) {
+    return ["s", ago(what.flip), ago(what.submit), what.episode, what.step, what.node];
+  }
+  if (what.t !== "key" || what.trusted === false) return null;
+  return ["k", ago(what.stamp), what.key, what.down ? 1 : 0, what.digest, what.symbol, what.repeat];
+}
 
 /** @param {number} size */
 export function randomBytes(size) {
@@ -69,7 +96,7 @@ export class Outbox {
   }
 
   /** The session's time, ns since the segment began, at a time of the clock. @param {number} ms */
-  timeOf(ms) { return Math.max(0, ns(ms) - (this.#zero ?? 0)); }
+  timeOf(ms) { return Math.max(0, US * Math.round((ns(ms) - (this.#zero ?? 0)) / US)); }
   now() { return this.timeOf(this.clock.now()); }
 
   /**
@@ -102,14 +129,14 @@ export class Outbox {
    */
   add(what, canWait = false) {
     if (this.#zero === null) return 0;
-    const at = Math.max(this.state.last + 1, this.now());
+    const at = Math.max(US * Math.floor(this.state.last / US + 1), this.now());
     const n = this.state.next++;
     this.state.last = at;
-    const text = JSON.stringify({ t: "n", n, at, what });
+    const message = { n, at, what }, text = JSON.stringify(message);
     this.#messages.set(n, text);
     this.#keep(`m${n}`, text);
     this.save();
-    this.#unsent.push(text);
+    this.#unsent.push(encodeMessage(message));
     if (canWait) this.#timer ??= setTimeout(() => this.#flush(), BATCH_MS);
     else this.#flush();
     return n;
@@ -126,7 +153,7 @@ export class Outbox {
   /** The messages that a server lacks which has all up to `received`. @param {number} received */
   takeUnacknowledged(received) {
     this.#unsent = [];
-    return this.#numbers().filter((n) => n > received).map((n) => this.#messages.get(n) ?? "");
+    return this.list().filter(({ n }) => n > received).map(encodeMessage);
   }
 
   /** What happens from here on is later than what the session has, of this tab or of another. @param {number} taken */

@@ -72,10 +72,6 @@ _PAGE_OPTIONS = (
 _PLAIN = "+bulk-memory,+sign-ext,+nontrapping-fptoint,+mutable-globals"
 PAGE = Target("wasm32-unknown-unknown", "", _PLAIN, "wasm-ld", _PAGE_OPTIONS, ".wasm")
 PAGE_SIMD = Target("wasm32-unknown-unknown", "", f"{_PLAIN},+simd128", "wasm-ld", _PAGE_OPTIONS, ".simd.wasm")
-_SHARED = ("-shared", "--gc-sections", "--strip-all", "-z", "noexecstack", "--build-id=none")
-LINUX_X86 = Target("x86_64-unknown-linux-gnu", "x86-64-v3", "", "ld.lld", _SHARED, ".x86_64.so")
-LINUX_X86_OLD = Target("x86_64-unknown-linux-gnu", "x86-64-v2", "", "ld.lld", _SHARED, ".x86_64_v2.so")
-LINUX_ARM = Target("aarch64-unknown-linux-gnu", "", "", "ld.lld", _SHARED, ".aarch64.so")
 
 
 def linker_version(target: Target) -> str | None:
