@@ -36,7 +36,6 @@ from minihuman.worlds.first_person.rules import digest_state
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.pictures.drawing import atlas
 from minihuman.worlds.grid.pictures.tiles import GridPalette
-from minihuman.worlds.source_digest import module_digest
 from minihuman.worlds.step_digest import digest_step
 
 if TYPE_CHECKING:
@@ -45,11 +44,6 @@ if TYPE_CHECKING:
 
 TERMINATED, TRUNCATED = 1, 2  # in a digest
 MOST_UNKNOWN = 50  # steps that a page may leave open, as after a reload without a network
-
-
-def kernels_digest() -> str:
-    """The digest of the rules here: a page whose modules were built from others does not compute."""
-    return module_digest("minihuman.worlds.build.exports") or ""
 
 
 class PageWorld(World):
@@ -98,20 +92,16 @@ class ComputedEpisode:
         self.play = play
         self.is_elsewhere = False  # the page is, or may be
         self.sent_step = -1  # of the state that was sent last
-        env, plan = play.world.unwrapped, play.plan
-        self._world, self._env = play.world, env
+        self._world, self._env = play.world, play.world.unwrapped
         self._differs = False  # since the last step that was the same
         self._unknown = 0  # steps since then of which the page said nothing
-        self._look: PageLook | None = None  # of a first-person world
-        if isinstance(env, GridEngine):
-            self._fixed, self.arrays = _describe_grid(env, plan, picture_px)
-        else:
-            self._fixed, self.arrays, self._look = _describe_first_person(env, plan, picture_px)
+        describe_world: Any = _describe_grid if isinstance(self._env, GridEngine) else _describe_first_person
+        self._fixed, self.arrays, self._look = describe_world(self._env, play.plan, picture_px)
 
     def state(self) -> WorldState:
         """Where the session is, for a page that has the episode's ``arrays``."""
-        position = msgspec.structs.asdict(self.position())
-        return msgspec.structs.replace(self._fixed, **position)
+        state: WorldState = msgspec.structs.replace(self._fixed, **msgspec.structs.asdict(self.position()))
+        return state
 
     def position(self) -> WorldPosition:
         """Where the session is, for a page that has a state of the episode."""
@@ -149,13 +139,13 @@ class ComputedEpisode:
 
 def _describe_grid(
     env: GridEngine, plan: EpisodePlan, picture_px: tuple[int, int]
-) -> tuple[WorldState, list[ArraysMessage]]:
+) -> tuple[WorldState, list[ArraysMessage], None]:
     """What no step changes, and the arrays that the page needs."""
     assert plan.view != "text", "no page computes it"
     tile_px, palette = env.tiles(plan.view, picture_px, plan.palette)
     tiles = pack_atlas(tile_px, palette, env.kinds)
     in_view = palette == "minigrid"
-    return GridState(0, [], [], env.image_shape[0], plan.view == "full", in_view, tiles.name), [tiles]
+    return GridState(0, [], [], env.image_shape[0], plan.view == "full", in_view, tiles.name), [tiles], None
 
 
 def _describe_first_person(

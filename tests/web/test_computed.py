@@ -20,10 +20,11 @@ from minihuman.experiment.replay import BROWSER_NOTE, compare_replay
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.web import messages
-from minihuman.web.computed import MOST_UNKNOWN, ComputedEpisode, PageWorld, kernels_digest
+from minihuman.web.computed import MOST_UNKNOWN, ComputedEpisode, PageWorld
 from minihuman.web.outbox import PageSettings
 from minihuman.web.session_host import SessionHost
 from minihuman.worlds.adapters.world import World
+from minihuman.worlds.source_digest import kernels_digest
 from tests.counts import PATIENCE_S
 from tests.web.browser import Somebody, browsing
 from tests.web.page_model import PageModel

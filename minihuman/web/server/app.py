@@ -28,7 +28,6 @@ from minihuman.runtime.machine import collect_machine_facts, collect_world_facts
 from minihuman.web import messages
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.completion import build_completion, classify_ending, get_page_texts, get_session_code
-from minihuman.web.computed import kernels_digest
 from minihuman.web.connection import Connection, ConnectionFactory, TurnedAway
 from minihuman.web.limits import (
     HEADERS,
@@ -41,6 +40,7 @@ from minihuman.web.limits import (
     is_same_origin,
 )
 from minihuman.web.messages import MessageError
+from minihuman.worlds.source_digest import kernels_digest
 
 _ENDS = (WebSocketDisconnect, RuntimeError)  # RuntimeError: something was sent after the end
 

@@ -13,17 +13,12 @@ from minihuman.errors import MinihumanError
 from minihuman.worlds.build.exports import EXPORTS
 from minihuman.worlds.build.lowering import lower
 from minihuman.worlds.build.targets import PAGE, PAGE_SIMD, Target, link, linker_version
-from minihuman.worlds.source_digest import module_digest
+from minihuman.worlds.source_digest import kernels_digest
 
 MANIFEST = "manifest.json"
 # code for the machine's first processor: what is built is the same wherever it is
 PORTABLE = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "", "PYTHONHASHSEED": "0"}
 _TARGETS: dict[str, tuple[Target, ...]] = {"grid": (PAGE,), "first_person": (PAGE, PAGE_SIMD)}
-
-
-def sources_digest() -> str:
-    """Of all sources that modules are built from, 16 hexadecimal digits."""
-    return module_digest("minihuman.worlds.build.exports") or ""
 
 
 def build_page_modules(folder: Path) -> dict[str, Any]:
@@ -66,7 +61,7 @@ def build_page_modules(folder: Path) -> dict[str, Any]:
             },
         }
     manifest = {
-        "sources": sources_digest(),
+        "sources": kernels_digest(),
         "numba": numba.__version__,
         "llvmlite": llvmlite.__version__,
         "linker": linker_version(PAGE),
