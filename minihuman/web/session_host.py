@@ -34,7 +34,8 @@ class PageClock:
     def __init__(self) -> None:
         self.rtt_ns: int | None = None  # of the quickest of the latest; None until one was measured
         self._first: tuple[int, int] | None = None  # time and offset of the first
-        self._lag_ns = self._least_lag_ns = _NEVER_NS  # of the quickest message: since the last look, at the beginning
+        # of the quickest message: since the last look, before that one, and in the first minute
+        self._lag_ns = self._last_lag_ns = self._least_lag_ns = _NEVER_NS
 
     def arrive(self, at_ns: int, arrival_ns: int) -> None:
         """Take the page's time of a message and the server's when it came: all but the quickest waited on the way."""
@@ -42,7 +43,8 @@ class PageClock:
 
     def look(self, link: Linked) -> str:
         """How far the page's time has moved against the server's clock, if that is too far; "" if not."""
-        lag_ns, self._lag_ns = self._lag_ns - link.error_ns, _NEVER_NS
+        lag_ns = min(self._lag_ns, self._last_lag_ns) - link.error_ns
+        self._last_lag_ns, self._lag_ns = self._lag_ns, _NEVER_NS
         if link.drift_ppm is None:
             self._least_lag_ns = min(self._least_lag_ns, lag_ns)
         drift_ns = self._least_lag_ns - lag_ns
@@ -179,6 +181,7 @@ class SessionHost:
         self._settled = self._outbox.through = self._outbox.moved = settled
         self._taken.clear()
         self._mark_ns = self.last_at_ns
+        self._link = PageClock()
 
     def receive(
         self,

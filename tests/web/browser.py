@@ -2,9 +2,11 @@
 
 import os
 import shutil
+import signal
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -58,6 +60,30 @@ def browsing(
             yield lambda url, **options: Somebody(browser.new_context(**view, **options), url)
         finally:
             browser.close()
+
+
+@contextmanager
+def browsing_with_profile(profile: Path) -> "Iterator[tuple[Somebody, Callable[[], None]]]":
+    """A browser with a profile that outlives it; yields a participant on an empty page, and what kills the browser."""
+    where = chromium()
+    playwright = pytest.importorskip("playwright.sync_api")
+    with playwright.sync_playwright() as driver:
+        context = driver.chromium.launch_persistent_context(
+            str(profile), executable_path=where, headless=True, args=list(_ARGUMENTS)
+        )
+
+        def kill() -> None:
+            own = f"--user-data-dir={profile}".encode()
+            for status in Path("/proc").glob("[0-9]*/cmdline"):
+                with suppress(OSError):
+                    if own in status.read_bytes():
+                        os.kill(int(status.parent.name), signal.SIGKILL)
+
+        try:
+            yield Somebody(context, "about:blank"), kill
+        finally:
+            with suppress(playwright.Error):
+                context.close()
 
 
 class Somebody:
