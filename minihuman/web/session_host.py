@@ -43,12 +43,12 @@ class PageClock:
 
     def look(self, link: Linked) -> str:
         """How far the page's time has moved against the server's clock, if that is too far; "" if not."""
-        lag_ns = min(self._lag_ns, self._last_lag_ns) - link.error_ns
+        lag_ns = min(self._lag_ns, self._last_lag_ns)
         self._last_lag_ns, self._lag_ns = self._lag_ns, _NEVER_NS
         if link.drift_ppm is None:
             self._least_lag_ns = min(self._least_lag_ns, lag_ns)
         drift_ns = self._least_lag_ns - lag_ns
-        if abs(drift_ns) <= _MAX_DRIFT_NS:
+        if abs(drift_ns) <= _MAX_DRIFT_NS + link.error_ns:
             return ""
         self._least_lag_ns = lag_ns
         return f"the page's time moved by {drift_ns / 1e6:+.0f} ms against the times at which its messages came"

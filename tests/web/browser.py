@@ -73,17 +73,35 @@ def browsing_with_profile(profile: Path) -> "Iterator[tuple[Somebody, Callable[[
         )
 
         def kill() -> None:
-            own = f"--user-data-dir={profile}".encode()
-            for status in Path("/proc").glob("[0-9]*/cmdline"):
-                with suppress(OSError):
-                    if own in status.read_bytes():
-                        os.kill(int(status.parent.name), signal.SIGKILL)
+            for pid in browser_processes(str(profile)):
+                with suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
 
         try:
             yield Somebody(context, "about:blank"), kill
         finally:
             with suppress(playwright.Error):
                 context.close()
+
+
+def browser_processes(profile: str = "") -> list[int]:
+    """The processes of the browsers that this process started, or of the one with a profile."""
+    parents: dict[int, int] = {}
+    commands: dict[int, str] = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            pid = int(folder.name)
+            parents[pid] = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+            commands[pid] = (folder / "cmdline").read_text()
+
+    def is_own(pid: int) -> bool:
+        return pid == os.getpid() or (pid in parents and is_own(parents[pid]))
+
+    return [
+        pid
+        for pid, command in commands.items()
+        if "chrom" in command.split("\0")[0] and profile in command and is_own(pid)
+    ]
 
 
 class Somebody:

@@ -53,6 +53,18 @@ def test_two_hundred_cuts_in_first_person_lose_no_press(tmp_path: Path) -> None:
 
 @pytest.mark.long
 @pytest.mark.program
+def test_twenty_closed_laptops_with_keys_between_lose_no_press(tmp_path: Path) -> None:
+    times = count(3, 20)
+    found = interrupt(tmp_path, times=times, seed=5, kinds=("sleep",))
+    assert found.happened == {"sleep": times}
+    assert found.logged == [CODES[code] for code in found.heard]
+    assert found.steps == found.accepted > 5 * times
+    assert found.complaints == []
+    assert found.notes == []
+
+
+@pytest.mark.long
+@pytest.mark.program
 @pytest.mark.parametrize("waits_ms", [500, 0], ids=["at rest", "between keys"])
 def test_a_browser_that_is_killed_loses_no_press_that_it_had_committed(tmp_path: Path, waits_ms: int) -> None:
     """The tab's own storage goes with the browser; what IndexedDB has is taken up when the link is opened again."""
