@@ -25,7 +25,7 @@ from minihuman.web.outbox import PageSettings
 from minihuman.web.session_host import SessionHost
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.source_digest import kernels_digest
-from tests.counts import PATIENCE_S
+from tests.counts import PATIENCE_S, count
 from tests.web.browser import Somebody, browsing
 from tests.web.page_model import PageModel
 from tests.web.page_steps import PageSteps
@@ -324,16 +324,16 @@ BLOCKS = [
     ("level", "BabyAI-GoToLocal-v0", [*TURNS, "pickup"], ""),
     ("words", "BabyAI-GoToLocal-v0", [*TURNS, "pickup"], 'view = "text"'),  # which the server draws
 ]
-PIXELS = """() => {
-  const canvas = document.querySelector("#screen canvas");
+PIXELS = """(selector) => {
+  const canvas = document.querySelector(selector);
   const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
   return [canvas.width, canvas.height, btoa(Array.from(data, (byte) => String.fromCharCode(byte)).join(""))];
 }"""
 
 
-def _picture_of(somebody: Somebody) -> np.ndarray:
-    """What the canvas shows, uint8[H, W, 3]."""
-    width, height, pixels = somebody.page.evaluate(PIXELS)
+def picture_of(somebody: Somebody, selector: str = "#screen canvas") -> np.ndarray:
+    """What a canvas shows, uint8[H, W, 3]."""
+    width, height, pixels = somebody.page.evaluate(PIXELS, selector)
     return np.frombuffer(base64.b64decode(pixels), np.uint8).reshape(height, width, 4)[..., :3]
 
 
@@ -358,11 +358,11 @@ def test_what_the_page_draws_is_the_worlds_picture_to_the_pixel(
                 if episode.view == "text":  # of which the server draws every picture
                     somebody.until(f"s.step >= {step}", patience_s=20)
                 right = world.frame(episode.view, (400, 300), episode.palette)
-                shown = _picture_of(somebody)
+                shown = picture_of(somebody)
                 by = time.monotonic() + PATIENCE_S
                 while not np.array_equal(shown, right) and time.monotonic() < by:
                     time.sleep(0.05)  # the first picture waits for textures, a key for the picture that it answers
-                    shown = _picture_of(somebody)
+                    shown = picture_of(somebody)
                 assert np.array_equal(shown, right), episode.block_name
                 drawn += 1
                 key = rng.choice(sorted(episode.key_map.keys))
@@ -460,24 +460,72 @@ def test_real_time_at_thirty_steps_a_second_is_stepped_in_the_page_over_a_long_l
     assert list(find_log_differences(log, World)) == []
 
 
+@pytest.mark.long
+@pytest.mark.program
+@pytest.mark.parametrize(
+    ("world", "noop"), [(GRID, 'noop_action = "done"'), (FIRST_PERSON_WORLD, "")], ids=["grid", "3d"]
+)
+def test_keys_with_holds_and_chords_in_real_time_make_the_steps_that_they_make_at_the_desk(
+    tmp_path: Path, world: tuple[str, tuple[str, ...]], noop: str
+) -> None:
+    """At 30 steps a second over 300 ms: 5,000 keys under MINIHUMAN_LONG=1. The desk's session gets the log's inputs."""
+    keys, pressed, chords = count(60, 5_000), 0, 0
+    block = f'pace = "real_time"\nstep_period_ms = 33.3\n{noop}\n'
+    rng = random.Random(27)
+    with (
+        serving(study(tmp_path, world, max_steps=600, episodes=keys // 20, block=block), tmp_path) as server,
+        line(server.port, rtt_ms=300) as wire,
+        browsing() as sit_down,
+    ):
+        somebody, held = sit_down(f"http://127.0.0.1:{wire.port}/#t={server.tokens[0]}"), set()
+        while pressed < keys:
+            somebody.to_play()
+            while pressed < keys and somebody.state["playing"] and not somebody.state["ended"]:
+                key = rng.choice("123")
+                (somebody.page.keyboard.up if key in held else somebody.page.keyboard.down)(key)
+                pressed += key not in held
+                held ^= {key}
+                chords += len(held) > 1
+                somebody.page.wait_for_timeout(rng.choice((5, 20, 60, 150)))
+            for key in held:
+                somebody.page.keyboard.up(key)
+            held.clear()
+            somebody.until(f"!s.playing || s.ended || {int(pressed >= keys)}")
+        somebody.until("s.unsafe === 0")
+        assert somebody.errors == []
+        server.stop()
+    [log] = tmp_path.rglob("*.mcap.part")
+    events = list(read_events(log))
+    steps = [event for event in events if isinstance(event, Stepped)]
+    presses = [event for event in events if isinstance(event, KeyPressed) and event.down and event.key in "123"]
+    assert len(presses) >= keys
+    assert chords > keys / 10
+    assert len(steps) > keys
+    assert [event.text for event in events if isinstance(event, Noted) and event.kind == BROWSER_NOTE] == []
+    assert list(compare_replay(events, World)) == [], "the session at the desk made other steps of the same inputs"
+    flips = {(event.episode, event.step): event.flip_ns for event in reversed(events) if isinstance(event, FrameShown)}
+    shown = [(flips[at] - step.t_ns) / MS for step in steps if (at := (step.episode, step.step)) in flips]
+    in_time = np.mean(np.array(shown) < 33.3) * len(shown) / len(steps)
+    print(f"{len(presses)} keys, {chords} chords, {len(steps)} steps, {100 * in_time:.1f} % of frames in their period")
+
+
 class LyingPage(TypedPage):
-    """A page whose every third step is said to have led elsewhere."""
+    """A page that presses as fast as it may, and says of all of its steps that they led elsewhere."""
 
     def lies(self, digest: str) -> str:
-        return WRONG if self.counts.presses % 3 == 2 else digest
+        return WRONG
 
 
 @pytest.mark.program
-def test_a_page_that_lies_of_its_steps_is_named_and_its_neighbour_notices_nothing(tmp_path: Path) -> None:
-    world = "minihuman/MiniGrid-Empty-5x5-v0"
-
+@pytest.mark.parametrize("world", ["minihuman/MiniGrid-Empty-5x5-v0", FIRST_PERSON_WORLD[0]], ids=["grid", "3d"])
+def test_a_page_that_lies_of_its_steps_is_named_and_its_neighbour_notices_nothing(tmp_path: Path, world: str) -> None:
     async def both(liar: TypedPage, honest: TypedPage) -> None:
         await asyncio.wait_for(asyncio.gather(liar.take_part(), honest.take_part()), PATIENCE_S)
 
-    with served(tmp_path, links=2, episodes=2) as server:
+    with served(tmp_path, links=2, episodes=2, **({} if "Grid" in world else {"world": FIRST_PERSON_WORLD})) as server:
         pages = [
-            kind(server.host, token, keys_per_s=12, rng=random.Random(3), computes=world)
-            for kind, token in zip((LyingPage, TypedPage), server.links, strict=True)
+            kind(server.host, token, keys_per_s=keys_hz, rng=random.Random(3), computes=world)
+            for kind, token, keys_hz in zip((LyingPage, TypedPage), server.links, (25, 6), strict=True)
         ]
         asyncio.run(both(*pages))
         assert [page.counts.over for page in pages] == ["complete", "complete"]
