@@ -43,7 +43,7 @@ from minihuman.runtime.team_host import TeamTable
 from minihuman.trust import SOURCE_FACT
 from minihuman.web import messages
 from minihuman.web.arrivals import Admission, Arrival, Arrivals, Rejection, identify_visitor, is_token
-from minihuman.web.computed import PageWorld, kernels_digest
+from minihuman.web.computed import PageWorld
 from minihuman.web.eligibility import (
     BrowserProperties,
     Completion,
@@ -60,6 +60,7 @@ from minihuman.web.eligibility import (
 from minihuman.web.messages import KEY_CODES, IncomingStream
 from minihuman.web.outbox import PageSettings
 from minihuman.web.session_host import SessionHost
+from minihuman.worlds.source_digest import kernels_digest
 
 _RULES = (
     "version_minihuman",
@@ -331,7 +332,10 @@ class Connection:
             return
         if isinstance(numbered.what, _ACTS):
             self.acted_s = monotonic_s()
-        self._guarded(lambda: self.host.receive(numbered.n, numbered.at, numbered.what, more=more))
+        arrival_ns = current_system().clock.monotonic_ns()
+        self._guarded(
+            lambda: self.host.receive(numbered.n, numbered.at, numbered.what, more=more, arrival_ns=arrival_ns)
+        )
         self.changed.set()
 
     def poll(self) -> bool:

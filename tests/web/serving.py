@@ -99,12 +99,15 @@ def serving(protocol: Path, data: Path, *, links: int = 1) -> Iterator[Serving]:
 class Line:
     """A TCP proxy in front of a port: every byte takes ``one_way_s``, either way; it can be cut.
 
-    Each direction of a connection has two threads, one that reads and one that writes when it is time.
+    Each direction of a connection has two threads, one that reads and one that writes when it is time. Of the chunks
+    that go through, a share ``loss`` comes late by a retransmission, and all behind them with them, as TCP has it.
     """
 
-    def __init__(self, port: int, *, one_way_s: float) -> None:
+    def __init__(self, port: int, *, one_way_s: float, loss: float = 0.0) -> None:
         self.one_way_s = one_way_s
-        self.bytes_down = 0
+        self.loss, self._retransmission_s = loss, max(0.2, 2 * one_way_s + 0.05)
+        self._chance = random.Random(1)
+        self.bytes_down = self.bytes_up = 0
         self.deaf = False  # nothing comes down; what goes up arrives
         self.stalled = False  # nothing arrives on either side, until it is again
         self._to = port
@@ -161,8 +164,9 @@ class Line:
                     data = source.recv(65536)
                 except OSError:
                     data = b""
+                late_s = self._retransmission_s if self._chance.random() < self.loss else 0.0
                 with arrived:
-                    waiting.append((time.monotonic() + self.one_way_s, data))
+                    waiting.append((time.monotonic() + self.one_way_s + late_s, data))
                     arrived.notify()
 
         def write() -> None:
@@ -182,6 +186,8 @@ class Line:
                     target.sendall(data)
                     if down:
                         self.bytes_down += len(data)
+                    else:
+                        self.bytes_up += len(data)
                 except OSError:
                     break
             for one in (source, target):
@@ -196,9 +202,9 @@ class Line:
 
 
 @contextmanager
-def line(port: int, *, rtt_ms: float = 0.0) -> Iterator[Line]:
+def line(port: int, *, rtt_ms: float = 0.0, loss: float = 0.0) -> Iterator[Line]:
     """A line to a port of this machine."""
-    made = Line(port, one_way_s=rtt_ms / 2000)
+    made = Line(port, one_way_s=rtt_ms / 2000, loss=loss)
     try:
         yield made
     finally:
