@@ -4,6 +4,7 @@ What it closes is the truth: a closed step never reopens. All it knows of an epi
 running session or log, so a server that was killed goes on from the longest of them.
 """
 
+import math
 import threading
 from bisect import bisect_left as bisect
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -28,19 +29,22 @@ from minihuman.experiment.activities.team_play import (
     ReadyRequest,
     SeatsReady,
     Team,
+    TeamEnded,
     TeamEpisode,
     TeamFormed,
     TeamJoined,
     TeamLost,
     TeamRequest,
 )
+from minihuman.experiment.machine.events import FINAL_END_REASONS, SessionEnded, SessionStarted
 from minihuman.experiment.machine.inputs import ActivityInput
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.plan.random_streams import draw_permutation, draw_words
-from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan
+from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart, SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
-from minihuman.log.paths import session_folder
+from minihuman.log.paths import PART_SUFFIX, session_folder
+from minihuman.log.read.reader import read_segment_starts
 from minihuman.log.read.session_reader import read_events
 from minihuman.log.system import monotonic_s
 from minihuman.worlds.adapters.world import World
@@ -150,9 +154,9 @@ class _TeamState:
     open_step: tuple[int, int] = (-1, 0)  # episode and step
     inputs: dict[int, int] = field(default_factory=dict)  # of the open step, by seat
     open_since_s: float = 0.0
+    keyed_s: dict[int, float] = field(default_factory=dict)  # by seat, when a key of its person's came last
     away: set[int] = field(default_factory=set)  # seats that the stand-in has
     left: bool = False  # a partner left, and the block ends
-    closed: set[int] = field(default_factory=set)  # seats whose sessions are over
     agents: dict[int, SeatAgent] = field(default_factory=dict)  # of the present episode, by seat
     agents_of: int = -1
 
@@ -175,7 +179,7 @@ class TeamTable:
         self._now_s = now_s
         self._changed = threading.Condition(threading.RLock())
         self._lobbies: dict[str, list[_Waiting]] = {}  # by block
-        self._teams: dict[tuple[str, str], _TeamState] = {}  # by team and block
+        self._teams: dict[tuple[str, int, str], _TeamState] = {}  # by team, session and block, as long as they play
         self._policies = PolicyStore(self._study_dir)
 
     @contextmanager
@@ -311,31 +315,57 @@ class TeamTable:
     # Playing
 
     def _state(self, want: ReadyRequest | JointRequest, member: "TeamMember") -> _TeamState:
-        key = (want.team.team, want.plan.block_name)
+        key = (want.team.team, member.plan.session, want.plan.block_name)
         state = self._teams.get(key)
         if state is None:
             state = self._teams[key] = _TeamState(want.team, want.rules)
-            self._restore(state, want.plan)
+            self._restore(state, key)
         state.members[want.team.seat] = member
         return state
 
-    def _restore(self, state: _TeamState, plan: EpisodePlan) -> None:
-        """What this team's logs already hold of this block, where a process before this one closed it."""
-        for entry in list_team_entries(self._study_dir):
-            if (entry.team, entry.block) != (state.team.team, plan.block_name):
-                continue
-            for code in entry.members.values():
-                folder = session_folder(self._data, self._protocol.study.name, code, entry.session)
-                for path in sorted(folder.glob("*.mcap*")):
-                    ours = False
-                    for event in read_events(path):
-                        match event:
-                            case TeamFormed():
-                                ours = event.team == state.team.team
-                            case JointStepped() if ours:
-                                rows = state.rows.setdefault(event.episode, [])
-                                if event.step == len(rows) + 1:
-                                    rows.append((event.actions, event.sources))  # type: ignore[arg-type]
+    def _restore(self, state: _TeamState, key: tuple[str, int, str]) -> None:
+        """What the logs of a team that still plays hold of this block, where a process before this one closed it.
+
+        Where every session of the team was over, it begins the episode anew that it did not complete.
+        """
+        people, done = self._people(state), set[int]()
+        segments = {
+            (int(started_ns), path, int(seat))
+            for entry in list_team_entries(self._study_dir)
+            if (entry.team, entry.session, entry.block) == key
+            for seat, code in entry.members.items()
+            for path in session_folder(self._data, self._protocol.study.name, code, entry.session).glob("*.mcap*")
+            for started_ns in read_segment_starts(path, first=True).values()
+        }
+        until_ns = 0.0  # when the last of the sessions so far ended
+        for start_ns, path, seat in [*sorted(segments), (math.inf, None, 0)]:
+            if start_ns > until_ns or len(people) == 1:
+                state.rows.clear()
+                state.left = False
+            if path is None:
+                break
+            parts: tuple[PlannedPart, ...] = ()
+            ours, end_ns = False, start_ns
+            for event in read_events(path):
+                end_ns = start_ns + event.t_ns
+                match event:
+                    case SessionStarted():
+                        parts = event.plan.parts
+                    case TeamFormed():
+                        ours = (event.team, parts[event.part].name) == (key[0], key[2])
+                    case JointStepped() if ours:
+                        rows = state.rows.setdefault(event.episode, [])
+                        if event.step == len(rows) + 1:
+                            rows.append((event.actions, event.sources))  # type: ignore[arg-type]
+                    case TeamEnded() if ours:
+                        state.left |= event.reason == "partner_left"
+                    case SessionEnded() if event.reason in FINAL_END_REASONS:
+                        done.add(seat)
+            until_ns = max(until_ns, math.inf if path.name.endswith(PART_SUFFIX) else end_ns)
+        for _, sources in state.rows[max(state.rows)][-1:] if state.rows else ():
+            state.away = {seat for seat in people if sources[seat] == "agent"}
+        if done:
+            self._replace(state, done)
 
     def ready(self, want: ReadyRequest, member: "TeamMember") -> SeatsReady | TeamLost | None:
         """Whether an episode may begin."""
@@ -343,14 +373,15 @@ class TeamTable:
         if state.left:
             return TeamLost(0, "partner_left")
         if not self._may_return(state, want.team.seat) and state.rules.team.partner_return == "end":
-            return self._retire(state, want.team.seat)
-        self._return(state, want.team.seat)
+            return TeamLost(0, "replaced")
+        state.away.discard(want.team.seat)
+        state.keyed_s[want.team.seat] = now_s
         here = state.ready.setdefault(episode, set())
         here.add(want.team.seat)
         since_s = state.ready_since_s.setdefault(episode, now_s)
         missing = self._people(state) - here - state.away
         if missing and not state.rows.get(episode):
-            if not missing <= state.closed and now_s - since_s < state.rules.team.partner_wait_s:
+            if now_s - since_s < state.rules.team.partner_wait_s:
                 return None
             if not self._replace(state, missing):
                 return TeamLost(0, "partner_left")
@@ -363,20 +394,24 @@ class TeamTable:
         rows, seat = state.rows.setdefault(episode, []), want.team.seat
         known = list(zip(play.joint_actions, play.sources, strict=True))
         rows += known[len(rows) :]
+        may_return, absent = self._may_return(state, seat), self._is_absent(state, want, now_s)
+        if want.action is not None and not may_return and state.rules.team.partner_return == "end":
+            return TeamLost(0, "replaced")
         if want.step <= len(rows):
+            if want.is_key and play.real_time and may_return:  # too late for this tick, in time for the next one
+                state.away.discard(seat)
             actions, sources = rows[want.step - 1]
             return JointTaken(0, episode, want.step, actions, sources)
         if state.left:
             return TeamLost(0, "partner_left")
         if state.open_step != (episode, want.step):
             state.open_step, state.inputs = (episode, want.step), {}
-        if want.action is not None and not self._may_return(state, seat):
-            if state.rules.team.partner_return == "end":
-                return self._retire(state, seat)
-        elif want.action is not None:
+        if absent and seat not in state.away and not self._replace(state, {seat}):
+            return TeamLost(0, "partner_left")
+        if want.action is not None and may_return and not absent:
             if not state.inputs:
                 state.open_since_s = now_s
-            self._return(state, seat)
+            state.away.discard(seat)
             state.inputs.setdefault(seat, want.action)
         if not state.inputs:
             return None
@@ -384,8 +419,7 @@ class TeamTable:
         waited_s = now_s - state.open_since_s
         late: set[int] = set()
         if missing:
-            gone = missing <= state.closed or waited_s >= state.rules.team.partner_wait_s
-            if gone:
+            if waited_s >= state.rules.team.partner_wait_s:
                 if not self._replace(state, missing):
                     return TeamLost(0, "partner_left")
             elif play.real_time and waited_s * 1000 >= state.rules.team.late_ms:
@@ -428,20 +462,19 @@ class TeamTable:
     def _people(self, state: _TeamState) -> set[int]:
         return {seat for seat, kind in enumerate(state.team.seats) if kind == PERSON}
 
-    def _return(self, state: _TeamState, seat: int) -> None:
-        """A person acts: the seat is theirs again."""
-        state.away.discard(seat)
-        state.closed.discard(seat)
-
     def _may_return(self, state: _TeamState, seat: int) -> bool:
         """Whether a seat is its person's, or is theirs again: who watches has it back if nobody else acts."""
-        rule, others = state.rules.team.partner_return or "seat", self._people(state) - state.away - state.closed
+        rule, others = state.rules.team.partner_return or "seat", self._people(state) - state.away
         return seat not in state.away or rule == "seat" or (rule == "watch" and not others)
 
-    def _retire(self, state: _TeamState, seat: int) -> TeamLost:
-        """Leave a seat to the stand-in for good; its person's session goes on behind the block."""
-        state.closed.add(seat)
-        return TeamLost(0, "replaced")
+    def _is_absent(self, state: _TeamState, want: JointRequest, now_s: float) -> bool:
+        """Whether a page gives its seat's idle action at each tick while its person presses no key."""
+        if want.is_key:
+            state.keyed_s[want.team.seat] = now_s
+        since_s = state.keyed_s.setdefault(want.team.seat, now_s)
+        gone = want.team.seat in state.away or now_s - since_s >= state.rules.team.partner_wait_s
+        others = self._people(state) - state.away - {want.team.seat}
+        return want.action is not None and not want.is_key and gone and bool(others)
 
     def _replace(self, state: _TeamState, missing: set[int]) -> bool:
         """Give seats to the stand-in; False where the block ends instead."""
@@ -452,16 +485,18 @@ class TeamTable:
         state.away |= missing
         return True
 
-    def leave(self, member: "TeamMember", team: str, block: str, seat: int) -> None:
+    def leave(self, member: "TeamMember") -> None:
         """A member's session is over: nobody waits for its input any more."""
         with self._changed:
             for lobby in self._lobbies.values():
                 lobby[:] = [one for one in lobby if one.member is not member]
-            if (state := self._teams.get((team, block))) is not None:
-                state.closed.add(seat)
-                if self._people(state) <= state.closed:
-                    self._close_agents(state)
-                self._tell(state.members.values())
+            for key, state in list(self._teams.items()):
+                for seat in [seat for seat, one in state.members.items() if one is member]:
+                    del state.members[seat]
+                    self._replace(state, {seat})
+                    self._tell(state.members.values())
+                if not state.members:
+                    self._close_agents(self._teams.pop(key))
 
     def _close_agents(self, state: _TeamState) -> None:
         for agent in state.agents.values():
@@ -497,7 +532,6 @@ class TeamMember(RequestHandler):
     ) -> None:
         self.table, self.plan, self.changed = table, plan, changed
         self._then, self._patient = then, patient
-        self._seat = ("", "", 0)  # team, block and seat
 
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
         """The team, the start of an episode or a joint action; None as long as others are waited for."""
@@ -520,16 +554,14 @@ class TeamMember(RequestHandler):
             case TeamRequest():
                 return self.table.join(want, self)
             case ReadyRequest():
-                self._seat = (want.team.team, want.plan.block_name, want.team.seat)
                 return self.table.ready(want, self)
             case JointRequest() if isinstance(play, TeamEpisode):
-                self._seat = (want.team.team, want.plan.block_name, want.team.seat)
                 return self.table.close_step(want, play, self)
         return None
 
     def close(self) -> None:
         """The session is over."""
-        self.table.leave(self, *self._seat)
+        self.table.leave(self)
         if self._then is not None:
             self._then.close()
 
