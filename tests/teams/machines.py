@@ -57,6 +57,7 @@ class Seat:
         self.host = make_agent_host(protocol, self.plan, data, teams=table)
         self._data, self._protocol = data, protocol
         self.events: list[Event] = []
+        self.is_connected = True  # to the host
         self._now_ns = 0
         self.take(Tick(0))
 
@@ -67,7 +68,7 @@ class Seat:
 
     def answer(self) -> None:
         """Ask the host for whatever the machine waits for."""
-        while not self.machine.over and (want := self.machine.request) is not None:
+        while self.is_connected and not self.machine.over and (want := self.machine.request) is not None:
             given = self.host.answer(want, self.machine.play, self._now_ns)
             if given is None:
                 return

@@ -1,5 +1,6 @@
 """Members who quit, come back, or sit before a page and press nothing: which steps each log holds, and who acted."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -222,3 +223,49 @@ def test_a_table_keeps_nothing_of_teams_whose_sessions_are_over(tmp_path: Path) 
     one.stop("connection_lost")
     two.stop("connection_lost")
     assert table._teams == {}
+
+
+@pytest.mark.parametrize("changed", [False, True])
+def test_logs_are_compared_by_pairs_where_the_first_seat_has_none(tmp_path: Path, changed: bool) -> None:
+    team = PEOPLE.replace('["person", "person"]', '["person", "person", "person", "person"]')
+    world, four = "minihuman/Team-CrampedRoom-v0", 'options = { layout = "multiplayer_schelling" }'
+    path = team_study(tmp_path, team=team, world=world, block=four, episodes=1, max_steps=3)
+    seats, _, _ = sit_down(path, tmp_path, people=4)
+    seats[0].to_play(*seats[1:])
+    for _ in range(2):
+        step(*seats)
+    _, second, third, _ = sorted(seats, key=lambda seat: seat.part.formed.seat)
+    if changed:
+        third.events = [
+            replace(event, actions=(0, 0, 0, 0)) if isinstance(event, JointStepped) and event.step == 2 else event
+            for event in third.events
+        ]
+    for seat in (second, third):
+        seat.stop_and_save()
+    [(text, good)] = list(verify_teams(tmp_path / "duet"))
+    assert good == (not changed)
+    assert (
+        "episode 1 of the block step 2: seat 1 logged [4, 4, 4, 4], seat 2 logged [0, 0, 0, 0]"
+        if changed
+        else "2 joint steps, the same in each log here (seats 1 and 2)"
+    ) in text
+
+
+def test_the_second_attempt_of_one_is_compared_with_the_first_of_the_other(tmp_path: Path) -> None:
+    path = team_study(tmp_path, episodes=1, max_steps=5)
+    (one, two), _, table = sit_down(path, tmp_path)
+    one.to_play(two)
+    step(one, two, action="right")
+    two.stop_and_save()
+    back = come_back(two, read_protocol(path), tmp_path, table)
+    one.press(key_of(one, "stay"))
+    back.to_play()
+    step(one, back)
+    for seat in (one, back):  # both leave, and begin the episode anew
+        seat.stop_and_save()
+    again = [come_back(seat, read_protocol(path), tmp_path, table, hour=1) for seat in (one, back)]
+    again[0].to_play(again[1])
+    step(*again, action="left")
+    for seat in again:
+        seat.stop_and_save()
+    assert [good for _, good in verify_teams(tmp_path / "duet")] == [True]
