@@ -91,8 +91,7 @@ def export_overcooked(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     Raises:
         ExportError: if an episode does not replay.
     """
-    from minihuman.worlds.grid.kitchen import Kitchen
-    from minihuman.worlds.grid.layouts.kitchens import KITCHENS
+    from minihuman.worlds.grid.kitchen import KITCHENS, Kitchen
 
     files: dict[str, dict[str, list[Any]]] = {}
     left_out: list[str] = []
@@ -195,7 +194,7 @@ def describe_state(kitchen: "Kitchen", step: int) -> dict[str, Any]:
 
 
 def _describe_orders(kitchen: "Kitchen") -> dict[str, list[dict[str, list[str]]]]:
-    from minihuman.worlds.grid.layouts.kitchens import RECIPES
+    from minihuman.worlds.grid.kitchen import RECIPES
 
     every, bonus = kitchen.layout.orders or RECIPES, kitchen.layout.bonus
     return {
