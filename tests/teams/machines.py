@@ -79,6 +79,12 @@ class Seat:
         self._now_ns += round(ms * MS)
         self.take(Tick(self._now_ns), ScreenShown(self._now_ns, self._now_ns, self._now_ns))
 
+    def take_at(self, now_ns: int, *inputs: Input) -> None:
+        """Take inputs that come at a time of the server's, and ask the host."""
+        self._now_ns = now_ns
+        if not self.machine.over:
+            self.take(*inputs)
+
     def press(self, *keys: str) -> None:
         for key in keys:
             self._now_ns += MS
