@@ -24,6 +24,7 @@ from tests.teams.browsers import Played, play_together
 from tests.teams.study import FOUR_ROOMS, team_study
 
 PLACE = tuple[int, int]  # episode and step
+FRAME_MS = 1000 / 60
 
 
 def main() -> None:
@@ -54,7 +55,12 @@ def main() -> None:
                 found = measure(played, sorted((Path(name) / "duet").rglob("*.mcap")), in_turns=pace == "turns")
             for what, times_ms in found.items():
                 at = "  ".join(f"{value:7.1f}" for value in np.percentile(times_ms, (50, 95, 99)))
-                print(f"{pace} {asked.rtt:.0f} ms loss {loss:<5} {what:16} n {len(times_ms):5}  50/95/99 %: {at} ms")
+                at_once = np.mean(np.array(times_ms) <= FRAME_MS + 4)
+                print(
+                    f"{pace} {asked.rtt:.0f} ms loss {loss:<5} {what:16} n {len(times_ms):5}  50/95/99 %: {at} ms, ",
+                    end="",
+                )
+                print(f"{at_once:.0%} within a frame and 4 ms")
             print(f"{'':6}{describe(played)}", flush=True)
 
 
