@@ -7,12 +7,13 @@ running session or log, so a server that was killed goes on from the longest of 
 import math
 import threading
 from bisect import bisect_left as bisect
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from minihuman.admin.enrolment_entries import TeamRecorded, list_team_entries
 from minihuman.admin.enrolment_log import now_text, record_team
@@ -20,7 +21,7 @@ from minihuman.admin.policies import PolicyStore
 from minihuman.agents.agent import BaseAgent, is_registered_agent, make_agent, make_policy_agent
 from minihuman.errors import AllocationError, WorldError
 from minihuman.experiment.activities.activity import ActivityRequest, RequestHandler
-from minihuman.experiment.activities.block_plans import PERSON, TeamPlan, TeamPlayPlan, find_seat_agent
+from minihuman.experiment.activities.block_plans import PERSON, SIMULATED, TeamPlan, TeamPlayPlan, find_seat_agent
 from minihuman.experiment.activities.team_play import (
     ActionSource,
     JointRequest,
@@ -47,6 +48,7 @@ from minihuman.log.paths import PART_SUFFIX, session_folder
 from minihuman.log.read.reader import read_segment_starts
 from minihuman.log.read.session_reader import read_events
 from minihuman.log.system import monotonic_s
+from minihuman.simulation.participant import make_participant
 from minihuman.worlds.adapters.world import World
 
 PRESENCE_S = 3.0  # who waits in a lobby asks several times a second
@@ -98,7 +100,7 @@ class SeatAgent:
     def __init__(self, agent: BaseAgent, plan: EpisodePlan, team: Team, seat: int, seed: int) -> None:
         self._world = World(plan.world, {**plan.options, "seat": seat})
         self._world.reset(plan.seed)
-        self._agent, self._seat, self._steps = agent, seat, 0
+        self._agent, self._seat, self._steps, self._asked = agent, seat, 0, 0  # asked: in how many states so far
         self._stream = f"team-agent-{plan.block_name}-{plan.episode_in_block}-{seat}"
         self._seed, self._index = seed, team.index
         agent.begin(plan, self._world)
@@ -110,12 +112,12 @@ class SeatAgent:
             WorldError: if the agent gives no chance to any action.
         """
         for actions, _ in rows[self._steps :]:
-            if self._steps:  # an agent with a memory has to see every state
-                self._agent.action_probabilities(self._world)
+            if self._asked == self._steps:  # an agent with a memory has to see every state, and each once
+                self._ask()
             self._world.unwrapped.joint = actions
             self._world.step(actions[self._seat])
             self._steps += 1
-        chances = np.asarray(self._agent.action_probabilities(self._world), np.float64)
+        chances = self._ask()
         if chances.shape != (len(self._world.action_names),) or not chances.sum() > 0:
             raise WorldError(
                 f"the agent of seat {self._seat} must give a probability for each action, at least one of them above 0"
@@ -125,9 +127,31 @@ class SeatAgent:
         sums = np.cumsum(chances)
         return min(int(np.searchsorted(sums, (word >> 11) / 2**53 * sums[-1], side="right")), len(sums) - 1)
 
+    def _ask(self) -> NDArray[np.float64]:
+        self._asked = self._steps + 1
+        return np.asarray(self._agent.action_probabilities(self._world), np.float64)
+
     def close(self) -> None:
         """Close its world."""
         self._world.close()
+
+
+class _SimulatedAgent(BaseAgent):
+    """A simulated participant in a seat: acts by the keys that it presses, and idles at a key without an action."""
+
+    def __init__(self, argument: str, rng: np.random.Generator, pool: tuple[str, ...]) -> None:
+        super().__init__(argument)
+        self._participant, self._pool = make_participant(argument, rng), pool
+
+    def begin(self, plan: EpisodePlan, world: World) -> None:
+        self._keys: Mapping[str, str] = plan.key_map.keys
+        self._participant.begin(plan, self._pool, world)
+
+    def action_probabilities(self, world: World) -> NDArray[np.float32]:
+        press, names = self._participant.press(world), world.action_names
+        name = "" if press is None else self._keys.get(press.key, "")
+        number: int = names.index(name) if name in names else world.unwrapped.team.idle_action
+        return np.eye(len(names), dtype=np.float32)[number]
 
 
 @dataclass(slots=True)
@@ -449,12 +473,17 @@ class TeamTable:
                 if seat not in state.agents:
                     name = find_seat_agent(state.rules.team.stand_in if kind == PERSON else kind)
                     seed = self._protocol.study.seed
-                    state.agents[seat] = SeatAgent(self._load(name), plan, state.team, seat, seed)
+                    agent = self._load(name, f"simulated-{plan.episode}-{seat}", state.team)
+                    state.agents[seat] = SeatAgent(agent, plan, state.team, seat, seed)
                 actions.append(state.agents[seat].choose(state.rows[plan.episode]))
                 sources.append("agent")
         return tuple(actions), tuple(sources)
 
-    def _load(self, name: str) -> BaseAgent:
+    def _load(self, name: str, purpose: str, team: Team) -> BaseAgent:
+        what, _, player = name.partition(":")
+        if what == SIMULATED:
+            [word] = draw_words(1, seed=self._protocol.study.seed, purpose=purpose, index=team.index)
+            return _SimulatedAgent(player, np.random.default_rng(int(word)), self._protocol.keys.pool)
         if is_registered_agent(name):
             return make_agent(name)
         return make_policy_agent(self._policies.checked(self._policies.keep(self._protocol.files[name])))

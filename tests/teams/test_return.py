@@ -8,10 +8,11 @@ import pytest
 
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.episodes import verify_teams
+from minihuman.agents.agent import RandomAgent
 from minihuman.experiment.activities.team_play import JointStepped, SeatTaken, TeamEnded
 from minihuman.experiment.machine.events import EpisodeEnded, KeyPressed
 from minihuman.experiment.replay import compare_replay
-from minihuman.runtime.team_host import TeamTable
+from minihuman.runtime.team_host import SeatAgent, TeamTable
 from minihuman.worlds.adapters.world import World
 from tests.teams.machines import Clock, Seat, sit_down
 from tests.teams.study import PEOPLE, WITH_AGENT, team_study
@@ -176,6 +177,30 @@ def test_after_a_kill_a_block_that_a_partner_ended_is_over(tmp_path: Path) -> No
     two.press(key_of(two, "stay"))
     two.wait(1)
     assert [ended.reason for ended in two.of(TeamEnded)] == ["partner_left"]
+
+
+class Counting(RandomAgent):
+    """Notes in which states it was asked."""
+
+    def action_probabilities(self, world: World) -> Any:
+        self.asked = [*getattr(self, "asked", []), world.state_hash()]
+        return super().action_probabilities(world)
+
+
+def test_an_agent_is_asked_in_every_state_once_also_where_it_takes_a_seat_late(tmp_path: Path) -> None:
+    (one,), _, _ = sit_down(team_study(tmp_path, team=WITH_AGENT), tmp_path, people=1)
+    one.to_play()
+    plan, team = one.machine.play.plan, one.part.formed
+    rows = [((0, 1), ("person", "agent")), ((1, 0), ("person", "agent")), ((1, 1), ("person", "agent"))]
+    asked = []
+    for first in (0, 3):
+        agent = Counting("")
+        holder = SeatAgent(agent, plan, team, 1, 7)
+        chosen = [holder.choose(rows[:n]) for n in range(first, 4)][-1]
+        asked.append((agent.asked, chosen))
+        holder.close()
+    assert asked[0] == asked[1]
+    assert len(asked[0][0]) == 4
 
 
 def ticks(clock: Clock, *seats: Seat, number: int) -> None:

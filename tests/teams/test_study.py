@@ -25,6 +25,7 @@ from minihuman.statistics.comparison import find_units
 from tests.teams.study import PEOPLE, WITH_AGENT, team_study
 from tests.worlds.teams.overcooked import dynamics, needs_overcooked
 
+WITH_SIMULATED = WITH_AGENT.replace("scripted:random", "simulated:random")
 TICKS = 'pace = "real_time"\nstep_period_ms = 100'
 
 
@@ -41,7 +42,7 @@ def pairs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "duet"
 
 
-@pytest.mark.parametrize(("team", "block"), [(PEOPLE, ""), (PEOPLE, TICKS), (WITH_AGENT, TICKS)])
+@pytest.mark.parametrize(("team", "block"), [(PEOPLE, ""), (PEOPLE, TICKS), (WITH_AGENT, TICKS), (WITH_SIMULATED, "")])
 def test_simulated_teams_are_proven_and_the_same_when_simulated_again(tmp_path: Path, team: str, block: str) -> None:
     digests = []
     for name in ("first", "again"):
