@@ -34,7 +34,7 @@ from minihuman.experiment.protocol.protocol import Protocol, decode_logged_proto
 from minihuman.experiment.protocol.specs import ModelSpec
 from minihuman.experiment.replay import resume_from_events
 from minihuman.log.model.session_log import CUT_OFF
-from minihuman.log.paths import LOG_SUFFIX, PART_SUFFIX
+from minihuman.log.paths import LOG_SUFFIX, MODELS_FOLDER, PART_SUFFIX
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.disk import GroupCommit, RecorderSettings
 from minihuman.log.record.file_lock import is_being_recorded
@@ -59,7 +59,6 @@ from minihuman.simulation.model_seat import (
 from minihuman.worlds.adapters.world import World
 
 PLAYER_PREFIX = "model:"
-MODELS_FOLDER = "models"  # of a data folder: models' studies lie there, apart from people's
 READING_MS = 1_000.0
 FRAME_NS = 16_666_667
 MAX_USELESS_KEYS = 100  # in a row, without a step
@@ -94,7 +93,9 @@ class ModelRun:
         name = player.removeprefix(PLAYER_PREFIX)
 
         def make_client(spec: ModelSpec) -> ChatClient:
-            return ChatClient(name, temperature=spec.temperature, max_tokens=spec.max_tokens, timeout_s=spec.timeout_s)
+            known = {"temperature": spec.temperature, "max_tokens": spec.max_tokens}
+            settings = {one: known[one.replace("_completion", "")] for one in spec.request_fields}
+            return ChatClient(name, settings=settings, timeout_s=spec.timeout_s)
 
         return cls(player, make_client, **settings)
 

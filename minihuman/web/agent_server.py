@@ -19,15 +19,10 @@ from typing import Any, TypeGuard
 from minihuman.errors import MinihumanError
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.protocol.specs import ModelSpec
+from minihuman.log.paths import MODELS_FOLDER
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.disk import GroupCommit
-from minihuman.runtime.model_sessions import (
-    MODELS_FOLDER,
-    ModelRun,
-    find_cut_off,
-    play_participant,
-    require_playable,
-)
+from minihuman.runtime.model_sessions import ModelRun, find_cut_off, play_participant, require_playable
 from minihuman.simulation.chat_client import ChatAnswer, ModelUnavailableError, SeatClient
 from minihuman.simulation.model_seat import Prompt
 

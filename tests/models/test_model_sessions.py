@@ -6,18 +6,23 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import pytest
+from mcap.exceptions import EndOfFile
+from mcap.records import Channel, Message
+from mcap.stream_reader import StreamReader
 
-from minihuman import simulate, verify
+from minihuman import export, report, simulate, verify
 from minihuman.errors import WorldError
 from minihuman.experiment.machine.events import Answered, ModelCall, PointerUsed
 from minihuman.experiment.machine.inputs import Input
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.reporting.scorecard import build_scorecard, write_scorecard
 from minihuman.runtime.model_sessions import ModelWindow, RunStoppedError, SessionLeft
 from minihuman.simulation import model_seat
 from minihuman.simulation.chat_client import ModelUnavailableError
@@ -160,7 +165,7 @@ def test_a_server_that_fails_is_asked_again_and_then_the_session_waits(
     tmp_path: Path, environment: pytest.MonkeyPatch
 ) -> None:
     (log,), _ = run(tmp_path, study(), lambda messages, n: 429 if n % 2 else play(messages, n), environment)
-    assert {call.error for call in calls(log, "failed")} == {"HTTP 429"}
+    assert {call.error for call in calls(log, "failed")} == {"HTTP 429: [key] at [...]"}
     assert (len(calls(log, "failed")), len(calls(log))) == (15, 15)
     assert all_as_logged(tmp_path)
     with pytest.raises(ModelUnavailableError, match="HTTP 401"):
@@ -180,20 +185,66 @@ def test_models_have_slots_of_their_own_and_the_keys_of_the_people_with_their_nu
     assert not list((tmp_path / "data" / "seat").glob("model-*"))
 
 
-def test_nothing_written_holds_the_key_or_the_address(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
-    def echo(messages: list[dict[str, Any]], number: int) -> str | int:
-        return 500 if number == 2 else f"{KEY}\n{play(messages, number)}"
+@pytest.mark.program
+@pytest.mark.parametrize("line_end", ["", "\r\n"])
+def test_nothing_written_holds_the_key_or_the_address(
+    tmp_path: Path, environment: pytest.MonkeyPatch, line_end: str
+) -> None:
+    """Neither files nor messages in them, nor what a report, an export, a scorecard and the terminal say."""
 
-    (log,), endpoint = run(tmp_path, study(), echo, environment)
+    def echo(messages: list[dict[str, Any]], number: int) -> str | int:
+        return {2: 500, 20: 401}.get(number, f"{KEY}\n{play(messages, number)}")
+
+    (tmp_path / "study.toml").write_text(study())
+    environment.setenv("OPENAI_API_KEY", KEY + line_end)
+    command = [sys.executable, "-m", "minihuman", "simulate", "study.toml", "--data", "data", "--player", "model:x"]
+    with serve_endpoint(echo) as endpoint:
+        environment.setenv("OPENAI_BASE_URL", endpoint.url + line_end)
+        said = [
+            subprocess.run([*command, "--participants", count], cwd=tmp_path, capture_output=True, check=False)
+            for count in ("1", "2")
+        ]
+    assert [one.returncode for one in said] == [0, 2], "the second run meets the error 401"
+    assert b"HTTP 401: [key] at [...]" in said[1].stderr
     assert endpoint.keys == {f"Bearer {KEY}"}
+    (whole,) = (tmp_path / "data").rglob("*.mcap")
+    log = read_log(whole)
     assert "[key]" in calls(log)[0].answer
     assert "[key]" in calls(log)[0].reasoning
-    secrets = [KEY.encode(), endpoint.url.encode(), b"127.0.0.1", b"chatcmpl-secret", b"/home/somebody"]
+    report(tmp_path / "data" / "models" / "seat", tmp_path / "report")
+    export("csv", tmp_path / "data" / "models" / "seat", tmp_path / "export")
+    write_scorecard(build_scorecard([tmp_path / "data" / "seat"], draws=50), tmp_path / "scores")
     read = "".join(repr(event) for event in log.part_events) + repr(log.facts)
-    assert not any(secret.decode() in read for secret in secrets)
-    for path in (tmp_path / "data").rglob("*"):
-        content = path.read_bytes() if path.is_file() else b""
-        assert not any(secret in content for secret in secrets), path
+    written = {"events": read.encode(), "terminal": b"".join(one.stdout + one.stderr for one in said)}
+    for path in (path for path in tmp_path.rglob("*") if path.is_file()):
+        written[str(path)] = path.read_bytes()
+        if path.suffix in (".mcap", ".part"):
+            with path.open("rb") as file:
+                found = [(channel.topic, message.data) for _, channel, message in raw_messages(file)]
+            assert {"/model/call", "/log", "/frame"} <= {topic for topic, _ in found}
+            written[f"messages of {path}"] = b"".join(data for _, data in found)
+    secrets = [
+        KEY.encode(),
+        KEY[:9].encode(),
+        endpoint.url.encode(),
+        b"127.0.0.1",
+        b"chatcmpl-secret",
+        b"/home/somebody",
+    ]
+    assert {name: secret for name, content in written.items() for secret in secrets if secret in content} == {}
+
+
+def raw_messages(file: IO[bytes]) -> Iterator[tuple[Any, Any, Any]]:
+    """Schema, channel and message of a log's records, decompressed; of a live file as far as it goes."""
+    channels: dict[int, Any] = {}
+    try:
+        for record in StreamReader(file, record_size_limit=None).records:
+            if isinstance(record, Channel):
+                channels[record.id] = record
+            elif isinstance(record, Message):
+                yield None, channels[record.channel_id], record
+    except EndOfFile:
+        return
 
 
 def test_a_changed_prompt_picture_or_reading_is_found(
