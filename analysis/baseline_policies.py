@@ -98,10 +98,13 @@ def train_clone(file: PolicyFile, people: Path, path: Path) -> str:
     training, validation = split_by_participant(together, share=0.2, seed=1)
     settings = CloningSettings(batch_size=128, most_epochs=40, patience=4)
     policy, result = clone_policy(training, validation, eyes=file.eyes, settings=settings)
+    world, *others = file.worlds
     shape = together.space["image"].shape
     assert shape is not None
-    notes = {"worlds": file.worlds, "demonstrations": len(together.episodes)}
-    card = PolicyCard(file.worlds[0], found[0].options, names, shape, file.eyesight, file.eyes, "cloning", 0, 1, notes)
+    notes = {"demonstrations": len(together.episodes)}
+    card = PolicyCard(
+        world, found[0].options, names, shape, file.eyesight, file.eyes, "cloning", 0, 1, notes, tuple(others)
+    )
     save_policy(policy, card, path)
     return f"{len(together.episodes)} episodes, agreement {result.agreement:.2f}"
 
@@ -112,10 +115,20 @@ def train_agent(file: PolicyFile, steps: int, path: Path, checkpoint: Path) -> s
     agent = make_ppo(world, settings=SETTINGS, eyes=file.eyes, seed=1, device="cpu")
     agent.ent_coef = ENTROPY
     history = train_ppo(agent, world, steps=steps, checkpoint=checkpoint)
+    first, *others = file.worlds
     names, done = world.action_names[: file.actions], agent.num_timesteps
-    notes = {"worlds": file.worlds}
     card = PolicyCard(
-        file.worlds[0], TRAINING_LIMIT, names, world.image_shape, file.eyesight, file.eyes, "ppo", done, 1, notes
+        file.worlds[0],
+        TRAINING_LIMIT,
+        names,
+        world.image_shape,
+        file.eyesight,
+        file.eyes,
+        "ppo",
+        done,
+        1,
+        {},
+        tuple(others),
     )
     save_policy(agent.policy, card, path)
     success = history.points[-1].success if history.points else np.nan

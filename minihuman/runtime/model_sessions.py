@@ -8,9 +8,8 @@ import threading
 import time
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +36,7 @@ from minihuman.log.model.session_log import CUT_OFF
 from minihuman.log.paths import LOG_SUFFIX, MODELS_FOLDER, PART_SUFFIX
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.disk import GroupCommit, RecorderSettings
-from minihuman.log.record.file_lock import is_being_recorded
+from minihuman.log.record.file_lock import is_being_recorded, lock_file
 from minihuman.log.record.finalization import recover_log
 from minihuman.log.record.mcap_recorder import LeftoverSegment, McapRecorder, resume_segment
 from minihuman.log.record.recorder import WrappedRecorder
@@ -78,12 +77,9 @@ class ModelRun:
     name: str  # "model:NAME", or "http:NAME" of a program
     make_client: Callable[[ModelSpec], SeatClient]
     max_price: float = 0.0
-    max_tokens: int = 0
-    max_s: float = 0.0
     changed: Callable[[SpentTotals], object] = lambda _: None
     spent: SpentTotals = field(default_factory=SpentTotals)
     stopped: str = ""  # why
-    began_s: float = field(default_factory=time.monotonic)
     lock: threading.Lock = field(default_factory=threading.Lock)
     group_commit: GroupCommit = field(default_factory=GroupCommit)  # of all calls in flight
 
@@ -105,14 +101,8 @@ class ModelRun:
         Raises:
             RunStoppedError: if the run is to stop.
         """
-        spent, passed_s = self.spent, time.monotonic() - self.began_s
-        for limit, used, unit in (
-            (self.max_price, spent.price, "money"),
-            (self.max_tokens, spent.tokens, "tokens"),
-            (self.max_s, passed_s, "seconds"),
-        ):
-            if limit and used >= limit:
-                self.stop(f"the run's limit of {limit:g} {unit} is reached")
+        if self.max_price and self.spent.price >= self.max_price:
+            self.stop(f"the run's limit of {self.max_price:g} is reached")
         if self.stopped:
             raise RunStoppedError(f"{self.stopped}; run the same command again to resume with the next call")
 
@@ -372,17 +362,15 @@ def simulate_models(
     require_playable(protocol)
     data = data / MODELS_FOLDER
     study_dir = data / protocol.study.name
-    cut_off = find_cut_off(study_dir, run.name)[:participants]
-    require_free_slots(protocol, study_dir, participants - len(cut_off))
+    require_free_slots(protocol, study_dir, participants - len(list(_find_cut_off(study_dir, run.name))))
     run.make_client(protocol.model).close()  # an address that is none must not cost a slot
-    new = (None for _ in range(participants - len(cut_off)))
     waiting: set[Future[list[Path]]] = set()
     with ThreadPoolExecutor(parallel) as pool:
         try:
-            for part in chain(cut_off, new):
+            for _ in range(participants):
                 if len(waiting) == parallel:
                     waiting = yield from _yield_done(waiting)
-                waiting.add(pool.submit(play_participant, protocol, data, part, run))
+                waiting.add(pool.submit(play_participant, protocol, data, run))
             while waiting:
                 waiting = yield from _yield_done(waiting)
         except BaseException as error:
@@ -421,55 +409,67 @@ def require_playable(protocol: Protocol) -> None:
                 world.text()
 
 
-def find_cut_off(study_dir: Path, player: str) -> list[Path | str]:
+def _find_cut_off(study_dir: Path, player: str) -> Iterator[Path | str]:
     """What a killed or stopped run left: live files of this model, and codes of slots whose session has no plan yet."""
-    found: list[Path | str] = []
     for slot in read_enrolled(study_dir):
         folder = study_dir / slot.participant
         parts = sorted(folder.glob(f"ses-*/*{PART_SUFFIX}"))
         if any(is_being_recorded(part) for part in parts):
             continue
         try:
-            found += [part for part in parts if read_log(part).player == player]
+            yield from [part for part in parts if read_log(part).player == player]
         except LogError:  # nothing was asked before the plan was written
-            found.append(slot.participant)
+            yield slot.participant
         else:
-            found += [] if parts or list(folder.glob(f"ses-*/*{LOG_SUFFIX}")) else [slot.participant]
-    return found
+            yield from [] if parts or list(folder.glob(f"ses-*/*{LOG_SUFFIX}")) else [slot.participant]
 
 
-def play_participant(protocol: Protocol, data: Path, begun: Path | str | None, run: ModelRun) -> list[Path]:
+@contextmanager
+def _hold_slots(data: Path) -> Iterator[None]:
+    """Let one session at a time, of all threads and processes, choose its slot and make its live file."""
+    data.mkdir(parents=True, exist_ok=True)
+    with (data / ".slots.lock").open("ab") as file:
+        lock_file(file.fileno(), data)
+        yield
+
+
+def play_participant(protocol: Protocol, data: Path, run: ModelRun) -> list[Path]:
     """Play the sessions of one model to the study's end; return their logs.
+
+    It resumes a session that a killed or stopped run of this model left, and takes the next slot where there is none.
 
     Args:
         protocol: the study.
         data: the models' data folder.
-        begun: the live file that a killed run left, or the code whose session has none; None takes the next slot.
         run: whose sessions these are.
 
     Raises:
         MinihumanError: as `simulate_models`.
     """
     run.check()
-    path: Path | None
-    if isinstance(begun, Path) and (ended := read_log(begun)).end_reason != CUT_OFF:
-        path = _finish(begun)
-        plan, reason = ended.plan, ended.end_reason
-    elif isinstance(begun, Path):
-        left = resume_segment(begun)
-        assert isinstance(left.events[0], SessionStarted)
-        plan = left.events[0].plan
-        path, reason = _play(data, plan, run, left)
-    else:
-        with run.lock:
+    settings, left = RecorderSettings(group=run.group_commit), None
+    log: McapRecorder | None = None
+    with _hold_slots(data):
+        begun = next(_find_cut_off(data / protocol.study.name, run.name), None)
+        if isinstance(begun, Path) and (ended := read_log(begun)).end_reason != CUT_OFF:
+            path: Path | None = _finish(begun)
+            plan, reason = ended.plan, ended.end_reason
+        elif isinstance(begun, Path):
+            left = resume_segment(begun)
+            assert isinstance(left.events[0], SessionStarted)
+            plan = left.events[0].plan
+            log = McapRecorder(data, plan, started_ns=left.started_ns, settings=settings, left=left)
+        else:
             plan = plan_next_session(protocol, data, participant=begun, prefix="model")
-        path, reason = _play(data, plan, run)
+            log = McapRecorder(data, plan, started_ns=time.time_ns(), settings=settings)
+    if log is not None:
+        path, reason = _play(plan, run, log, left)
     logs = [path] if path else []
     for session in range(plan.session + 1, len(protocol.sessions) + 1):
         if reason != "complete":
             break
         plan = plan_next_session(protocol, data, participant=plan.participant.id, session=session, any_day=True)
-        path, reason = _play(data, plan, run)
+        path, reason = _play(plan, run, McapRecorder(data, plan, started_ns=time.time_ns(), settings=settings))
         logs += [path] if path else []
     return logs
 
@@ -481,30 +481,34 @@ def _finish(part: Path) -> Path:
     return log
 
 
-def _play(data: Path, plan: SessionPlan, run: ModelRun, left: LeftoverSegment | None = None) -> tuple[Path | None, str]:
+def _play(
+    plan: SessionPlan, run: ModelRun, log: McapRecorder, left: LeftoverSegment | None = None
+) -> tuple[Path | None, str]:
     """Play one session, or the rest of one; return its log and why it ended."""
     spec = decode_logged_protocol(plan.protocol_toml).model
-    clock, seat, unwritten = VirtualClock(), SeatRecord(spec), list[Event]()
-    settings = RecorderSettings(group=run.group_commit)
-    if left is None:
-        facts = {"player": run.name, **collect_machine_facts(), **collect_world_facts(list_world_ids(plan))}
-        session = SessionMachine(plan, World, facts | {"window": "model"}, picture_px=find_picture_size(spec))
-        log = McapRecorder(data, plan, started_ns=time.time_ns(), settings=settings)
-    else:
+    clock, seat, recorder = VirtualClock(), SeatRecord(spec), ResumableRecorder(log)
+    recorder.leave = True  # until it runs, an error leaves it to be resumed
+    try:
+        if left is None:
+            facts = {"player": run.name, **collect_machine_facts(), **collect_world_facts(list_world_ids(plan))}
+            session = SessionMachine(plan, World, facts | {"window": "model"}, picture_px=find_picture_size(spec))
+        else:
 
-        def follow(session: SessionMachine, event: Event | None) -> None:
-            if event is None or isinstance(event, ModelCall):
-                seat.follow(session, event)
-            else:
-                seat.see_input(event)
+            def follow(session: SessionMachine, event: Event | None) -> None:
+                if event is None or isinstance(event, ModelCall):
+                    seat.follow(session, event)
+                else:
+                    seat.see_input(event)
 
-        session, unwritten = resume_from_events(left.events, World, picture_px=find_picture_size(spec), follow=follow)
-        clock.advance_to(max(event.t_ns for event in left.events))
-        log = McapRecorder(data, plan, started_ns=left.started_ns, settings=settings, left=left)
-        log.begin(unwritten)
-    recorder = ResumableRecorder(log)
-    client = run.make_client(spec)
-    window = ModelWindow(session, clock, client, spec, run, seat, recorder)
+            picture_px = find_picture_size(spec)
+            session, unwritten = resume_from_events(left.events, World, picture_px=picture_px, follow=follow)
+            clock.advance_to(max(event.t_ns for event in left.events))
+            log.begin(unwritten)
+        window = ModelWindow(session, clock, run.make_client(spec), spec, run, seat, recorder)
+    except BaseException:
+        recorder.close()
+        raise
+    recorder.leave = False
     try:
         path = run_session(session, window, recorder, clock, finished=record_log_end)
     except SessionLeft as left_at:

@@ -81,14 +81,13 @@ def score_player(
     of_player = _draw_weights(rng, len(player.success), draws)
     of_reference = _draw_weights(rng, len(reference.success), draws)
     of_floor = None if floor is None else _draw_weights(rng, len(floor.success), draws)
-    means = {
-        name: _weighted_mean(getattr(player, name), of_player, level_weights)
-        for name in ("success", "efficiency", "steps")
-    }
-    theirs = {
-        name: _weighted_mean(getattr(reference, name), of_reference, level_weights)
-        for name in ("success", "efficiency", "steps")
-    }
+    means, theirs = (
+        {
+            name: _weighted_mean(getattr(who, name), weights, level_weights)
+            for name in ("success", "efficiency", "steps")
+        }
+        for who, weights in ((player, of_player), (reference, of_reference))
+    )
     least = np.zeros(draws + 1) if floor is None else _weighted_mean(floor.efficiency, of_floor, level_weights)
     with np.errstate(invalid="ignore", divide="ignore"):
         normalised = (means["efficiency"] - least) / (theirs["efficiency"] - least)

@@ -30,7 +30,7 @@ def make_mcp_server(seats: ProgramSeats) -> MCPServer:
 
     @server.tool(structured_output=False)
     def begin(name: str) -> list[Any]:
-        """Begin a session, or resume one of that name; return its secret and the first screen."""
+        """Begin a session, or resume one of that name that was left; return its secret and the first screen."""
         if not is_valid_name(name):
             raise ValueError(f"name is a text of 1 to {MAX_NAME} characters")
         begun = seats.begin(name)

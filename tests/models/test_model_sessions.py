@@ -310,6 +310,20 @@ def test_a_session_left_between_the_inputs_of_an_answer_goes_on_with_the_rest(
     assert all_as_logged(tmp_path)
 
 
+@pytest.mark.program
+def test_two_programs_of_one_study_at_once_share_its_slots(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    (tmp_path / "study.toml").write_text(study("text"))
+    command = [sys.executable, "-m", "minihuman", "simulate", "study.toml", "--data", "data", "--player", "model:x"]
+    with serve_endpoint(play) as endpoint:
+        environment.setenv("OPENAI_BASE_URL", endpoint.url)
+        options = ["--participants", "3", "--parallel", "3"]
+        both = [subprocess.Popen([*command, *options], cwd=tmp_path, stdout=subprocess.DEVNULL) for _ in range(2)]
+        assert [one.wait() for one in both] == [0, 0]
+    logs = [read_log(path) for path in (tmp_path / "data").rglob("*.mcap")]
+    assert {log.plan.participant.id for log in logs} == {f"model-{number:02}" for number in range(1, 7)}
+    assert [(log.end_reason, len(calls(log))) for log in logs] == [("complete", 15)] * 6
+
+
 KILLS = 100 if os.environ.get("MINIHUMAN_LONG") else 2
 
 
