@@ -96,7 +96,7 @@ def train_clone(file: PolicyFile, people: Path, path: Path) -> str:
     names = max((one.action_names for one in found), key=len)
     together = replace(found[0], action_names=names, episodes=tuple(one for its in found for one in its.episodes))
     training, validation = split_by_participant(together, share=0.2, seed=1)
-    settings = CloningSettings(batch_size=128, most_epochs=40, patience=4)
+    settings = CloningSettings(batch_size=256, most_epochs=12, patience=3)
     policy, result = clone_policy(training, validation, eyes=file.eyes, settings=settings)
     world, *others = file.worlds
     shape = together.space["image"].shape
@@ -118,7 +118,7 @@ def train_agent(file: PolicyFile, steps: int, path: Path, checkpoint: Path) -> s
     first, *others = file.worlds
     names, done = world.action_names[: file.actions], agent.num_timesteps
     card = PolicyCard(
-        file.worlds[0],
+        first,
         TRAINING_LIMIT,
         names,
         world.image_shape,

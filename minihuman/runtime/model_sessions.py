@@ -155,6 +155,8 @@ class ModelWindow(Window):
         elif last is not None and last.state == "asked":
             price = count_price(spec, last.prompt_tokens, spec.max_tokens)
             self._take(end_call(last, "unknown", completion_tokens=spec.max_tokens, price=price))
+            if spec.unknown == "end":
+                self._stop("a call's answer was lost")
 
     def show(self, screen: Screen) -> ScreenShown:
         """Look at a screen; it is there one frame later."""

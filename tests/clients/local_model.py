@@ -148,9 +148,9 @@ def wait_for(url: str) -> None:
     """Wait until a server has loaded its model.
 
     Raises:
-        TimeoutError: if it has not after a minute.
+        TimeoutError: if it has not after five minutes.
     """
-    until = monotonic() + 60
+    until = monotonic() + 300
     while monotonic() < until:
         try:
             with urllib.request.urlopen(url):

@@ -16,6 +16,7 @@ from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
 from minihuman import export, report, simulate, verify
+from minihuman.display.drawing.screen import repaint_screen
 from minihuman.errors import WorldError
 from minihuman.experiment.machine.events import Answered, ModelCall, PointerUsed
 from minihuman.experiment.machine.inputs import Input
@@ -26,6 +27,7 @@ from minihuman.reporting.scorecard import build_scorecard, write_scorecard
 from minihuman.runtime.model_sessions import ModelWindow, RunStoppedError, SessionLeft
 from minihuman.simulation import model_seat
 from minihuman.simulation.chat_client import ModelUnavailableError
+from minihuman.simulation.model_seat import AnswerRule
 from tests.models.endpoint import KEY, Endpoint, Reply, play, serve_endpoint, text_of
 from tests.models.studies import study
 
@@ -247,12 +249,47 @@ def raw_messages(file: IO[bytes]) -> Iterator[tuple[Any, Any, Any]]:
         return
 
 
+def draw_otherwise(canvas: Any, before: Any, screen: Any) -> None:
+    repaint_screen(canvas, None, screen)
+    canvas[0, 0] = (1, 2, 3)
+
+
+@pytest.mark.parametrize(
+    ("owner", "name", "changed", "found"),
+    [
+        (model_seat, "RULES", "Play well.", "the prompt sent has digest"),
+        (model_seat, "repaint_screen", draw_otherwise, "the picture sent has digest"),
+        (AnswerRule, "read", lambda *_: "key 2", "the answer is read as"),
+        (AnswerRule, "read", lambda *_: None, "the answer is read as"),
+    ],
+)
 def test_a_changed_prompt_picture_or_reading_is_found(
-    tmp_path: Path, environment: pytest.MonkeyPatch, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, environment: pytest.MonkeyPatch, owner: Any, name: str, changed: Any, found: str
 ) -> None:
     run(tmp_path, study(), play, environment)
-    monkeypatch.setattr(model_seat, "RULES", "Play well.")
-    assert any("prompt" in line.text for line in verify(tmp_path / "data") if not line.ok)
+    environment.setattr(owner, name, changed)
+    assert any(found in line.text for line in verify(tmp_path / "data") if not line.ok)
+
+
+@pytest.mark.parametrize(("unknown", "reason", "answered"), [("repeat", "complete", 15), ("end", "player_failed", 2)])
+def test_a_call_whose_answer_was_lost_is_repeated_or_ends_the_session(
+    tmp_path: Path, environment: pytest.MonkeyPatch, unknown: str, reason: str, answered: int
+) -> None:
+    read, text = ModelWindow._read, study("text", model=f'unknown = "{unknown}"')
+
+    def lose_the_third(window: ModelWindow, asked: ModelCall, *rest: Any) -> ModelCall:
+        if asked.call == 3:
+            window._recorder.leave = True
+            raise SessionLeft(RunStoppedError("killed"))
+        return read(window, asked, *rest)
+
+    environment.setattr(ModelWindow, "_read", lose_the_third)
+    with pytest.raises(RunStoppedError, match="killed"):
+        run(tmp_path, text, play, environment)
+    environment.setattr(ModelWindow, "_read", read)
+    (log,), _ = run(tmp_path, text, play, environment)
+    assert (log.end_reason, len(calls(log, "unknown")), len(calls(log))) == (reason, 1, answered)
+    assert all_as_logged(tmp_path)
 
 
 def test_a_world_without_words_is_refused_before_anything_is_asked(

@@ -43,6 +43,7 @@ def test_intervals_over_people_and_levels_hold_the_truth() -> None:
         score = score_player(model, people, floor, seed=replication, draws=400)
         for name, truth in truths.items():
             held[name] += getattr(score, name).holds(truth)
+    print({name: round(count / REPLICATIONS, 4) for name, count in held.items()}, "of", REPLICATIONS)
     assert {name: count / REPLICATIONS for name, count in held.items() if count / REPLICATIONS < 0.93} == {}
 
 

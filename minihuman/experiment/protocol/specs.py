@@ -367,6 +367,7 @@ class ModelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     temperature: float = 0.0
     max_tokens: int = 256  # of an answer
     request_fields: tuple[RequestField, ...] = ("temperature", "max_tokens")  # settings that a request holds
+    unknown: Literal["repeat", "end"] = "repeat"  # after a kill, for a call without a stored answer
     timeout_s: float = 120.0  # of an answer
     provider: str = ""  # who runs it, in the study's words
     price_prompt: float = 0.0  # per million tokens
