@@ -18,7 +18,7 @@ import numpy as np
 
 from minihuman import open_study
 from minihuman.planning.benchmark import FAMILIES, compose_baseline
-from minihuman.statistics.proportions import wilson_interval
+from minihuman.statistics.scores import wilson_interval
 
 SEED = 20261126
 SHARE = 0.8  # of simulated people's episodes that are to reach the goal

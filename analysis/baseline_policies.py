@@ -89,10 +89,10 @@ class AlternatingEnv(TrainingEnv):
         return super().reset(seed=seed, options=options)
 
 
-def train_clone(file: PolicyFile, people: Path, path: Path) -> str:
-    """Clone what people did who reached the goal; return how well it agrees with people whom it did not see."""
+def train_clone(file: PolicyFile, people: Path, path: Path, *, most: int) -> str:
+    """Clone at most so many episodes of each world that reached the goal; return how well it agrees with others."""
     selection = Selection(outcome=("goal",))
-    found = [read_demonstrations(people, world, file.eyesight, selection) for world in file.worlds]
+    found = [read_demonstrations(people, world, file.eyesight, selection).first(most) for world in file.worlds]
     names = max((one.action_names for one in found), key=len)
     together = replace(found[0], action_names=names, episodes=tuple(one for its in found for one in its.episodes))
     training, validation = split_by_participant(together, share=0.2, seed=1)
@@ -135,7 +135,7 @@ def train_agent(file: PolicyFile, steps: int, path: Path, checkpoint: Path) -> s
     return f"{done:,} steps, success {success:.2f} at the end"
 
 
-def main(what: str, out: Path, *, people: int, levels: int, steps: int, only: list[str]) -> None:
+def main(what: str, out: Path, *, people: int, levels: int, steps: int, most: int, only: list[str]) -> None:
     """Train the files that are not there."""
     torch.set_num_threads(1)
     (out / what).mkdir(parents=True, exist_ok=True)
@@ -144,7 +144,8 @@ def main(what: str, out: Path, *, people: int, levels: int, steps: int, only: li
         if path.exists() or (only and file.name not in only):
             continue
         if what == "clone":
-            result = train_clone(file, simulate_people(file.kind, out, people=people, levels=levels), path)
+            logs = simulate_people(file.kind, out, people=people, levels=levels)
+            result = train_clone(file, logs, path, most=most)
         else:
             checkpoint = out / f"{what}-{file.name}.checkpoint"
             result = train_agent(file, int(steps * file.share), path, checkpoint)
@@ -159,9 +160,18 @@ if __name__ == "__main__":
     parser.add_argument("--people", type=int, default=10)
     parser.add_argument("--levels", type=int, default=20, help="of each family, for people")
     parser.add_argument("--steps", type=int, default=400_000, help="of PPO for the eight grid worlds; others get less")
+    parser.add_argument("--most", type=int, default=200, help="episodes of each world that the clone learns from")
     parser.add_argument("--only", nargs="*", default=[], help="files by name, so that several run side by side")
     parser.add_argument("--quick", action="store_true", help="tiny, to see that it runs")
     given = parser.parse_args()
     if given.quick:
         given.people, given.levels, given.steps = 2, 1, 4_096
-    main(given.what, given.out, people=given.people, levels=given.levels, steps=given.steps, only=given.only)
+    main(
+        given.what,
+        given.out,
+        people=given.people,
+        levels=given.levels,
+        steps=given.steps,
+        most=given.most,
+        only=given.only,
+    )

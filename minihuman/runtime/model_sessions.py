@@ -42,13 +42,13 @@ from minihuman.log.record.mcap_recorder import LeftoverSegment, McapRecorder, re
 from minihuman.log.record.recorder import WrappedRecorder
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
 from minihuman.runtime.session_loop import run_session
-from minihuman.simulation.chat_client import ChatAnswer, ChatClient, ModelUnavailableError, SeatClient
-from minihuman.simulation.model_seat import (
+from minihuman.simulation.chat_client import ChatAnswer, ChatClient, ModelClient, ModelUnavailableError
+from minihuman.simulation.model_conversation import (
     HOLD_MS,
     NS_PER_MS,
     WAIT,
     AnswerRule,
-    SeatRecord,
+    ConversationRecord,
     SpentTotals,
     count_price,
     end_call,
@@ -75,7 +75,7 @@ class ModelRun:
     """What the sessions of one run share: what they have spent, its limits, and whether it is to stop."""
 
     name: str  # "model:NAME", or "http:NAME" of a program
-    make_client: Callable[[ModelSpec], SeatClient]
+    make_client: Callable[[ModelSpec], ModelClient]
     max_price: float = 0.0
     changed: Callable[[SpentTotals], object] = lambda _: None
     spent: SpentTotals = field(default_factory=SpentTotals)
@@ -127,7 +127,7 @@ class ModelWindow(Window):
         client: asks the model.
         spec: the protocol's settings.
         run: counts what is spent.
-        seat: the conversation so far.
+        record: the conversation so far.
         recorder: makes a call's events durable.
     """
 
@@ -135,21 +135,21 @@ class ModelWindow(Window):
         self,
         session: SessionMachine,
         clock: VirtualClock,
-        client: SeatClient,
+        client: ModelClient,
         spec: ModelSpec,
         run: ModelRun,
-        seat: SeatRecord,
+        record: ConversationRecord,
         recorder: "ResumableRecorder",
     ) -> None:
         self._session, self._clock, self._client = session, clock, client
-        self._spec, self._run, self._seat, self._recorder = spec, run, seat, recorder
+        self._spec, self._run, self._record, self._recorder = spec, run, record, recorder
         self._screen: Screen = TextScreen("", "", "")
         self._waited: Screen | None = None  # the screen for which the answer was to wait
         self._attempt = 1
         self._useless = 0
         self._step: tuple[int, int] | None = None  # episode and step at the last key
         self._question: tuple[str, int] = ("", 0)  # the last one, and how often it was asked in a row
-        last = seat.call
+        last = record.call
         if last is not None and last.state == "answered":  # of a program that was killed
             self._attempt = last.attempt + (last.verdict == "invalid")
         elif last is not None and last.state == "asked":
@@ -161,7 +161,7 @@ class ModelWindow(Window):
     def show(self, screen: Screen) -> ScreenShown:
         """Look at a screen; it is there one frame later."""
         self._screen = screen
-        self._seat.conversation.see(screen)
+        self._record.conversation.see(screen)
         submit_ns = self._clock()
         self._clock.advance_to(submit_ns + FRAME_NS)
         return ScreenShown(t_ns=self._clock(), submit_ns=submit_ns, flip_ns=self._clock())
@@ -172,13 +172,13 @@ class ModelWindow(Window):
         Raises:
             SessionLeft: if the model gives no answer, or the run is to stop.
         """
-        if not any(isinstance(one, KeyDown | PointerPressed | TextInput | Stop) for one in self._seat.coming):
+        if not any(isinstance(one, KeyDown | PointerPressed | TextInput | Stop) for one in self._record.coming):
             try:
                 self._think()
             except (ModelUnavailableError, RunStoppedError) as error:
                 self._recorder.leave = True
                 raise SessionLeft(error) from error
-        coming = self._seat.coming
+        coming = self._record.coming
         if not coming or (until_ns is not None and until_ns < coming[0].t_ns):
             assert until_ns is not None, "neither an input nor a deadline: this would wait for ever"
             self._clock.advance_to(until_ns)
@@ -213,7 +213,7 @@ class ModelWindow(Window):
 
     def _press(self, key: str) -> None:
         down_ns = self._clock() + round(READING_MS * NS_PER_MS)
-        self._seat.add([KeyDown(down_ns, key, key), KeyUp(down_ns + round(HOLD_MS * NS_PER_MS), key, key)])
+        self._record.add([KeyDown(down_ns, key, key), KeyUp(down_ns + round(HOLD_MS * NS_PER_MS), key, key)])
 
     def _decide(self, rule: AnswerRule) -> None:
         if reason := self._find_end(rule):
@@ -233,7 +233,7 @@ class ModelWindow(Window):
 
     def _find_end(self, rule: AnswerRule) -> str:
         """Why no further answer is asked for, "" for no reason."""
-        spec, spent, session = self._spec, self._seat.spent, self._session
+        spec, spent, session = self._spec, self._record.spent, self._session
         for limit, used, unit in (
             (spec.max_price, spent.price, spec.currency or "money"),
             (spec.max_session_tokens, spent.tokens, "tokens"),
@@ -252,7 +252,7 @@ class ModelWindow(Window):
         return f"a question was answered {MAX_SAME_QUESTION} times and not left" if again else ""
 
     def _stop(self, reason: str) -> None:
-        self._seat.coming = [Stop(self._clock(), "player_failed", reason)]
+        self._record.coming = [Stop(self._clock(), "player_failed", reason)]
 
     def _ask(self, rule: AnswerRule) -> ModelCall:
         """Ask until there is an answer, as often as the protocol says.
@@ -261,13 +261,13 @@ class ModelWindow(Window):
             ModelUnavailableError: if there is none.
             RunStoppedError: if the run is to stop.
         """
-        session, seat, spec = self._session, self._seat, self._spec
-        prompt = seat.conversation.build_prompt(self._screen, rule, session)
+        session, record, spec = self._session, self._record, self._spec
+        prompt = record.conversation.build_prompt(self._screen, rule, session)
         for failures in range(spec.retries + 1):
             self._run.check()
             asked = ModelCall(
                 self._clock(),
-                call=1 + (0 if seat.call is None else seat.call.call),
+                call=1 + (0 if record.call is None else record.call.call),
                 state="asked",
                 episode=session.next_episode,
                 step=0 if session.play is None else session.play.steps,
@@ -281,7 +281,7 @@ class ModelWindow(Window):
                 max_tokens=spec.max_tokens,
                 prompt_tokens=prompt.tokens,
             )
-            seat.rule = rule
+            record.rule = rule
             self._take(asked)
             try:
                 return self._read(asked, rule, self._client.ask(prompt))
@@ -313,7 +313,7 @@ class ModelWindow(Window):
 
     def _take(self, call: ModelCall) -> None:
         self._recorder.record(call)
-        self._seat.take(call)
+        self._record.take(call)
         if call.state != "asked":
             self._run.count(call)
 
@@ -488,7 +488,7 @@ def _play(
 ) -> tuple[Path | None, str]:
     """Play one session, or the rest of one; return its log and why it ended."""
     spec = decode_logged_protocol(plan.protocol_toml).model
-    clock, seat, recorder = VirtualClock(), SeatRecord(spec), ResumableRecorder(log)
+    clock, record, recorder = VirtualClock(), ConversationRecord(spec), ResumableRecorder(log)
     recorder.leave = True  # until it runs, an error leaves it to be resumed
     try:
         if left is None:
@@ -498,15 +498,15 @@ def _play(
 
             def follow(session: SessionMachine, event: Event | None) -> None:
                 if event is None or isinstance(event, ModelCall):
-                    seat.follow(session, event)
+                    record.follow(session, event)
                 else:
-                    seat.see_input(event)
+                    record.see_input(event)
 
             picture_px = find_picture_size(spec)
             session, unwritten = resume_from_events(left.events, World, picture_px=picture_px, follow=follow)
             clock.advance_to(max(event.t_ns for event in left.events))
             log.begin(unwritten)
-        window = ModelWindow(session, clock, run.make_client(spec), spec, run, seat, recorder)
+        window = ModelWindow(session, clock, run.make_client(spec), spec, run, record, recorder)
     except BaseException:
         recorder.close()
         raise

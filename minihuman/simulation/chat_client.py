@@ -17,7 +17,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from minihuman.errors import MinihumanError, SimulationError
-from minihuman.simulation.model_seat import Prompt
+from minihuman.simulation.model_conversation import Prompt
 
 BASE_URL, API_KEY = "OPENAI_BASE_URL", "OPENAI_API_KEY"
 DEFAULT_URL = "https://api.openai.com/v1"
@@ -56,7 +56,7 @@ class ChatAnswer:
     latency_ms: float
 
 
-class SeatClient(abc.ABC):
+class ModelClient(abc.ABC):
     """Answers for whoever sits in a participant's place; each session has its own."""
 
     model: str  # its name, as the log is to hold it
@@ -74,7 +74,7 @@ class SeatClient(abc.ABC):
         """Let go of what is open. A second call does nothing."""
 
 
-class ChatClient(SeatClient):
+class ChatClient(ModelClient):
     """A connection to one model.
 
     Args:

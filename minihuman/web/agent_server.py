@@ -26,8 +26,8 @@ from minihuman.log.paths import MODELS_FOLDER
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.disk import GroupCommit
 from minihuman.runtime.model_sessions import ModelRun, play_participant, require_playable
-from minihuman.simulation.chat_client import ChatAnswer, ModelUnavailableError, SeatClient
-from minihuman.simulation.model_seat import RULES, Prompt
+from minihuman.simulation.chat_client import ChatAnswer, ModelClient, ModelUnavailableError
+from minihuman.simulation.model_conversation import RULES, Prompt
 
 if TYPE_CHECKING:
     from mcp.server.mcpserver import MCPServer
@@ -46,7 +46,7 @@ def is_valid_name(name: object) -> TypeGuard[str]:
     return isinstance(name, str) and name.isprintable() and 0 < len(name) <= MAX_NAME
 
 
-class ProgramClient(SeatClient):
+class ProgramClient(ModelClient):
     """Hands screens to a program and takes its answers, each with a number, so that none counts twice."""
 
     def __init__(self, name: str, timeout_s: float) -> None:
@@ -116,7 +116,7 @@ class ProgramClient(SeatClient):
 
 
 @dataclass(slots=True)
-class ProgramSeats:
+class ProgramSessions:
     """The sessions of programs.
 
     Args:
@@ -169,7 +169,7 @@ class ProgramSeats:
             raise
 
 
-def make_agent_server(seats: ProgramSeats, *, port: int, host: str = "127.0.0.1") -> ThreadingHTTPServer:
+def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.0.0.1") -> ThreadingHTTPServer:
     """Make the server; ``serve_forever`` runs it.
 
     ``POST /sessions`` with ``{"name": ...}`` begins a session, ``POST /sessions/SECRET`` with ``{"number": n, "answer":
@@ -213,14 +213,14 @@ def make_agent_server(seats: ProgramSeats, *, port: int, host: str = "127.0.0.1"
             name = body.get("name")
             if not is_valid_name(name):
                 self._reply(400, {"error": f"name is a text of 1 to {MAX_NAME} characters"})
-            elif (begun := seats.begin(name)) is None:
+            elif (begun := programs.begin(name)) is None:
                 self._reply(503, {"error": f"{MAX_SESSIONS} sessions run already; try again later"})
             else:
                 secret, client = begun
                 self._reply(201, {"session": f"/sessions/{secret}", **client.read_screen()})
 
         def _client(self) -> ProgramClient | None:
-            found = seats.clients.get(self.path.removeprefix("/sessions/"))
+            found = programs.clients.get(self.path.removeprefix("/sessions/"))
             if found is None:
                 self._reply(404, {"error": "there is no such session; begin one with POST /sessions"})
             return found
@@ -288,23 +288,23 @@ _INSTRUCTIONS = (
 )
 
 
-def make_mcp_server(seats: ProgramSeats) -> "MCPServer":
+def make_mcp_server(programs: ProgramSessions) -> "MCPServer":
     """Make the server; ``run()`` serves one client on the standard input and output."""
     from mcp.server.mcpserver import MCPServer  # the extra mcp
 
     server = MCPServer("minihuman", instructions=_INSTRUCTIONS)
 
     def find(session: str) -> ProgramClient:
-        if session not in seats.clients:
+        if session not in programs.clients:
             raise ValueError("there is no such session; begin one")
-        return seats.clients[session]
+        return programs.clients[session]
 
     @server.tool(structured_output=False)
     def begin(name: str) -> list[Any]:
         """Begin a session, or resume one of that name that was left; return its secret and the first screen."""
         if not is_valid_name(name):
             raise ValueError(f"name is a text of 1 to {MAX_NAME} characters")
-        begun = seats.begin(name)
+        begun = programs.begin(name)
         if begun is None:
             raise ValueError(f"{MAX_SESSIONS} sessions run already; try again later")
         secret, client = begun

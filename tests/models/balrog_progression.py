@@ -35,7 +35,7 @@ blocks = {names}
 BLOCK = """
 [[blocks]]
 name = "{name}"
-world = "minihuman/BabyAI-{name}-v0"
+world = "minihuman/BabyAI-{level}-v0"
 actions = ["left", "right", "forward", "pickup", "drop", "toggle"]
 max_steps = 60
 key_map = "shown"
@@ -45,8 +45,8 @@ episodes = {episodes}
 
 def play_episodes(folder: Path, *, episodes: int) -> Iterator[EpisodeLog]:
     """So many of each level, by the planner and by the random player."""
-    blocks = "".join(BLOCK.format(name=name, episodes=episodes) for name in LEVELS)
-    (folder / "study.toml").write_text(STUDY.format(names=list(LEVELS)) + blocks)
+    blocks = "".join(BLOCK.format(name=name.lower(), level=name, episodes=episodes) for name in LEVELS)
+    (folder / "study.toml").write_text(STUDY.format(names=[name.lower() for name in LEVELS]) + blocks)
     for player in ("optimal", "random"):
         for path in simulate(folder / "study.toml", participants=1, data=folder / "data", player=player):
             yield from read_log(path).episodes

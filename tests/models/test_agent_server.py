@@ -24,28 +24,28 @@ from minihuman.log.read.session_reader import read_log
 from minihuman.log.record import mcap_recorder
 from minihuman.runtime import model_sessions
 from minihuman.web import agent_server
-from minihuman.web.agent_server import MAX_BODY_BYTES, ProgramSeats, make_agent_server
+from minihuman.web.agent_server import MAX_BODY_BYTES, ProgramSessions, make_agent_server
 from tests.models.studies import study
 
 DOCS = Path(__file__).parents[2] / "docs" / "models.md"
 
 
 @pytest.fixture
-def seats(tmp_path: Path) -> ProgramSeats:
+def programs(tmp_path: Path) -> ProgramSessions:
     (tmp_path / "study.toml").write_text(study(model="timeout_s = 1.0"))
-    return ProgramSeats(read_protocol(tmp_path / "study.toml"), tmp_path / "data")
+    return ProgramSessions(read_protocol(tmp_path / "study.toml"), tmp_path / "data")
 
 
 @pytest.fixture
-def url(seats: ProgramSeats) -> Iterator[str]:
-    server = make_agent_server(seats, port=0)
+def url(programs: ProgramSessions) -> Iterator[str]:
+    server = make_agent_server(programs, port=0)
     thread = threading.Thread(target=server.serve_forever)
     thread.start()
     yield f"http://127.0.0.1:{server.server_port}"
     server.shutdown()
     server.server_close()
     thread.join()
-    for one in seats.threads:
+    for one in programs.threads:
         one.join(10)
 
 
@@ -206,15 +206,17 @@ def test_connections_are_bounded_and_free_ones_are_served_again(url: str, monkey
             assert time.monotonic() < until_s
 
 
-def test_ended_sessions_are_remembered_up_to_a_number(seats: ProgramSeats, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ended_sessions_are_remembered_up_to_a_number(
+    programs: ProgramSessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(agent_server, "MAX_SESSIONS", 2)
-    monkeypatch.setattr(ProgramSeats, "_play", lambda self, client: client.end("complete"))
+    monkeypatch.setattr(ProgramSessions, "_play", lambda self, client: client.end("complete"))
     for _ in range(20):
-        while seats.begin("walker") is None:
+        while programs.begin("walker") is None:
             time.sleep(0.01)
-        for thread in seats.threads:
+        for thread in programs.threads:
             thread.join()
-    assert len(seats.clients) <= 3
+    assert len(programs.clients) <= 3
 
 
 @pytest.mark.parametrize("left", [False, True])

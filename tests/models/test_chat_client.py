@@ -11,7 +11,7 @@ import pytest
 
 from minihuman.errors import SimulationError
 from minihuman.simulation.chat_client import MAX_ERROR, ChatClient, ModelUnavailableError
-from minihuman.simulation.model_seat import AnswerRule, Prompt
+from minihuman.simulation.model_conversation import AnswerRule, Prompt
 from tests.models.endpoint import KEY
 
 PROMPT = Prompt([{"role": "user", "content": "?"}], "", "", 1, "?", "", AnswerRule("page", "?"), None, None)

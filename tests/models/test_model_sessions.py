@@ -25,9 +25,9 @@ from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.reporting.scorecard import build_scorecard, write_scorecard
 from minihuman.runtime.model_sessions import ModelWindow, RunStoppedError, SessionLeft
-from minihuman.simulation import model_seat
+from minihuman.simulation import model_conversation
 from minihuman.simulation.chat_client import ModelUnavailableError
-from minihuman.simulation.model_seat import AnswerRule
+from minihuman.simulation.model_conversation import AnswerRule
 from tests.models.endpoint import KEY, Endpoint, Reply, play, serve_endpoint, text_of
 from tests.models.studies import study
 
@@ -257,8 +257,8 @@ def draw_otherwise(canvas: Any, before: Any, screen: Any) -> None:
 @pytest.mark.parametrize(
     ("owner", "name", "changed", "found"),
     [
-        (model_seat, "RULES", "Play well.", "the prompt sent has digest"),
-        (model_seat, "repaint_screen", draw_otherwise, "the picture sent has digest"),
+        (model_conversation, "RULES", "Play well.", "the prompt sent has digest"),
+        (model_conversation, "repaint_screen", draw_otherwise, "the picture sent has digest"),
         (AnswerRule, "read", lambda *_: "key 2", "the answer is read as"),
         (AnswerRule, "read", lambda *_: None, "the answer is read as"),
     ],

@@ -10,9 +10,11 @@ import pyarrow as pa
 import pytest
 
 from minihuman import simulate
+from minihuman.admin.protocol_file import read_protocol
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import TableDatabase
 from minihuman.errors import ReportError
+from minihuman.experiment.plan.dry_run import check_worlds
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.planning.benchmark import FAMILIES, compose_baseline, parse_players, run_baseline
 from minihuman.reporting.build import build_report
@@ -99,6 +101,13 @@ def test_a_baseline_set_is_five_levels_of_each_family_with_fresh_seeds(kind: str
     assert [len(block.seeds) for block in sets[0].blocks] == [5] * len(FAMILIES[kind])
     seeds = [{seed for block in one.blocks for seed in block.seeds} for one in sets]
     assert not seeds[0] & seeds[1]
+
+
+@pytest.mark.parametrize("kind", list(FAMILIES))
+def test_the_committed_sets_are_what_the_command_writes_and_can_be_played(kind: str) -> None:
+    path = Path(__file__).parents[2] / "protocols" / f"baseline-{kind}.toml"
+    assert path.read_text(encoding="utf-8") == compose_baseline(kind, 20261124)
+    check_worlds(read_protocol(path), str(path))  # which raises where a limit is more than its world has
 
 
 def test_bench_runs_players_once_and_names_who_cannot_play(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.log.read.session_reader import read_log
-from minihuman.simulation.model_seat import find_picture_size
+from minihuman.simulation.model_conversation import find_picture_size
 from minihuman.worlds.adapters.world import World
 from tests.models.endpoint import KEY, play, serve_endpoint
 from tests.models.studies import study
