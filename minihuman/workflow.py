@@ -246,7 +246,7 @@ def _simulate_models(
     on_progress: Listener,
 ) -> Iterator[Path]:
     from minihuman.runtime.model_sessions import ModelRun, simulate_models
-    from minihuman.simulation.model_seat import SpentTotals
+    from minihuman.simulation.model_conversation import SpentTotals
 
     done, currency = 0, study.model.currency
 

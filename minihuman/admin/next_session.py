@@ -123,7 +123,7 @@ def _check_came_before(
             f"{participant} was screened out in session {session - 1} and has no session {session}; choose another "
             "participant"
         )
-    left = len(_remaining_episodes(log))
+    left = len(find_remaining_episodes(log))
     if not is_session_complete(log) and (left or not is_only_closing_left(log.plan.parts, _resume_state(log).part)):
         what = f"{left} episodes of session {session - 1} left to play" if left else f"not ended session {session - 1}"
         raise AllocationError(
@@ -195,10 +195,10 @@ def _check_day(protocol: Protocol, before: SessionLog, session: int, utc_offset_
 
 def is_session_complete(log: SessionLog) -> bool:
     """Whether nothing of a session is left to do."""
-    return log.end_reason in FINAL_END_REASONS or (not log.plan.parts and not _remaining_episodes(log))
+    return log.end_reason in FINAL_END_REASONS or (not log.plan.parts and not find_remaining_episodes(log))
 
 
-def _remaining_episodes(log: SessionLog) -> list[int]:
+def find_remaining_episodes(log: SessionLog) -> list[int]:
     """The episodes that are neither completed nor skipped."""
     done = {played.plan.episode for played in log.episodes if played.outcome not in (None, "abandoned")}
     for event in log.part_events:
@@ -213,7 +213,7 @@ def _plan_rest(log: SessionLog) -> SessionPlan:
         raise AllocationError(
             f"{who} has completed session {session} ({log.path}); start their next one with --session {session + 1}"
         )
-    left = _remaining_episodes(log)
+    left = find_remaining_episodes(log)
     segments = [int(start["segment"]) for start in log.metadata["segments"]]
     return msgspec.structs.replace(
         log.plan,
