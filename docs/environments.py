@@ -15,7 +15,13 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-PACKAGES = {"gymnasium": "", "ale-py": "ale_py", "highway-env": "highway_env"}  # and the module that registers theirs
+PACKAGES = {  # and the module that registers theirs
+    "gymnasium": "",
+    "ale-py": "ale_py",
+    "highway-env": "highway_env",
+    "gymnasium-robotics": "gymnasium_robotics",
+    "crafter": "other_worlds",  # and MiniHack and arcengine, as far as they are installed
+}
 SECONDS = 5.0
 PAGE = Path(__file__).with_name("environments.md")
 
@@ -23,7 +29,7 @@ PAGE = Path(__file__).with_name("environments.md")
 def register(module: str) -> None:
     """Import a package that registers its environments."""
     registers = import_module(module)
-    if module == "ale_py":
+    if module in ("ale_py", "gymnasium_robotics"):
         import gymnasium
 
         gymnasium.register_envs(registers)
@@ -134,7 +140,7 @@ def describe(found: dict[str, dict[str, str]]) -> str:
         if "error" in one or one["replays"].startswith("NO")
     }
     versions = []
-    for package in (*PACKAGES, "mujoco", "box2d"):
+    for package in (*PACKAGES, "minihack", "nle", "arcengine", "mujoco", "box2d"):
         try:
             versions.append(f"{package} {version(package)}")
         except PackageNotFoundError:

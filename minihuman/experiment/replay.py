@@ -255,7 +255,8 @@ def _find_input(event: Event, session: SessionMachine) -> Input | None:
         case TextTyped():
             return TextInput(event.t_ns, event.text)
         case PointerUsed():
-            return _POINTER_INPUTS[event.what](event.t_ns, event.x, event.y, event.target, event.along)
+            used_ns = event.t_ns - event.waited_ns
+            return _POINTER_INPUTS[event.what](used_ns, event.x, event.y, event.target, event.along)
         case AxisMoved():
             return AxisChanged(event.t_ns, event.axis, event.value)
         case Noted(kind="focus"):
