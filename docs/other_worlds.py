@@ -28,15 +28,18 @@ with suppress(ImportError):
             self.observation_space = spaces.Box(0, 255, (64, 64, 3), np.uint8)
 
         def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
+            """Start a game."""
             super().reset(seed=seed)
             self._game = crafter.Env(seed=int(self.np_random.integers(2**31)))
             return self._game.reset(), {}
 
         def step(self, action: int):
+            """Do an action."""
             seen, reward, done, _ = self._game.step(int(action))
             return seen, float(reward), bool(done), False, {}
 
         def render(self):
+            """Draw the picture."""
             return self._game.render((576, 576))
 
     gymnasium.register("other/Crafter-v1", entry_point=Crafter, max_episode_steps=10_000)
@@ -60,6 +63,7 @@ with suppress(ImportError):
             self.observation_space = self._game.observation_space["pixel_crop"]
 
         def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
+            """Start a game."""
             super().reset(seed=seed)
             core, shown = (int(number) for number in self.np_random.integers(2**31, size=2))
             self._game.seed(core, shown, reseed=False)
@@ -67,14 +71,17 @@ with suppress(ImportError):
             return self._seen, {}
 
         def step(self, action: int):
+            """Do an action."""
             seen, reward, terminated, truncated, _ = self._game.step(int(action))
             self._seen = seen["pixel_crop"]
             return self._seen, float(reward), bool(terminated), bool(truncated), {}
 
         def render(self):
+            """Draw the picture."""
             return self._seen
 
         def close(self) -> None:
+            """Close the game."""
             self._game.close()
 
     for known in [name for name in gymnasium.registry if name.startswith("MiniHack-")]:
@@ -98,6 +105,7 @@ with suppress(ImportError):
             super().__init__("lights", [level], camera, available_actions=[6])
 
         def step(self) -> None:
+            """Do an action."""
             place = self.camera.display_to_grid(self.action.data.get("x", -1), self.action.data.get("y", -1))
             x, y = ((value - 2) // 8 for value in place or (-10, -10))
             for across, down in ((x, y), (x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)):
@@ -118,12 +126,14 @@ with suppress(ImportError):
             self.observation_space = spaces.Box(0, 255, (64, 64, 3), np.uint8)
 
         def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
+            """Start a game."""
             super().reset(seed=seed)
             lit = tuple((number // 3, number % 3) for number in np.flatnonzero(self.np_random.integers(2, size=9)))
             self._game = Lights(lit)
             return self._take(arcengine.GameAction.RESET, {}), {}
 
         def step(self, action: dict[str, Any]):
+            """Do an action."""
             x, y = (int(value) for value in action["place"])
             seen = self._take(arcengine.GameAction.ACTION6, {"x": x, "y": y})
             won = self._state == arcengine.GameState.WIN
@@ -136,6 +146,7 @@ with suppress(ImportError):
             return self._seen
 
         def render(self):
+            """Draw the picture."""
             return np.kron(self._seen, np.ones((8, 8, 1), np.uint8))
 
     gymnasium.register("other/ArcLights-v0", entry_point=ArcLights, max_episode_steps=50)

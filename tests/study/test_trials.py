@@ -11,11 +11,11 @@ from PIL import Image
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.display.windows.window import ScriptedWindow, VirtualClock
 from minihuman.errors import ProtocolError, WorldError
+from minihuman.experiment.activities.block_plans import StimuliSpec
 from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, FrameShown, Noted, Stepped
 from minihuman.experiment.machine.inputs import KeyDown, KeyUp, ScreenShown
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.machine.transitions import Phase
-from minihuman.experiment.activities.block_plans import StimuliSpec
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.trials import read_table
 from minihuman.experiment.protocol.protocol import decode_protocol

@@ -316,7 +316,7 @@ def has_shared_clock() -> bool:
 
 
 class X11KeyTimes(_Server):
-    """Records every event of a key or the mouse's main button of the X server; reports the times of those that a window received.
+    """Records each event of a key or the mouse's main button; reports the times of those that a window received.
 
     Args:
         clock: the session's.
