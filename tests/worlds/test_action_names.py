@@ -6,7 +6,7 @@ import pytest
 
 from minihuman.admin.protocol_file import ProtocolDraft
 from minihuman.admin.verify.episodes import verify_episodes
-from minihuman.experiment.bindings import assign_usual_keys, find_period_ms
+from minihuman.experiment.keys import assign_usual_keys, find_period_ms
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
 from minihuman.runtime.simulated_session import simulate
