@@ -1,4 +1,4 @@
-"""A session in a pygame window without a display, played with a gamepad that SDL makes up: `python -m ... FOLDER [PROTOCOL]`.
+"""A session in a pygame window without a display, played with a gamepad of SDL's own: `python -m ... FOLDER [TOML]`.
 
 Prints, as JSON, when each button was pressed by the session's clock, ns.
 """
