@@ -11,8 +11,8 @@ from minihuman.dataset.store import StudyStore
 from minihuman.display.text import select_typefaces
 from minihuman.errors import ProtocolError
 from minihuman.experiment.keys import PAD_AXES, PAD_BUTTONS, PadAxes
-from minihuman.experiment.machine.events import PointerUsed, Stepped
-from minihuman.experiment.machine.inputs import PointerPressed
+from minihuman.experiment.machine.events import Noted, PointerUsed, Stepped
+from minihuman.experiment.machine.inputs import PointerPressed, PointerReleased
 from minihuman.experiment.plan.dry_run import check_worlds
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.session_plan import needs_gamepad
@@ -20,7 +20,7 @@ from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.replay import compare_replay
 from minihuman.experiment.words import InterfaceWords
 from minihuman.worlds.adapters.world import World
-from tests.study.sessions import MS, Desk
+from tests.study.sessions import MS, Desk, corridor_plan
 from tests.study.studies import CORRIDOR, protocol
 from tests.study.test_held_keys import levers_plan, play_script
 
@@ -80,6 +80,18 @@ def test_a_click_that_had_to_wait_for_a_picture_keeps_its_own_time_in_log_and_re
     used = [event.t_ns - event.waited_ns for event in desk.of(PointerUsed)]
     assert used == [clicked_ns, clicked_ns + 40 * MS]
     assert [step.key_t_ns for step in desk.of(Stepped)] == used
+    assert list(compare_replay(desk.events, World)) == []
+
+
+def test_a_click_of_a_browser_that_came_late_while_a_world_is_made_replays():
+    desk = Desk(corridor_plan(instruction="Walk."))
+    for kind in (PointerPressed, PointerReleased):
+        desk.now_ns += 20 * MS
+        late = kind(desk.now_ns - 5 * MS, 0.5, 0.5, "go_on")
+        desk.recorder.write(desk.session.receive(late, at_ns=desk.now_ns))
+    desk.press("enter")
+    desk.show()
+    assert [event.text for event in desk.of(Noted) if event.kind == "phase"][-2:] == ["ready", "playing"]
     assert list(compare_replay(desk.events, World)) == []
 
 

@@ -113,7 +113,7 @@ RECORDINGS = (
         "arcengine",
         "docs.other_worlds",
         "other/ArcLights-v0",
-        {"1": "choice_0_1"},
+        {"1": "axis_0_plus"},
         steps=20,
         more="spot = { x = 0, y = 1 }\n",
         player="clicks",
