@@ -56,6 +56,7 @@ from minihuman.web.eligibility import (
     get_session_code,
     list_touch_keys,
     needs_keyboard,
+    requires_gamepad,
 )
 from minihuman.web.messages import KEY_CODES, IncomingStream
 from minihuman.web.outbox import PageSettings
@@ -528,8 +529,9 @@ class ConnectionFactory:
         """Find or make the connection for a hello from a network address."""
         if hello.version != messages.MESSAGE_VERSION:
             return TurnedAway("old", self._words["busy"])  # it is loaded again by itself
-        needed = needs_keyboard(self._arrivals.protocol)
-        if reason := check_eligibility(self._web, _browser_properties(hello.facts), needs_keyboard=needed):
+        protocol = self._arrivals.protocol
+        needed = {"needs_keyboard": needs_keyboard(protocol), "needs_gamepad": requires_gamepad(protocol)}
+        if reason := check_eligibility(self._web, _browser_properties(hello.facts), **needed):
             who = identify_visitor(hello.platform, self._web.recruitment_platforms)
             return self._turned(reason, person=who.id if who is not None else "")
         came_with = hashlib.sha256(repr((hello.token, sorted(hello.platform.items()))).encode()).digest()
@@ -702,4 +704,5 @@ def _browser_properties(facts: Mapping[str, bool | float | str]) -> BrowserPrope
         window_px=(int(size[1]), int(size[2])) if size else (0, 0),
         rtt_ms=float(rtt) if isinstance(rtt, int | float) else None,
         keyboard=facts.get("mouse") is not False or facts.get("touch") is not True,
+        gamepad=facts.get("gamepad") is True,
     )
