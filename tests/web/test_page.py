@@ -181,7 +181,7 @@ EXAMPLE = """
 [[pages]]
 name = "how"
 text = "Find the green square."
-example = { world = "minihuman/MiniGrid-Empty-5x5-v0", marks = { agent = "this is you", goal = "go to this one" } }
+example = { world = "minihuman/MiniGrid-Empty-5x5-v0", marks = { agent = "this is you", "green goal" = "go to this" } }
 """
 BOXES = """() => {
   const box = (one) => { const { left, top, right, bottom } = one.getBoundingClientRect();
