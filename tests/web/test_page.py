@@ -241,8 +241,8 @@ def test_another_link_in_a_tab_that_waits_for_its_welcome_lets_the_next_particip
         if was_welcomed:
             somebody.page.reload(wait_until="commit")
         else:
-            somebody.page.goto(address + served.tokens[0], wait_until="commit")
-            somebody.page.reload(wait_until="commit")
+            with somebody.page.expect_event("load"):
+                somebody.page.evaluate(f"location.hash = 't={served.tokens[0]}'")
         somebody.page.wait_for_function("globalThis.minihuman !== undefined")
         assert not somebody.state["welcomed"], "the welcome was not delayed"
         with somebody.page.expect_event("load"):
