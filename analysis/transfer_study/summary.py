@@ -295,8 +295,10 @@ def report_text(study: TransferStudy, rows: pd.DataFrame, speeds: pd.DataFrame, 
             []
             if facts["rank_correlation"] is None
             else [
-                f"Rank correlation of {facts['cells_beside']} cells' improvements with the published ones: "
-                f"{facts['rank_correlation']:.2f} (p {facts['rank_correlation_p']:.3f}).",
+                (
+                    f"Rank correlation of {facts['cells_beside']} cells' improvements with the published ones: "
+                    f"{facts['rank_correlation']:.2f} (p {facts['rank_correlation_p']:.3f})."
+                ),
                 "",
             ]
         ),

@@ -253,9 +253,7 @@ class AdjustedTest:
         return invert_test(self.p, self.difference, self.error)
 
 
-def adjust_groups(
-    a: tuple[Values, Values], b: tuple[Values, Values]
-) -> tuple[Values, Values, AdjustedTest] | None:
+def adjust_groups(a: tuple[Values, Values], b: tuple[Values, Values]) -> tuple[Values, Values, AdjustedTest] | None:
     """Two groups' values at the covariates' means, and the test of their difference.
 
     Args:

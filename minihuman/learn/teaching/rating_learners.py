@@ -181,9 +181,9 @@ class Tamer(Learner):
     Knox and Stone (2009), K-CAP: a model of the person's rating of an action is fitted to the ratings, each shared
     among the steps it may be about by a density of delays, and the agent does what is expected to be rated best. The
     form is Deep TAMER's (Warnell, Waytowich, Lawhern and Stone, 2018, AAAI): a network, squared error weighted by that
-    density (of each press in a minibatch one step is drawn by it), minibatches of all ratings so far. Here the density is normal and its mean is found from the presses,
-    where TAMER takes 200 to 800 ms as given; and actions are drawn, not the best one taken, so that an agent whose
-    memory is its view leaves the corner it stands in.
+    density (of each press in a minibatch one step is drawn by it), minibatches of all ratings so far. Here the density
+    is normal and its mean is found from the presses, where TAMER takes 200 to 800 ms as given; and actions are drawn,
+    not the best one taken, so that an agent whose memory is its view leaves the corner it stands in.
     """
 
     name: ClassVar[str] = "tamer"
