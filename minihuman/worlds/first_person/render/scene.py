@@ -14,7 +14,7 @@ episode and draws it as often as it likes:
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,6 +164,7 @@ class Scene:
     places: NDArray[np.float64]  # (looks, 4)
     light: Light = Light()
     sky: Rgb = (0.25, 0.82, 1.0)
+    display: bool = False  # in the look of a display
 
     def __post_init__(self) -> None:
         if self.places.shape != (self.layout.thing_count, 4):
@@ -173,7 +174,7 @@ class Scene:
 
     def at(self, places: NDArray[np.float64]) -> "Scene":
         """The same scene with its things elsewhere; what was laid out is shared."""
-        return Scene(self.layout, places, self.light, self.sky)
+        return replace(self, places=places)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -227,6 +228,7 @@ def add_things(
     places: F64 | None = None,
     light: Light | None = None,
     sky: Rgb = (0.25, 0.82, 1.0),
+    display: bool = False,
 ) -> Scene:
     """Make a scene of rooms that are tables already."""
     faces, room_table = tables
@@ -243,7 +245,7 @@ def add_things(
         most_corners=max(int(np.max(np.diff(faces.start))), 4) + 8,
     )
     where = np.full((len(looks), 4), np.nan) if places is None else places
-    return Scene(layout, where, light if light is not None else Light(), sky)
+    return Scene(layout, where, light if light is not None else Light(), sky, display)
 
 
 def _rooms(rooms: Sequence[SceneRoom], library: Library) -> tuple[FaceTable, RoomTable]:
