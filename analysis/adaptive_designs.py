@@ -29,8 +29,8 @@ from minihuman.experiment.replay import compare_replay
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.runtime.session_loop import run_session
 from minihuman.runtime.simulated_session import SimulatedWindow
-from minihuman.simulation.observer import ObserverParticipant
-from minihuman.statistics.proportions import wilson_interval
+from minihuman.simulation.scripted import ObserverParticipant
+from minihuman.statistics.scores import wilson_interval
 from minihuman.worlds.adapters.world import World
 
 VALUES = (0.004, 0.005, 0.006, 0.008, 0.010, 0.012, 0.015, 0.019, 0.024, 0.030, 0.038, 0.047, 0.06, 0.075, 0.094, 0.12)

@@ -15,12 +15,11 @@ import torch
 
 from cloning_curve import CloningPoint, run_cloning_curve
 from minihuman.dataset.selection import Selection
-from minihuman.learn.behaviour_cloning import CloningSettings
+from minihuman.learn.behaviour_cloning import CloningSettings, evaluate_policy, make_random_policy
 from minihuman.learn.demonstrations import Demonstrations, read_demonstrations
-from minihuman.learn.policy.evaluation import evaluate_policy, make_random_policy
 from minihuman.learn.policy.network import EncoderName
 from minihuman.learn.policy.observation import ObservationEncoder, ViewMode
-from minihuman.statistics.proportions import wilson_interval
+from minihuman.statistics.scores import wilson_interval
 from teaching_study.trials import describe_command, mean_interval
 
 WORLD = "minihuman/MiniGrid-FourRooms-v0"

@@ -9,12 +9,17 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from minihuman.learn.behaviour_cloning import CloningSettings, clone_policy, split_by_participant
+from minihuman.learn.behaviour_cloning import (
+    CloningSettings,
+    clone_policy,
+    evaluate_policy,
+    make_sampling_policy,
+    split_by_participant,
+)
 from minihuman.learn.demonstrations import Demonstrations
-from minihuman.learn.policy.evaluation import evaluate_policy, make_sampling_policy
 from minihuman.learn.policy.network import EncoderName
 from minihuman.operating_system import write_atomically
-from minihuman.statistics.proportions import wilson_interval
+from minihuman.statistics.scores import wilson_interval
 
 COLOURS = ("#1f4e79", "#c05010", "#4a7a3a", "#7a4a8a")
 

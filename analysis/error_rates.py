@@ -20,7 +20,7 @@ from scipy import special
 
 from minihuman.statistics.comparison import compare_means, permutation_tests, smallest_p, standardise
 from minihuman.statistics.paired import paired_test
-from minihuman.statistics.proportions import wilson_interval
+from minihuman.statistics.scores import wilson_interval
 from minihuman.statistics.survival import SurvivalTimes, compare_survival
 
 ALPHA = 0.05

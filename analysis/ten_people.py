@@ -18,8 +18,15 @@ from matplotlib.figure import Figure
 
 from minihuman.admin.protocol_file import find_shipped_protocol
 from minihuman.figures.style import MUTED, PAGE_CM, SERIES, figure_style, save_figure
-from minihuman.planning.pool import ParticipantPool, simulate_pool
-from minihuman.planning.power import TWO_PARTS, Effect, PowerEstimate, compute_values, power_curve
+from minihuman.planning.power import (
+    TWO_PARTS,
+    Effect,
+    ParticipantPool,
+    PowerEstimate,
+    compute_values,
+    power_curve,
+    simulate_pool,
+)
 
 SIZES = (5, 10, 20, 40)  # people a group; the paper had five
 EFFECTS = (1.0, 0.7, 0.5, 0.3)  # what is left of the excess steps

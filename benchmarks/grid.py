@@ -22,8 +22,8 @@ from gymnasium.wrappers import TransformObservation
 from minigrid.wrappers import ImgObsWrapper, RGBImgPartialObsWrapper
 
 import minihuman
+from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.grid.object_kinds import door, goal, key
-from minihuman.worlds.grid.world import GridWorld
 from minihuman.worlds.grid.wrappers import PictureObservation
 
 WORLDS = ("FourRooms-v0", "DoorKey-8x8-v0", "MultiRoom-N6-v0", "Dynamic-Obstacles-8x8-v0")

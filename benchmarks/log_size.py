@@ -26,7 +26,7 @@ from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.codec import RECORD_TOPICS
 from minihuman.log.names import STEP
 from minihuman.log.paths import MAGIC
-from minihuman.log.salvage.chunk import RECORD_HEADER, ChunkMessages
+from minihuman.log.salvage.records import RECORD_HEADER, ChunkMessages
 from minihuman.log.salvage.scan import LogScanner
 from minihuman.runtime.simulated_session import simulate
 

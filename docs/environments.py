@@ -68,8 +68,7 @@ def try_id(world_id: str, seconds: float) -> dict[str, str]:
         return {"not_made": f"{type(error).__name__}: {error}"[:120]}
     from minihuman.admin.protocol_file import ProtocolDraft
     from minihuman.admin.verify.episodes import verify_episodes
-    from minihuman.experiment.bindings import assign_usual_keys, find_period_ms
-    from minihuman.experiment.keys import key_label
+    from minihuman.experiment.keys import assign_usual_keys, find_period_ms, key_label
     from minihuman.experiment.plan.dry_run import check_worlds, list_world_notices
     from minihuman.experiment.protocol.protocol import decode_protocol
     from minihuman.log.read.session_reader import read_log

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from minihuman.experiment.protocol.schema import list_protocol_tables
+from minihuman.experiment.protocol.protocol import list_protocol_tables
 
 README = Path(__file__).parents[1] / "protocols" / "README.md"
 _PLACE = re.compile(r"(<!-- fields of ([\w.]+) -->\n).*?(<!-- end of fields -->)", re.DOTALL)

@@ -47,8 +47,7 @@ def read_table_frame(source: Path, selection: Selection, name: str, *, with_excl
 
 def format_html_table(caption: str, heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Format a small table under a caption."""
-    from minihuman.reporting.elements import Table
-    from minihuman.reporting.template import CAPTIONED_TABLE, render_template  # Jinja, which only notebooks need
+    from minihuman.reporting.template import CAPTIONED_TABLE, Table, render_template  # Jinja, which only notebooks need
 
     its = Table(heads, [tuple(map(str, row)) for row in rows], words=0)
     return render_template(CAPTIONED_TABLE, {"caption": caption, "its": its})

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from minihuman.agents.agent import BaseAgent as BaseAgent
-    from minihuman.dataset.episode_stream import IncludedEpisode as IncludedEpisode
-    from minihuman.dataset.episode_stream import IncludedEpisodes as IncludedEpisodes
+    from minihuman.dataset.sessions import IncludedEpisode as IncludedEpisode
+    from minihuman.dataset.sessions import IncludedEpisodes as IncludedEpisodes
     from minihuman.display.windows.window import Clock as Clock
     from minihuman.display.windows.window import ScriptedWindow as ScriptedWindow
     from minihuman.display.windows.window import VirtualClock as VirtualClock
@@ -48,8 +48,8 @@ _MODULES = {
     "DeviceSample": "minihuman.runtime.devices.device",
     "EnrolledParticipant": "minihuman.experiment.plan.designs",
     "ExportResult": "minihuman.exporters.exporter",
-    "IncludedEpisode": "minihuman.dataset.episode_stream",
-    "IncludedEpisodes": "minihuman.dataset.episode_stream",
+    "IncludedEpisode": "minihuman.dataset.sessions",
+    "IncludedEpisodes": "minihuman.dataset.sessions",
     "Learner": "minihuman.learn.teaching.learner",
     "KeyPress": "minihuman.simulation.participant",
     "LearningRequest": "minihuman.learn.teaching.learner",

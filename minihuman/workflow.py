@@ -332,8 +332,7 @@ def _verify_tables(study: Path, outputs: Iterable[Path]) -> Iterator[tuple[str, 
     from minihuman.dataset.sessions import StudySessions
     from minihuman.dataset.store import StudyStore
     from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, TABLES
-    from minihuman.dataset.table_comparison import compare_cache, compare_pages, compare_table_files
-    from minihuman.dataset.table_files import write_tables
+    from minihuman.dataset.table_files import compare_cache, compare_pages, compare_table_files, write_tables
     from minihuman.log.paths import require_folder
     from minihuman.reporting.build import build_report
 
@@ -426,7 +425,7 @@ def report(
     from minihuman.dataset.selection import Selection
     from minihuman.dataset.sessions import StudySessions
     from minihuman.errors import name_output_when_full
-    from minihuman.garbage_collection import infrequent_collection
+    from minihuman.figures.figure_data import infrequent_collection
     from minihuman.reporting.build import build_report, find_stale_figures
 
     out = Path(out)

@@ -5,10 +5,10 @@ from pathlib import Path
 from mcap.records import Attachment, Metadata
 from mcap.writer import Writer
 
-from minihuman.admin.session_summary import summarize_session
+from minihuman.admin.session_index import summarize_session
 from minihuman.log import integrity, names, topics
 from minihuman.log.proto import minihuman_v1_pb2 as v1
-from minihuman.log.salvage.chunk import LogMessage
+from minihuman.log.salvage.records import LogMessage
 from minihuman.log.salvage.scan import LogScanner
 
 

@@ -116,7 +116,7 @@ FAULTS = (
     ),
     Fault(
         'the report says "p < 0.001" of anything below 0.01',
-        "reporting/elements.py",
+        "reporting/template.py",
         '"< 0.001" if value < 0.001',
         '"< 0.001" if value < 0.01',
         ("tests/report/test_elements.py", "tests/report/test_results.py"),

@@ -1,6 +1,7 @@
 import gc
 
-from minihuman.garbage_collection import infrequent_collection, paused_collection
+from minihuman.figures.figure_data import infrequent_collection
+from minihuman.runtime.warm_up import paused_collection
 
 
 def test_cycles_are_looked_for_seldom_and_afterwards_as_before():

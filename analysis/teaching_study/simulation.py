@@ -13,7 +13,7 @@ import gymnasium
 import numpy as np
 import torch
 
-from minihuman.learn.policy.evaluation import Evaluation, held_out_seed
+from minihuman.learn.behaviour_cloning import Evaluation, held_out_seed
 from minihuman.learn.policy.network import Policy, make_forward
 from minihuman.learn.policy.observation import EpisodeEncoder, Observation, ObservationEncoder
 from minihuman.learn.teaching.dataset import NO_QUERY, Dataset, Lesson

@@ -23,8 +23,7 @@ from PIL import Image
 from minihuman.agents.agent import is_registered_agent, make_policy_agent
 from minihuman.errors import MinihumanError, ProtocolError
 from minihuman.experiment.activities.block_plans import LATEST_POLICY
-from minihuman.experiment.bindings import assign_usual_keys, find_noop, find_period_ms
-from minihuman.experiment.keys import DIGITS
+from minihuman.experiment.keys import DIGITS, assign_usual_keys, find_noop, find_period_ms
 from minihuman.experiment.plan.trials import list_images, read_table
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol, list_old_names
 from minihuman.experiment.words import ENGLISH, load_words

@@ -1,4 +1,4 @@
-"""Remote stores for finished logs, which every machine of a study reaches: the port, and a store in a folder.
+"""Remote stores for finished logs, which every machine of a study reaches: the port, and stores in a folder and in S3.
 
 The file ``logs.url`` of the data folder names the store: ``s3://bucket/prefix``, or a folder such as a network
 share.
@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from minihuman.dataset.withdrawals import read_withdrawn_codes
+from minihuman.dataset.log_files import read_withdrawn_codes
 from minihuman.errors import LogError
 from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import LOG_SUFFIX, study_folder
@@ -141,8 +141,6 @@ def open_remote_store(data: Path) -> RemoteStore | None:
         return None
     url = path.read_text(encoding="utf-8").strip()
     if url.startswith(_S3):
-        from minihuman.admin.s3_store import S3Store
-
         return S3Store(url.removeprefix(_S3))
     return FolderStore(Path(url))
 
@@ -300,3 +298,65 @@ def _copy_durably(path: Path, to: Path) -> None:
     finally:
         beside.unlink(missing_ok=True)
     sync_folder(to.parent)
+
+
+_CONFLICTS = ("PreconditionFailed", "ConditionalRequestConflict", "412", "409")
+
+
+class S3Store(RemoteStore):
+    """Objects of a bucket. The store's address, keys and region are boto3's to find: ``AWS_ENDPOINT_URL`` and the like.
+
+    Args:
+        where: the bucket, and what all names begin with: "bucket/prefix".
+    """
+
+    def __init__(self, where: str) -> None:
+        import boto3  # an extra
+
+        self._bucket, _, prefix = where.partition("/")
+        self._prefix = f"{prefix.rstrip('/')}/" if prefix else ""
+        self._client = boto3.client("s3")
+
+    def put(self, name: str, path: Path, *, over: str = "") -> None:
+        """Send it, on the condition that the store has that version; the store shows it when all of it is there."""
+        condition = {"IfMatch": f'"{over}"'} if over else {"IfNoneMatch": "*"}
+        with self._said(f"{path} cannot be put into"), path.open("rb") as file:
+            self._client.put_object(Bucket=self._bucket, Key=self._prefix + name, Body=file, **condition)
+
+    def fetch(self, name: str, path: Path) -> None:
+        """Get it, beside its place first."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        beside = path.with_name(f".{path.name}.{os.getpid()}")
+        with self._said(f"{name} cannot be fetched from"):
+            try:
+                self._client.download_file(self._bucket, self._prefix + name, str(beside))
+                replace_file(beside, path)
+            finally:
+                beside.unlink(missing_ok=True)
+
+    def versions(self, prefix: str) -> dict[str, str]:
+        """The objects' entity tags, page by page."""
+        with self._said("nothing can be listed of"):
+            pages = self._client.get_paginator("list_objects_v2").paginate(
+                Bucket=self._bucket, Prefix=self._prefix + prefix
+            )
+            found = [one for page in pages for one in page.get("Contents", ())]
+        return {one["Key"].removeprefix(self._prefix): one["ETag"].strip('"') for one in found}
+
+    def remove(self, name: str) -> None:
+        """Delete it."""
+        with self._said(f"{name} cannot be removed from"):
+            self._client.delete_object(Bucket=self._bucket, Key=self._prefix + name)
+
+    @contextmanager
+    def _said(self, what: str) -> Iterator[None]:
+        from botocore.exceptions import BotoCoreError, ClientError
+
+        try:
+            yield
+        except (BotoCoreError, ClientError) as error:
+            if isinstance(error, ClientError) and error.response["Error"].get("Code") in _CONFLICTS:
+                raise RemoteStoreConflictError(
+                    f"{what} {self._bucket}, as another machine has just changed it; run the command again"
+                ) from error
+            raise RemoteStoreError(f"{what} {self._bucket}: {error}") from error

@@ -22,7 +22,7 @@ from minihuman.admin.enrolment_entries import (
     read_enrolled,
     read_enrolment_log,
 )
-from minihuman.admin.session_index import SessionRow, SessionSummary, read_session_index
+from minihuman.admin.session_index import SessionRow, SessionSummary, find_double_sessions, read_session_index
 from minihuman.log.paths import PART_SUFFIX, find_log_folders, group_sessions
 from minihuman.log.record.file_lock import is_being_recorded
 
@@ -162,8 +162,6 @@ def count_all_interventions(study_dir: Path) -> dict[str, int]:
 
 def list_problems(study_dir: Path) -> tuple[str, ...]:
     """Name each session completed twice, each log that is gone, and each end that the enrolment log lacks."""
-    from minihuman.admin.session_summary import find_double_sessions
-
     double = tuple(find_double_sessions(study_dir))
     lines = read_enrolment_log(study_dir)
     if not lines:

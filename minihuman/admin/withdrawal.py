@@ -19,7 +19,7 @@ from minihuman.admin.lease import open_lease_table
 from minihuman.admin.recruitment import Recruitment
 from minihuman.admin.remote_store import delete_remote_logs
 from minihuman.dataset.caches import list_caches
-from minihuman.dataset.withdrawals import read_withdrawn_codes
+from minihuman.dataset.log_files import read_withdrawn_codes
 from minihuman.errors import AllocationError, name_output_when_full
 from minihuman.experiment.plan.expansion import parse_participant_code
 from minihuman.log.paths import PART_SUFFIX

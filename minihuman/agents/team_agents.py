@@ -18,8 +18,7 @@ from minihuman.worlds.grid.core import kitchen_rules as fields
 from minihuman.worlds.grid.core.bodies import BODY_COLOURS
 from minihuman.worlds.grid.core.cells import GOAL, WALL
 from minihuman.worlds.grid.core.kitchen_rules import clock_of, kind_of, onions_in, recipe_of, tomatoes_in
-from minihuman.worlds.grid.kitchen import Kitchen
-from minihuman.worlds.grid.layouts.kitchens import RECIPES
+from minihuman.worlds.grid.kitchen import RECIPES, Kitchen
 from minihuman.worlds.grid.layouts.team_layouts import SwapCorridor
 
 Cell = tuple[int, int]

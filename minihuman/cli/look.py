@@ -16,7 +16,6 @@ from minihuman.cli.options import (
     selection_options,
 )
 from minihuman.errors import MinihumanError, escape_control_characters, name_output_when_full
-from minihuman.garbage_collection import infrequent_collection
 
 
 def status(
@@ -138,6 +137,8 @@ def plot(
 
     Example: minihuman plot sessions/demo --out figures --each
     """
+    from minihuman.figures.figure_data import infrequent_collection
+
     with infrequent_collection():
         from minihuman.dataset.sessions import StudySessions
         from minihuman.figures.gallery import draw_all_figures

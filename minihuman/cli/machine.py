@@ -29,6 +29,6 @@ def schema() -> None:
     """
     import json
 
-    from minihuman.experiment.protocol.schema import build_json_schema
+    from minihuman.experiment.protocol.protocol import build_json_schema
 
     print(json.dumps(build_json_schema(), indent=1))

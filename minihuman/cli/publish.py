@@ -99,14 +99,15 @@ def power(
     Example: minihuman power protocols/fourrooms-transfer.toml --effect excess=0.7 --groups 10,20,30,40
     """
     from minihuman.admin.protocol_file import read_protocol
-    from minihuman.planning.pool import parse_group_sizes, simulate_pool
     from minihuman.planning.power import (
         MEASURES,
         TWO_PARTS,
         Effect,
         compute_values,
         describe_power,
+        parse_group_sizes,
         power_curve,
+        simulate_pool,
         write_power,
     )
     from minihuman.planning.report_power import plan_report_power

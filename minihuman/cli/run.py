@@ -161,15 +161,15 @@ def serve(
 
 def _serve_agents(protocol: Path, port: int, data: Path, *, trust: bool, mcp: bool) -> None:
     from minihuman.admin.protocol_file import read_protocol
-    from minihuman.web.agent_server import ProgramSeats, make_agent_server
+    from minihuman.web.agent_server import ProgramSeats, make_agent_server, make_mcp_server
 
     seats = ProgramSeats(read_protocol(protocol, trust=trust if mcp else ask_trust(trust)), data)
     if mcp:
         try:
-            from minihuman.web.mcp_server import make_mcp_server
+            tools = make_mcp_server(seats)
         except ImportError:
             raise SimulationError("--mcp needs the package mcp; run: pip install 'mcp>=2'") from None
-        make_mcp_server(seats).run()
+        tools.run()
         return
     server = make_agent_server(seats, port=port)
     print(f"programs begin at http://127.0.0.1:{server.server_port}/sessions   (Ctrl-C ends it)", flush=True)

@@ -81,7 +81,7 @@ def new(
 
     from minihuman.admin.protocol_file import SCHEMA_FILE, ProtocolDraft, make_study_name
     from minihuman.errors import ProtocolError
-    from minihuman.experiment.protocol.schema import build_json_schema
+    from minihuman.experiment.protocol.protocol import build_json_schema
     from minihuman.operating_system import write_atomically
     from minihuman.trust import Trust, list_foreign_modules
 
@@ -230,7 +230,7 @@ def play(
     from time import perf_counter_ns
 
     from minihuman.display.windows.blocking_window import open_window
-    from minihuman.runtime.free_play import FreePlay, run_free_play
+    from minihuman.runtime.demo import FreePlay, run_free_play
 
     with closing(open_window(window, perf_counter_ns, fullscreen=fullscreen)) as opened:
         run_free_play(FreePlay(world_id, seed, view.value, palette.value), opened, perf_counter_ns)

@@ -1,6 +1,8 @@
-"""Find the log files below a path and read them, several in parallel. Nothing is changed.
+"""Find the log files below a path and read them, several in parallel, without those of participants who withdrew.
+Nothing is changed.
 
-A file that cannot be read is reported with its reason, and the others are still read.
+A file that cannot be read is reported with its reason, and the others are still read. The data of participants who
+withdrew from a study are included nowhere, and no message names them.
 """
 
 import atexit
@@ -8,20 +10,74 @@ import gc
 import os
 import re
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
+from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TypeVar
 
-from minihuman.dataset.withdrawals import find_withdrawn_codes
+import msgspec
+
+from minihuman.dataset.journal import ENROLMENT_FILE_NAME, find_database_url, open_journal
 from minihuman.errors import LogError, ProtocolError
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.paths import find_log_folders, group_sessions, raise_as_log_error
 from minihuman.log.salvage.summary_section import read_first_metadata
 from minihuman.operating_system import count_processes
+
+_UP = 3  # from a session's folder to its study's: <study>/sub-07/ses-01
+
+
+class _Line(msgspec.Struct, frozen=True):
+    """Of the register, which has one for each who withdrew: {"withdrawn": "sub-07", "at": ...}.
+
+    The enrolment log's declaration has a list there.
+    """
+
+    withdrawn: str | list[str] = ""
+
+
+def read_withdrawn_codes(study_dir: Path) -> frozenset[str]:
+    """The codes of those who withdrew from the study of this folder; none where it has no register.
+
+    Raises:
+        OSError: if the enrolment log is in a database that cannot be asked.
+        LogError: if one of its lines is damaged.
+    """
+    if url := find_database_url(study_dir):
+        from minihuman.dataset.journal_postgres import PostgresJournal
+
+        with closing(PostgresJournal(url, f"{study_dir.name}/{ENROLMENT_FILE_NAME}", _code, chained=True)) as register:
+            return frozenset(register.read())
+    if not (study_dir / ENROLMENT_FILE_NAME).is_file():
+        return frozenset()
+    return frozenset(open_journal(study_dir, ENROLMENT_FILE_NAME, _code, chained=True).read())
+
+
+def find_withdrawn_codes(folders: Iterable[Path]) -> dict[Path, frozenset[str]]:
+    """By session's folder or folder of logs: the codes of those who withdrew from the study that it lies in."""
+    once = cache(read_withdrawn_codes)  # many lie in the same one
+
+    def near(folder: Path) -> frozenset[str]:
+        return frozenset().union(*(once(one) for one in (folder, *islice(folder.parents, _UP))))
+
+    return {folder: near(folder.absolute()) for folder in folders}
+
+
+def _code(line: bytes, number: int) -> str | None:
+    """Who withdrew by a line; None where it says nothing of that."""
+    try:
+        withdrawn = msgspec.json.decode(line, type=_Line).withdrawn
+        return withdrawn if withdrawn and isinstance(withdrawn, str) else None
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise LogError(
+            f"{ENROLMENT_FILE_NAME}:{number}: {line[:60]!r} cannot be read; restore the file from a copy"
+        ) from error
+
 
 T = TypeVar("T")
 _SEGMENT_ENDING = re.compile(r"(_seg-\d+)?\.mcap(\.part)?$")

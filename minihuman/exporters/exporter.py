@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from minihuman import __version__
-from minihuman.dataset.episode_stream import IncludedEpisodes
 from minihuman.dataset.selection import Selection, SelectionSummary
-from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.sessions import IncludedEpisodes, StudySessions
 from minihuman.errors import ExportError
 from minihuman.plugins import list_plugin_names, load_plugin
 

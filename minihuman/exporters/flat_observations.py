@@ -22,7 +22,7 @@ from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
 from minihuman import __version__
-from minihuman.dataset.episode_stream import IncludedEpisode
+from minihuman.dataset.sessions import IncludedEpisode
 from minihuman.errors import ExportError, LogError, WorldError
 from minihuman.experiment.replay import renders_same_images
 from minihuman.exporters.study_metadata import get_action_names, get_step_limit

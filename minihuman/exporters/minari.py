@@ -22,7 +22,7 @@ from minari.data_collector import EpisodeBuffer
 from minari.dataset.minari_storage import MinariStorage
 
 from minihuman import __version__
-from minihuman.dataset.episode_stream import IncludedEpisode, IncludedEpisodes
+from minihuman.dataset.sessions import IncludedEpisode, IncludedEpisodes
 from minihuman.experiment.protocol.specs import AboutSpec
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (

@@ -15,7 +15,7 @@ import google_crc32c
 import numpy as np
 
 from minihuman import __version__
-from minihuman.dataset.episode_stream import IncludedEpisode, IncludedEpisodes
+from minihuman.dataset.sessions import IncludedEpisode, IncludedEpisodes
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (
     PICTURE_PX,

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
-from minihuman.dataset.episode_stream import IncludedEpisode
+from minihuman.dataset.sessions import IncludedEpisode
 from minihuman.errors import ExportError, ProtocolError
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol, decode_logged_protocol

@@ -1,19 +1,25 @@
-"""Export the report's tidy tables of the selected episodes as CSV or Parquet: steps, presses, keys, episodes and more.
-
-The tables come from the logs alone and no world is run: the shortest path, which only a world can tell, is left to
-the report. `dictionary.json` and `datapackage.json` beside the tables describe every column with its unit.
+"""Export the report's tables of the selected episodes as CSV or Parquet, for SPSS (`.sav`) and Stata (`.dta`), and as a
+Hugging Face data set.
 """
 
+import json
+from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
+from textwrap import shorten
+from typing import Any, Literal
 
+import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.parquet
 
-from minihuman.dataset.episode_stream import IncludedEpisodes
-from minihuman.dataset.store import StudyStore
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
+from minihuman.dataset.sessions import IncludedEpisodes
+from minihuman.dataset.store import StudyStore, TableDatabase
+from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EVERY_MOMENT, TABLES, build_data_dictionary
 from minihuman.dataset.table_files import TableFormat, write_tables
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.exporters.exporter import ExportResult
+from minihuman.exporters.study_metadata import get_plan_study_facts
 
 
 def export_csv(chosen: IncludedEpisodes, out: Path) -> ExportResult:
@@ -61,3 +67,86 @@ def count_included(store: StudyStore) -> ExportResult:
 def find_first_log(store: StudyStore) -> Path | None:
     """The log of the first session that is asked for; None where there is none."""
     return next((Path(kept.path) for kept in store.kept if kept.outline is not None), None)
+
+
+_LABEL_CHARACTERS = 80  # Stata's limit for a column's label
+
+
+def export_spss(chosen: IncludedEpisodes, out: Path) -> ExportResult:
+    """Write every table that has rows as SPSS data."""
+    return _write_labelled(chosen, out, "sav")
+
+
+def export_stata(chosen: IncludedEpisodes, out: Path) -> ExportResult:
+    """Write every table that has rows as Stata data."""
+    return _write_labelled(chosen, out, "dta")
+
+
+def _write_labelled(chosen: IncludedEpisodes, out: Path, kind: Literal["sav", "dta"]) -> ExportResult:
+    import pyreadstat  # in no other format
+
+    paths: list[Path] = []
+    with chosen.store() as store:
+        for name, columns in TABLES.items():
+            if name in EVERY_MOMENT or not store.tables.count(name):
+                continue
+            described = [column for column in columns if column.name not in COLUMNS_NEEDING_WORLD]
+            frame = store.tables.table(name, [column.name for column in described]).to_pandas()
+            flags = [column.name for column in described if column.kind == "boolean"]
+            frame[flags] = frame[flags].astype("float64")
+            for column in described:
+                if column.kind in ("text", "key"):
+                    frame[column.name] = frame[column.name].fillna("").astype(object)
+            labels: dict[str, Any] = {
+                column.name: _label(f"{column.meaning}{f' ({column.unit})' if column.unit else ''}", kind)
+                for column in described
+            }
+            answers = {flag: {0.0: "no", 1.0: "yes"} for flag in flags}
+            paths.append(out / f"{name}.{kind}")
+            if kind == "sav":
+                pyreadstat.write_sav(frame, str(paths[-1]), column_labels=labels, variable_value_labels=answers)
+            else:
+                pyreadstat.write_dta(frame, str(paths[-1]), column_labels=labels, variable_value_labels=answers)
+        return count_included(store).with_files(tuple(paths))
+
+
+def _label(text: str, kind: str) -> str:
+    return text if kind == "sav" else shorten(text, _LABEL_CHARACTERS, placeholder=" ...")
+
+
+def export_hugging_face(chosen: IncludedEpisodes, out: Path) -> ExportResult:
+    """Write every table that has rows; those that do not count are there too, with the reason."""
+    from minihuman.log.read.session_reader import read_log
+
+    with chosen.store() as store:
+        names = [name for name in TABLES if store.tables.count(name)]
+        for name in names:
+            for number, part in enumerate(_split_by_participant(store.tables, name)):
+                study, participant = (part.column(column)[0].as_py() for column in ("study", "participant"))
+                path = out / name / f"study={study}" / f"participant={participant}" / f"rows-{number}.parquet"
+                path.parent.mkdir(parents=True, exist_ok=True)
+                pa.parquet.write_table(pa.Table.from_batches([part]), path, compression="zstd")
+        result, first = count_included(store), find_first_log(store)
+    meanings = build_data_dictionary(without=COLUMNS_NEEDING_WORLD)
+    described = out / "dictionary.json"
+    text = json.dumps({name: meanings[name] for name in names}, indent=1) + "\n"
+    described.write_text(text, encoding="utf-8", newline="\n")
+    about = get_plan_study_facts(read_log(first).plan) if first else None
+    configs = [{"config_name": name, "data_files": f"{name}/*/*/*.parquet"} for name in names]
+    front = {
+        "license": about.licence.lower() if about and about.licence and "://" not in about.licence else "unknown",
+        "pretty_name": about.title if about else "",
+        "tags": ["minihuman", *(about.keywords if about else ())],
+        "configs": configs,
+    }
+    card = "".join(f"{name}: {json.dumps(value)}\n" for name, value in front.items() if value)  # JSON is YAML
+    return result.with_files((*(out / name for name in names), described), front_matter=f"---\n{card}---\n\n")
+
+
+def _split_by_participant(tables: TableDatabase, name: str) -> Iterator[pa.RecordBatch]:
+    """A table's rows in pieces of one participant each, in order."""
+    for batch in tables.batches(name, without=COLUMNS_NEEDING_WORLD):
+        codes = [batch.column(column).dictionary_encode().indices for column in ("study", "participant")]
+        changes = pc.or_(*(pc.not_equal(each.slice(1), each.slice(0, len(each) - 1)) for each in codes))
+        edges = [0, *(place + 1 for place, changed in enumerate(changes.to_pylist()) if changed), len(batch)]
+        yield from (batch.slice(begin, end - begin) for begin, end in pairwise(edges))

@@ -1,22 +1,35 @@
-"""The data that figures are drawn from: a measure by group and episode, a session's episodes by block. Draws nothing
-and loads neither Matplotlib nor pandas.
+"""The data that figures are drawn from (a measure by group and episode, a session's episodes by block), and figures as
+files, drawn again only where these data have changed: each file's own metadata holds a digest of them.
+
+Loads neither Matplotlib nor pandas unless a figure is drawn: drawing one takes half a second, of which its import is a
+part.
 """
 
+import gc
+import importlib
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
+from hashlib import blake2b
+from importlib.metadata import version
+from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.dataset.caches import digest_sources
 from minihuman.experiment.machine.events import FrameShown, KeyPressed
 from minihuman.log.model.event_columns import EventColumns
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 
 if TYPE_CHECKING:
     import pandas as pd
+
 
 _PANELS = 10  # episodes of one block in a session's figure
 
@@ -79,3 +92,71 @@ def strip_events(episode: EpisodeLog) -> EpisodeLog:
 def find_reward_limits(episodes: "pd.DataFrame") -> tuple[float, float] | None:
     """The bounds of a block's rewards, 0 and 1, which a band must not leave; None where a reward lies outside them."""
     return (0.0, 1.0) if episodes["reward"].dropna().between(0, 1).all() else None
+
+
+_LIBRARIES = ("matplotlib", "numpy", "scipy", "pillow", "fonttools")
+_ENDS = {".png": b"IEND\xaeB`\x82", ".pdf": b"%%EOF\n"}  # a file that was cut off does not have it
+
+
+def draw_figure_files(stem: Path, name: str, *values: object, **options: object) -> tuple[Path, Path]:
+    """Write a figure as ``stem``.png and ``stem``.pdf unless both are there and show the same; the PNG comes first.
+
+    Args:
+        stem: the files' path without a suffix; the folder is made.
+        name: the module below ``minihuman.figures`` and the function that draws, as ``estimation.estimation_figure``.
+        values: the function's arguments: texts, numbers, arrays, dataclasses and collections of them.
+        options: its keyword arguments.
+
+    Raises:
+        TypeError: if a value cannot be encoded, as no digest could tell it from others.
+    """
+    digest = digest_figure(name, values, options)
+    png, pdf = (stem.with_name(f"{stem.name}{suffix}") for suffix in _ENDS)
+    if not (_holds(png, digest) and _holds(pdf, digest)):
+        from minihuman.figures.style import save_figure
+
+        module, _, function = name.partition(".")
+        draw = getattr(importlib.import_module(f"minihuman.figures.{module}"), function)
+        save_figure(draw(*values, **options), stem, digest=digest)
+    return png, pdf
+
+
+def digest_figure(name: str, values: Sequence[object], options: dict[str, Any]) -> str:
+    """Digest all that a figure follows from: its data and options, our code, and the libraries that draw it."""
+    encoded = msgspec.msgpack.encode((_describe_software(), name, values, options), enc_hook=_encode)
+    return blake2b(encoded, digest_size=16).hexdigest()
+
+
+@cache
+def _describe_software() -> tuple[str, ...]:
+    return digest_sources(), *(version(library) for library in _LIBRARIES)
+
+
+def _holds(path: Path, digest: str) -> bool:
+    """Whether a file is whole and has that digest in its metadata."""
+    content = path.read_bytes() if path.is_file() else b""
+    return digest.encode() in content and content.endswith(_ENDS[path.suffix])
+
+
+def _encode(value: Any) -> object:
+    if isinstance(value, np.ndarray) and not value.dtype.hasobject:
+        return value.dtype.str, value.shape, value.tobytes()
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, Sequence):  # of our own: columns of a log
+        return list(value)
+    raise TypeError(f"a figure's data contain a {type(value).__qualname__}, which has no digest; use plain values")
+
+
+_SELDOM = 50_000, 20, 100  # new objects before the youngest are looked at, and so on; Python's own begin at 700
+
+
+@contextmanager
+def infrequent_collection() -> Iterator[None]:
+    """Meanwhile look for cycles seldom: of drawing figures it is a tenth, and holds little back."""
+    usual = gc.get_threshold()
+    gc.set_threshold(*_SELDOM)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*usual)

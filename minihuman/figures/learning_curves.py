@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from minihuman.figures.style import SERIES, figure_style, new_figure
-from minihuman.statistics.proportions import wilson_interval
+from minihuman.statistics.scores import wilson_interval
 
 _DASHES = ("-", "--", ":", "-.")
 _FEW = 12  # participants of a group: so many have a thin line each beside the mean

@@ -9,9 +9,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from minihuman.dataset.episode_stream import IncludedEpisodes
 from minihuman.dataset.selection import Selection, SelectionSummary
-from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.sessions import IncludedEpisodes, StudySessions
 from minihuman.errors import LearnError
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.learn.policy.observation import EpisodeEncoder, Observation, ObservationEncoder

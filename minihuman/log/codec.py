@@ -19,8 +19,7 @@ import msgspec
 from google.protobuf.message import Message
 
 from minihuman.errors import LogError, NewerLogError, ProtocolError
-from minihuman.experiment.activities.activity import ActivityKind
-from minihuman.experiment.activities.registry import GROUP, find_kind, list_built_in_kinds
+from minihuman.experiment.activities.activity import GROUP, ActivityKind, find_kind, list_built_in_kinds
 from minihuman.experiment.machine import events
 from minihuman.experiment.plan.designs import GroupAssignment
 from minihuman.experiment.plan.session_plan import (

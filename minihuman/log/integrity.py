@@ -18,8 +18,7 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
 from minihuman.log.codec import find_topic
 from minihuman.log.names import CHAIN_KEY
-from minihuman.log.salvage.chunk import ChunkRecords, LogMessage, split_chunk
-from minihuman.log.salvage.framing import decompress_zstd, parse_metadata
+from minihuman.log.salvage.records import ChunkRecords, LogMessage, decompress_zstd, parse_metadata, split_chunk
 
 SEGMENT_HEAD_NAME = "session_plan.zst"
 SEGMENT_HEAD_MEDIA_TYPE = "application/zstd"

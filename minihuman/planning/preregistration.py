@@ -55,8 +55,7 @@ def describe_planned_power(toml: bytes, effect: str, *, people: int = 60, studie
     Raises:
         ReportError: if the effect is none.
     """
-    from minihuman.planning.pool import simulate_pool
-    from minihuman.planning.power import Effect, compute_values, describe_power, power_curve
+    from minihuman.planning.power import Effect, compute_values, describe_power, power_curve, simulate_pool
 
     wanted, protocol = Effect.parse(effect), decode_protocol(toml, "protocol")
     if protocol.analysis.primary_measure and protocol.analysis.primary_measure not in _POWER:

@@ -33,7 +33,7 @@ from minihuman.reporting.results import (
 )
 from minihuman.reporting.study_measures import add_measures
 from minihuman.runtime.simulated_session import simulate
-from minihuman.statistics.proportions import wilson_interval
+from minihuman.statistics.scores import wilson_interval
 
 COMPARISONS = ("groups", "conditions", "change")
 _TABLES = ("blocks", "episodes", "participants", "answers", "parts", "points")

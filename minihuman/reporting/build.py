@@ -1,12 +1,18 @@
-"""Build a study's report, from its logs to a folder of tables, figures and one page."""
+"""Build a study's report, from its logs to a folder of tables, figures, one page, and scripts of mixed models in R
+(lme4, brms) and Python (statsmodels, Bambi).
+"""
 
+import json
 import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from minihuman import __version__
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import CachedSession, StudyStore
@@ -15,10 +21,14 @@ from minihuman.dataset.table_files import write_tables
 from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec, apply_overrides
-from minihuman.figures.figure_data import Difference, collect_learning_curves, group_by_block, name_measure
-from minihuman.figures.figure_files import draw_figure_files
+from minihuman.figures.figure_data import (
+    Difference,
+    collect_learning_curves,
+    draw_figure_files,
+    group_by_block,
+    name_measure,
+)
 from minihuman.log.read.session_reader import read_log
-from minihuman.reporting.elements import ReportFigure
 from minihuman.reporting.methods import build_methods, find_known_keys
 from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study
 from minihuman.reporting.results import (
@@ -29,10 +39,87 @@ from minihuman.reporting.results import (
     list_exclusions,
 )
 from minihuman.reporting.scorecard import build_scorecard, draw_scorecard, find_models_folder, write_score_table
-from minihuman.reporting.scripts import write_scripts
 from minihuman.reporting.sections import count_clauses, flow_section
 from minihuman.reporting.study_measures import add_measures
 from minihuman.reporting.teaching_section import read_taught_logs, tabulate_teaching, teaching_figures, teaching_section
+from minihuman.reporting.template import ReportFigure
+
+LANGUAGES = ("r", "python")
+_FILES = {"r": "analysis.R", "python": "analysis.py"}
+
+
+class _Expression(NamedTuple):
+    """A measure of one episode, from the columns of the table of episodes."""
+
+    r: str
+    python: str
+
+
+def _column(name: str) -> _Expression:
+    return _Expression(f"as.numeric(d${name})", f'd["{name}"].astype(float)')
+
+
+def _logarithm(name: str) -> _Expression:
+    return _Expression(f"log(as.numeric(d${name}))", f'np.log(d["{name}"].astype(float))')
+
+
+_OF_EPISODE = {  # measures of a block that are the mean of an episode's; times on their logarithms, as in the report
+    "log_excess_steps_mean": _column("log_excess_steps"),
+    "log_steps_ratio_mean": _column("log_steps_ratio"),
+    "spl_mean": _column("spl"),
+    "reward_mean": _column("reward"),
+    "success": _column("success"),
+    "steps_at_limit_mean": _Expression(
+        "ifelse(d$success, d$steps, d$max_steps)", 'd["steps"].where(d["success"], d["max_steps"]).astype(float)'
+    ),
+    "playing_s_mean": _logarithm("playing_s"),
+    "response_median_ms": _logarithm("response_median_ms"),
+    "reaction_median_ms": _logarithm("reaction_median_ms"),
+    "path_efficiency_mean": _column("path_efficiency"),
+}
+
+
+def write_scripts(
+    out: Path, study: str, found: Results, episodes: pd.DataFrame, languages: Sequence[str]
+) -> tuple[Path, ...]:
+    """Write ``analysis.R`` and ``analysis.py`` into a report's folder, for the block that groups are compared on.
+
+    The measure is the primary one if it is a mean over episodes, else the first that is.
+
+    Raises:
+        ReportError: if no block is played by two groups, or no such measure has values.
+    """
+    block = found.target_block
+    if block is None or len(block.groups) < 2:
+        raise ReportError("--r and --python compare groups, but no block is played by two groups; remove them")
+    wanted = sorted(block.roles, key=lambda name: block.roles[name] != "primary")
+    measure = next((name for name in wanted if name in _OF_EPISODE), None)
+    if measure is None or episodes[episodes["block"] == block.block].empty:
+        raise ReportError(
+            f"--r and --python need a measure for each episode, which block {block.block} lacks; remove them"
+        )
+    groups = [str(group) for group in block.groups["group"]]
+    environment = Environment(
+        loader=PackageLoader("minihuman.reporting", "templates"), undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    environment.filters["tojson"] = json.dumps
+    shown = {
+        "study": study,
+        "block": block.block,
+        "version": __version__,
+        "groups": groups,
+        "reference": groups[-1],
+        "label": label_measure(measure),
+        "expression": _OF_EPISODE[measure],
+    }
+    written = []
+    for language in languages:
+        path = out / _FILES[language]
+        path.write_text(environment.get_template(f"{path.name}.j2").render(shown), encoding="utf-8", newline="\n")
+        written.append(path)
+    return tuple(written)
+
 
 _CURVES = (
     ("log_excess_steps", "log of the excess steps over the shortest path", (0.0, math.inf)),

@@ -15,18 +15,6 @@ import pandas as pd
 from minihuman.dataset.recording_quality import RecordingQuality
 from minihuman.dataset.selection import SelectionSummary
 from minihuman.experiment.protocol.specs import AnalysisSpec
-from minihuman.reporting.elements import (
-    ReportFigure,
-    Table,
-    format_difference,
-    format_interval,
-    format_mean_sd,
-    format_number,
-    format_p_value,
-    format_pair,
-    format_with_interval,
-    to_records,
-)
 from minihuman.reporting.results import BlockResults, Results, WithinResults, label_measure, summarise_group_rewards
 from minihuman.reporting.sections import (
     FlowSection,
@@ -48,9 +36,23 @@ from minihuman.reporting.sections import (
     survival_table,
 )
 from minihuman.reporting.teaching_section import TeachingSection
-from minihuman.reporting.template import PARTICIPANTS, REPORT, render_template
+from minihuman.reporting.template import (
+    PARTICIPANTS,
+    REPORT,
+    ReportFigure,
+    Table,
+    format_difference,
+    format_interval,
+    format_mean_sd,
+    format_number,
+    format_p_value,
+    format_pair,
+    format_with_interval,
+    render_template,
+    to_records,
+)
 from minihuman.statistics.comparison import GroupComparison
-from minihuman.statistics.growth import MIN_EPISODES
+from minihuman.statistics.paired import MIN_EPISODES
 
 _PUBLISHED_PROTOCOLS = frozenset(  # SHA-256 of the shipped file, by its fields' present and earlier names
     {

@@ -25,8 +25,15 @@ from minihuman.statistics.comparison import (
     find_units,
     name_units,
 )
-from minihuman.statistics.growth import GrowthComparison, compare_growth
-from minihuman.statistics.paired import CrossoverTerm, PairedComparison, compare_conditions, fit_crossover, paired_test
+from minihuman.statistics.paired import (
+    CrossoverTerm,
+    GrowthComparison,
+    PairedComparison,
+    compare_conditions,
+    compare_growth,
+    fit_crossover,
+    paired_test,
+)
 from minihuman.statistics.survival import SurvivalComparison, SurvivalTimes, compare_survival
 from minihuman.statistics.two_part_model import TwoPartComparison, compare_two_parts, has_mass_at_zero
 

@@ -19,7 +19,7 @@ from minihuman.dataset.store import StudyStore
 from minihuman.errors import ReportError
 from minihuman.experiment.machine.events import ModelCall
 from minihuman.experiment.protocol.protocol import decode_logged_protocol
-from minihuman.figures.figure_files import draw_figure_files
+from minihuman.figures.figure_data import draw_figure_files
 from minihuman.log.read.session_reader import read_log
 from minihuman.statistics.scores import DRAWS, HUMAN_REFERENCE, Estimate, PlayerScore, Runs, score_player
 
@@ -229,7 +229,7 @@ def write_score_table(card: Scorecard, path: Path) -> Path:
 
 def draw_scorecard(card: Scorecard, stem: Path) -> tuple[Path, Path]:
     """Draw the scores with their intervals, and success over the episodes of a block; PNG and PDF."""
-    from minihuman.figures.score_figure import ScoreBar  # with Matplotlib, which few reports need
+    from minihuman.figures.estimation import ScoreBar  # with Matplotlib, which few reports need
 
     bars = [
         ScoreBar(
@@ -241,7 +241,7 @@ def draw_scorecard(card: Scorecard, stem: Path) -> tuple[Path, Path]:
         )
         for line in card.players
     ]
-    return draw_figure_files(stem, "score_figure.score_figure", bars, reference=card.reference)
+    return draw_figure_files(stem, "estimation.score_figure", bars, reference=card.reference)
 
 
 def format_scorecard(card: Scorecard) -> str:

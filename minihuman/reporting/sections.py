@@ -16,7 +16,16 @@ from minihuman.dataset.log_files import SkippedLog
 from minihuman.dataset.recording_quality import LATE_MS, RecordingQuality
 from minihuman.errors import AllocationError, LogError, ProtocolError
 from minihuman.experiment.activities.questions.question import find_question_kind
-from minihuman.reporting.elements import (
+from minihuman.reporting.results import (
+    BlockResults,
+    BlockSurvival,
+    EquivalenceResult,
+    Role,
+    SessionChange,
+    WithinResults,
+    label_measure,
+)
+from minihuman.reporting.template import (
     AnswerCounts,
     Cell,
     Table,
@@ -29,18 +38,9 @@ from minihuman.reporting.elements import (
     format_with_interval,
     to_records,
 )
-from minihuman.reporting.results import (
-    BlockResults,
-    BlockSurvival,
-    EquivalenceResult,
-    Role,
-    SessionChange,
-    WithinResults,
-    label_measure,
-)
 from minihuman.statistics.comparison import GroupComparison, PowerAnalysis
 from minihuman.statistics.paired import PairedComparison
-from minihuman.statistics.proportions import wilson_interval
+from minihuman.statistics.scores import wilson_interval
 from minihuman.statistics.two_part_model import PartComparison, TwoPartComparison
 
 _FACTORS = {  # of what a difference of logarithms is a factor

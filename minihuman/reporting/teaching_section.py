@@ -10,13 +10,12 @@ import pandas as pd
 
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.store import CachedSession
-from minihuman.figures.figure_data import strip_events
-from minihuman.figures.figure_files import draw_figure_files
+from minihuman.figures.figure_data import draw_figure_files, strip_events
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 from minihuman.log.model.teaching_events import NO_ADVICE, TeachingRecord
 from minihuman.log.read.session_reader import read_log
-from minihuman.reporting.elements import ReportFigure, Table, format_number
 from minihuman.reporting.study_measures import TeachingMeasure
+from minihuman.reporting.template import ReportFigure, Table, format_number
 
 TaughtEpisode = tuple[EpisodeLog, TeachingRecord]
 _MS_PER_MIN = 60_000.0

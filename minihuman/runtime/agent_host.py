@@ -31,16 +31,16 @@ from minihuman.experiment.activities.correction import CorrectionPlan, EpisodeRe
 from minihuman.experiment.activities.preferences import ClipOffered, ClipRequest, EpisodeClip, PreferencesPlan
 from minihuman.experiment.machine.events import Event
 from minihuman.experiment.machine.inputs import ActivityInput
-from minihuman.experiment.machine.pending_allocation import SlotDrawn, SlotRequest, is_allocation_pending
 from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.session import SlotDrawn, SlotRequest, is_allocation_pending
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.log.model.session_log import EpisodeLog
 from minihuman.log.paths import SegmentPath
 from minihuman.log.read.session_reader import read_log
+from minihuman.plugins import describe_failure, limit_answer_time, locate_error
 from minihuman.runtime.learner_process import LearnerProcess, LearnerRequest
-from minihuman.runtime.plugin_calls import describe_failure, limit_answer_time, locate_error
 from minihuman.runtime.team_host import TeamMember, TeamTable
 from minihuman.worlds.adapters.world import World
 

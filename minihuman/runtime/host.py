@@ -6,24 +6,22 @@ from pathlib import Path
 
 from minihuman.admin.enrolment_log import free_slot
 from minihuman.admin.manifest import record_log_end
-from minihuman.admin.session_summary import summarize_session
+from minihuman.admin.session_index import summarize_session
 from minihuman.display.windows.window import Window
 from minihuman.errors import WorldError
 from minihuman.experiment.activities.activity import RequestHandler
 from minihuman.experiment.machine.events import FINAL_END_REASONS
-from minihuman.experiment.machine.pending_allocation import build_session
-from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.machine.session import SessionMachine, build_session
 from minihuman.experiment.plan.session_plan import SessionPlan, needs_gamepad
 from minihuman.experiment.protocol.protocol import decode_logged_protocol
 from minihuman.log.paths import SegmentPath
 from minihuman.log.record.file_lock import require_unclaimed
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.log.record.recorder import DeferredRecorder, Recorder
-from minihuman.runtime.command_inbox import CommandInbox, inbox_path
 from minihuman.runtime.devices.device import DeviceRecorder, open_devices
 from minihuman.runtime.devices.lsl import LslMarkerRecorder, pylsl
 from minihuman.runtime.machine import SessionClock, collect_machine_facts, collect_world_facts, list_world_ids
-from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.session_loop import CommandInbox, inbox_path, run_session
 from minihuman.worlds.adapters.world import World
 
 

@@ -36,7 +36,6 @@ from minihuman.experiment.machine.inputs import (
     ScreenShown,
     TextInput,
 )
-from minihuman.experiment.machine.pending_allocation import build_session
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import (
     FilmScreen,
@@ -47,7 +46,7 @@ from minihuman.experiment.machine.screens import (
     Screen,
     TextScreen,
 )
-from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.machine.session import SessionMachine, build_session
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.experiment.plan.session_plan import SessionPlan
@@ -55,9 +54,9 @@ from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.log.paths import SegmentPath
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.log.record.recorder import BufferedRecorder, DeferredRecorder
+from minihuman.plugins import limit_answer_time, locate_error
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
-from minihuman.runtime.plugin_calls import limit_answer_time, locate_error
 from minihuman.runtime.session_loop import run_session
 from minihuman.runtime.team_host import TeamTable
 from minihuman.simulation.participant import (

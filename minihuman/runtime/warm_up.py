@@ -5,6 +5,7 @@ a second process then compiles too, from the last piece on, and this one finds t
 later, such as path planning, it can compile in the background.
 """
 
+import gc
 import os
 import subprocess
 import sys
@@ -19,7 +20,6 @@ import msgspec
 
 from minihuman.experiment.plan.dry_run import check_worlds, try_world
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
-from minihuman.garbage_collection import paused_collection
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.kernels import at_first_compile
@@ -177,3 +177,15 @@ def _begin(folder: str, name: str) -> bool:
     except FileExistsError:
         return False
     return True
+
+
+@contextmanager
+def paused_collection() -> Iterator[None]:
+    """Meanwhile do not look for cycles at all: of compiling it is a tenth."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()

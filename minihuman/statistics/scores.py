@@ -1,13 +1,25 @@
-"""Scores of players on the same levels, human-normalised and relative, with crossed bootstrap intervals.
-
-Both people and levels are samples, so both are drawn again, independently, and a level counts for all players alike:
-the pigeonhole bootstrap (Owen, 2007), whose intervals are, if anything, too wide. Needs NumPy only.
+"""Success rates and scores: Wilson's interval of a rate; scores of players on the same levels, human-normalised and
+relative, with crossed bootstrap intervals. Needs neither scipy nor pandas.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+
+def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
+    """The 95 % score interval (Wilson, 1927) of a success rate; (0, 1) where nothing was tried."""
+    if trials == 0:
+        return 0.0, 1.0
+    z = 1.959963984540054
+    rate = successes / trials
+    middle = rate + z * z / (2 * trials)
+    half = z * math.sqrt(rate * (1 - rate) / trials + z * z / (4 * trials * trials))
+    scale = 1 + z * z / trials
+    return max(0.0, (middle - half) / scale), min(1.0, (middle + half) / scale)
+
 
 Array = NDArray[np.float64]
 DRAWS = 2_000

@@ -8,15 +8,12 @@
 Each check raises `ContractError`, which names the broken guarantee. All built-in ones pass.
 """
 
-from minihuman.testing.agent_contract import check_agent
 from minihuman.testing.checks import ContractError
-from minihuman.testing.design_contract import check_design
-from minihuman.testing.device_contract import check_device
+from minihuman.testing.device_contract import TypedWindow, check_device, check_window
 from minihuman.testing.exporter_contract import check_exporter
 from minihuman.testing.learner_contract import check_learner
-from minihuman.testing.part_contract import check_activity, check_question
-from minihuman.testing.participant_contract import check_participant
-from minihuman.testing.window_contract import TypedWindow, check_window
+from minihuman.testing.part_contract import check_activity, check_design, check_question
+from minihuman.testing.participant_contract import check_agent, check_participant
 from minihuman.testing.world_contract import check_world
 
 __all__ = [

@@ -1,11 +1,26 @@
-"""Contract test of devices: samples on the session's clock, in order, of the declared shape; reads never wait."""
+"""Contract tests of devices and windows.
 
+A device gives samples on the session's clock, in order, of the declared shape; reads never wait. A window flips
+screens; keys arrive in order and none is lost, and waiting ends on time.
+"""
+
+import abc
+import getpass
 import math
+import platform
+import random
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from types import MappingProxyType
 
+import numpy as np
+
+from minihuman.display.windows.window import Window
+from minihuman.experiment.keys import DIGITS
+from minihuman.experiment.machine.inputs import Input, KeyDown, KeyUp
+from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
 from minihuman.runtime.devices.device import POLL_INTERVAL_S, Device, DeviceSample, make_device
 from minihuman.runtime.machine import SessionClock
 from minihuman.testing.checks import require
@@ -90,3 +105,163 @@ def _check_shape(sample: DeviceSample, n_channels: int) -> None:
         f"a sample has {len(values)} values for {n_channels} channels",
     )
     require(isinstance(sample.text, str), f"text is {sample.text!r}, which is not text")
+
+
+MS = 1_000_000
+SECOND = 1_000_000_000
+
+SCREENS: tuple[Screen, ...] = (
+    TextScreen("Consent", "Words to read.\n\nMore words. " * 9, "Press Enter if you agree", "episode 1 of 2"),
+    TextScreen("Keyboard check", "Press each key.", "1 key to go", keys=(("1", True), ("kp_2", False), ("up", True))),
+    TextScreen("", "", ""),
+    PlayScreen(np.full((56, 56, 3), 200, np.uint8), "reach the green goal", "episode 1 of 2", (("1", "left"),)),
+    PlayScreen(np.full((900, 1200, 3), 90, np.uint8), "", ""),
+)
+
+KeyStrokes = Sequence[tuple[str, bool]]  # keys, and whether they go down
+
+
+class TypedWindow(abc.ABC):
+    """A window, and something that types into it: a robot before a real one, a script for one that has none."""
+
+    window: Window
+
+    @abc.abstractmethod
+    def type(self, strokes: KeyStrokes) -> None:
+        """Press (True) and release (False) keys in this order, at once."""
+
+    @abc.abstractmethod
+    def now_ns(self) -> int:
+        """The window's clock."""
+
+    def hear(self, count: int) -> list[Input]:
+        """The next ``count`` inputs; fewer if they do not come within seconds."""
+        heard: list[Input] = []
+        until_ns = self.now_ns() + 10 * SECOND
+        while len(heard) < count and self.now_ns() < until_ns:
+            heard += self.window.wait(until_ns)
+        return heard
+
+
+def check_window(typed: TypedWindow) -> None:
+    """Run every check on a window.
+
+    Raises:
+        ContractError: if a promise is not kept; it says which.
+    """
+    for check in CHECKS.values():
+        check(typed)
+    typed.window.close()
+    typed.window.close()  # closing twice is closing once
+
+
+def list_strokes(inputs: Iterable[Input]) -> list[tuple[str, bool]]:
+    """Which keys went down and up."""
+    return [(one.key, isinstance(one, KeyDown)) for one in inputs if isinstance(one, KeyDown | KeyUp)]
+
+
+def a_screen_is_submitted_then_flipped(typed: TypedWindow) -> None:
+    """Of every kind of screen."""
+    for screen in SCREENS:
+        before_ns = typed.now_ns()
+        shown = typed.window.show(screen)
+        in_order = before_ns <= shown.submit_ns <= shown.flip_ns == shown.t_ns <= typed.now_ns()
+        require(in_order, f"{type(screen).__name__}: shown at {before_ns} to {typed.now_ns()} ns, and says {shown}")
+
+
+def waiting_ends_at_the_deadline_and_not_before(typed: TypedWindow) -> None:
+    """With nothing heard."""
+    until_ns = typed.now_ns() + 30 * MS
+    heard = typed.window.wait(until_ns)
+    require(heard == [], f"nobody typed, and wait() heard {heard}")
+    require(typed.now_ns() >= until_ns, "wait() came back before its deadline with nothing")
+
+
+def a_deadline_that_has_passed_still_hands_over_what_has_arrived(typed: TypedWindow) -> None:
+    """And nothing twice."""
+    typed.type([("1", True), ("1", False)])
+    time.sleep(0.1)  # the display server's delivery, not the window's
+    _heard([("1", True), ("1", False)], typed.window.wait(0))
+    _heard([], typed.window.wait(0))
+
+
+def two_taps_within_a_frame_are_two_taps(typed: TypedWindow) -> None:
+    """Down, up, down, up."""
+    _typed(typed, [("3", True), ("3", False)] * 2)
+
+
+def rolling_from_key_to_key_keeps_the_order(typed: TypedWindow) -> None:
+    """The next key goes down before the last is up."""
+    _typed(typed, [("1", True), ("2", True), ("1", False), ("3", True), ("2", False), ("3", False)])
+
+
+def of_hundreds_of_strokes_none_is_lost_or_doubled(typed: TypedWindow) -> None:
+    """Typed at once."""
+    chance = random.Random(7)
+    held: set[str] = set()
+    strokes = []
+    for _ in range(400):
+        key = chance.choice(sorted(DIGITS))
+        strokes.append((key, key not in held))
+        held ^= {key}
+    _typed(typed, strokes + [(key, False) for key in sorted(held)])
+
+
+def strokes_during_a_flip_are_kept(typed: TypedWindow) -> None:
+    """Typed before a screen is shown, heard after it."""
+    strokes = [("4", True), ("5", True), ("4", False), ("5", False)]
+    typed.type(strokes)
+    typed.window.show(SCREENS[0])
+    _heard(strokes, typed.hear(4))
+
+
+def stamps_never_go_back_and_lie_between_stroke_and_receipt(typed: TypedWindow) -> None:
+    """On the window's clock."""
+    before_ns = typed.now_ns()
+    typed.type([("6", True), ("6", False)] * 5)
+    stamps = [one.t_ns for one in typed.hear(10)]
+    require(stamps == sorted(stamps), f"the stamps go back: {stamps}")
+    within = bool(stamps) and before_ns <= stamps[0] <= stamps[-1] <= typed.now_ns()
+    require(within, f"typed at {before_ns} ns or later, heard by {typed.now_ns()} ns, stamped {stamps}")
+
+
+def facts_are_words_without_names_of_people_or_machines(typed: TypedWindow) -> None:
+    """They go into the log."""
+    facts = typed.window.facts()
+    require(bool(facts.get("window")), "facts() does not say which window it is, under 'window'")
+    require(all(isinstance(fact, str) for fact in facts.values()), f"facts() holds a value that is not text: {facts}")
+    for private in (platform.node(), getpass.getuser()):
+        require(private not in " ".join(facts.values()).split(), "facts() names this machine or its user")
+
+
+CHECKS: Mapping[str, Callable[[TypedWindow], None]] = MappingProxyType(
+    {
+        check.__name__: check
+        for check in (
+            a_screen_is_submitted_then_flipped,
+            waiting_ends_at_the_deadline_and_not_before,
+            a_deadline_that_has_passed_still_hands_over_what_has_arrived,
+            two_taps_within_a_frame_are_two_taps,
+            rolling_from_key_to_key_keeps_the_order,
+            of_hundreds_of_strokes_none_is_lost_or_doubled,
+            strokes_during_a_flip_are_kept,
+            stamps_never_go_back_and_lie_between_stroke_and_receipt,
+            facts_are_words_without_names_of_people_or_machines,
+        )
+    }
+)
+
+
+def _typed(typed: TypedWindow, strokes: KeyStrokes) -> None:
+    typed.type(strokes)
+    heard = typed.hear(len(strokes))
+    _heard(strokes, [one for one in heard if not getattr(one, "repeat", False)])
+
+
+def _heard(strokes: KeyStrokes, heard: Sequence[Input]) -> None:
+    found = list_strokes(heard)
+    require(found == list(strokes), f"typed {_spelt(strokes)}, heard {_spelt(found)}")
+
+
+def _spelt(strokes: KeyStrokes) -> str:
+    return " ".join(f"{key}{'+' if down else '-'}" for key, down in strokes) or "nothing"

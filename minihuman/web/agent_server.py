@@ -1,4 +1,5 @@
-"""Programs of any language in a participant's place: a small HTTP face of the models' sessions.
+"""Programs of any language in a participant's place: a small HTTP face of the models' sessions, and the
+same as tools of the Model Context Protocol, for a language model that plays by calling tools (extra ``mcp``).
 
 A program begins a session, gets each screen as JSON with its picture as PNG, and answers it. Its sessions are recorded
 and proved like a model's. Requests are bounded, a session is known by a secret of 128 bits, and a program that stays
@@ -14,7 +15,7 @@ import time
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 from minihuman.errors import MinihumanError
 from minihuman.experiment.protocol.protocol import Protocol
@@ -29,7 +30,10 @@ from minihuman.runtime.model_sessions import (
     require_playable,
 )
 from minihuman.simulation.chat_client import ChatAnswer, ModelUnavailableError, SeatClient
-from minihuman.simulation.model_seat import Prompt
+from minihuman.simulation.model_seat import RULES, Prompt
+
+if TYPE_CHECKING:
+    from mcp.server.mcpserver import MCPServer
 
 MAX_BODY_BYTES = 65_536
 MAX_NAME = 40
@@ -242,3 +246,57 @@ def make_agent_server(seats: ProgramSeats, *, port: int, host: str = "127.0.0.1"
     server = ThreadingHTTPServer((host, port), Handler)
     server.daemon_threads = True
     return server
+
+
+_INSTRUCTIONS = (
+    f"{RULES.partition('. ')[0]}. Call begin once, with a name of your own, then answer with each screen's number "
+    "until over says how the session ended. A screen's text ends with what can be answered."
+)
+
+
+def make_mcp_server(seats: ProgramSeats) -> "MCPServer":
+    """Make the server; ``run()`` serves one client on the standard input and output."""
+    from mcp.server.mcpserver import MCPServer  # the extra mcp
+
+    server = MCPServer("minihuman", instructions=_INSTRUCTIONS)
+
+    def find(session: str) -> ProgramClient:
+        if session not in seats.clients:
+            raise ValueError("there is no such session; begin one")
+        return seats.clients[session]
+
+    @server.tool(structured_output=False)
+    def begin(name: str) -> list[Any]:
+        """Begin a session, or resume one of that name; return its secret and the first screen."""
+        if not is_valid_name(name):
+            raise ValueError(f"name is a text of 1 to {MAX_NAME} characters")
+        begun = seats.begin(name)
+        if begun is None:
+            raise ValueError(f"{MAX_SESSIONS} sessions run already; try again later")
+        secret, client = begun
+        return _show_screen(client, session=secret)
+
+    @server.tool(structured_output=False)
+    def answer(session: str, number: int, answer: str) -> list[Any]:
+        """Answer the screen of that number; return the next one."""
+        client = find(session)
+        if not client.answer(number, answer):
+            raise ValueError(f"screen {number} does not wait for an answer; call read_screen")
+        return _show_screen(client)
+
+    @server.tool(structured_output=False)
+    def read_screen(session: str) -> list[Any]:
+        """Read the screen again."""
+        return _show_screen(find(session))
+
+    return server
+
+
+def _show_screen(client: ProgramClient, **more: str) -> list[Any]:
+    """A screen as JSON, and its picture."""
+    from mcp.server.mcpserver import Image
+
+    screen = client.read_screen()
+    png = screen.pop("picture_png", None)
+    picture = [] if png is None else [Image(data=base64.b64decode(png), format="png")]
+    return [json.dumps(more | screen), *picture]

@@ -24,7 +24,7 @@ from minihuman.admin.remote_store import STORE_URL_FILE_NAME, RemoteStoreError
 from minihuman.errors import LogError, MinihumanError
 from minihuman.experiment.machine.events import FINAL_END_REASONS, Event, SessionStarted
 from minihuman.experiment.machine.inputs import ExperimenterCommand, Stop
-from minihuman.experiment.machine.pending_allocation import build_session
+from minihuman.experiment.machine.session import build_session
 from minihuman.experiment.plan.session_plan import SessionPlan, needs_gamepad
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.replay import resume_from_events
@@ -37,17 +37,21 @@ from minihuman.log.record.mcap_recorder import McapRecorder, resume_segment
 from minihuman.log.record.recorder import DeferredRecorder, Recorder
 from minihuman.log.system import current_system, monotonic_s
 from minihuman.runtime.agent_host import make_agent_host
-from minihuman.runtime.command_inbox import CommandInbox, inbox_path
+from minihuman.runtime.session_loop import CommandInbox, inbox_path
 from minihuman.runtime.team_host import TeamTable
 from minihuman.trust import SOURCE_FACT
 from minihuman.web import messages
 from minihuman.web.arrivals import Admission, Arrival, Arrivals, Rejection, identify_visitor
-from minihuman.web.completion import Completion, build_completion, classify_ending, get_page_texts, get_session_code
 from minihuman.web.computed import PageWorld, kernels_digest
 from minihuman.web.eligibility import (
     BrowserProperties,
+    Completion,
+    build_completion,
     check_eligibility,
+    classify_ending,
     collect_browser_facts,
+    get_page_texts,
+    get_session_code,
     list_touch_keys,
     needs_keyboard,
 )

@@ -23,11 +23,9 @@ from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.web import messages
 from minihuman.web.computed import ComputedEpisode, can_compute
-from minihuman.web.image_cache import ImageCache, ImageEncoding
-from minihuman.web.limits import PREFETCH_BACKLOG
-from minihuman.web.look_ahead import LookAheadGraph
-from minihuman.web.messages import AgentControl, OutgoingStream
-from minihuman.web.prefetch import FilmPrefetcher, ScreenPrefetcher, advances_by_itself, describe_screen
+from minihuman.web.messages import PREFETCH_BACKLOG, AgentControl, OutgoingStream
+from minihuman.web.prefetch import FilmPrefetcher, LookAheadGraph, ScreenPrefetcher, advances_by_itself, describe_screen
+from minihuman.web.screen_values import ImageCache, ImageEncoding
 from minihuman.worlds.adapters.world import World
 
 

@@ -16,8 +16,7 @@ from minihuman.experiment.activities.team_play import PictureCorrected, TeamAnsw
 from minihuman.experiment.keys import PAD_DEAD_ZONE
 from minihuman.experiment.machine import inputs
 from minihuman.experiment.machine.events import Event, KeyPressed, Linked, Noted
-from minihuman.experiment.machine.pending_allocation import awaits_allocation
-from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.machine.session import SessionMachine, awaits_allocation
 from minihuman.experiment.replay import BROWSER_NOTE
 from minihuman.log.record.recorder import Recorder
 from minihuman.web import messages

@@ -11,8 +11,7 @@ import pytest
 from minihuman.admin.legibility import require_legible
 from minihuman.admin.protocol_file import ProtocolDraft
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
-from minihuman.experiment.protocol.protocol import decode_protocol
-from minihuman.experiment.protocol.schema import build_json_schema
+from minihuman.experiment.protocol.protocol import build_json_schema, decode_protocol
 from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS
 from tests.seats.session_typist import agree, enter_at, until
 from tests.xserver import Typist

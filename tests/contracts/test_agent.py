@@ -5,8 +5,8 @@ import pytest
 
 from minihuman.agents.agent import BaseAgent
 from minihuman.errors import SimulationError
-from minihuman.testing.agent_contract import check_agent
 from minihuman.testing.checks import ContractError
+from minihuman.testing.participant_contract import check_agent
 
 
 @pytest.mark.parametrize(("name", "argument"), [("random", ""), ("optimal", ""), ("optimal", "0.2")])

@@ -20,7 +20,7 @@ from minihuman.display.windows.window import ScriptedWindow, VirtualClock
 from minihuman.experiment.keys import KEY_NAMES
 from minihuman.experiment.machine.inputs import FocusChanged, KeyDown, KeyUp, Stop
 from minihuman.experiment.machine.screens import PlayScreen
-from minihuman.testing.window_contract import CHECKS, MS, SCREENS, SECOND, TypedWindow, list_strokes
+from minihuman.testing.device_contract import CHECKS, MS, SCREENS, SECOND, TypedWindow, list_strokes
 from tests.window_host import HostedWindow
 from tests.xserver import Typist, xvfb
 

@@ -11,8 +11,8 @@ from minihuman.testing.world_contract import check_world
 from minihuman.worlds.catalogue import WORLDS
 from minihuman.worlds.first_person.entities import Box
 from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.grid.object_kinds import goal
-from minihuman.worlds.grid.world import GridWorld
 from tests.worlds.grid.test_kinds import APPLE, GATE, Lane
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*out of date")  # v0 of worlds that have a v1

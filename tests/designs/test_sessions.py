@@ -26,7 +26,7 @@ from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.reporting.study_measures import add_measures
 from minihuman.runtime.session_loop import run_session
 from minihuman.runtime.simulated_session import SimulatedWindow
-from minihuman.simulation.observer import ObserverParticipant
+from minihuman.simulation.scripted import ObserverParticipant
 from minihuman.testing import ContractError, check_participant
 from minihuman.worlds.adapters.world import World
 from tests.study.sessions import Desk, corridor_plan

@@ -13,8 +13,8 @@ import pytest
 from minihuman.dataset.selection import Selection
 from minihuman.errors import ExportError
 from minihuman.exporters.exporter import export_study, list_exporters
+from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.grid.object_kinds import door, goal, key
-from minihuman.worlds.grid.world import GridWorld
 from tests.copied import as_another
 from tests.export.study import recorded
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from minihuman.figures import figure_files, style
-from minihuman.figures.figure_data import group_by_block
-from minihuman.figures.figure_files import digest_figure, draw_figure_files
+from minihuman.figures import figure_data, style
+from minihuman.figures.figure_data import digest_figure, draw_figure_files, group_by_block
 from minihuman.figures.path_figures import paths_figure
 from minihuman.figures.style import save_figure
 from tests.builders import session
@@ -69,7 +68,7 @@ def test_a_digest_follows_the_paths_of_an_episode_and_the_software(monkeypatch):
     assert digest_figure("a.b", (group_by_block(other),), {}) == digest
     other.episodes[0].poses[1] += 0.25
     assert digest_figure("a.b", (group_by_block(other),), {}) != digest
-    monkeypatch.setattr(figure_files, "_describe_software", lambda: ("another version",))
+    monkeypatch.setattr(figure_data, "_describe_software", lambda: ("another version",))
     assert digest_figure("a.b", (group_by_block(log),), {}) != digest
     with pytest.raises(TypeError, match="object, which has no digest"):
         digest_figure("a.b", (object(),), {})

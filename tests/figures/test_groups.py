@@ -12,7 +12,7 @@ from minihuman.figures.figure_data import collect_learning_curves
 from minihuman.figures.learning_curves import draw_learning, mean_and_band, share_and_band
 from minihuman.figures.occupancy import compute_occupancy, draw_occupancy, group_by_participant, occupancy_figure
 from minihuman.figures.survival_curves import survival_figure
-from minihuman.statistics.proportions import wilson_interval
+from minihuman.statistics.scores import wilson_interval
 from minihuman.statistics.survival import SurvivalTimes
 from tests.builders import episode, grid_map, made, plan, session, session_of
 

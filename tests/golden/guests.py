@@ -7,7 +7,7 @@ from mcap.records import Attachment, Metadata
 from mcap.writer import Writer
 
 from minihuman.log.names import SCHEMA_VERSION, SEGMENT_METADATA
-from minihuman.log.salvage.chunk import LogMessage
+from minihuman.log.salvage.records import LogMessage
 from minihuman.log.salvage.scan import LogScanner
 
 Guest = Callable[[int], int | None]  # the number of one more message after ours of this number; None: none there

@@ -306,7 +306,7 @@ def any_table(
         made = MemoryLeaseTable(clock)
         yield made, made, lambda s: clock.__setattr__("now_s", clock.now_s + s)
         return
-    from minihuman.admin.lease_postgres import PostgresLeaseTable
+    from minihuman.admin.lease import PostgresLeaseTable
 
     address = fresh(request.getfixturevalue("url"))
     one, other = PostgresLeaseTable(address), PostgresLeaseTable(address)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.admin import session_summary
+from minihuman.admin import session_index
 from minihuman.admin.session_index import SessionSummary, read_session_index
 from minihuman.admin.status import format_status
 from minihuman.dataset.caches import SESSION_CACHE
@@ -105,13 +105,13 @@ def test_a_log_is_summed_up_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     for number in (1, 2, 3):
         _record(tmp_path, f"sub-{number:02d}")
     read: list[Path] = []
-    really = session_summary.summarize_session
+    really = session_index.summarize_session
 
     def counting(files: list[Path]) -> SessionSummary:
         read.extend(files)
         return really(files)
 
-    monkeypatch.setattr(session_summary, "summarize_session", counting)
+    monkeypatch.setattr(session_index, "summarize_session", counting)
     assert len(list(read_session_index(tmp_path))) == 3
     assert len(list(read_session_index(tmp_path))) == 3
     assert len(read) == 3

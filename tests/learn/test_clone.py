@@ -16,10 +16,13 @@ from minihuman.learn.behaviour_cloning import (
     clone_policy,
     clone_study,
     describe_fine_tuning,
+    evaluate_policy,
+    held_out_seed,
+    make_random_policy,
+    make_sampling_policy,
     split_by_participant,
 )
 from minihuman.learn.demonstrations import read_demonstrations
-from minihuman.learn.policy.evaluation import evaluate_policy, held_out_seed, make_random_policy, make_sampling_policy
 from minihuman.learn.policy.file import load_policy, save_atomically
 from minihuman.learn.policy.observation import ObservationEncoder, encode_whole_grid
 from minihuman.learn.ppo import TrainingHistory

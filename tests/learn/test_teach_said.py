@@ -11,7 +11,6 @@ torch = pytest.importorskip("torch")
 
 from minihuman.errors import LearnError  # noqa: E402
 from minihuman.learn.teaching import learner as fitting  # noqa: E402
-from minihuman.learn.teaching.credit_assignment import collect_presses, find_delay  # noqa: E402
 from minihuman.learn.teaching.dataset import Comparison, LessonFragment, LessonRating  # noqa: E402
 from minihuman.learn.teaching.learner import LearningRequest, make_fresh_policy, make_learner  # noqa: E402
 from minihuman.learn.teaching.preference_learner import (  # noqa: E402
@@ -22,6 +21,7 @@ from minihuman.learn.teaching.preference_learner import (  # noqa: E402
     fit_reward,
 )
 from minihuman.learn.teaching.provenance import make_policy, reproduce_policy  # noqa: E402
+from minihuman.learn.teaching.rating_learners import collect_presses, find_delay  # noqa: E402
 from minihuman.simulation.supervisor import Critic, CriticParameters  # noqa: E402
 from teaching_study.feedback import (  # noqa: E402
     ComparedTrial,

@@ -13,7 +13,7 @@ from minihuman.errors import LogError
 from minihuman.log.paths import list_sessions
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record.finalization import find_leftovers, recover_log
-from minihuman.log.salvage.chunk import LogMessage
+from minihuman.log.salvage.records import LogMessage
 from minihuman.log.salvage.scan import LogScanner
 from minihuman.worlds.adapters.world import World
 from tests.golden.guests import Guest, again

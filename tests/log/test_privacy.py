@@ -13,7 +13,7 @@ from mcap.records import Attachment, Metadata
 
 from minihuman.experiment.machine.events import SessionStarted
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.log.salvage.chunk import LogMessage
+from minihuman.log.salvage.records import LogMessage
 from minihuman.log.salvage.scan import LogScanner
 from minihuman.runtime.machine import collect_machine_facts
 from tests.log.samples import STARTED_NS, session_events, session_plan

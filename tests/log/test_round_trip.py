@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from minihuman.experiment.activities.registry import find_kind, list_built_in_kinds
+from minihuman.experiment.activities.activity import find_kind, list_built_in_kinds
 from minihuman.experiment.machine import events as ev
 from minihuman.log import topics
 from minihuman.log.codec import decode_event, encode_event, load_activity_rows

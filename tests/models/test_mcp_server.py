@@ -17,8 +17,7 @@ from PIL import Image
 from minihuman import verify
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.log.read.session_reader import read_log
-from minihuman.web.agent_server import ProgramSeats
-from minihuman.web.mcp_server import make_mcp_server
+from minihuman.web.agent_server import ProgramSeats, make_mcp_server
 from tests.models.studies import study
 from tests.models.test_agent_server import answer_of
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from minihuman import plugins
 from minihuman.admin.enrolment_entries import read_enrolled, read_enrolment_log
 from minihuman.admin.status import count_participant_flow, format_status
 from minihuman.admin.verify.log import verify_session
@@ -14,7 +15,7 @@ from minihuman.experiment.machine.events import SessionEnded
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.reporting.sections import flow_table
-from minihuman.runtime import plugin_calls, simulated_session
+from minihuman.runtime import simulated_session
 from minihuman.runtime.simulated_session import simulate
 from tests.lab_package import install_lab as install_lab
 
@@ -88,7 +89,7 @@ FAILURES = {
 def test_a_player_that_fails_ends_its_session_as_failed_and_its_slot_is_free(
     how: str, reason: str, tmp_path: Path, install_lab, monkeypatch
 ) -> None:
-    monkeypatch.setattr(plugin_calls, "ANSWER_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(plugins, "ANSWER_TIMEOUT_S", 0.2)
     monkeypatch.setattr(simulated_session, "MOST_USELESS_PRESSES", 20)
     install_lab("lab", PLAYERS, players=["lab = a_lab:Player"])
     protocol = decode_protocol(STUDY.format(consent="").encode())

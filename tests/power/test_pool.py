@@ -10,7 +10,7 @@ from minihuman.dataset.sessions import StudySessions
 from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
-from minihuman.planning.pool import play_headless
+from minihuman.planning.power import play_headless
 from minihuman.planning.reaction_time_fit import fit_participants
 from minihuman.runtime.simulated_session import simulate
 from minihuman.simulation.human_like import HumanLikeParticipant

@@ -5,8 +5,7 @@ import pandas as pd
 import pytest
 
 from minihuman.errors import ReportError
-from minihuman.planning.pool import parse_group_sizes
-from minihuman.planning.power import MEASURES, Effect, compute_values, power_curve
+from minihuman.planning.power import MEASURES, Effect, compute_values, parse_group_sizes, power_curve
 from minihuman.statistics.comparison import t_test_power
 from tests.counts import count
 

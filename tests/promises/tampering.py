@@ -11,7 +11,7 @@ from mcap.writer import Writer
 from minihuman.log import integrity, names, topics
 from minihuman.log.integrity import HashChain
 from minihuman.log.names import CHAIN_KEY
-from minihuman.log.salvage.chunk import LogMessage
+from minihuman.log.salvage.records import LogMessage
 from minihuman.log.salvage.scan import LogScanner
 
 Record = LogMessage | Metadata | Attachment

@@ -18,7 +18,7 @@ from minihuman.log.record import live_log
 from minihuman.log.record.disk import RecorderSettings
 from minihuman.log.record.finalization import repair_log
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.log.salvage.chunk import RECORD_HEADER, ChunkMessages
+from minihuman.log.salvage.records import RECORD_HEADER, ChunkMessages
 from minihuman.log.salvage.scan import LogScanner
 from minihuman.log.salvage.summary_section import read_summary
 from tests.counts import count

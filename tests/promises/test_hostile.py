@@ -18,8 +18,7 @@ from mcap.opcode import Opcode
 
 from minihuman.admin.log_info import format_session_json, format_session_lines
 from minihuman.admin.protocol_file import find_shipped_protocol
-from minihuman.admin.session_index import read_session_index
-from minihuman.admin.session_summary import summarize_session
+from minihuman.admin.session_index import read_session_index, summarize_session
 from minihuman.admin.status import format_status
 from minihuman.admin.verify.log import verify_session
 from minihuman.cli import main
@@ -34,7 +33,7 @@ from minihuman.exporters.exporter import export_study
 from minihuman.figures.gallery import draw_all_figures
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record.finalization import recover_log, repair_log
-from minihuman.log.salvage.framing import MAX_RECORD_BYTES
+from minihuman.log.salvage.records import MAX_RECORD_BYTES
 from minihuman.log.salvage.scan import LogScanner
 from minihuman.reporting.build import build_report
 from minihuman.worlds.adapters.world import World

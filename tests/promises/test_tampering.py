@@ -8,7 +8,7 @@ import pytest
 
 from minihuman.admin.verify.log import verify_session
 from minihuman.errors import MinihumanError
-from minihuman.log.salvage.chunk import LogMessage
+from minihuman.log.salvage.records import LogMessage
 from minihuman.log.salvage.scan import LogScanner
 from tests.counts import count
 from tests.promises.sessions import play, study

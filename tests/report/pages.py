@@ -3,9 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from minihuman.reporting.elements import Table
 from minihuman.reporting.sections import quality_section
-from minihuman.reporting.template import REPORT, render_template
+from minihuman.reporting.template import REPORT, Table, render_template
 
 NOTHING: dict[str, Any] = {
     "study": "little", "versions": "Protocol version 1", "sessions": 0, "included": (0, 0), "players": (),

@@ -15,8 +15,8 @@ from minihuman.experiment.machine.events import Answered
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
 from minihuman.reporting.build import build_report
-from minihuman.reporting.elements import format_number
 from minihuman.reporting.sections import answers_table
+from minihuman.reporting.template import format_number
 from minihuman.runtime.simulated_session import simulate
 from tests.report.pages import page
 

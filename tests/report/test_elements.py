@@ -1,6 +1,6 @@
 import pytest
 
-from minihuman.reporting.elements import format_p_value
+from minihuman.reporting.template import format_p_value
 
 
 @pytest.mark.parametrize(

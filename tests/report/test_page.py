@@ -9,8 +9,8 @@ import pytest
 
 import minihuman
 from minihuman.errors import ReportError
-from minihuman.reporting.elements import AnswerCounts, Table
 from minihuman.reporting.sections import FlowSection
+from minihuman.reporting.template import AnswerCounts, Table
 from tests.report.pages import page
 
 PACKAGE = Path(minihuman.__file__).parent

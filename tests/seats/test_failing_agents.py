@@ -4,14 +4,14 @@ from pathlib import Path
 
 import pytest
 
+from minihuman import plugins
 from minihuman.admin.verify.log import verify_session
 from minihuman.dataset.selection import Selection
 from minihuman.errors import LearnError
 from minihuman.experiment.activities.agent_blocks import ControlChanged, PolicyGiven
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
-from minihuman.runtime import plugin_calls
-from minihuman.runtime.plugin_calls import describe_failure
+from minihuman.plugins import describe_failure
 from minihuman.runtime.simulated_session import simulate
 from tests.lab_package import install_lab as install_lab
 
@@ -109,7 +109,7 @@ def test_an_agent_that_fails_is_named_and_nothing_plays_in_its_name(
     how: str, tmp_path: Path, install_lab, monkeypatch
 ) -> None:
     failure, steps = FAILURES[how]
-    monkeypatch.setattr(plugin_calls, "ANSWER_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(plugins, "ANSWER_TIMEOUT_S", 0.2)
     install_lab("lab", AGENTS, agents=["lab = a_lab:Agent"])
     protocol = decode_protocol(STUDY.replace("POLICY", f"lab:{how}").encode())
     [path] = simulate(protocol, tmp_path, participants=1, seed=1, player="random")

@@ -1,10 +1,10 @@
 from collections.abc import Iterator
 
 from minihuman.display.windows.window import ScriptedWindow, VirtualClock
-from minihuman.experiment.bindings import assign_keys
+from minihuman.experiment.keys import assign_keys
 from minihuman.experiment.machine.inputs import KeyDown, KeyUp, Stop
 from minihuman.experiment.machine.screens import PlayScreen, TextScreen
-from minihuman.runtime.free_play import FreePlay, run_free_play
+from minihuman.runtime.demo import FreePlay, run_free_play
 
 WORLD = "minigrid:MiniGrid-Empty-5x5-v0"  # the goal is two steps ahead, a turn, two steps
 TO_THE_GOAL = ("up", "up", "right", "up", "up")

@@ -25,7 +25,7 @@ from minihuman.experiment.machine.inputs import ExperimenterCommand, Tick
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.log.read.session_reader import read_log
-from minihuman.runtime.command_inbox import CommandInbox, CommandRequest, inbox_path, send_command
+from minihuman.runtime.session_loop import CommandInbox, CommandRequest, inbox_path, send_command
 from minihuman.runtime.watch.dashboard import DashboardServer
 from tests.counts import PATIENCE_S
 from tests.seats.station import DEMO, demo_started

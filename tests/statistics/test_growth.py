@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from minihuman.statistics.growth import compare_growth
+from minihuman.statistics.paired import compare_growth
 from tests.counts import count
 
 

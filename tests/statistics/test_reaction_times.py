@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from minihuman.planning.reaction_time_fit import PARAMETER_NAMES, ReactionTimes, fit_reaction_times, log_density
 from minihuman.simulation.human_like import ParticipantPopulation
-from minihuman.statistics.reaction_times import PARAMETER_NAMES, ReactionTimes, fit_reaction_times, log_density
 from tests.counts import count
 
 

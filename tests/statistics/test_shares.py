@@ -1,6 +1,6 @@
 import pytest
 
-from minihuman.statistics.proportions import wilson_interval
+from minihuman.statistics.scores import wilson_interval
 
 
 def test_wilson_agrees_with_scipy():

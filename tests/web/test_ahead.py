@@ -11,9 +11,9 @@ from minihuman.experiment.plan.expansion import enrol_participant, expand_protoc
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.web.computed import PageWorld
-from minihuman.web.image_cache import ImageCache
-from minihuman.web.look_ahead import LookAheadGraph
 from minihuman.web.outbox import PageSettings
+from minihuman.web.prefetch import LookAheadGraph
+from minihuman.web.screen_values import ImageCache
 from minihuman.web.session_host import SessionHost
 from minihuman.worlds.adapters.world import World
 from tests.web.page_model import PageModel

@@ -4,15 +4,15 @@ import zlib
 
 import numpy as np
 
-from minihuman.web import image_cache
-from minihuman.web.image_cache import JPEG, ZLIB, ImageCache
+from minihuman.web import screen_values
+from minihuman.web.screen_values import JPEG, ZLIB, ImageCache
 
 
 def test_what_somebody_else_has_seen_is_not_packed_again(monkeypatch) -> None:
     picture = np.full((16, 16, 3), 201, np.uint8)
     [first] = taken(ImageCache(), picture)
     monkeypatch.setattr(
-        image_cache, "_encode_picture", lambda *_: (_ for _ in ()).throw(AssertionError("packed again"))
+        screen_values, "_encode_picture", lambda *_: (_ for _ in ()).throw(AssertionError("packed again"))
     )
     later = ImageCache()
     [second] = taken(later, picture.copy())
@@ -29,8 +29,8 @@ def test_each_study_has_its_own_encoding_of_the_same_picture() -> None:
 
 
 def test_what_is_kept_for_everybody_has_a_bound(monkeypatch) -> None:
-    monkeypatch.setattr(image_cache, "_SHARED_BYTES", 20_000)
-    shared = image_cache._SharedImages()
+    monkeypatch.setattr(screen_values, "_SHARED_BYTES", 20_000)
+    shared = screen_values._SharedImages()
     rng = np.random.default_rng(2)
     for number in range(50):
         noise = rng.integers(0, 256, (24, 24, 3)).astype(np.uint8)

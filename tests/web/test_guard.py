@@ -6,9 +6,16 @@ import pytest
 
 from minihuman.experiment.protocol.specs import CompletionCodesSpec, WebSpec
 from minihuman.experiment.words import LANGUAGES
-from minihuman.web.completion import Completion, build_completion, classify_ending, get_page_texts, load_page_texts
-from minihuman.web.eligibility import BrowserProperties, check_eligibility
-from minihuman.web.limits import HEADERS, MESSAGE_BURST, MESSAGES_PER_S, RateLimit, is_same_origin
+from minihuman.web.eligibility import (
+    BrowserProperties,
+    Completion,
+    build_completion,
+    check_eligibility,
+    classify_ending,
+    get_page_texts,
+    load_page_texts,
+)
+from minihuman.web.messages import HEADERS, MESSAGE_BURST, MESSAGES_PER_S, RateLimit, is_same_origin
 
 
 def test_typing_is_within_the_allowance_and_a_flood_is_not():

@@ -17,7 +17,7 @@ from minihuman.admin.verify.episodes import verify_episodes
 from minihuman.experiment.machine.events import KeyPressed
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record.finalization import find_leftovers
-from minihuman.runtime.command_inbox import CommandRequest, inbox_path, send_command
+from minihuman.runtime.session_loop import CommandRequest, inbox_path, send_command
 from tests.counts import PATIENCE_S
 from tests.web import typed_page
 from tests.web.served import Served, served

@@ -26,7 +26,7 @@ from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.runtime.session_loop import run_session
 from minihuman.web import messages
 from minihuman.web.computed import PageWorld
-from minihuman.web.limits import PREFETCH_BACKLOG
+from minihuman.web.messages import PREFETCH_BACKLOG
 from minihuman.web.outbox import PageSettings
 from minihuman.web.session_host import SessionHost
 from minihuman.worlds.adapters.world import World

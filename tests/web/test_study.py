@@ -15,7 +15,7 @@ import pytest
 from minihuman.admin.verify.log import find_log_differences
 from minihuman.experiment.machine.events import Answered, PartEnded, PointerUsed
 from minihuman.log.read.session_reader import read_log
-from minihuman.web.completion import load_page_texts
+from minihuman.web.eligibility import load_page_texts
 from minihuman.worlds.adapters.world import World
 from tests.counts import count
 from tests.web.browser import Somebody, browsing

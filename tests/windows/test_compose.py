@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from minihuman.display.drawing import sheet
-from minihuman.display.drawing.keycaps import arrange_keycaps
 from minihuman.display.drawing.screen import compose_screen, picture_size_px, repaint_screen
+from minihuman.display.drawing.sheet import arrange_keycaps
 from minihuman.experiment.keys import KEY_NAMES, key_label
 from minihuman.experiment.keys import key_caption as caption
 from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen

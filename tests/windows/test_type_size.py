@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from minihuman.display.drawing import keycaps, play_screens, sheet
+from minihuman.display.drawing import play_screens, sheet
 from minihuman.display.drawing.play_screens import draw_pair
 from minihuman.display.drawing.screen import compose_screen, find_spot
 from minihuman.display.text import draw_line
@@ -87,7 +87,7 @@ def smallest(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, str]]:
             told.append((size_px, words))
         draw_line(draw, place, words, size_px=size_px, **settings)
 
-    for module in (sheet, play_screens, play_screens, keycaps):
+    for module in (sheet, play_screens):
         monkeypatch.setattr(module, "draw_line", seen)
     return told
 

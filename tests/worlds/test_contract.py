@@ -10,9 +10,9 @@ from minihuman.worlds.adapters.world import World
 from minihuman.worlds.catalogue import WORLDS
 from minihuman.worlds.contract import UNKNOWN_BOUNDS, PathLengthBounds
 from minihuman.worlds.first_person.layouts.one_room import OneRoom
+from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.grid.layout import Layout
 from minihuman.worlds.grid.object_kinds import door, goal, key, wall
-from minihuman.worlds.grid.world import GridWorld
 from tests.counts import count
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*out of date")  # some ids are kept for their published results

@@ -6,7 +6,7 @@ import pytest
 from gymnasium import spaces
 
 from minihuman.errors import WorldError
-from minihuman.experiment.bindings import assign_usual_keys, find_period_ms
+from minihuman.experiment.keys import assign_usual_keys, find_period_ms
 from minihuman.experiment.plan.dry_run import list_world_notices
 from minihuman.worlds.adapters.spaces import CHORD, REST, VectorActions
 from minihuman.worlds.adapters.world import World

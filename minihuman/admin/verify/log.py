@@ -32,7 +32,7 @@ from minihuman.admin.enrolment_entries import (
 )
 from minihuman.admin.manifest import find_changed_files
 from minihuman.admin.policies import verify_advice
-from minihuman.admin.session_summary import find_double_sessions
+from minihuman.admin.session_index import find_double_sessions
 from minihuman.admin.verify.episodes import describe_other_rules, verify_episodes
 from minihuman.errors import LogError, MinihumanError
 from minihuman.experiment.activities.activity import WorldFactory
@@ -70,7 +70,7 @@ from minihuman.log.paths import (
 from minihuman.log.preview import PreviewEncoder
 from minihuman.log.read.session_reader import list_session_files, read_log
 from minihuman.log.record.live_log import build_attachments, build_segment_metadata
-from minihuman.log.salvage.chunk import ChunkMessages, LogMessage
+from minihuman.log.salvage.records import ChunkMessages, LogMessage
 from minihuman.log.salvage.scan import LogScanner
 from minihuman.log.salvage.summary_section import read_summary
 from minihuman.simulation.model_seat import SeatRecord, find_picture_size

@@ -13,8 +13,7 @@ from PIL import Image, ImageDraw
 
 from minihuman.display.drawing import sheet
 from minihuman.display.drawing import sheet as theme
-from minihuman.display.drawing.keycaps import draw_keycap
-from minihuman.display.drawing.sheet import MARGIN, MIN_TYPE_SIZE, Sheet, Size
+from minihuman.display.drawing.sheet import MARGIN, MIN_TYPE_SIZE, Sheet, Size, draw_keycap
 from minihuman.display.text import draw_line, measure_width_px, select_typefaces
 from minihuman.experiment.keys import key_label
 from minihuman.experiment.machine.screens import FilmScreen, PairScreen, PlayScreen, TextLocale

@@ -9,8 +9,16 @@ from PIL import Image
 
 from minihuman.display import text
 from minihuman.display.drawing import sheet as theme
-from minihuman.display.drawing.keycaps import arrange_keycaps, draw_keycap
-from minihuman.display.drawing.sheet import LINE_HEIGHT, MARGIN, MIN_TYPE_SIZE, TIGHT_LINE_HEIGHT, Sheet, Size
+from minihuman.display.drawing.sheet import (
+    LINE_HEIGHT,
+    MARGIN,
+    MIN_TYPE_SIZE,
+    TIGHT_LINE_HEIGHT,
+    Sheet,
+    Size,
+    arrange_keycaps,
+    draw_keycap,
+)
 from minihuman.experiment.keys import key_caption, key_label
 from minihuman.experiment.machine.screens import PageScreen, PictureLabel, TextScreen
 

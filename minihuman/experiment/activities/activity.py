@@ -1,13 +1,17 @@
-"""The activity interface: what an activity implements, the session context it works in, and how a kind is described."""
+"""The activity interface: what an activity implements, the session context it works in, how a kind is described,
+and the registry of kinds: the entry-point group `minihuman.activities`, which names the built-in ones too.
+"""
 
 import abc
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.events import (
     ActivityEvent,
     EndReason,
@@ -23,9 +27,11 @@ from minihuman.experiment.machine.running_episode import RunningEpisode, catch_w
 from minihuman.experiment.machine.screens import Screen
 from minihuman.experiment.plan.session_plan import KeyMap, PlannedPart, SessionPlan
 from minihuman.experiment.words import InterfaceWords
+from minihuman.plugins import list_plugin_names, load_plugin
 
 if TYPE_CHECKING:
     from minihuman.worlds.adapters.world import World
+
 
 WorldFactory = Callable[[str, dict[str, Any]], "World"]
 ENTER_KEYS = ("enter", "kp_enter")
@@ -208,3 +214,31 @@ class ActivityKind:
     def read(self, plan: Any) -> msgspec.Struct:
         """A part's plan from what JSON gave."""
         return msgspec.convert(plan, self.plan)
+
+
+GROUP = "minihuman.activities"
+
+
+def list_built_in_kinds() -> tuple[str, ...]:
+    """The names of this package's kinds."""
+    return list_plugin_names(GROUP, built_in=True)
+
+
+@cache
+def find_kind(name: str) -> ActivityKind:
+    """The kind of that name.
+
+    Raises:
+        ProtocolError: if none is installed.
+    """
+    kind = load_plugin(GROUP, name, ProtocolError, what="activity")
+    if not isinstance(kind, ActivityKind):
+        raise ProtocolError(
+            f"activity {name!r} is of type {type(kind).__name__}; register an instance of minihuman.ext.ActivityKind"
+        )
+    return kind
+
+
+def build_activity(number: int, part: PlannedPart, context: SessionContext) -> Activity:
+    """An activity for a part of a plan."""
+    return find_kind(part.kind).activity(number, part, context)

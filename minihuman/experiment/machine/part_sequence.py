@@ -6,11 +6,10 @@ Plans recorded before there were parts are read as consent, keyboard check, bloc
 from collections.abc import Sequence
 
 from minihuman.errors import AllocationError
-from minihuman.experiment.activities.activity import Activity, PartEnding, SessionContext
+from minihuman.experiment.activities.activity import Activity, PartEnding, SessionContext, build_activity
 from minihuman.experiment.activities.block_plans import PlayPlan
 from minihuman.experiment.activities.keyboard_check import KeyboardCheckPlan
 from minihuman.experiment.activities.pages import PagePlan
-from minihuman.experiment.activities.registry import build_activity
 from minihuman.experiment.machine.events import PartEnded, PartStarted
 from minihuman.experiment.plan.session_plan import PlannedPart, SessionPlan
 from minihuman.experiment.words import InterfaceWords

@@ -12,12 +12,11 @@ import msgspec
 
 from minihuman.display.text import TypefaceSet, paginate_text, select_typefaces
 from minihuman.errors import AllocationError, ProtocolError
-from minihuman.experiment.activities.activity import ActivityKind
+from minihuman.experiment.activities.activity import ActivityKind, find_kind
 from minihuman.experiment.activities.block_plans import Bindings, ComputedBy, PlayPlan, TeamPlayPlan
 from minihuman.experiment.activities.keyboard_check import KeyboardCheckPlan
 from minihuman.experiment.activities.pages import PagePlan
 from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
-from minihuman.experiment.activities.registry import find_kind
 from minihuman.experiment.activities.team_play import DebriefPlan
 from minihuman.experiment.plan import trials
 from minihuman.experiment.plan.allocation import AllocationSlot, allocation_sha256, build_allocation_list, find_slot

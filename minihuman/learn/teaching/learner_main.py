@@ -14,7 +14,7 @@ from typing import Any
 
 from minihuman.experiment.activities.preferences import EpisodeClip
 from minihuman.operating_system import limit_memory, lower_process_priority
-from minihuman.runtime.plugin_calls import describe_failure
+from minihuman.plugins import describe_failure
 
 SHARE = 0.5  # of the machine's memory that it may have
 

@@ -30,7 +30,7 @@ from minihuman.learn.teaching.learner import (
     minimise_loss,
 )
 from minihuman.learn.teaching.log_dataset import make_fragment, make_lesson_name, read_session_dataset
-from minihuman.learn.teaching.tamer import ActionValues
+from minihuman.learn.teaching.rating_learners import ActionValues
 
 SHARES = {"left": 0.0, "right": 1.0, "equal": 0.5}  # how much of "right" an answer says
 LAPSES = 0.1  # of answers that are taken to be pressed without looking: Christiano and others' share

@@ -10,7 +10,7 @@ from minihuman.experiment.machine.events import Event
 from minihuman.log.codec import EventDecoder, select_decoder
 from minihuman.log.names import END_METADATA, SEGMENT_METADATA
 from minihuman.log.paths import PART_SUFFIX, raise_as_log_error
-from minihuman.log.salvage.chunk import ChunkMessages, LogMessage
+from minihuman.log.salvage.records import ChunkMessages, LogMessage
 from minihuman.log.salvage.scan import LogScanner, MissingMessages
 from minihuman.log.topics import PLAN
 

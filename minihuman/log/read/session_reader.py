@@ -42,7 +42,7 @@ from minihuman.log.paths import PART_SUFFIX, list_sessions, raise_as_log_error
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.log.read.protobuf_columns import FieldColumn, MessageColumns, read_message_columns
 from minihuman.log.read.reader import LogReader
-from minihuman.log.salvage.chunk import TopicMessages
+from minihuman.log.salvage.records import TopicMessages
 from minihuman.log.salvage.summary_section import all_ended_cleanly
 from minihuman.trust import find_logged_sources
 

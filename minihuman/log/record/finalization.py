@@ -29,7 +29,7 @@ from minihuman.log.preview import PreviewEncoder
 from minihuman.log.read.reader import read_segment_starts
 from minihuman.log.record.file_lock import hold_leftover, is_being_recorded
 from minihuman.log.record.live_log import LIBRARY_NAME
-from minihuman.log.salvage.chunk import LogMessage
+from minihuman.log.salvage.records import LogMessage
 from minihuman.log.salvage.scan import LogScanner, MissingMessages
 from minihuman.log.system import current_system, sync_folder, write_durably
 

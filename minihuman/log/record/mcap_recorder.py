@@ -25,7 +25,7 @@ from minihuman.log.record.file_lock import create_live_file, open_leftover
 from minihuman.log.record.finalization import ExpectedContent, FinalizedLog, finish_log
 from minihuman.log.record.live_log import LiveLogEncoder
 from minihuman.log.record.recorder import Recorder
-from minihuman.log.salvage.chunk import LogMessage
+from minihuman.log.salvage.records import LogMessage
 from minihuman.log.salvage.scan import LogScanner
 from minihuman.log.system import current_system, write_again
 from minihuman.log.topics import RARE_TOPICS

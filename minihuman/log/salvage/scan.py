@@ -28,9 +28,12 @@ from minihuman.log.codec import find_topic
 from minihuman.log.integrity import SegmentHead
 from minihuman.log.names import END_METADATA, MISSING_METADATA, SEGMENT_METADATA
 from minihuman.log.paths import open_regular_file
-from minihuman.log.salvage.chunk import RECORD_HEADER, ChunkMessages, ChunkRecords, LogMessage, split_chunk
-from minihuman.log.salvage.framing import (
+from minihuman.log.salvage.records import (
     MAX_RECORD_BYTES,
+    RECORD_HEADER,
+    ChunkMessages,
+    ChunkRecords,
+    LogMessage,
     as_data_stream,
     check_record_size,
     find_next_record,
@@ -38,6 +41,7 @@ from minihuman.log.salvage.framing import (
     parse_chunk,
     parse_chunk_times,
     parse_metadata,
+    split_chunk,
 )
 from minihuman.log.topics import PLAN
 

@@ -17,7 +17,7 @@ import msgspec
 from minihuman.admin.recruitment import Recruitment
 from minihuman.admin.status import format_status
 from minihuman.errors import LogError
-from minihuman.runtime.command_inbox import CommandRequest, send_command
+from minihuman.runtime.session_loop import CommandRequest, send_command
 from minihuman.runtime.watch.running_sessions import IdleWorker, RunningSessions, ThrottledCall
 
 ADDRESS = "127.0.0.1"

@@ -27,20 +27,20 @@ from minihuman.log.system import monotonic_s
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts
 from minihuman.web import messages
 from minihuman.web.arrivals import Arrivals
-from minihuman.web.completion import build_completion, classify_ending, get_page_texts, get_session_code
 from minihuman.web.computed import kernels_digest
 from minihuman.web.connection import Connection, ConnectionFactory, TurnedAway
-from minihuman.web.limits import (
+from minihuman.web.eligibility import build_completion, classify_ending, get_page_texts, get_session_code
+from minihuman.web.messages import (
     HEADERS,
     HELLO_TIMEOUT_S,
     MAX_BACKLOG,
     MAX_TARGET_BYTES,
     MAX_WAITING,
     PREFETCH_BACKLOG,
+    MessageError,
     RateLimit,
     is_same_origin,
 )
-from minihuman.web.messages import MessageError
 
 _ENDS = (WebSocketDisconnect, RuntimeError)  # RuntimeError: something was sent after the end
 

@@ -15,11 +15,11 @@ import uvicorn
 
 from minihuman.admin.lease import SessionLeases, open_lease_table
 from minihuman.errors import LogError, MinihumanError, ProtocolError
-from minihuman.experiment.activities.registry import find_kind
+from minihuman.experiment.activities.activity import find_kind
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.operating_system import claim_address, exit_when_terminated
 from minihuman.web.arrivals import Arrivals, build_link, build_platform_link
-from minihuman.web.limits import MAX_MESSAGE_BYTES
+from minihuman.web.messages import MAX_MESSAGE_BYTES
 from minihuman.web.server.app import WebServer
 
 HOST = "127.0.0.1"

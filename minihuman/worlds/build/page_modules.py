@@ -1,19 +1,158 @@
-"""The page's WebAssembly modules: built from the kernels, with a manifest of what is in them and what made them."""
+"""The page's WebAssembly modules: built from the kernels, with a manifest of what is in them and what made them.
+
+From LLVM code to modules and libraries: LLVM's back ends come with llvmlite, the linkers with lld or ziglang.
+"""
 
 import hashlib
 import json
 import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import llvmlite
+import llvmlite.binding as llvm
 import numba
 
 from minihuman.errors import MinihumanError
 from minihuman.worlds.build.exports import EXPORTS
 from minihuman.worlds.build.lowering import lower
-from minihuman.worlds.build.targets import PAGE, PAGE_SIMD, Target, link, linker_version
 from minihuman.worlds.source_digest import module_digest
+
+_STACK_BYTES = 1 << 18
+_RESHAPE = """
+define internal i32 @numba_attempt_nocopy_reshape(
+    i64, ptr, ptr, i64 %count, ptr %extents, ptr %strides, i64 %size, i32) {
+entry:
+  br label %test
+test:
+  %left = phi i64 [ %count, %entry ], [ %axis, %next ]
+  %stride = phi i64 [ %size, %entry ], [ %wider, %next ]
+  %more = icmp sgt i64 %left, 0
+  br i1 %more, label %next, label %end
+next:
+  %axis = sub i64 %left, 1
+  %to = getelementptr i64, ptr %strides, i64 %axis
+  store i64 %stride, ptr %to
+  %from = getelementptr i64, ptr %extents, i64 %axis
+  %extent = load i64, ptr %from
+  %wider = mul i64 %stride, %extent
+  br label %test
+end:
+  ret i32 1
+}
+"""  # of a contiguous array, as all in kernels are
+
+
+class BuildError(MinihumanError, RuntimeError):
+    """A tool that builds is missing, or refused."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What code is made for.
+
+    Args:
+        triple: LLVM's name of the machine.
+        cpu: LLVM's name of the oldest processor it runs on; "" for the machine's first.
+        features: LLVM's names of instructions beside those, each with a plus.
+        linker: the name of lld that makes its modules.
+        options: what the linker is told, beside the names of functions and files.
+        suffix: of the file.
+    """
+
+    triple: str
+    cpu: str
+    features: str
+    linker: str
+    options: tuple[str, ...]
+    suffix: str
+
+
+_PAGE_OPTIONS = (
+    *("--no-entry", "--strip-all", "--stack-first", "-z", f"stack-size={_STACK_BYTES}"),
+    *("--export=__heap_base", "--initial-memory=1048576"),
+)
+_PLAIN = "+bulk-memory,+sign-ext,+nontrapping-fptoint,+mutable-globals"
+PAGE = Target("wasm32-unknown-unknown", "", _PLAIN, "wasm-ld", _PAGE_OPTIONS, ".wasm")
+PAGE_SIMD = Target("wasm32-unknown-unknown", "", f"{_PLAIN},+simd128", "wasm-ld", _PAGE_OPTIONS, ".simd.wasm")
+_SHARED = ("-shared", "--gc-sections", "--strip-all", "-z", "noexecstack", "--build-id=none")
+LINUX_X86 = Target("x86_64-unknown-linux-gnu", "x86-64-v3", "", "ld.lld", _SHARED, ".x86_64.so")
+LINUX_X86_OLD = Target("x86_64-unknown-linux-gnu", "x86-64-v2", "", "ld.lld", _SHARED, ".x86_64_v2.so")
+LINUX_ARM = Target("aarch64-unknown-linux-gnu", "", "", "ld.lld", _SHARED, ".aarch64.so")
+
+
+def linker_version(target: Target) -> str | None:
+    """What the linker calls itself; None where there is none."""
+    command = _linker(target.linker)
+    if command is None:
+        return None
+    return subprocess.run([*command, "--version"], capture_output=True, text=True, check=True).stdout.strip()
+
+
+def link(codes: Sequence[str], names: Sequence[str], target: Target) -> bytes:
+    """Make one module of LLVM codes, from which these functions can be called.
+
+    Raises:
+        BuildError: if there is no linker, or it refuses.
+    """
+    command = _linker(target.linker)
+    if command is None:
+        raise BuildError(f"{target.linker} was not found on the PATH; install lld, or ziglang from PyPI")
+    with tempfile.TemporaryDirectory() as folder:
+        objects = []
+        for number, code in enumerate(codes):
+            objects.append(Path(folder, f"{number}.o"))
+            objects[-1].write_bytes(_object(code, target))
+        out = Path(folder, "out")
+        exported = [f"--export={name}" for name in names] if target.linker == "wasm-ld" else []
+        arguments = [*command, *target.options, *exported, "-o", str(out), *map(str, objects)]
+        done = subprocess.run(arguments, capture_output=True, text=True)
+        if done.returncode:
+            raise BuildError(f"{target.linker} refused: {done.stderr.strip()[:2000]}")
+        return out.read_bytes()
+
+
+def _object(code: str, target: Target) -> bytes:
+    _initialize()
+    machine = llvm.Target.from_triple(target.triple).create_target_machine(
+        cpu=target.cpu,
+        features=target.features,
+        opt=3,
+        reloc="static" if "wasm" in target.triple else "pic",
+        codemodel="default",
+    )
+    code = re.sub(r'target datalayout = ".*"', f'target datalayout = "{machine.target_data}"', code)
+    code = re.sub(r'target triple = ".*"', f'target triple = "{target.triple}"', code)
+    code = re.sub(r'"(target-cpu|target-features|tune-cpu)"="[^"]*"', "", code)
+    code = re.sub(r"^declare [^@]*@numba_attempt_nocopy_reshape\(.*$", lambda _: _RESHAPE, code, flags=re.M)
+    module = llvm.parse_assembly(code)
+    module.verify()
+    return bytes(machine.emit_object(module))
+
+
+@cache
+def _initialize() -> None:
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+
+
+@cache
+def _linker(name: str) -> tuple[str, ...] | None:
+    if path := shutil.which(name):
+        return (path,)
+    if find_spec("ziglang") is not None:
+        return sys.executable, "-m", "ziglang", name
+    return None
+
 
 MANIFEST = "manifest.json"
 # code for the machine's first processor: what is built is the same wherever it is

@@ -1,11 +1,12 @@
 """FirstPersonEnv: a first-person world as a Gymnasium environment.
 
-A subclass says what stands where (`build`), what a step earns and when the episode ends.
+A subclass says what stands where (`build`), and by a termination rule that kernels know what a step earns and when the
+episode ends.
 """
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import gymnasium
 import numpy as np
@@ -15,7 +16,6 @@ from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.entities import Agent, Entity, ImageFrame, Position, TextFrame
-from minihuman.worlds.first_person.flat_state import FlatState
 from minihuman.worlds.first_person.miniworld_compat import MiniworldCompat
 from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters
 from minihuman.worlds.first_person.pictures import COMPILE_PIECES, WorldRenderer
@@ -29,18 +29,63 @@ from minihuman.worlds.first_person.rooms import (
     outline_of,
     rectangle,
 )
+from minihuman.worlds.first_person.rules import FACE, GOAL, HEALTH, NEVER, PUT_NEXT, SIGN, TAKE_ALL
 from minihuman.worlds.first_person.state import (
     FirstPersonSnapshot,
+    FlatState,
     WorldState,
     floor_map,
     restore_state,
     save_state,
     state_hash,
 )
-from minihuman.worlds.first_person.termination import TerminationRule
 from minihuman.worlds.options import MAX_PIXELS, check_bool, check_one_of, check_whole
 from minihuman.worlds.pose import Map, Pose
 from minihuman.worlds.step_limit import check_action, check_max_steps
+
+
+class TerminationRule(NamedTuple):
+    """A rule, and what it is about; made by the functions of this module."""
+
+    kind: int = NEVER
+    things: tuple[Entity, ...] = ()
+    numbers: tuple[float, ...] = ()
+    score: str = ""  # the world's attribute that it counts in
+
+
+def near_goal(goal: Entity, *, forbidden: Room | None = None) -> TerminationRule:
+    """End near a thing, which earns 1 down to 0.8; or in a forbidden room, for nothing."""
+    edges = () if forbidden is None else forbidden.outline.edges
+    return TerminationRule(GOAL, (goal,), tuple(part for edge in edges for part in (*edge.start, *edge.normal)))
+
+
+def pick_up_all(count: int, *, score: str) -> TerminationRule:
+    """Earn 1 for each thing picked up, which is gone then; end after so many."""
+    return TerminationRule(TAKE_ALL, (), (float(count),), score)
+
+
+def put_next(one: Entity, other: Entity) -> TerminationRule:
+    """End when nothing is carried and two things are near each other, which earns 1 down to 0.8."""
+    return TerminationRule(PUT_NEXT, (one, other))
+
+
+def stay_alive(*, score: str, cost: float, full: float, reward: float, penalty: float) -> TerminationRule:
+    """Pay for each step with health, all of which a thing that is picked up gives back; end without any.
+
+    The thing turns up elsewhere. A step earns ``reward``, the last one ``penalty``.
+    """
+    return TerminationRule(HEALTH, (), (cost, full, reward, penalty), score)
+
+
+def touch_right_one(things: tuple[Entity, ...], right: int) -> TerminationRule:
+    """End near one of the things, the last of several counting: 1 for the right one, -1 for another; or by "done"."""
+    return TerminationRule(SIGN, things, (float(right),))
+
+
+def face(goal: Entity, *, reach_m: float, tolerance_m: float) -> TerminationRule:
+    """End where a point so far ahead is within a tolerance of a thing, which earns 1 down to 0.8."""
+    return TerminationRule(FACE, (goal,), (reach_m, tolerance_m))
+
 
 _NOT_STATE = frozenset(
     {"action_names", "action_space", "observation_space", "max_steps", "parameters", "domain_rand", "render_mode"}

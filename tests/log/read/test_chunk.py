@@ -5,7 +5,7 @@ import struct
 import numpy as np
 import pytest
 
-from minihuman.log.salvage.chunk import split_chunk
+from minihuman.log.salvage.records import split_chunk
 from minihuman.log.salvage.scan import LogScanner
 from tests.log.played import record
 from tests.log.samples import session_events, session_plan

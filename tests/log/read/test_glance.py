@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from minihuman.admin.session_summary import summarize_session
+from minihuman.admin.session_index import summarize_session
 from minihuman.errors import LogError
 from minihuman.experiment.machine.events import SessionEnded
 from minihuman.log.read.session_reader import read_log

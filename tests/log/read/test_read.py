@@ -32,7 +32,7 @@ from minihuman.log.model.session_log import pose_as_row
 from minihuman.log.names import SEGMENT_METADATA
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.log.salvage.chunk import LogMessage
+from minihuman.log.salvage.records import LogMessage
 from minihuman.log.salvage.scan import LogScanner
 from tests.log.played import record
 from tests.log.samples import STARTED_NS, session_events, session_plan

@@ -8,8 +8,7 @@ from pathlib import Path
 import gymnasium
 import pytest
 
-from minihuman.worlds.build.page_modules import MANIFEST, sources_digest
-from minihuman.worlds.build.targets import PAGE, linker_version
+from minihuman.worlds.build.page_modules import MANIFEST, PAGE, linker_version, sources_digest
 from minihuman.worlds.catalogue import WORLDS, is_compiled_grid
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from tests.worlds.build.page_cases import Files, differing, page_case

@@ -17,10 +17,9 @@ import minihuman  # noqa: F401
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.core.cells import BALL, BOX, DOOR, EMPTY
 from minihuman.worlds.grid.core.rewards import cell_in_front
-from minihuman.worlds.grid.env import GridEnv
+from minihuman.worlds.grid.env import GridEnv, GridWorld
 from minihuman.worlds.grid.object_kinds import wall
 from minihuman.worlds.grid.planner import plan
-from minihuman.worlds.grid.world import GridWorld
 
 
 class TheirOpen(MiniGridEnv):

@@ -11,10 +11,9 @@ from gymnasium.utils.env_checker import check_env
 import minihuman
 from minihuman.errors import WorldError
 from minihuman.worlds.catalogue import GRID_WORLDS
-from minihuman.worlds.grid.env import GridEnv
+from minihuman.worlds.grid.env import GridEnv, GridWorld
 from minihuman.worlds.grid.layout import from_text
 from minihuman.worlds.grid.object_kinds import Item, ball, box, door, key
-from minihuman.worlds.grid.world import GridWorld
 from minihuman.worlds.pose import Pose
 
 OBSTRUCTED = "minihuman/MiniGrid-ObstructedMaze-1Dlhb-v0"

@@ -9,10 +9,10 @@ import pytest
 
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.core.rules import ACTION_NAMES
+from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.grid.layout import from_text
 from minihuman.worlds.grid.object_kinds import BlockShape, MeshShape, ObjectKind, box, goal, key
 from minihuman.worlds.grid.planner import plan
-from minihuman.worlds.grid.world import GridWorld
 from minihuman.worlds.grid.wrappers import OneHot, Symbolic
 from minihuman.worlds.inside.env import GridFromInside
 

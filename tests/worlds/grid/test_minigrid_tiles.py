@@ -7,8 +7,8 @@ import pytest
 from minigrid.wrappers import RGBImgObsWrapper, RGBImgPartialObsWrapper
 
 import minihuman  # noqa: F401
+from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.grid.object_kinds import ObjectKind
-from minihuman.worlds.grid.world import GridWorld
 from minihuman.worlds.grid.wrappers import PictureObservation
 from tests.counts import count
 

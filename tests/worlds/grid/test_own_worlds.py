@@ -5,8 +5,8 @@ import pytest
 
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.core import rewards
+from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.grid.object_kinds import ball, box, door, goal, key
-from minihuman.worlds.grid.world import GridWorld
 
 
 class KeyAndDoor(GridWorld):

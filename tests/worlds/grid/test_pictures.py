@@ -10,10 +10,10 @@ import minihuman  # noqa: F401
 from minihuman.errors import WorldError
 from minihuman.worlds.colours import COLOURS
 from minihuman.worlds.grid.core.cells import KINDS
+from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.grid.layout import from_text
 from minihuman.worlds.grid.object_kinds import Item
 from minihuman.worlds.grid.pictures.tiles import OBJECT_COLOURS, UNSEEN
-from minihuman.worlds.grid.world import GridWorld
 
 
 class Drawn(GridWorld):

@@ -7,8 +7,7 @@ import pytest
 
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.core import kitchen_rules as fields
-from minihuman.worlds.grid.kitchen import Kitchen
-from minihuman.worlds.grid.layouts.kitchens import KITCHENS, KitchenLayout
+from minihuman.worlds.grid.kitchen import KITCHENS, Kitchen, KitchenLayout
 
 from . import overcooked
 

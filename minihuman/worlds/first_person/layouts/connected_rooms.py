@@ -4,12 +4,11 @@ import math
 from typing import Any
 
 from minihuman.worlds.first_person.entities import Ball, Box, ImageFrame, Key, Mesh
-from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.first_person.env import FirstPersonEnv, TerminationRule, near_goal
 from minihuman.worlds.first_person.layouts.one_room import GoalEnv
 from minihuman.worlds.first_person.parameters import uniform
 from minihuman.worlds.first_person.rooms import Room
 from minihuman.worlds.first_person.rules import MOVES
-from minihuman.worlds.first_person.termination import TerminationRule, near_goal
 from minihuman.worlds.options import MAX_METRES, check_number
 
 

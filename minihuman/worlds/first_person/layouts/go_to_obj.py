@@ -6,10 +6,9 @@ from typing import Any
 
 from minihuman.worlds.contract import PathLengthBounds, search_first_success
 from minihuman.worlds.first_person.entities import Ball, Box, Entity, Key
-from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.first_person.env import FirstPersonEnv, TerminationRule, face
 from minihuman.worlds.first_person.parameters import DEFAULTS
 from minihuman.worlds.first_person.rules import MOVES
-from minihuman.worlds.first_person.termination import TerminationRule, face
 from minihuman.worlds.go_to_obj import draw_arrangement
 from minihuman.worlds.options import MAX_METRES, check_number
 

@@ -9,11 +9,17 @@ from typing import Any
 from minihuman.worlds.colours import COLOUR_NAMES
 from minihuman.worlds.contract import PathLengthBounds
 from minihuman.worlds.first_person.entities import Ball, Box, Entity, Key, Mesh
-from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.first_person.env import (
+    FirstPersonEnv,
+    TerminationRule,
+    near_goal,
+    pick_up_all,
+    put_next,
+    stay_alive,
+)
 from minihuman.worlds.first_person.parameters import uniform
 from minihuman.worlds.first_person.pathfinding.planner import least_steps, plan, plan_put_next, plan_take_all
 from minihuman.worlds.first_person.rules import ACTIONS, MOVES
-from minihuman.worlds.first_person.termination import TerminationRule, near_goal, pick_up_all, put_next, stay_alive
 from minihuman.worlds.options import MAX_METRES, check_number, check_whole
 
 

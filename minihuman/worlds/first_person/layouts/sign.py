@@ -8,11 +8,10 @@ import gymnasium
 
 from minihuman.worlds.contract import PathLengthBounds
 from minihuman.worlds.first_person.entities import Box, Entity, Key, TextFrame
-from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.first_person.env import FirstPersonEnv, TerminationRule, touch_right_one
 from minihuman.worlds.first_person.parameters import DEFAULTS
 from minihuman.worlds.first_person.pathfinding.planner import least_steps, plan
 from minihuman.worlds.first_person.rules import MOVES
-from minihuman.worlds.first_person.termination import TerminationRule, touch_right_one
 from minihuman.worlds.options import MAX_METRES, check_number, check_whole
 
 _GAP = 0.25

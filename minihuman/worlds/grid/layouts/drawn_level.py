@@ -13,8 +13,8 @@ import textwrap
 from typing import Any
 
 from minihuman.errors import WorldError
+from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.grid.layout import AGENT, Layout, from_text
-from minihuman.worlds.grid.world import GridWorld
 from minihuman.worlds.options import MAX_CELLS
 
 EXAMPLE = """

@@ -10,11 +10,11 @@ from minihuman.worlds.contract import PathLengthBounds
 from minihuman.worlds.go_to_obj import KINDS, draw_arrangement
 from minihuman.worlds.grid.core.rewards import FORWARD, REACH, TOGGLE, cell_in_front, success_reward
 from minihuman.worlds.grid.core.state import TARGET
+from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.grid.layout import Layout
 from minihuman.worlds.grid.missions import MissionSpace
 from minihuman.worlds.grid.object_kinds import Item
 from minihuman.worlds.grid.planner import facing, walk
-from minihuman.worlds.grid.world import GridWorld
 from minihuman.worlds.options import MAX_CELLS, check_bool, check_whole
 
 

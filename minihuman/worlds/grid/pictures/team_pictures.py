@@ -1,5 +1,8 @@
-"""Pictures of a grid with several bodies: each an arrowhead in its colour, with what it carries in a corner."""
+"""Pictures of a grid with several bodies: each an arrowhead in its colour, with what it carries in a corner; and of a
+kitchen from above: stations, pots with their clocks, cooks in their colours and what they hold.
+"""
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -7,13 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.worlds.contract import Palette, View
+from minihuman.worlds.grid.core import kitchen_rules as fields
 from minihuman.worlds.grid.core.bodies import BODY_COLOURS, body_index, count_bodies, see_body
 from minihuman.worlds.grid.core.cells import AGENT, EMPTY, ahead
+from minihuman.worlds.grid.core.kitchen_rules import clock_of, kind_of, onions_in, recipe_of, tomatoes_in
 from minihuman.worlds.grid.core.state import CARRYING, HEIGHT, WIDTH, Row, X, row_length
 from minihuman.worlds.grid.core.view import see
 from minihuman.worlds.grid.object_kinds import ObjectKind
 from minihuman.worlds.grid.pictures.drawing import LOOKS, Pixels, atlas, draw_cells
-from minihuman.worlds.grid.pictures.tiles import OBJECT_COLOURS, agent
+from minihuman.worlds.grid.pictures.tiles import OBJECT_COLOURS, RGB, Canvas, agent, shade
 
 
 class Figure(NamedTuple):
@@ -87,3 +92,150 @@ def draw_team(
             inset = tile_px - small.shape[0]
             lay(prepare_figure(small), column * tile_px + inset, line * tile_px + inset, out)
     return out
+
+
+THING_NAMES = ("floor", "pot", "counter", "onions", "tomatoes", "plates", "serving hatch")  # by terrain
+_ONION: RGB = (236, 200, 96)
+_TOMATO: RGB = (222, 66, 52)
+_SKIN: RGB = (150, 112, 40)  # of onions
+_LEAF: RGB = (70, 150, 70)  # of tomatoes
+_PLATE: RGB = (240, 243, 248)
+_COUNTER: RGB = (150, 119, 82)
+_POT: RGB = (70, 76, 88)
+_HATCH: RGB = (64, 170, 104)
+_FLOOR: RGB = (226, 218, 204)
+_STEEL: RGB = (176, 184, 196)
+_DARK: RGB = (34, 36, 42)
+_SOUP: RGB = (214, 140, 52)
+_RAW: RGB = (92, 128, 170)  # the water of a pot that does not cook yet
+THING_COLOURS = tuple(
+    "#{:02x}{:02x}{:02x}".format(*colour) for colour in (_FLOOR, _POT, _COUNTER, _ONION, _TOMATO, _PLATE, _HATCH)
+)
+_SPOTS = (((0.5, 0.5),), ((0.36, 0.5), (0.64, 0.5)), ((0.5, 0.36), (0.36, 0.62), (0.64, 0.62)))  # of 1 to 3 things
+
+
+def draw_kitchen(row: Row, body: int, tile_px: int, palette: Palette) -> Pixels:
+    """A picture of the whole kitchen, uint8[height * tile_px, width * tile_px, 3]; the own cook has a white ring."""
+    width, height, cooks = row[:3].tolist()
+    start, cells = fields.COOK + 4 * cooks, width * height
+    out = np.empty((height * tile_px, width * tile_px, 3), np.uint8)
+    for cell in range(cells):
+        x, y = divmod(cell, height)
+        terrain, thing = int(row[start + cell]), int(row[start + cells + cell])
+        time = int(row[fields.TIMES + recipe_of(thing)]) if kind_of(thing) == fields.SOUP else 0
+        out[y * tile_px : (y + 1) * tile_px, x * tile_px : (x + 1) * tile_px] = _station(terrain, thing, time, tile_px)
+    for cook in range(cooks):
+        x, y, direction, held = row[fields.COOK + 4 * cook :][:4].tolist()
+        colour = OBJECT_COLOURS[palette][BODY_COLOURS[cook]]
+        lay(_cook(colour, direction, held, cook == body, tile_px), x * tile_px, y * tile_px, out)
+    return out
+
+
+@lru_cache(maxsize=1024)
+def _station(terrain: int, thing: int, time: int, size_px: int) -> Pixels:
+    canvas = Canvas(size_px)
+    if terrain == fields.FLOOR:
+        canvas.fill(canvas.everywhere(), shade(_FLOOR, -0.14))
+        canvas.fill(canvas.box(0.02, 0.02, 0.98, 0.98), _FLOOR)
+        return canvas.rgb.round().astype(np.uint8)
+    canvas.fill(canvas.everywhere(), shade(_COUNTER, -0.35))
+    canvas.fill(canvas.box(0.02, 0.02, 0.98, 0.98, 0.06), _COUNTER)
+    if terrain == fields.ONIONS or terrain == fields.TOMATOES:
+        canvas.fill(canvas.box(0.1, 0.1, 0.9, 0.9, 0.1), shade(_COUNTER, -0.5))
+        for u, v in ((0.33, 0.35), (0.67, 0.35), (0.33, 0.67), (0.67, 0.67)):
+            _vegetable(canvas, terrain == fields.ONIONS, u, v, 0.16)
+    elif terrain == fields.DISHES:
+        for v in (0.6, 0.5, 0.4):
+            _plate(canvas, 0.5, v, 0.3)
+    elif terrain == fields.HATCH:
+        canvas.fill(canvas.box(0.06, 0.06, 0.94, 0.94, 0.08), _HATCH)
+        canvas.fill(canvas.bar(0.5, 0.7, 0.5, 0.36, 0.07), _PLATE)
+        canvas.fill(canvas.polygon((0.5, 0.14), (0.76, 0.46), (0.24, 0.46), rounding=0.03), _PLATE)
+    elif terrain == fields.POT:
+        _pot(canvas, thing, time)
+    if terrain != fields.POT:
+        _thing(canvas, thing, 0.5, 0.5, 1.0)
+    return canvas.rgb.round().astype(np.uint8)
+
+
+@lru_cache(maxsize=512)
+def _cook(colour: RGB, direction: int, held: int, own: bool, size_px: int) -> Figure:
+    canvas = Canvas(size_px)
+    forward = ((0, -1), (0, 1), (1, 0), (-1, 0))[direction]
+    if own:
+        canvas.fill(canvas.disc(0.5, 0.5, 0.49), _DARK)
+        canvas.fill(canvas.disc(0.5, 0.5, 0.47), _PLATE)
+    canvas.fill(canvas.disc(0.5, 0.5, 0.42), _DARK)
+    canvas.fill(canvas.disc(0.5, 0.5, 0.38), colour)
+    hat_u, hat_v = 0.5 - 0.1 * forward[0], 0.5 - 0.1 * forward[1]
+    canvas.fill(canvas.disc(hat_u, hat_v, 0.22), shade(colour, -0.4))
+    canvas.fill(canvas.disc(hat_u, hat_v, 0.19), _PLATE)
+    tip = (0.5 + 0.49 * forward[0], 0.5 + 0.49 * forward[1])
+    base = (0.5 + 0.33 * forward[0], 0.5 + 0.33 * forward[1])
+    side = (0.17 * forward[1], 0.17 * forward[0])
+    corners = (tip, (base[0] + side[0], base[1] + side[1]), (base[0] - side[0], base[1] - side[1]))
+    canvas.fill(canvas.polygon(*corners, rounding=0.02), _DARK)
+    if held:
+        _thing(canvas, held, 0.5 + 0.12 * forward[0], 0.5 + 0.12 * forward[1], 0.86)
+    return prepare_figure(np.dstack([canvas.rgb, 255 * canvas.alpha]).round().astype(np.uint8))
+
+
+def _thing(canvas: Canvas, thing: int, u: float, v: float, size: float) -> None:
+    """Something that can be carried, around a point."""
+    kind = kind_of(thing)
+    if kind == fields.ONION or kind == fields.TOMATO:
+        _vegetable(canvas, kind == fields.ONION, u, v, 0.21 * size)
+    elif kind == fields.DISH:
+        _plate(canvas, u, v, 0.3 * size)
+    elif kind == fields.SOUP:
+        _plate(canvas, u, v, 0.32 * size)
+        canvas.fill(canvas.disc(u, v, 0.23 * size), shade(_SOUP, -0.3))
+        canvas.fill(canvas.disc(u, v, 0.2 * size), _SOUP)
+        _ingredients(canvas, thing, u, v, 0.5 * size)
+
+
+def _pot(canvas: Canvas, thing: int, time: int) -> None:
+    """A pot from above: what is in it, and a clock that fills while it cooks and is a green ring when done."""
+    canvas.fill(canvas.box(0.04, 0.04, 0.96, 0.96, 0.08), shade(_POT, -0.5))
+    canvas.fill(canvas.bar(0.12, 0.5, 0.88, 0.5, 0.07), _DARK)
+    canvas.fill(canvas.disc(0.5, 0.5, 0.38), _STEEL)
+    canvas.fill(canvas.disc(0.5, 0.5, 0.32), shade(_POT, -0.55))
+    if not thing:
+        return
+    clock = clock_of(thing)
+    done = clock >= time
+    canvas.fill(canvas.disc(0.5, 0.5, 0.3), _RAW if clock < 0 else _SOUP)
+    _ingredients(canvas, thing, 0.5, 0.5, 0.8)
+    if clock >= 0:
+        for tick in range(24 if done else 24 * clock // max(time, 1)):
+            angle = math.tau * tick / 24
+            canvas.fill(
+                canvas.disc(0.5 + 0.4 * math.sin(angle), 0.5 - 0.4 * math.cos(angle), 0.055),
+                (70, 220, 110) if done else (255, 255, 255),
+            )
+
+
+def _ingredients(canvas: Canvas, thing: int, u: float, v: float, size: float) -> None:
+    inside = [True] * onions_in(thing) + [False] * tomatoes_in(thing)
+    for (spot_u, spot_v), is_onion in zip(_SPOTS[max(len(inside), 1) - 1], inside, strict=False):
+        _vegetable(canvas, is_onion, u + (spot_u - 0.5) * size, v + (spot_v - 0.5) * size, 0.13 * size)
+
+
+def _vegetable(canvas: Canvas, is_onion: bool, u: float, v: float, radius: float) -> None:
+    colour = _ONION if is_onion else _TOMATO
+    canvas.fill(canvas.disc(u, v, radius * 1.12), shade(colour, -0.55))
+    canvas.fill(canvas.disc(u, v, radius), colour)
+    if is_onion:
+        for du, top, bottom, width in ((0.0, -1.2, -0.5, 0.16), (-0.3, -0.5, 0.5, 0.07), (0.3, -0.5, 0.5, 0.07)):
+            at = u + radius * du
+            canvas.fill(canvas.bar(at, v + radius * top, at, v + radius * bottom, radius * width), _SKIN)
+    else:
+        for du, dv in ((0.5, 0), (-0.5, 0), (0, 0.4)):
+            tip = u + radius * du, v + radius * (dv - 0.6)
+            canvas.fill(canvas.bar(u, v - radius * 0.6, *tip, radius * 0.16), _LEAF)
+
+
+def _plate(canvas: Canvas, u: float, v: float, radius: float) -> None:
+    canvas.fill(canvas.disc(u, v, radius * 1.08), shade(_PLATE, -0.5))
+    canvas.fill(canvas.disc(u, v, radius), _PLATE)
+    canvas.fill(canvas.disc(u, v, radius * 0.68), shade(_PLATE, -0.12))

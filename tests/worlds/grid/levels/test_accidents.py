@@ -12,8 +12,8 @@ import minihuman  # noqa: F401
 from minihuman.worlds.grid.babyai.expert import plan_instruction
 from minihuman.worlds.grid.babyai.instruction_space import InstructionSpace
 from minihuman.worlds.grid.babyai.language import And, Before, GoTo, ObjectDescription, Open, Pickup, PutNext
+from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.grid.layout import from_text
-from minihuman.worlds.grid.world import GridWorld
 
 ACTIONS = {
     letter: number for number, letter in enumerate("LRFPDTN")

@@ -1,0 +1,324 @@
+"""Learning from ratings: TAMER, Deep COACH, and which step a press was about.
+
+TAMER models how a person rates each action and takes the one that would be rated best. For Deep COACH ratings are
+advantages: a policy's actions become more likely the better they were rated. Both need credit assignment: the picture
+that shows a step's outcome is seen from the moment it is shown, so a press of a person who takes `d` ms is about the
+step whose outcome was seen `d` ms before. The delay can be found from the presses: their times after a picture tell it
+up to a whole number of steps, and of these the right one explains best how steps were rated.
+"""
+
+from dataclasses import asdict, dataclass
+from typing import ClassVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from minihuman.errors import LearnError
+from minihuman.learn.policy.network import Policy
+from minihuman.learn.teaching.dataset import Dataset
+from minihuman.learn.teaching.learner import (
+    LabelledSteps,
+    Learner,
+    LearningRequest,
+    LearningResult,
+    collect_steps,
+    copy_policy,
+    make_fresh_policy,
+    minimise_loss,
+)
+
+LONGEST_MS = 2000.0  # that a person takes; more is about something else
+SHORTEST_MS = 100.0
+UNKNOWN_DELAY_MS = 500.0  # the middle of TAMER's own 200 to 800 ms, where presses are too few to tell
+MIN_PRESSES = 12  # presses of which a delay can be told
+MAX_PRESSES = 600  # presses that are looked at, the last ones
+RIDGE = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Presses:
+    """Presses and the steps that each may be about."""
+
+    values: NDArray[np.float64]  # (presses,) 1 good, -1 bad
+    steps: NDArray[np.int64]  # (presses, candidates) rows of all lessons' steps; -1 where there is no more
+    after_ms: NDArray[np.float64]  # (presses, candidates) from the outcome's picture to the press; NaN likewise
+    period_ms: float  # between pictures
+
+    def about(self, delay_ms: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """For each press the step that fits a delay best, or -1, and its delay."""
+        away = np.abs(self.after_ms - delay_ms)
+        away[np.isnan(away)] = np.inf
+        best = away.argmin(axis=1)
+        each = np.arange(len(best))
+        near = away[each, best] <= self.period_ms
+        return np.where(near, self.steps[each, best], -1), self.after_ms[each, best]
+
+
+def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
+    """A data set's ratings beside its steps.
+
+    Raises:
+        LearnError: if it has none that follows a step's picture.
+    """
+    lessons = [lesson for lesson in dataset.lessons if len(lesson.actions)]
+    if not lessons:
+        raise LearnError(f"none of the {len(dataset.lessons)} lessons has a step; play an episode first")
+    first, told = 0, dict[str, list[NDArray[np.int64]]]()  # by session: when each outcome was seen, and its row
+    periods = np.concatenate([np.diff(lesson.shown_ns) for lesson in lessons])
+    period_ns = int(np.median(periods)) if len(periods) else 0
+    for lesson in lessons:
+        seen_ns = np.append(lesson.shown_ns[1:], lesson.shown_ns[-1] + period_ns)
+        rows = np.arange(first, first + len(lesson.actions))
+        told.setdefault(_session(lesson.name), []).append(np.stack((seen_ns, rows)))
+        first += len(lesson.actions)
+    sessions = {name: _in_time(np.concatenate(parts, axis=1)) for name, parts in told.items()}
+    nothing = np.zeros((2, 0), np.int64)
+    candidates = max(1, int(np.ceil(LONGEST_MS * 1e6 / max(1, period_ns)))) + 1
+    steps = np.full((len(dataset.ratings), candidates), -1)
+    after = np.full((len(dataset.ratings), candidates), np.nan)
+    for place, rating in enumerate(dataset.ratings):
+        seen_ns, row = sessions.get(_session(rating.lesson), nothing)
+        last = int(np.searchsorted(seen_ns, rating.t_ns - SHORTEST_MS * 1e6, side="right"))
+        chosen = np.arange(max(0, last - candidates), last)[::-1]
+        delays = (rating.t_ns - seen_ns[chosen]) / 1e6
+        chosen, delays = chosen[delays <= LONGEST_MS], delays[delays <= LONGEST_MS]
+        steps[place, : len(chosen)], after[place, : len(chosen)] = row[chosen], delays
+    fits = (steps >= 0).any(axis=1)
+    if not fits.any():
+        raise LearnError(
+            f"none of the {len(dataset.ratings)} ratings was given within {LONGEST_MS:g} ms of a picture; rate "
+            "steps while they are shown"
+        )
+    values = np.array([rating.value for rating in dataset.ratings])
+    return Presses(values[fits], steps[fits], after[fits], period_ns / 1e6), collect_steps(lessons)
+
+
+def _session(lesson: str) -> str:
+    """Whose clock a lesson's times are on: each session's begins at 0."""
+    return lesson.partition(":")[0]
+
+
+def _in_time(told: NDArray[np.int64]) -> NDArray[np.int64]:
+    return told[:, np.argsort(told[0], kind="stable")]
+
+
+def find_delay(presses: Presses, steps: LabelledSteps) -> float | None:
+    """The mean delay in ms; None where there are too few presses to tell."""
+    newest = presses.after_ms[:, 0]
+    if len(newest) < MIN_PRESSES or not presses.period_ms:
+        return None
+    turn = np.angle(np.exp(2j * np.pi * newest / presses.period_ms).mean()) / (2 * np.pi)
+    within = float(turn % 1 * presses.period_ms)
+    tries = [within + k * presses.period_ms for k in range(1 + int(LONGEST_MS // presses.period_ms))]
+    tries = [delay for delay in tries if SHORTEST_MS <= delay <= LONGEST_MS]
+    best = min(tries, key=lambda delay: _surprise(presses, steps, delay))
+    about, after = presses.about(best)
+    return float(after[about >= 0].mean())
+
+
+def _surprise(presses: Presses, steps: LabelledSteps, delay_ms: float) -> float:
+    """The mean square error of predicting each press from the others, given this delay.
+
+    By ridge regression with a kernel that is 1 for the same action on the same picture, 0 for different actions.
+    """
+    about, _ = presses.about(delay_ms)
+    fits = np.flatnonzero(about >= 0)[-MAX_PRESSES:]
+    if len(fits) < MIN_PRESSES:
+        return float("inf")
+    rows = about[fits]
+    seen = steps.observations["image"][rows].flatten(1).numpy().astype(np.float64)
+    squares = (seen**2).sum(axis=1)
+    apart = np.maximum(squares[:, None] + squares - 2 * seen @ seen.T, 0)
+    actions = steps.actions[rows].numpy()
+    alike = np.exp(-apart / max(1.0, float(np.median(apart)))) * (actions[:, None] == actions)
+    inverse = np.linalg.inv(alike + RIDGE * np.eye(len(rows)))
+    values = presses.values[fits] - presses.values[fits].mean()
+    return float(np.mean((inverse @ values / np.diag(inverse)) ** 2))
+
+
+def get_credit_weights(after_ms: NDArray[np.float64], delay_ms: float, spread_ms: float) -> NDArray[np.float64]:
+    """How much of each press belongs to each step it may be about: a normal density of delays, each row's sum 1."""
+    density = np.exp(-0.5 * ((after_ms - delay_ms) / spread_ms) ** 2)
+    density = np.nan_to_num(density)
+    sums = density.sum(axis=1, keepdims=True)
+    weights: NDArray[np.float64] = density / np.maximum(sums, 1e-12)
+    return weights
+
+
+class ActionValues(nn.Module):
+    """A policy's actor as a number per action: its logits, before they become probabilities."""
+
+    def __init__(self, policy: Policy) -> None:
+        super().__init__()
+        self.eyes = policy.features_extractor
+        self.actor = policy.mlp_extractor.policy_net
+        self.head = policy.action_net
+
+    def forward(self, seen: dict[str, torch.Tensor]) -> torch.Tensor:
+        """float32[batch, actions]."""
+        values: torch.Tensor = self.head(self.actor(self.eyes({**seen, "image": seen["image"].float() / 255})))
+        return values
+
+
+@dataclass(frozen=True, slots=True)
+class TamerSettings:
+    """Settings of TAMER."""
+
+    updates: int = 150
+    batch_size: int = 64
+    learning_rate: float = 1e-3
+    weight_decay: float = 1e-4
+    delay_ms: float = 0.0  # between picture and press; 0 finds it from the presses
+    spread_ms: float = 150.0  # of the delays' density
+    sharpness: float = 5.0  # the policy's probabilities are those of a softmax of so many times the ratings expected
+
+
+class Tamer(Learner):
+    """Training an agent manually via evaluative reinforcement.
+
+    Knox and Stone (2009), K-CAP: a model of the person's rating of an action is fitted to the ratings, each shared
+    among the steps it may be about by a density of delays, and the agent does what is expected to be rated best. The
+    form is Deep TAMER's (Warnell, Waytowich, Lawhern and Stone, 2018, AAAI): a network, squared error weighted by that
+    density, minibatches of all ratings so far. Here the density is normal and its mean is found from the presses,
+    where TAMER takes 200 to 800 ms as given; and actions are drawn, not the best one taken, so that an agent whose
+    memory is its view leaves the corner it stands in.
+    """
+
+    name: ClassVar[str] = "tamer"
+    settings_type = TamerSettings
+
+    def learn(self, request: LearningRequest) -> LearningResult:
+        """Learn from fresh weights; the policy so far is not looked at.
+
+        Raises:
+            LearnError: if there is no rating.
+        """
+        settings: TamerSettings = self.settings
+        presses, steps = collect_presses(request.dataset)
+        fresh = make_fresh_policy(request.dataset, request.rng)
+        delay = settings.delay_ms or find_delay(presses, steps)
+        weights = torch.as_tensor(
+            get_credit_weights(presses.after_ms, delay or UNKNOWN_DELAY_MS, settings.spread_ms), dtype=torch.float32
+        )
+        about = torch.as_tensor(presses.steps).clamp(min=0)
+        said = torch.as_tensor(presses.values, dtype=torch.float32)
+        judge = ActionValues(fresh)
+
+        def loss_of(generator: torch.Generator) -> torch.Tensor:
+            drawn = torch.randint(len(said), (settings.batch_size,), generator=generator)
+            place = weights[drawn].argmax(dim=1, keepdim=True)  # nearly all of the weight, where steps are apart
+            rows = about[drawn].gather(1, place)[:, 0]
+            share = weights[drawn].gather(1, place)[:, 0]
+            expected = judge(steps.pick(rows)).gather(1, steps.actions[rows, None])[:, 0]
+            error: torch.Tensor = (share * (expected - said[drawn]) ** 2).mean()
+            return error
+
+        updates, loss = minimise_loss(
+            judge,
+            loss_of,
+            request.rng,
+            updates=settings.updates,
+            learning_rate=settings.learning_rate,
+            weight_decay=settings.weight_decay,
+            budget_s=request.budget_s,
+            checkpoint=request.checkpoint,
+        )
+        with torch.no_grad():
+            for values in (fresh.action_net.weight, fresh.action_net.bias):
+                assert isinstance(values, torch.Tensor)
+                values.mul_(settings.sharpness)
+        fresh.set_training_mode(False)
+        notes = {"ratings": len(said), "delay_ms": delay, "loss": loss}
+        return LearningResult(fresh, asdict(settings) | {"updates": updates}, notes)
+
+
+TRACE_STEPS = 4  # before the step a press is about that have a share in it
+
+
+@dataclass(frozen=True, slots=True)
+class CoachSettings:
+    """Settings of Deep COACH."""
+
+    updates: int = 60
+    batch_size: int = 64
+    learning_rate: float = 1e-3
+    entropy: float = 0.1  # weight of the policy's entropy
+    decay: float = 0.35  # of the share of each step further back
+    most_ratio: float = 10.0  # by which an action may be likelier than it was when it was made
+    delay_ms: float = 0.0  # between picture and press; 0 finds it from the presses
+
+
+class DeepCoach(Learner):
+    """Deep reinforcement learning from policy-dependent human feedback.
+
+    Arumugam, Lee, Saskin and Littman (2019), arXiv:1902.04257, after COACH (MacGlashan and others, 2017, ICML): a
+    rating is an advantage under the policy that was rated, so the gradient of an action's log-probability is scaled by
+    it, steps before share in it by a trace that decays with 0.35, each action by how much likelier it has become since,
+    and the policy's entropy is kept up. They take a delay of one step of 250 ms, minibatches of 16 windows of 10 steps,
+    a learning rate of 0.00025 and an entropy weight of 1.5, and learn after every press. Here updates come between
+    episodes, from all ratings so far, which is what the ratio of likelihoods is for; it is cut at 10.
+    """
+
+    name: ClassVar[str] = "deep-coach"
+    settings_type = CoachSettings
+
+    def learn(self, request: LearningRequest) -> LearningResult:
+        """Continue from the policy so far, or start with fresh weights.
+
+        Raises:
+            LearnError: if there is no rating.
+        """
+        settings: CoachSettings = self.settings
+        presses, steps = collect_presses(request.dataset)
+        mine = (
+            make_fresh_policy(request.dataset, request.rng)
+            if request.policy is None
+            else copy_policy(request.policy, request.dataset)
+        )
+        delay = settings.delay_ms or find_delay(presses, steps)
+        about, _ = presses.about(delay or UNKNOWN_DELAY_MS)
+        fits = np.flatnonzero(about >= 0)
+        row, value = torch.as_tensor(about[fits]), torch.as_tensor(presses.values[fits], dtype=torch.float32)
+        since_reset = [np.arange(len(lesson.actions)) for lesson in request.dataset.lessons]
+        into = torch.as_tensor(np.concatenate(since_reset))
+        then = torch.as_tensor(_chances_then(request.dataset), dtype=torch.float32)
+
+        def loss_of(generator: torch.Generator) -> torch.Tensor:
+            drawn = torch.randint(len(row), (settings.batch_size,), generator=generator)
+            back = torch.multinomial(shares, settings.batch_size, replacement=True, generator=generator)
+            rows = row[drawn] - torch.minimum(back, into[row[drawn]])
+            log_probs = mine.log_probabilities(steps.pick(rows))
+            chosen = log_probs.gather(1, steps.actions[rows, None])[:, 0]
+            ratio = (chosen - then[rows].log()).exp()
+            gain = value[drawn] * torch.where(value[drawn] > 0, ratio.clamp(max=settings.most_ratio), ratio)
+            return -gain.mean() + settings.entropy * (log_probs.exp() * log_probs).sum(dim=1).mean()
+
+        shares = settings.decay ** torch.arange(TRACE_STEPS, dtype=torch.float32)
+        mine.set_training_mode(True)
+        updates, loss = minimise_loss(
+            mine,
+            loss_of,
+            request.rng,
+            updates=settings.updates,
+            learning_rate=settings.learning_rate,
+            most_norm=1.0,
+            budget_s=request.budget_s,
+            checkpoint=request.checkpoint,
+        )
+        mine.set_training_mode(False)
+        notes = {"ratings": len(row), "delay_ms": delay, "loss": loss}
+        return LearningResult(mine, asdict(settings) | {"updates": updates}, notes)
+
+
+def _chances_then(dataset: Dataset) -> NDArray[np.float64]:
+    """The probability of each action when it was taken; 1 where it is unknown."""
+    chances = [
+        np.ones(len(lesson.actions))
+        if lesson.policy_probabilities is None
+        else lesson.policy_probabilities[np.arange(len(lesson.actions)), lesson.actions]
+        for lesson in dataset.lessons
+    ]
+    clipped: NDArray[np.float64] = np.clip(np.concatenate(chances), 0.05, 1).astype(np.float64)
+    return clipped

@@ -1,0 +1,316 @@
+"""Records of an MCAP file: which bytes are a whole one (framed, of a plausible size, with the checksum that it states),
+and where each message of a chunk begins and ends.
+"""
+
+import mmap
+import re
+import struct
+import zlib
+from collections.abc import Container, Iterator, Mapping, Sequence
+from io import BytesIO
+from typing import Any, NamedTuple
+
+import numpy as np
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, Metadata
+from numpy.typing import NDArray
+
+ByteOffsets = NDArray[np.int64]
+
+RECORD_HEADER = struct.Struct("<BQ")  # opcode, length
+_LENGTH = struct.Struct("<Q")
+_MESSAGE = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log_time", "<u8"),
+        ("publish_time", "<u8"),
+    ]
+)
+_INDEX_HEAD = struct.Struct("<HI")  # channel, bytes of entries
+_INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("place", "<u8")])
+
+
+class LogMessage(NamedTuple):
+    """One message with the channel it came on. Times are wall clock, ns since 1970."""
+
+    channel: Channel
+    sequence: int
+    log_time: int
+    publish_time: int
+    data: bytes
+
+
+class TopicMessages(NamedTuple):
+    """A chunk's messages on one topic, each (n,)."""
+
+    topic: str
+    places: ByteOffsets  # among the chunk's messages
+    begins: ByteOffsets  # of the payloads, in the chunk's bytes
+    ends: ByteOffsets
+
+
+class ChunkRecords(NamedTuple):
+    """A chunk's records: where its messages begin and what their heads say, and whatever else it holds."""
+
+    data: bytes
+    starts: ByteOffsets  # (n,) of the messages, in the data
+    heads: NDArray[np.void]  # (n,) their heads
+    other_records: list[tuple[int, bytes]]  # opcode and content
+
+
+def split_chunk(data: bytes, index: Sequence[bytes]) -> ChunkRecords:
+    """Cut a chunk's records apart.
+
+    The index records behind a chunk spare the way from one message to the next; where there are none, or they do not
+    fit, that way is gone.
+
+    Raises:
+        ValueError: if the bytes are no records.
+    """
+    try:
+        starts = _starts(data, _indexed(index))
+    except (ValueError, IndexError):
+        starts = _starts(data, np.zeros(0, np.int64))
+    is_message = _at_each(data, np.dtype("u1"))[starts] == Opcode.MESSAGE
+    others = []
+    for start in starts[~is_message].tolist():
+        opcode, length = RECORD_HEADER.unpack_from(data, start)
+        others.append((opcode, data[start + RECORD_HEADER.size : start + RECORD_HEADER.size + length]))
+    starts = starts[is_message]
+    return ChunkRecords(data, starts, _at_each(data, _MESSAGE)[starts], others)
+
+
+class ChunkMessages:
+    """The messages of one chunk, in file order: read when they are looked at.
+
+    Raises:
+        ValueError: if one is on a channel that was not declared.
+    """
+
+    def __init__(self, records: ChunkRecords, channels: Mapping[int, Channel], *, breaks: Sequence[int] = ()) -> None:
+        self.breaks = breaks  # places before which messages are missing
+        self.data = records.data
+        self._heads = records.heads
+        self._begins = records.starts + _MESSAGE.itemsize  # of the payloads
+        self._ends = records.starts + RECORD_HEADER.size + records.heads["length"].astype(np.int64)
+        self._channels: dict[int, Channel] = {}
+        for number in sorted(set(records.heads["channel"].tolist())):
+            if number not in channels:
+                raise ValueError(f"channel {number} is not declared")
+            self._channels[number] = channels[number]
+
+    def __len__(self) -> int:
+        return len(self._heads)
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """The first and the last log time among them; None where there are none."""
+        log_times = self._heads["log_time"]
+        return (int(log_times.min()), int(log_times.max())) if len(self) else None
+
+    def __iter__(self) -> Iterator[LogMessage]:
+        heads = self._heads[["channel", "sequence", "log_time", "publish_time"]].tolist()
+        for begin, end, (channel, sequence, log_time, publish_time) in zip(
+            self._begins.tolist(), self._ends.tolist(), heads, strict=True
+        ):
+            yield LogMessage(self._channels[channel], sequence, log_time, publish_time, self.data[begin:end])
+
+    def count(self, topic: str) -> int:
+        """How many messages are of a topic."""
+        return sum(len(found.places) for found in self.by_topic(among=(topic,)))
+
+    def by_topic(self, *, among: Container[str]) -> Iterator[TopicMessages]:
+        """Yield the messages of each of these topics that has any."""
+        numbers = self._heads["channel"].copy()  # side by side: every topic goes through them
+        for number, channel in self._channels.items():
+            if channel.topic in among:
+                places = np.flatnonzero(numbers == number)
+                yield TopicMessages(channel.topic, places, self._begins[places], self._ends[places])
+
+
+def _at_each(data: bytes, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """What begins at each byte, if something of this type does: to be looked up at many places at once."""
+    return np.ndarray(max(0, len(data) + 1 - dtype.itemsize), dtype, data, strides=(1,))
+
+
+def _indexed(index: Sequence[bytes]) -> ByteOffsets:
+    """Where a chunk's messages begin, if its index is right."""
+    entries = [np.frombuffer(record, _INDEX_ENTRY, offset=_INDEX_HEAD.size) for record in index]
+    return np.sort(np.concatenate([np.zeros(0, np.int64), *(entry["place"].astype(np.int64) for entry in entries)]))
+
+
+def _starts(data: bytes, known: ByteOffsets) -> ByteOffsets:
+    """Where each record begins, given where some do."""
+    ends = known + RECORD_HEADER.size + _at_each(data, np.dtype("<u8"))[known + 1].astype(np.int64)
+    before, behind = np.concatenate([[0], ends]), np.concatenate([known, [len(data)]])
+    gaps = np.flatnonzero(before != behind)
+    walked = (_walked(data, int(before[gap]), int(behind[gap])) for gap in gaps)
+    return np.sort(np.concatenate([known, *walked]))
+
+
+def _walked(data: bytes, begin: int, end: int) -> ByteOffsets:
+    """Where each record between two places begins."""
+    found: list[int] = []
+    at, length, head = begin, _LENGTH.unpack_from, RECORD_HEADER.size
+    while at < end:
+        found.append(at)
+        at += head + length(data, at + 1)[0]
+    if at != end:
+        raise ValueError("a record extends past the end of its chunk")
+    return np.array(found, np.int64)
+
+
+MAX_RECORD_BYTES = 64 * 1024 * 1024  # of a record, packed or unpacked; ours are a thousand times smaller
+MAX_CANDIDATES = 256  # candidates whose checksum is wrong, before a damaged file's rest is given up
+_RECORD_START = re.compile(rb"[\x06\x09\x0c\x0f]....\x00\x00\x00\x00", re.DOTALL)  # shorter than 4 GiB
+_DATA_END = struct.Struct("<BQI")
+_TIMES = struct.Struct("<QQ")
+_TEXT_LENGTH = struct.Struct("<I")
+_INDEX = struct.Struct("<HI")  # channel, bytes of entries
+_CHUNK_BYTES = 40  # of a chunk without its records and the name of their compression
+_ATTACHMENT_BYTES = 36  # of an attachment without its texts and data
+_ZSTD = "zstd"
+
+
+def parse_chunk(content: bytes) -> bytes:
+    """The records in a chunk's content.
+
+    Raises:
+        ValueError: if its checksum is wrong, there is more in it than it says, or it is or says it is larger than any
+            chunk may be.
+    """
+    chunk: Chunk = Chunk.read(as_data_stream(content))
+    if _CHUNK_BYTES + len(chunk.compression.encode()) + len(chunk.data) != len(content):
+        raise ValueError("a chunk differs from its stated size")
+    size, data = chunk.uncompressed_size, chunk.data
+    if size > MAX_RECORD_BYTES:
+        raise ValueError(f"a chunk has {size} bytes; at most {MAX_RECORD_BYTES} are allowed")
+    if chunk.compression == _ZSTD:
+        data = _decompress_chunk(data, size)
+    if len(data) != size or zlib.crc32(data) != chunk.uncompressed_crc:
+        raise ValueError("a chunk has a wrong checksum")
+    return data
+
+
+def parse_chunk_times(content: bytes) -> tuple[int, int]:
+    """The first and the last log time that a chunk says it holds."""
+    first, last = _TIMES.unpack_from(content)
+    return first, last
+
+
+def decompress_zstd(data: bytes) -> bytes:
+    """What was packed with zstd, up to the size that a record may have.
+
+    Raises:
+        ValueError: if it is more, or nothing that zstd has packed.
+    """
+    try:
+        return _decompress_chunk(data, zstandard.get_frame_parameters(data).content_size)
+    except zstandard.ZstdError as error:
+        raise ValueError(str(error)) from error
+
+
+def _decompress_chunk(data: bytes, size: int) -> bytes:
+    stated = zstandard.get_frame_parameters(data).content_size
+    if not 0 <= size <= MAX_RECORD_BYTES:
+        raise ValueError(f"compressed data expands to {size} bytes; at most {MAX_RECORD_BYTES} are allowed")
+    if stated == size:
+        return zstandard.decompress(data)
+    if stated != zstandard.CONTENTSIZE_UNKNOWN:
+        raise ValueError(f"a chunk of {size} bytes holds a zstd frame of {stated} bytes")
+    with zstandard.ZstdDecompressor().stream_reader(data) as reader:
+        found: bytes = reader.read(size + 1)  # one more than it says is too much already
+    return found
+
+
+def find_next_record(view: mmap.mmap, begin: int) -> int | None:
+    """The byte at which the next whole record begins, from a byte on; None if none is found soon."""
+    tries = 0
+    while (found := _RECORD_START.search(view, begin)) is not None and tries < MAX_CANDIDATES:
+        begin = found.start()
+        try:
+            if _is_whole_record(view, begin):
+                return begin
+            tries += 1
+        except Exception:  # garbage can make a parser raise anything
+            tries += 1
+        begin += 1
+    return None
+
+
+def _is_whole_record(view: mmap.mmap, begin: int) -> bool:
+    opcode, length = RECORD_HEADER.unpack_from(view, begin)
+    end = begin + RECORD_HEADER.size + length
+    if length > MAX_RECORD_BYTES or end > len(view):
+        return False
+    content = view[begin + RECORD_HEADER.size : end]
+    match opcode:
+        case Opcode.CHUNK:
+            parse_chunk(content)
+            return True
+        case Opcode.ATTACHMENT:
+            parse_attachment(content)
+            return True
+        case Opcode.METADATA:  # it has no checksum: known by its name
+            name: str = parse_metadata(content).name
+            return name.startswith("minihuman.")
+        case Opcode.DATA_END:
+            return bool(length == _DATA_END.size - RECORD_HEADER.size and end < len(view))
+    return False
+
+
+def parse_attachment(content: bytes) -> Attachment:
+    """The attachment in a record's content.
+
+    Raises:
+        ValueError: if its checksum is wrong, or there is more in it than it says.
+    """
+    (crc,) = struct.unpack("<I", content[-4:])
+    if crc not in (0, zlib.crc32(content[:-4])):
+        raise ValueError("an attachment has a wrong checksum")
+    attachment: Attachment = Attachment.read(as_data_stream(content))
+    texts = len(attachment.name.encode()) + len(attachment.media_type.encode())
+    if _ATTACHMENT_BYTES + texts + len(attachment.data) != len(content):
+        raise ValueError("an attachment differs from its stated size")
+    return attachment
+
+
+def check_record_size(opcode: int, content: bytes) -> None:
+    """Check the size of a file's header, or of a chunk's index: they have no checksum, and are passed over by it.
+
+    Raises:
+        ValueError: if there is more or less in it than it says.
+    """
+    if opcode == Opcode.MESSAGE_INDEX:
+        _, length = _INDEX.unpack_from(content)
+        stated = _INDEX.size + length
+    else:  # a header: two texts
+        (profile,) = _TEXT_LENGTH.unpack_from(content)
+        (library,) = _TEXT_LENGTH.unpack_from(content, _TEXT_LENGTH.size + profile)
+        stated = 2 * _TEXT_LENGTH.size + profile + library
+    if stated != len(content):
+        raise ValueError("a record differs from its stated size")
+
+
+def parse_metadata(content: bytes) -> Metadata:
+    """The metadata in a record's content.
+
+    Raises:
+        ValueError: if there is more in it than it says.
+    """
+    metadata: Metadata = Metadata.read(as_data_stream(content))
+    size = 4 + len(metadata.name.encode()) + 4
+    size += sum(8 + len(key.encode()) + len(value.encode()) for key, value in metadata.metadata.items())
+    if size != len(content):
+        raise ValueError("a metadata record's size differs from the size stated for it")
+    return metadata
+
+
+def as_data_stream(content: bytes) -> ReadDataStream:
+    """Bytes as the readers of mcap want them."""
+    return ReadDataStream(BytesIO(content))
