@@ -117,8 +117,7 @@ def share(drawn: DrawBuffers, face: int, row: int, k: int, begin: int, end: int)
 
     Returns how many it got; -1 where the row has no room for more spans.
     """
-    spans, planes, merged = drawn.spans[row], drawn.planes, drawn.merged
-    count = drawn.counts[row]
+    spans, planes, merged, count = drawn.spans[row], drawn.planes, drawn.merged, drawn.counts[row]
     y, shifted = (ROW_STEP * row + 32.0) / 256.0, SAMPLE_X[row & 3] / 256.0
     a, here = planes[face, 0], planes[face, 1] * y + planes[face, 2]
     got = merged_count = 0
@@ -324,13 +323,11 @@ def draw_face(
     if above + side[face, 2] * placement[OWN_EYE + 2] + side[face, 3] * placement[OWN_EYE + 3] <= 0.0:
         return 0
 
-    parallel = view[PARALLEL] == 1.0
-    co, si = placement[COS], placement[SIN]
+    parallel, co, si = view[PARALLEL] == 1.0, placement[COS], placement[SIN]
     sx, sy, sz = placement[SCALE], placement[SCALE + 1], placement[SCALE + 2]
     start = faces.start[face]
     count = faces.start[face + 1] - start
-    corners, screen = drawn.corners, drawn.screen
-    near = view[NEAR]
+    corners, screen, near = drawn.corners, drawn.screen, view[NEAR]
     ahead = 0
     # all read before anything is written, for a compiler cannot know that the tables do not overlap
     eye_x, eye_y, eye_z = view[EYE], view[EYE + 1], view[EYE + 2]
@@ -422,8 +419,7 @@ def nearness(faces: FaceTable, face: int, view: F64, drawn: DrawBuffers, number:
     Three corners, not yet cut, say how; the inverse of the matrix of their positions holds it, and all else that varies
     evenly over a flat face.
     """
-    count = faces.start[face + 1] - faces.start[face]
-    p, inverse = drawn.corners[0], drawn.inverse
+    count, p, inverse = faces.start[face + 1] - faces.start[face], drawn.corners[0], drawn.inverse
     i1, i2 = count // 3, (2 * count) // 3
     parallel = view[PARALLEL] == 1.0
     x0, y0, x1, y1, x2, y2 = p[0, 0], p[0, 1], p[i1, 0], p[i1, 1], p[i2, 0], p[i2, 1]
@@ -461,13 +457,11 @@ def vary(faces: FaceTable, face: int, view: F64, placement: F64, light: F64, dra
     """Work out how texture and light vary over the picture, divided by distance."""
     start = faces.start[face]
     count = faces.start[face + 1] - start
-    planes, kind, lit = drawn.planes, drawn.kind, drawn.lit
+    planes, kind, lit, long = drawn.planes, drawn.kind, drawn.lit, placement[NORMAL_SCALE]
     same = True
-    long = placement[NORMAL_SCALE]
     lx, ly, lz = placement[OWN_LIGHT], placement[OWN_LIGHT + 1], placement[OWN_LIGHT + 2]
     for k in range(3):
-        corner = start + (k * count) // 3
-        normal = faces.normal
+        corner, normal = start + (k * count) // 3, faces.normal
         facing = long * (normal[corner, 0] * lx + normal[corner, 1] * ly + normal[corner, 2] * lz)
         for channel in range(3):
             bright = light[6 + channel] + light[3 + channel] * max(facing, 0.0)

@@ -233,8 +233,7 @@ def add_things(
     """Make a scene of rooms that are tables already."""
     faces, room_table = tables
     table, things = _things(looks, library)
-    floats, wholes = packed_faces(faces)
-    more_floats, more_wholes = packed_rooms(room_table)
+    (floats, wholes), (more_floats, more_wholes) = packed_faces(faces), packed_rooms(room_table)
     layout = SceneTables(
         room_table,
         (np.concatenate([floats, more_floats]), np.concatenate([wholes, more_wholes])),
@@ -250,8 +249,7 @@ def add_things(
 
 def _rooms(rooms: Sequence[SceneRoom], library: Library) -> tuple[FaceTable, RoomTable]:
     polygons, places, rows, first_face = [], [], [], [0]
-    edges, first_edge, bounds = [], [0], []
-    holes, into, first_opening = [], [], [0]
+    edges, first_edge, bounds, holes, into, first_opening = [], [0], [], [], [], [0]
     for room in rooms:
         for surface in room.surfaces:
             polygons.append(surface.corners)
@@ -327,8 +325,7 @@ def _frame(look: FrameLook, library: Library) -> FaceTable:
     """A frame's front, a square a texture from left to right, and its four black edges; it faces +x."""
     half_width, half_height, depth = look.width_m / 2, look.height_m / 2, look.depth_m
     unit = np.array([[1.0, 1.0], [0.0, 1.0], [0.0, 0.0], [1.0, 0.0]])
-    polygons, rows = [], []
-    step = look.width_m / len(look.textures)
+    polygons, rows, step = [], [], look.width_m / len(look.textures)
     for index, name in enumerate(look.textures):
         left = half_width - index * step
         right = left - step

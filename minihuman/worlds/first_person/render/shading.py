@@ -85,11 +85,9 @@ def place_run(
     run: I32, y: int, plane: F64, texture: int, table: U32, texels: U32, least: float, display: bool, memory: U32
 ) -> None:
     """Find where the pixels of a run of a row lie in a texture, if there is one."""
-    sizes, places = memory[SIZES:], memory[PLACES:]
-    moves = memory[SIZES + LANES :].view(np.float32)
+    sizes, places, moves = memory[SIZES:], memory[PLACES:], memory[SIZES + LANES :].view(np.float32)
     count, slot = int64(run[STOP] - run[START]), int64(run[SLOT])
-    px, py = run[START] + 0.5, y + 0.5
-    inverse_x, inverse_y = plane[3], plane[4]
+    px, py, inverse_x, inverse_y = run[START] + 0.5, y + 0.5, plane[3], plane[4]
     inverse = inverse_x * px + (inverse_y * py + plane[5])
     if texture >= 0:
         u, v = plane[6] * px + (plane[7] * py + plane[8]), plane[9] * px + (plane[10] * py + plane[11])
@@ -213,8 +211,7 @@ def look_up_run(
             i = slot + (count & -LANES)
             look_up_8(texels, places, 4 * i, lights, scanline, i)
     if not even:
-        px, py = run[START] + 0.5, y + 0.5
-        inverse_x = plane[3]
+        px, py, inverse_x = run[START] + 0.5, y + 0.5, plane[3]
         inverse = inverse_x * px + (plane[4] * py + plane[5])
         red = plane[12] * px + (plane[13] * py + plane[14])
         green = plane[15] * px + (plane[16] * py + plane[17])
@@ -344,7 +341,6 @@ def colour(
     """Colour every pixel. A face is looked up where it has any sample of a pixel, side by side along a row."""
     drawn, _, _ = drawn_in(view, floats, wholes)
     first_occluder, occluders = occluders_of(room_floats, room_wholes)
-    known = occluders.shape[0] > 0
     planes, kind, latest = drawn.planes, drawn.kind, drawn.run
     scanline = wholes[:FRAGMENT_GROUPS].view(np.uint32)
     rows = wholes[FRAGMENT_GROUPS:LINE].reshape(2 * MAX_FRAGMENT_GROUPS + 4, 5)
@@ -354,7 +350,7 @@ def colour(
         rows[2 * MAX_FRAGMENT_GROUPS :],
     )
     line = wholes[LINE:SPANS].view(np.uint32)
-    least, display = view[LEAST], view[LOOK] == 1.0
+    least, display, known = view[LEAST], view[LOOK] == 1.0, occluders.shape[0] > 0
     sky = int(view[SKY] * 255.0 + 0.5) | int(view[SKY + 1] * 255.0 + 0.5) << 8 | int(view[SKY + 2] * 255.0 + 0.5) << 16
     width = picture.shape[1]
     out = picture.reshape(picture.shape[0] * width * 3)

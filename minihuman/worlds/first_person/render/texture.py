@@ -103,10 +103,11 @@ def fit(
 
     ``sizes`` receives their numbers, then, as float32, how far in the texture it is to the pixel so many ``beside`` and
     ``below``: in repeats, from left to right sixteen times, then upwards. Then come the sizes for pixels that are
-    looked up at taps along their longer way, and how many that are: 1, 2 or 4, and `DOWN`. ``inverse`` is how near the face is at the
-    first pixel; ``u`` and ``v`` are where that lies in the texture, in repeats to the right and upwards, times how near
-    it is; ``_x`` and ``_y`` are how each changes by a pixel right and down. The largest size has ``wide`` x ``high``
-    texels, ``last`` is the number of the smallest. Nearness is at least ``least``; ``most`` pixels follow the first.
+    looked up at taps along their longer way, and how many that are: 1, 2 or 4, and `DOWN`. ``inverse`` is how near the
+    face is at the first pixel; ``u`` and ``v`` are where that lies in the texture, in repeats to the right and upwards,
+    times how near it is; ``_x`` and ``_y`` are how each changes by a pixel right and down. The largest size has
+    ``wide`` x ``high`` texels, ``last`` is the number of the smallest. Nearness is at least ``least``; ``most`` pixels
+    follow the first.
     """
     ways = (inverse, inverse_x, inverse_y), (u, u_x, u_y), (v, v_x, v_y)
     steps = ops.smaller(ops.steps(LANES) * float(LANES), ops.single(most, LANES))

@@ -102,8 +102,7 @@ def through(rooms: RoomTable, opening: int, view: F64, corners: F64, window: F64
     if away < -DOORSTEP_M:
         return False
     if away < DOORSTEP_M:
-        for side in range(4):
-            result[side] = window[side]
+        result[0], result[1], result[2], result[3] = window[0], window[1], window[2], window[3]
         return True
     for i in range(4):
         wx, wy, wz = hole[i, 0] - view[EYE], hole[i, 1] - view[EYE + 1], hole[i, 2] - view[EYE + 2]
@@ -158,11 +157,9 @@ def visit(rooms: RoomTable, view: F64, corners: F64, picture: F64, sight: Sight)
         everything = waiting == 0
     done = 0
     while done < waiting and not everything:
-        room = pending[done]
-        window = sight.pending_windows[done]
+        room, window = pending[done], sight.pending_windows[done]
         done += 1
-        everything = not rooms.roofed[room]
-        known = windows[room]
+        everything, known = not rooms.roofed[room], windows[room]
         if known[0] > known[2]:
             order[seen] = room
             seen += 1
@@ -180,8 +177,7 @@ def visit(rooms: RoomTable, view: F64, corners: F64, picture: F64, sight: Sight)
             visits[into] += 1
             pending[waiting] = into
             if visits[into] == VISITS_A_ROOM:
-                for side in range(4):
-                    beyond[side] = picture[side]
+                beyond[0], beyond[1], beyond[2], beyond[3] = picture[0], picture[1], picture[2], picture[3]
             waiting += 1
     if everything:
         for room in range(count):
