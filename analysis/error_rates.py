@@ -25,7 +25,6 @@ from minihuman.statistics.comparison import (
     find_units,
     name_units,
     permutation_tests,
-    smallest_p,
     standardise,
 )
 from minihuman.statistics.paired import paired_test
