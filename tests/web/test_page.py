@@ -243,7 +243,7 @@ def test_another_link_in_a_tab_that_waits_for_its_welcome_lets_the_next_particip
         else:
             with somebody.page.expect_event("load"):
                 somebody.page.evaluate(f"location.hash = 't={served.tokens[0]}'")
-        somebody.page.wait_for_function("globalThis.minihuman !== undefined")
+        holds(somebody.page, "true")
         assert not somebody.state["welcomed"], "the welcome was not delayed"
         with somebody.page.expect_event("load"):
             somebody.page.evaluate(f"location.hash = 't={served.tokens[1]}'")
