@@ -473,7 +473,7 @@ def test_keys_with_holds_and_chords_in_real_time_make_the_steps_that_they_make_a
     block = f'pace = "real_time"\nstep_period_ms = 33.3\n{noop}\n'
     rng = random.Random(27)
     with (
-        serving(study(tmp_path, world, max_steps=600, episodes=keys // 20, block=block), tmp_path) as server,
+        serving(study(tmp_path, world, max_steps=100, episodes=max(4, keys // 10), block=block), tmp_path) as server,
         line(server.port, rtt_ms=300) as wire,
         browsing() as sit_down,
     ):
