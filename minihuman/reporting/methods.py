@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 
+from minihuman import __version__
 from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
@@ -315,5 +316,5 @@ def _software(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality
 
 
 def _statistics() -> str:
-    versions = ", ".join(f"{name} {version(name)}" for name in ("minihuman", *_STATISTICS))
-    return f"This report: {versions}."
+    versions = ", ".join(f"{name} {version(name)}" for name in _STATISTICS)
+    return f"This report: minihuman {__version__}, {versions}."

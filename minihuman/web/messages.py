@@ -94,20 +94,22 @@ class TextMessage(msgspec.Struct, tag="typed", tag_field="t", forbid_unknown_fie
 
 
 class PointerMessage(msgspec.Struct, tag="pointer", tag_field="t", forbid_unknown_fields=True):
-    """Mouse or finger."""
+    """Mouse or finger, at ``stamp``, by the event's own time."""
 
     what: Literal["pressed", "moved", "released"]
     x: Fraction
     y: Fraction
     target: ShortText = ""
     along: Fraction = 0.0
+    stamp: Ns = 2**53  # none: pages of before, which did not tell
 
 
 class AxisMessage(msgspec.Struct, tag="axis", tag_field="t", forbid_unknown_fields=True):
-    """An axis of a gamepad moved."""
+    """An axis of a gamepad moved, at ``stamp``, by the gamepad's own time."""
 
     axis: Literal[PAD_AXES]  # type: ignore[valid-type]
     value: Annotated[float, Meta(ge=-1.0, le=1.0)]
+    stamp: Ns = 2**53
 
 
 class GamepadMessage(msgspec.Struct, tag="pad", tag_field="t", forbid_unknown_fields=True):

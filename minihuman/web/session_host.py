@@ -357,9 +357,10 @@ class SessionHost:
             case messages.TextMessage():
                 return inputs.TextInput(at_ns, "".join(letter for letter in message.text if letter.isprintable()))
             case messages.PointerMessage():
-                return _POINTERS[message.what](at_ns, message.x, message.y, message.target, message.along)
+                stamp_ns = min(message.stamp, at_ns)
+                return _POINTERS[message.what](stamp_ns, message.x, message.y, message.target, message.along)
             case messages.AxisMessage():
-                return inputs.AxisChanged(at_ns, message.axis, message.value)
+                return inputs.AxisChanged(min(message.stamp, at_ns), message.axis, message.value)
             case messages.FocusMessage():
                 return inputs.FocusChanged(at_ns, message.focused)
             case messages.CommandEcho() if message.number in self._asked:

@@ -96,17 +96,20 @@ def serving(protocol: Path, data: Path, *, links: int = 1) -> Iterator[Serving]:
             served.kill()
 
 
+SEGMENT_BYTES, RETRANSMIT_S = 1448, 0.2  # of Ethernet; Linux's least timeout
+
+
 class Line:
     """A TCP proxy in front of a port: every byte takes ``one_way_s``, either way; it can be cut.
 
-    Each direction of a connection has two threads, one that reads and one that writes when it is time. Of the chunks
-    that go through, a share ``loss`` comes late by a retransmission, and all behind them with them, as TCP has it.
+    ``loss`` is the share of TCP segments that get lost: what such a segment carries, and all behind it, comes a round
+    trip and the shortest retransmission timeout later, as TCP hands nothing on out of order.
+    Each direction of a connection has two threads, one that reads and one that writes when it is time.
     """
 
     def __init__(self, port: int, *, one_way_s: float, loss: float = 0.0) -> None:
-        self.one_way_s = one_way_s
-        self.loss, self._retransmission_s = loss, max(0.2, 2 * one_way_s + 0.05)
-        self._chance = random.Random(1)
+        self.one_way_s, self.loss = one_way_s, loss
+        self._chance = random.Random(port)
         self.bytes_down = self.bytes_up = 0
         self.deaf = False  # nothing comes down; what goes up arrives
         self.stalled = False  # nothing arrives on either side, until it is again
@@ -164,9 +167,11 @@ class Line:
                     data = source.recv(65536)
                 except OSError:
                     data = b""
-                late_s = self._retransmission_s if self._chance.random() < self.loss else 0.0
+                due_s, segments = time.monotonic() + self.one_way_s, -(-len(data) // SEGMENT_BYTES)
+                if self._chance.random() < 1 - (1 - self.loss) ** segments:
+                    due_s += 2 * self.one_way_s + RETRANSMIT_S
                 with arrived:
-                    waiting.append((time.monotonic() + self.one_way_s + late_s, data))
+                    waiting.append((due_s, data))
                     arrived.notify()
 
         def write() -> None:

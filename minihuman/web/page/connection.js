@@ -1,6 +1,7 @@
 // The network connection to the server: a socket that is opened again whenever it breaks, and its latency.
 // It knows how messages are framed and acknowledged, and nothing of what they mean to the screen.
 
+import { collectBrowserFacts } from "./browser.js";
 import { IncomingStream } from "./stream.js";
 
 /** @import { Control, Numbered, Pong, Refusal, Texts, Welcome } from "./messages" */
@@ -112,6 +113,7 @@ export class Connection {
     this.listener.status("");
     this.listener.leave(why, this.#refusal);
     if (this.#refusal?.reason === "window") this.#awaitLargerWindow();
+    if (this.#refusal?.reason === "gamepad") this.#awaitGamepad();
   }
 
   // Whoever makes the window larger is looked at again.
@@ -121,6 +123,17 @@ export class Connection {
       clearTimeout(timer);
       timer = setTimeout(() => location.reload(), RESIZE_PAUSE_MS);
     });
+  }
+
+  // Without loading the page again: the new one would not see the gamepad before its next press.
+  #awaitGamepad() {
+    addEventListener("gamepadconnected", async () => {
+      this.#refusal = null;
+      this.finished = false;
+      this.outbox.state.facts = await collectBrowserFacts();
+      this.outbox.save();
+      this.open();
+    }, { once: true });
   }
 
   /** End it for good, from this side. */

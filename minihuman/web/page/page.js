@@ -51,7 +51,9 @@ class Page {
   #touch = new TouchKeys(
     /** @type {HTMLElement} */ (document.getElementById("touch")), this.#keyboard,
     () => { this.#player.view.fit(); this.#films.fit(); });
-  #gamepad = new GamepadReader(this.#keyboard, () => this.#isListening && this.#focused !== false, (what) => this.#send(what));
+  #gamepad = new GamepadReader(this.#keyboard, () => this.#isListening && this.#focused !== false, (what, ms) => {
+    this.#send(ms === undefined || what.t !== "axis" ? what : { ...what, stamp: this.#outbox.timeOf(ms) });
+  });
   #connection = new Connection(this.#outbox, readLink(this.#outbox), {
     welcome: (m) => {
       this.#keyboard.codes = this.#outbox.keys = m.keys;
@@ -260,8 +262,8 @@ class Page {
   #type(text) { this.#prefetch.unknown(this.#send({ t: "typed", text })); }
 
   /** @param {Point} point */
-  #point(point) {
-    const n = this.#send({ t: "pointer", ...point });
+  #point({ ms, ...point }) {
+    const n = this.#send({ t: "pointer", ...point, stamp: this.#outbox.timeOf(ms) });
     if (this.#player.play) return; // the server alone knows what a click in the picture does
     if (point.what === "pressed") this.#advance(n, `point:${point.target}`, this.#outbox.state.last);
     else if (point.what === "moved") this.#prefetch.unknown(n);
