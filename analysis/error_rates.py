@@ -293,9 +293,9 @@ def measure_teams(name: str, studies: int, seed: int) -> dict[str, object]:
     sizes, sides = np.bincount(unit), np.zeros(len(number), int)
     sides[unit] = side
     rejected, held, contradictions = [], [], 0
-    for _ in range(studies):
-        means = np.bincount(unit, design.draw(rng)) / sizes
-        (test,) = permutation_tests([(means[sides == 0], means[sides == 1])])
+    means = [np.bincount(unit, design.draw(rng)) / sizes for _ in range(studies)]
+    pairs = [(values[sides == 0], values[sides == 1]) for values in means]
+    for test in (test for begin in range(0, studies, 100) for test in permutation_tests(pairs[begin : begin + 100])):
         assert test is not None
         rejected.append(test.p() < ALPHA)
         held.append(not rejected[-1])
