@@ -110,7 +110,7 @@ class Line:
     def __init__(self, port: int, *, one_way_s: float, loss: float = 0.0) -> None:
         self.one_way_s, self.loss = one_way_s, loss
         self._chance = random.Random(port)
-        self.bytes_down = 0
+        self.bytes_down = self.bytes_up = 0
         self.deaf = False  # nothing comes down; what goes up arrives
         self.stalled = False  # nothing arrives on either side, until it is again
         self._to = port
@@ -191,6 +191,8 @@ class Line:
                     target.sendall(data)
                     if down:
                         self.bytes_down += len(data)
+                    else:
+                        self.bytes_up += len(data)
                 except OSError:
                     break
             for one in (source, target):
