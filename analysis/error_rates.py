@@ -250,14 +250,12 @@ def measure_paired(name: str, studies: int, seed: int) -> dict[str, object]:
 class Teams:
     """Two conditions of so many teams each; a person's value is their team's and their own.
 
-    ``people`` are each condition's per team (1: with an agent), ``own`` the share of the variance within teams, and
-    ``as_people`` whether each person is counted as a unit, which no report does.
+    ``people`` are each condition's per team (1: with an agent), ``own`` the share of the variance within teams.
     """
 
     teams: int = 20
     people: tuple[int, int] = (2, 2)
     own: float = 0.5
-    as_people: bool = False
 
     def rows(self) -> tuple[pd.DataFrame, np.ndarray]:
         """Who was in which team, as the table "teams" says it, and each person's condition."""
@@ -280,7 +278,6 @@ TEAMS = {
     "20 v 20 teams of two, half the variance within": Teams(),
     "20 v 20 teams of two, a tenth of the variance within": Teams(own=0.1),
     "20 teams of two v 20 people with an agent": Teams(people=(2, 1)),
-    "20 v 20 teams of two, a tenth of the variance within, people as units": Teams(own=0.1, as_people=True),
 }
 
 
@@ -288,8 +285,7 @@ def measure_teams(name: str, studies: int, seed: int) -> dict[str, object]:
     """Conditions that teams play in, by the report's way: the mean of each unit, regrouped whole."""
     rng, design = np.random.default_rng([20261126, seed]), TEAMS[name]
     rows, side = design.rows()
-    units = {} if design.as_people else find_units(rows)
-    number, unit = np.unique(name_units(rows, units)["participant"], return_inverse=True)
+    number, unit = np.unique(name_units(rows, find_units(rows))["participant"], return_inverse=True)
     sizes, sides = np.bincount(unit), np.zeros(len(number), int)
     sides[unit] = side
     rejected, held, contradictions = [], [], 0
