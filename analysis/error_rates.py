@@ -297,36 +297,29 @@ def measure_paired(name: str, studies: int, seed: int) -> dict[str, object]:
 
 @dataclass(frozen=True)
 class Teams:
-    """Two conditions of so many teams each; a person's value is their team's and their own.
+    """Two conditions of so many teams of two; a person's value is their team's and their own.
 
-    ``people`` are each condition's per team (1: with an agent), ``own`` the share of the variance within teams.
+    ``own`` is the share of the variance within teams.
     """
 
     teams: int = 20
-    people: tuple[int, int] = (2, 2)
     own: float = 0.5
 
     def rows(self) -> tuple[pd.DataFrame, np.ndarray]:
         """Who was in which team, as the table "teams" says it, and each person's condition."""
-        of = [
-            (side, f"{side}-{team}") for side in (0, 1) for team in range(self.teams) for _ in range(self.people[side])
-        ]
-        names = [f"sub-{number:03d}" for number in range(len(of))]
-        return pd.DataFrame({"participant": names, "team": [team for _, team in of]}), np.array(
-            [side for side, _ in of]
-        )
+        people = np.arange(4 * self.teams)
+        names = [f"sub-{number:03d}" for number in people]
+        return pd.DataFrame({"participant": names, "team": [f"{team:03d}" for team in people // 2]}), people // 2 % 2
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """Everyone's values."""
-        team = rng.normal(0, math.sqrt(1 - self.own), 2 * self.teams)
-        common = np.repeat(team, np.repeat(self.people, self.teams))
+        common = np.repeat(rng.normal(0, math.sqrt(1 - self.own), 2 * self.teams), 2)
         return common + rng.normal(0, math.sqrt(self.own), len(common))
 
 
 TEAMS = {
     "20 v 20 teams of two, half the variance within": Teams(),
     "20 v 20 teams of two, a tenth of the variance within": Teams(own=0.1),
-    "20 teams of two v 20 people with an agent": Teams(people=(2, 1)),
 }
 
 
