@@ -307,9 +307,9 @@ class Teams:
 
     def rows(self) -> tuple[pd.DataFrame, np.ndarray]:
         """Who was in which team, as the table "teams" says it, and each person's condition."""
-        people = np.arange(4 * self.teams)
-        names = [f"sub-{number:03d}" for number in people]
-        return pd.DataFrame({"participant": names, "team": [f"{team:03d}" for team in people // 2]}), people // 2 % 2
+        names = [f"sub-{number:03d}" for number in range(4 * self.teams)]
+        team = [f"{side}-{team}" for side in (0, 1) for team in range(self.teams) for _ in range(2)]
+        return pd.DataFrame({"participant": names, "team": team}), np.repeat((0, 1), 2 * self.teams)
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """Everyone's values."""
