@@ -112,6 +112,9 @@ def serve(
         int,
         Option(min=1, max=64, help="The number of server processes; they use consecutive ports, starting at --port."),
     ] = 1,
+    host: Annotated[
+        str, Option(help="The address to listen on; 0.0.0.0 is every address of this machine, as in a container.")
+    ] = "127.0.0.1",
     watch: Annotated[
         bool, Option("--watch", help="Also serve the page on which the experimenter watches sessions.")
     ] = False,
@@ -148,12 +151,14 @@ def serve(
     with show_progress(f"getting the worlds of {study.study.name} ready"):
         warm_up(study, str(protocol))
         require_legible(study, str(protocol))
-    socket = open_listening_socket(port)
+    socket = open_listening_socket(port, host)
     if workers > 1:
         from minihuman.runtime.team_host import require_one_process
 
         require_one_process(study, "in several server processes; leave out --workers")
-    others = list_process_commands(protocol, data / study.study.name, port=port, workers=workers, watch=watch)
+    others = list_process_commands(
+        protocol, data / study.study.name, port=port, workers=workers, watch=watch, host=host
+    )
     with keep_processes_running(others):
         run_server(study, data, socket, links=links, address=address, say=lambda line: print(line, flush=True))
     print("ended; unfinished sessions resume at the same step when the study is served again", flush=True)

@@ -413,6 +413,7 @@ class WebSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     open_access: bool = False  # who comes without a link and from no platform gets a slot, too
     recruitment_platforms: tuple[RecruitmentPlatform, ...] = ()  # that people may come from; () asks for links
     max_concurrent_sessions: int = 200  # seats
+    max_unconsented_per_address: int = 20  # of people without a link; raise it for a lab behind one address
     completion_codes: CompletionCodesSpec = CompletionCodesSpec()
     redirect: str = ""  # where the page leads at the end; {code} and {id}, the platform's id, are filled in
 
@@ -427,11 +428,11 @@ def check_web(online: WebSpec) -> list[tuple[str, str]]:
         ("reconnect_timeout_s", 0, 86_400),
         ("idle_timeout_s", 0, 86_400),
         ("max_rtt_ms", 0, 60_000),
+        ("max_concurrent_sessions", 1, 10_000),
+        ("max_unconsented_per_address", 1, 10_000),
     ):
         if not least <= getattr(online, field) <= most:
             found.append((f"$.web.{field}", f"is {getattr(online, field):g}; use {least} to {most}"))
-    if not 1 <= online.max_concurrent_sessions <= 10_000:
-        found.append(("$.web.max_concurrent_sessions", f"is {online.max_concurrent_sessions}; use 1 to 10000"))
     for name in online.completion_codes.__struct_fields__:
         code = getattr(online.completion_codes, name)
         if not is_completion_code(code):
