@@ -89,7 +89,7 @@ class ModelRun:
 
         def make_client(spec: ModelSpec) -> ChatClient:
             known = {"temperature": spec.temperature, "max_tokens": spec.max_tokens}
-            settings = {one: known[one.replace("_completion", "")] for one in spec.request_fields}
+            settings: dict[str, float] = {one: known[one.replace("_completion", "")] for one in spec.request_fields}
             return ChatClient(name, settings=settings, timeout_s=spec.timeout_s)
 
         return cls(player, make_client, **settings)
@@ -450,12 +450,13 @@ def play_participant(protocol: Protocol, data: Path, run: ModelRun) -> list[Path
     run.check()
     settings, left = RecorderSettings(group=run.group_commit), None
     log: McapRecorder | None = None
+    path: Path | None
     with _hold_slots(data):
         begun = next(_find_cut_off(data / protocol.study.name, run.name), None)
         if isinstance(begun, Path) and (ended := read_log(begun)).end_reason != CUT_OFF:
-            path: Path | None = recover_log(begun).path
-            record_log_end(path)
-            plan, reason = ended.plan, ended.end_reason
+            finished = recover_log(begun).path
+            record_log_end(finished)
+            path, plan, reason = finished, ended.plan, ended.end_reason
         elif isinstance(begun, Path):
             left = resume_segment(begun)
             assert isinstance(left.events[0], SessionStarted)
