@@ -16,9 +16,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from scipy import special
 
-from minihuman.statistics.comparison import compare_means, permutation_tests, smallest_p, standardise
+from minihuman.statistics.comparison import (
+    compare_means,
+    find_units,
+    name_units,
+    permutation_tests,
+    smallest_p,
+    standardise,
+)
 from minihuman.statistics.paired import paired_test
 from minihuman.statistics.scores import wilson_interval
 from minihuman.statistics.survival import SurvivalTimes, compare_survival
@@ -238,6 +246,68 @@ def measure_paired(name: str, studies: int, seed: int) -> dict[str, object]:
     }  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Teams:
+    """Two conditions of so many teams each; a person's value is their team's and their own.
+
+    ``people`` are each condition's per team (1: with an agent), ``own`` the share of the variance within teams, and
+    ``as_people`` whether each person is counted as a unit, which no report does.
+    """
+
+    teams: int = 20
+    people: tuple[int, int] = (2, 2)
+    own: float = 0.5
+    as_people: bool = False
+
+    def rows(self) -> tuple[pd.DataFrame, np.ndarray]:
+        """Who was in which team, as the table "teams" says it, and each person's condition."""
+        of = [
+            (side, f"{side}-{team}") for side in (0, 1) for team in range(self.teams) for _ in range(self.people[side])
+        ]
+        names = [f"sub-{number:03d}" for number in range(len(of))]
+        return pd.DataFrame({"participant": names, "team": [team for _, team in of]}), np.array(
+            [side for side, _ in of]
+        )
+
+    def draw(self, rng: np.random.Generator) -> np.ndarray:
+        """Everyone's values."""
+        team = rng.normal(0, math.sqrt(1 - self.own), 2 * self.teams)
+        common = np.repeat(team, np.repeat(self.people, self.teams))
+        return common + rng.normal(0, math.sqrt(self.own), len(common))
+
+
+TEAMS = {
+    "20 v 20 teams of two, half the variance within": Teams(),
+    "20 v 20 teams of two, a tenth of the variance within": Teams(own=0.1),
+    "20 teams of two v 20 people with an agent": Teams(people=(2, 1)),
+    "20 v 20 teams of two, a tenth of the variance within, people as units": Teams(own=0.1, as_people=True),
+}
+
+
+def measure_teams(name: str, studies: int, seed: int) -> dict[str, object]:
+    """Conditions that teams play in, by the report's way: the mean of each unit, regrouped whole."""
+    rng, design = np.random.default_rng([20261126, seed]), TEAMS[name]
+    rows, side = design.rows()
+    units = {} if design.as_people else find_units(rows)
+    number, unit = np.unique(name_units(rows, units)["participant"], return_inverse=True)
+    sizes, sides = np.bincount(unit), np.zeros(len(number), int)
+    sides[unit] = side
+    rejected, held, contradictions = [], [], 0
+    for _ in range(studies):
+        means = np.bincount(unit, design.draw(rng)) / sizes
+        (test,) = permutation_tests([(means[sides == 0], means[sides == 1])])
+        assert test is not None
+        rejected.append(test.p() < ALPHA)
+        held.append(not rejected[-1])
+        if len(held) <= WITH_INTERVALS:
+            low, high = test.interval()
+            contradictions += rejected[-1] == (low <= 0 <= high)
+    return {
+        "design": name, "studies": studies, "type_1": np.mean(rejected), "coverage": held,
+        "contradictions": contradictions, "refused": 0.0,
+    }  # fmt: skip
+
+
 COLUMNS = (
     *("design", "studies", "type_1", "power", "coverage", "coverage_low", "coverage_high", "g_coverage"),
     *("contradictions", "refused", "before_coverage", "before_g_coverage", "before_contradictions", "ms_per_study"),
@@ -267,6 +337,7 @@ def main() -> None:
     jobs = [(design.name, lambda at, d=design: measure_means(d, given.studies, at)) for design in MEANS]
     jobs += [(name, lambda at, n=name: measure_survival(n, given.studies, at)) for name in SURVIVAL]
     jobs += [(name, lambda at, n=name: measure_paired(n, given.studies, at)) for name in PAIRED]
+    jobs += [(name, lambda at, n=name: measure_teams(n, given.studies, at)) for name in TEAMS]
     rows: dict[str, dict[str, object]] = {}
     if given.out and given.out.exists():
         with given.out.open(newline="", encoding="utf-8") as file:

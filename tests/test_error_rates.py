@@ -16,6 +16,7 @@ def test_the_script_measures_every_kind_of_design(capsys: pytest.CaptureFixture[
     for found in (
         error_rates.measure_survival("10 v 20 waits, 30 % censored at random", 5, 1),
         error_rates.measure_paired("12 within, normal", 20, 1),
+        error_rates.measure_teams("20 v 20 teams of two, half the variance within", 20, 1),
     ):
         assert error_rates.summarise(found, 1.0)["contradictions"] == 0
 
@@ -23,8 +24,15 @@ def test_the_script_measures_every_kind_of_design(capsys: pytest.CaptureFixture[
 def test_the_committed_result_is_of_these_designs_and_holds_what_it_should() -> None:
     with COMMITTED.open(encoding="utf-8", newline="") as file:
         rows = {row["design"]: row for row in csv.DictReader(file)}
-    assert list(rows) == [*(one.name for one in error_rates.MEANS), *error_rates.SURVIVAL, *error_rates.PAIRED]
+    others = (*error_rates.SURVIVAL, *error_rates.PAIRED, *error_rates.TEAMS)
+    assert list(rows) == [*(one.name for one in error_rates.MEANS), *others]
     assert {row["contradictions"] for row in rows.values()} == {"0"}
+    for name, design in error_rates.TEAMS.items():
+        assert rows[name]["studies"] == "10000"
+        if design.as_people:
+            assert float(rows.pop(name)["type_1"]) > 0.1, "people of a team are no units"
+        else:
+            assert abs(float(rows[name]["type_1"]) - 0.05) <= 0.015, name
     for name, row in rows.items():
         if row["coverage_high"] and float(row["refused"]) < 0.5:
             assert float(row["coverage_high"]) >= 0.93, name

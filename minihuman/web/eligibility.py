@@ -49,14 +49,21 @@ def collect_browser_facts(facts_given: Mapping[str, bool | float | str]) -> dict
         value = facts_given.get(name)
         if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
             facts[name] = f"{value:.6g}"
-    offset_min = facts_given.get("utc_offset_min")
-    if isinstance(offset_min, int) and not isinstance(offset_min, bool) and abs(offset_min) <= _MAX_UTC_OFFSET_MIN:
+    if (offset_min := find_utc_offset_min(facts_given)) is not None:
         facts["utc_offset_min"] = str(offset_min)
     for name in _TRUTHS:
         value = facts_given.get(name)
         if isinstance(value, bool):
             facts[name] = "yes" if value else "no"
     return facts
+
+
+def find_utc_offset_min(facts_given: Mapping[str, bool | float | str]) -> int | None:
+    """How many minutes a browser's local time is ahead of UTC; None where it says no such thing."""
+    told = facts_given.get("utc_offset_min")  # a whole number, which arrives as a float
+    if not isinstance(told, int | float) or isinstance(told, bool) or not abs(told) <= _MAX_UTC_OFFSET_MIN:
+        return None
+    return int(told) if told == int(told) else None
 
 
 Ineligibility = Literal["", "browser", "window", "latency", "keyboard", "gamepad"]

@@ -7,6 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from minihuman.planning.benchmark import FAMILIES
 from tests.builders import WORLDS, session, write_log
 
 pytestmark = pytest.mark.program
@@ -92,3 +93,25 @@ def test_each_attacker_is_held_out_of_the_fit_of_the_evidence(tmp_path, monkeypa
     assert rows["who"].tolist()[5:] == ["constant", "ex-Gaussian", "screenshot", "replay", "knowing", "replay"]
     assert rows["sessions"].tolist() == [12, 4, 2, 2, 20, 2, 2, 2, 2, 2, 2]
     assert rows.loc[5, "auc"] >= 0.95
+
+
+def test_the_baseline_sets_difficulty_is_what_simulated_people_make_it(tmp_path, monkeypatch):
+    run(monkeypatch, "baseline_difficulty.py", tmp_path, "--quick")
+    table = pd.read_csv(tmp_path / "baseline_difficulty.csv")
+    assert table["episodes"].tolist() == [2] * 12
+    assert (table["success_at_limit"] >= 0.8).all()
+    committed = pd.read_csv(SCRIPTS / "baseline_difficulty.csv")
+    limits = {family.name: family.max_steps for families in FAMILIES.values() for family in families}
+    assert dict(zip(committed["family"], committed["max_steps"], strict=True)) == limits
+
+
+def test_the_baseline_sets_policies_are_trained_for_every_family(tmp_path, monkeypatch):
+    pytest.importorskip("stable_baselines3")
+    from minihuman.learn.policy.file import load_policy
+
+    monkeypatch.syspath_prepend(SCRIPTS)
+    for what in ("clone", "ppo"):
+        run(monkeypatch, "baseline_policies.py", what, tmp_path, "--quick")
+        worlds = [world for path in (tmp_path / what).glob("*.pt") for world in load_policy(path)[1].worlds]
+        wanted = [f"minihuman/{family.world}" for families in FAMILIES.values() for family in families]
+        assert sorted(worlds) == sorted(wanted)

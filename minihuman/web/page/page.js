@@ -11,7 +11,7 @@ import { FilmViewer, FlipReporter, ImageCache } from "./pictures.js";
 import { ScreenPrefetch } from "./prefetch.js";
 import { TextEntry } from "./questions.js";
 import { ScreenView } from "./screens.js";
-import { Outbox, randomBytes, UNTIMED } from "./stream.js";
+import { MessageStore, Outbox, randomBytes, UNTIMED } from "./stream.js";
 import { TouchKeys } from "./touch.js";
 
 /** @import { Input, Numbered, ScreenMessage } from "./messages" */
@@ -108,6 +108,7 @@ class Page {
 
   async start() {
     const loading = EpisodeComputer.load();
+    await this.#outbox.recover(await MessageStore.open(this.#connection.seat));
     this.#outbox.state.facts ??= await collectBrowserFacts();
     this.#outbox.save();
     this.#player.computer = await loading;
