@@ -150,9 +150,8 @@ def main() -> None:
     mean, error = statistics.fmean(logs), statistics.stdev(logs) / math.sqrt(len(logs)) if len(logs) > 1 else 0.0
     limit = mean + float(stats.t.ppf(0.95, max(1, len(logs) - 1))) * error
     messages = f"the same messages on {len(now['topics'])} topics"
-    print(
-        f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores; {asked.pairs} pairs, {asked.steps} steps; {messages}"
-    )
+    print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores; {asked.pairs} pairs, {asked.steps} steps")
+    print(messages)
     print(f"CPU-seconds now over before: {math.exp(mean):.4f}, upper 95 % limit {math.exp(limit):.4f}")
 
 
