@@ -18,7 +18,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 DEMO = ROOT / "protocols/demo.toml"
-PATIENCE_S = 120
+PATIENCE_S = 300
 STUDY = "data/demo"
 LOG = f"{STUDY}/sub-01/ses-01"
 REFUSAL = re.compile(r"minihuman: .* (needs|need) .*; run: pip install .*")
