@@ -166,17 +166,17 @@ def serve(
 
 def _serve_agents(protocol: Path, port: int, data: Path, *, trust: bool, mcp: bool) -> None:
     from minihuman.admin.protocol_file import read_protocol
-    from minihuman.web.agent_server import ProgramSeats, make_agent_server, make_mcp_server
+    from minihuman.web.agent_server import ProgramSessions, make_agent_server, make_mcp_server
 
-    seats = ProgramSeats(read_protocol(protocol, trust=trust if mcp else ask_trust(trust)), data)
+    programs = ProgramSessions(read_protocol(protocol, trust=trust if mcp else ask_trust(trust)), data)
     if mcp:
         try:
-            tools = make_mcp_server(seats)
+            tools = make_mcp_server(programs)
         except ImportError:
             raise SimulationError("--mcp needs the package mcp; run: pip install 'mcp>=2'") from None
         tools.run()
         return
-    server = make_agent_server(seats, port=port)
+    server = make_agent_server(programs, port=port)
     print(f"programs begin at http://127.0.0.1:{server.server_port}/sessions   (Ctrl-C ends it)", flush=True)
     try:
         server.serve_forever()

@@ -43,7 +43,7 @@ from minihuman.runtime.team_host import TeamTable
 from minihuman.trust import SOURCE_FACT
 from minihuman.web import messages
 from minihuman.web.arrivals import Admission, Arrival, Arrivals, Rejection, identify_visitor, is_token
-from minihuman.web.computed import PageWorld, kernels_digest
+from minihuman.web.computed import PageWorld
 from minihuman.web.eligibility import (
     BrowserProperties,
     Completion,
@@ -51,14 +51,17 @@ from minihuman.web.eligibility import (
     check_eligibility,
     classify_ending,
     collect_browser_facts,
+    find_utc_offset_min,
     get_page_texts,
     get_session_code,
     list_touch_keys,
     needs_keyboard,
+    requires_gamepad,
 )
 from minihuman.web.messages import KEY_CODES, IncomingStream
 from minihuman.web.outbox import PageSettings
 from minihuman.web.session_host import SessionHost
+from minihuman.worlds.source_digest import kernels_digest
 
 _RULES = (
     "version_minihuman",
@@ -330,7 +333,10 @@ class Connection:
             return
         if isinstance(numbered.what, _ACTS):
             self.acted_s = monotonic_s()
-        self._guarded(lambda: self.host.receive(numbered.n, numbered.at, numbered.what, more=more))
+        arrival_ns = current_system().clock.monotonic_ns()
+        self._guarded(
+            lambda: self.host.receive(numbered.n, numbered.at, numbered.what, more=more, arrival_ns=arrival_ns)
+        )
         self.changed.set()
 
     def poll(self) -> bool:
@@ -523,8 +529,9 @@ class ConnectionFactory:
         """Find or make the connection for a hello from a network address."""
         if hello.version != messages.MESSAGE_VERSION:
             return TurnedAway("old", self._words["busy"])  # it is loaded again by itself
-        needed = needs_keyboard(self._arrivals.protocol)
-        if reason := check_eligibility(self._web, _browser_properties(hello.facts), needs_keyboard=needed):
+        protocol = self._arrivals.protocol
+        needed = {"needs_keyboard": needs_keyboard(protocol), "needs_gamepad": requires_gamepad(protocol)}
+        if reason := check_eligibility(self._web, _browser_properties(hello.facts), **needed):
             who = identify_visitor(hello.platform, self._web.recruitment_platforms)
             return self._turned(reason, person=who.id if who is not None else "")
         came_with = hashlib.sha256(repr((hello.token, sorted(hello.platform.items()))).encode()).digest()
@@ -561,7 +568,8 @@ class ConnectionFactory:
 
     async def _admit_page(self, hello: messages.Hello) -> Connection | TurnedAway:
         try:
-            admission = await asyncio.to_thread(self._arrivals.arrive, Arrival(hello.token, hello.platform))
+            arrival = Arrival(hello.token, hello.platform, find_utc_offset_min(hello.facts))
+            admission = await asyncio.to_thread(self._arrivals.arrive, arrival)
         except OSError as error:  # the database is away, or the disk: the page tries again
             LOG.warning("a participant has to wait: %s", error)
             return TurnedAway("wait", "")
@@ -696,4 +704,5 @@ def _browser_properties(facts: Mapping[str, bool | float | str]) -> BrowserPrope
         window_px=(int(size[1]), int(size[2])) if size else (0, 0),
         rtt_ms=float(rtt) if isinstance(rtt, int | float) else None,
         keyboard=facts.get("mouse") is not False or facts.get("touch") is not True,
+        gamepad=facts.get("gamepad") is True,
     )

@@ -134,8 +134,12 @@ def spoilt(draw: st.DrawFn) -> str:
     return json.dumps(message)
 
 
+SHORT = st.tuples(
+    st.sampled_from(["k", "s", "t", "n"]), st.sampled_from([1, 2, 3, 0, -1]), st.sampled_from([1, 5, 10**6, 2**53])
+)
 MESSAGES = (
     spoilt()
+    | st.builds(lambda head, rest: json.dumps([*head, *rest]), SHORT, st.lists(NASTY, max_size=7))
     | st.text(max_size=60)
     | st.binary(max_size=60)
     | NASTY.map(json.dumps)

@@ -19,6 +19,7 @@ from minihuman.learn.policy.network import Policy
 from minihuman.learn.policy.observation import get_image_shape
 from minihuman.learn.teaching.dataset import Dataset
 from minihuman.learn.teaching.learner import LearningRequest, LearningResult, choose_encoder, make_learner
+from minihuman.operating_system import hash_file
 
 UNLIMITED_S = float("inf")
 PACKAGE = Path(minihuman.__file__).parent
@@ -112,12 +113,6 @@ def _other_code(made_by: dict[str, str]) -> list[str]:
     """List the versions that differ from those that made a policy."""
     here = get_code_versions()
     return [f"it was made by {name} {had}; here is {here[name]}" for name, had in made_by.items() if had != here[name]]
-
-
-def hash_file(path: Path) -> str:
-    """A file's fingerprint."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _started_from(start: Path, dataset: Dataset) -> Policy:

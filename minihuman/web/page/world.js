@@ -239,7 +239,7 @@ export class Picture {
 /** @typedef {{ things: Float64Array, numbers: Float64Array, words: BigUint64Array }} FirstPersonSave */
 
 const COLUMNS = 9, ROOM_COLUMNS = 7, EDGE_COLUMNS = 4, PLACE_COLUMNS = 6, THING_COLUMNS = 15;
-const REWARD = 24, VIEW_SIZE = 39, MEMORY = 36, SPANS = 43;
+const REWARD = 24, VIEW_SIZE = 40, MEMORY = 36, SPANS = 43;
 
 /** A first-person world in an episode, without its pictures. The module's whole memory is its own. */
 export class FirstPersonWorld {
@@ -344,7 +344,8 @@ export class Scene {
     this.picture = kernels.array("uint8", [height, width, 3]);
     this.rgba = kernels.array("uint8", [height * width * 4]);
     this.covered = kernels.bind("cover", ...this.rooms, ...this.library, this.things, this.places, this.view, floats, wholes);
-    this.coloured = kernels.bind("colour", this.texels, this.sizes, this.view, floats, wholes, this.picture);
+    this.coloured = kernels.bind("colour", this.texels, this.sizes, ...this.rooms, this.things, this.places, this.view, floats, wholes,
+      this.picture);
     this.converted = kernels.bind(
       "write_rgba", new Block(kernels.memory, "uint8", this.picture.at, [this.picture.length]), this.rgba);
   }

@@ -27,7 +27,6 @@ from minihuman.log.system import monotonic_s
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts
 from minihuman.web import messages
 from minihuman.web.arrivals import Arrivals
-from minihuman.web.computed import kernels_digest
 from minihuman.web.connection import Connection, ConnectionFactory, TurnedAway
 from minihuman.web.eligibility import build_completion, classify_ending, get_page_texts, get_session_code
 from minihuman.web.messages import (
@@ -41,6 +40,7 @@ from minihuman.web.messages import (
     RateLimit,
     is_same_origin,
 )
+from minihuman.worlds.source_digest import kernels_digest
 
 _ENDS = (WebSocketDisconnect, RuntimeError)  # RuntimeError: something was sent after the end
 

@@ -86,7 +86,7 @@ EXPORTS: Mapping[str, tuple[Export, ...]] = {
         Export("fill_sizes", fill_sizes, (_VIEW, _U32, _U32)),
         Export("size_of", size_of, ("int64",) * 5),
         Export("cover", cover, (_F64, _I32, _F64, _I32, _MATRIX, _MATRIX, _F64, _F64, _I32)),
-        Export("colour", colour, (_U32, _U32, _F64, _F64, _I32, _VIEW)),
+        Export("colour", colour, (_U32, _U32, _F64, _I32, _MATRIX, _MATRIX, _F64, _F64, _I32, _VIEW)),
         _RGBA,
     ),
 }

@@ -91,7 +91,6 @@ _NOT_STATE = frozenset(
     {"action_names", "action_space", "observation_space", "max_steps", "parameters", "domain_rand", "render_mode"}
     | {"view", "window_px", "spec", "trig", "_pictures", "_over", "_flat"}
 )
-
 EntityT = TypeVar("EntityT", bound=Entity)
 FrameT = TypeVar("FrameT", ImageFrame, TextFrame)
 
@@ -119,6 +118,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
             own; None for the class's ``assets``.
         trig: whose sine and cosine turn things and eyes: 0 the host's, 1 our own, the same on every machine and page.
         contact_shadows: darken the ground around things that stand on it; Miniworld's pictures have no shadows.
+        look: how pictures are drawn: "classic", or "display" for people's eyes: sharper, steadier, with depth.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012 (Gymnasium's own way to declare it)
@@ -142,6 +142,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         domain_rand: bool = False,
         assets: str | Path | None = None,
         contact_shadows: bool = False,
+        look: str = "classic",
         trig: int = 0,
     ) -> None:
         sizes = (("obs_width", obs_width), ("obs_height", obs_height))
@@ -152,6 +153,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         check_one_of("trig", trig, (0, 1))
         check_bool("domain_rand", domain_rand)
         check_bool("contact_shadows", contact_shadows)
+        check_one_of("look", look, ("classic", "display"))
         if not actions:
             raise WorldError(f"the list of actions is empty; give one or more of {', '.join(rules.ACTIONS)}")
         if unknown := set(actions) - set(rules.ACTIONS):
@@ -174,6 +176,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
             (obs_width, obs_height),
             str(assets or self.assets) if assets or self.assets else None,
             shadows=contact_shadows,
+            display=look == "display",
         )
 
     # What a world defines.

@@ -19,7 +19,7 @@ from minihuman.worlds.first_person.entities import Box, ColouredMesh, Entity, Im
 from minihuman.worlds.first_person.render.asset_files import asset_library, library_lock
 from minihuman.worlds.first_person.render.assets import Library
 from minihuman.worlds.first_person.render.drawing import RenderTarget, render_depth, render_top, turn, visible_things
-from minihuman.worlds.first_person.render.kernel_tables import F64, I64, FaceTable, RoomTable
+from minihuman.worlds.first_person.render.kernel_tables import F64, I64, THING_SIZE, FaceTable, RoomTable
 from minihuman.worlds.first_person.render.rasterisation import VIEW_SIZE
 from minihuman.worlds.first_person.render.scene import (
     FAR_M,
@@ -37,11 +37,11 @@ from minihuman.worlds.first_person.render.scene import (
     add_things,
     build_scene,
 )
-from minihuman.worlds.first_person.render.shading import colour
-from minihuman.worlds.first_person.render.visibility import size_of
+from minihuman.worlds.first_person.render.shading import JOINT_M, colour
+from minihuman.worlds.first_person.render.visibility import SAMPLES, size_of
 from minihuman.worlds.first_person.rooms import FloorPlan, Room, RoomPlan, finish_floor_plan, rectangle
 from minihuman.worlds.first_person.state import WorldState
-from minihuman.worlds.first_person.walls import CEILING, corners_of, room_faces, touches_wall
+from minihuman.worlds.first_person.walls import CEILING, corners_of, room_faces, room_occluders, touches_wall
 from minihuman.worlds.pose import Pose
 
 GONE = (np.nan,) * 4
@@ -71,12 +71,13 @@ def shadow(thing: Entity) -> ShadowLook:
     return ShadowLook(part * float(thing.radius))
 
 
-def room_tables(floor: FloorPlan, library: Library) -> tuple[FaceTable, RoomTable]:
+def room_tables(floor: FloorPlan, library: Library, *, display: bool = False) -> tuple[FaceTable, RoomTable]:
     """The rooms of a floor plan as the renderer's tables: floor, ceiling and pieces of wall, and the openings."""
     edges, first = floor.edges, floor.first_edge
     heights = np.array([room.wall_height for room in floor.rooms])
     textures, sizes_m = _coverings(floor, library)
     faces, first_face = room_faces(first, edges, heights, floor.pieces, textures, sizes_m)
+    shades = room_occluders(first, edges, heights, floor.pieces, textures, sizes_m, JOINT_M) if display else ()
     doors = floor.portals[floor.portals[:, 5] >= 0]
     (x, z), (a, b) = edges[:, :2].T, edges[:, 5:].T
     bounds = [extent.reduceat(at, first[:-1]) for extent in (np.minimum, np.maximum) for at in (x, z)]
@@ -89,6 +90,7 @@ def room_tables(floor: FloorPlan, library: Library) -> tuple[FaceTable, RoomTabl
         corners_of(edges, doors),
         doors[:, 5].astype(np.int32),
         textures[:, CEILING] >= 0,
+        *shades,
     )
 
 
@@ -144,8 +146,11 @@ _MOST_EASELS = 8  # palettes and sizes; a window that is drawn larger passes man
 class WorldRenderer:
     """Draws one world. It keeps the scene between steps; a copy of a world starts with nothing kept."""
 
-    def __init__(self, size_px: tuple[int, int], assets: str | None, *, shadows: bool = False) -> None:
-        self.shadows = shadows  # whether things have them, on the ground
+    def __init__(
+        self, size_px: tuple[int, int], assets: str | None, *, shadows: bool = False, display: bool = False
+    ) -> None:
+        self.display = display  # whether pictures have the look of a display
+        self.shadows = shadows and not display  # whether things have them, on the ground
         self.size_px = size_px  # of an observation: width, height
         self.assets = assets  # folder of textures and meshes beside our own; None: only those
         self._floor: FloorPlan | None = None
@@ -154,7 +159,7 @@ class WorldRenderer:
         self._easels: dict[tuple[Palette, tuple[int, int]], _Observed] = {}  # where what the agent sees is drawn
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return partial(WorldRenderer, shadows=self.shadows), (self.size_px, self.assets)
+        return partial(WorldRenderer, shadows=self.shadows, display=self.display), (self.size_px, self.assets)
 
     def measure(self, entity: Entity) -> None:
         """Say how wide a thing is whose mesh is the folder's.
@@ -216,7 +221,7 @@ class WorldRenderer:
         """The scene now: laid out anew for a new stage or a new thing, otherwise with its things moved."""
         if self._floor is not stage.floor:
             with library_lock:
-                rooms = room_tables(stage.floor, asset_library(self.assets))
+                rooms = room_tables(stage.floor, asset_library(self.assets), display=self.display)
             self._floor, self._rooms, self._staged = stage.floor, rooms, {}
         kept = self._staged.get(palette)
         things = [entity for entity in stage.entities if entity is not stage.agent]
@@ -233,6 +238,7 @@ class WorldRenderer:
                     places=self._places(stage, things),
                     light=light(stage),
                     sky=stage.sky_colour,
+                    display=self.display,
                 )
         self._staged[palette] = stage, things, scene
         return scene
@@ -292,7 +298,9 @@ def compile_shading() -> None:
     """Colour a picture without rows."""
     floats, wholes = size_of(0, 0, 0, 0, 0)
     nothing = np.zeros((1, 1, 3), np.uint8)
-    colour(*asset_library(None).textures, np.zeros(VIEW_SIZE), np.zeros(floats), np.zeros(wholes, np.int32), nothing)
+    memory, no_rooms = (np.zeros(floats), np.zeros(wholes, np.int32)), (np.zeros(0), np.zeros(3, np.int32))
+    scene = *no_rooms, np.zeros((0, THING_SIZE)), np.zeros((0, SAMPLES + 1)), np.zeros(VIEW_SIZE)
+    colour(*asset_library(None).textures, *scene, *memory, nothing)
 
 
 def compile_visibility() -> None:

@@ -76,9 +76,9 @@ def _turn(edges: F64, parts: F64, corners: F64) -> None:
         edge = int(parts[part, 0])
         for nth in range(4):
             along = parts[part, 1 + nth // 2]
-            corners[part, nth, 0] = edges[edge, 0] + along * edges[edge, 3]
-            corners[part, nth, 1] = parts[part, 4 if nth == 1 or nth == 2 else 3]
-            corners[part, nth, 2] = edges[edge, 1] + along * edges[edge, 4]
+            corner = corners[part, nth]
+            corner[0], corner[2] = edges[edge, 0] + along * edges[edge, 3], edges[edge, 1] + along * edges[edge, 4]
+            corner[1] = parts[part, 4 if nth == 1 or nth == 2 else 3]
 
 
 def room_faces(
@@ -127,14 +127,11 @@ def _fill(
             face += 1
             for nth in range(last - first):
                 edge = first + nth if covering == FLOOR else last - 1 - nth
-                table[row, 0] = edges[edge, 0]
-                table[row, 1] = 0.0 if covering == FLOOR else heights[room]
-                table[row, 2] = edges[edge, 1]
+                y, up = (0.0, 1.0) if covering == FLOOR else (heights[room], -1.0)
+                table[row, 0], table[row, 1], table[row, 2] = edges[edge, 0], y, edges[edge, 1]
                 table[row, 3] = edges[edge, 0] / sizes_m[room, covering, 0]
                 table[row, 4] = edges[edge, 1] / sizes_m[room, covering, 1]
-                table[row, 5] = 0.0
-                table[row, 6] = 1.0 if covering == FLOOR else -1.0
-                table[row, 7] = 0.0
+                table[row, 5], table[row, 6], table[row, 7] = 0.0, up, 0.0
                 row += 1
         while piece < len(pieces) and pieces[piece, 0] < last:
             faces[face, 0], faces[face, 1] = row, textures[room, WALL]
@@ -145,10 +142,50 @@ def _fill(
                     table[row, axis] = uprights[piece, nth, axis]
                 table[row, 3] = pieces[piece, 1 + nth // 2] / sizes_m[room, WALL, 0]
                 table[row, 4] = uprights[piece, nth, 1] / sizes_m[room, WALL, 1]
-                table[row, 5] = edges[edge, 5]
-                table[row, 6] = 0.0
-                table[row, 7] = edges[edge, 6]
+                table[row, 5], table[row, 6], table[row, 7] = edges[edge, 5], 0.0, edges[edge, 6]
                 row += 1
             piece += 1
     first_face[len(heights)] = face
     faces[face, 0], faces[face, 1] = row, -1
+
+
+def room_occluders(
+    first_edge: I64, edges: F64, heights: F64, pieces: F64, textures: I64, sizes_m: F64, reach_m: float
+) -> tuple[I32, F64]:
+    """What darkens each of `room_faces` where it meets another: ``first_occluder`` and ``occluder`` of a `RoomTable`.
+
+    A floor or a ceiling is darkened by all walls within ``reach_m`` of its room, whosever they are; a piece of wall by
+    its own sides, where something is beside it.
+    """
+    edge, (start, end, bottom, top) = pieces[:, 0].astype(np.int64), pieces[:, 1:].T
+    at, along = edges[edge, :2], edges[edge, 3:5]
+    lying, there = np.column_stack((at + start[:, None] * along, along, end - start)), at + end[:, None] * along
+    low, high = np.minimum(lying[:, :2], there) - reach_m, np.maximum(lying[:, :2], there) + reach_m
+    room_of = np.searchsorted(first_edge, edge, side="right") - 1
+    # of each edge, whether a wall is at its start and its end; and which edges come before and after it
+    met = np.zeros((2, len(edges)), np.bool_)
+    met[0, edge[(start == 0.0) & (bottom == 0.0)]] = met[1, edge[(end == edges[edge, 2]) & (bottom == 0.0)]] = True
+    before, after = np.arange(len(edges)) - 1, np.arange(len(edges)) + 1
+    before[first_edge[:-1]], after[first_edge[1:] - 1] = first_edge[1:] - 1, first_edge[:-1]
+    roofed, nought = (textures[room_of, CEILING] >= 0) & (top == heights[room_of]), np.zeros(len(pieces))
+    level, upright = (nought + 1.0, nought, end - start), (nought, nought + 1.0, top - bottom)
+    sides = np.array(
+        [(start, bottom, *level), (start, top, *level), (start, bottom, *upright), (end, bottom, *upright)]
+    )
+    meets = np.array(
+        (bottom == 0.0, roofed, (start == 0.0) & met[1, before[edge]], (end == edges[edge, 2]) & met[0, after[edge]])
+    )
+    rows: list[F64] = []
+    for room, height in enumerate(heights):
+        corners = edges[first_edge[room] : first_edge[room + 1], :2]
+        near = np.all((low <= corners.max(axis=0)) & (high >= corners.min(axis=0)), axis=1)
+        for covering, joint in ((FLOOR, bottom == 0.0), (CEILING, top == height)):
+            if textures[room, covering] >= 0:
+                rows.append(_sized(lying[near & joint], sizes_m[room, covering], covering == FLOOR))
+        rows += [_sized(sides[meets[:, k], :, k], sizes_m[room, WALL]) for k in np.flatnonzero(room_of == room)]
+    return np.cumsum([0, *map(len, rows)]).astype(np.int32), np.concatenate(rows)
+
+
+def _sized(segments: F64, size_m: F64, floor: bool = False) -> F64:
+    segments = segments if len(segments) else np.array([(1e6, 1e6, 1.0, 0.0, 0.0)])  # of a face that nothing is near
+    return np.column_stack((segments, np.tile((*size_m, float(floor)), (len(segments), 1))))

@@ -16,7 +16,17 @@ from minihuman.errors import WorldError
 from minihuman.worlds.first_person.render import visibility
 from minihuman.worlds.first_person.render.assets import ARROW_FACES, CUBE_FACES
 from minihuman.worlds.first_person.render.kernel_tables import F64, I32
-from minihuman.worlds.first_person.render.rasterisation import BOTTOM, HEIGHT, LEAST, LIGHT, ROOM, SKY, TOP, VIEW_SIZE
+from minihuman.worlds.first_person.render.rasterisation import (
+    BOTTOM,
+    HEIGHT,
+    LEAST,
+    LIGHT,
+    LOOK,
+    ROOM,
+    SKY,
+    TOP,
+    VIEW_SIZE,
+)
 from minihuman.worlds.first_person.render.scene import Camera, Light, Scene, SceneTables, Vector
 from minihuman.worlds.first_person.render.shading import colour
 from minihuman.worlds.first_person.render.visibility import size_of
@@ -75,7 +85,7 @@ class RenderTarget:
     def aim(self, pos: Vector, yaw_rad: float, pitch_rad: float, fov_y_deg: float, near_m: float, far_m: float) -> None:
         """Say where the eye is that sees the next picture, and how it looks."""
         _aim(self.view, pos, yaw_rad, pitch_rad, fov_y_deg, near_m, far_m, *self.size_px, trig=self._trig)
-        self.view[ROOM:] = MOST_SPANS, self.layout.capacity, self.layout.most_corners
+        self.view[ROOM:LOOK] = MOST_SPANS, self.layout.capacity, self.layout.most_corners
 
     def draw(self, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
         """What the eye sees, uint8[height, width, 3]; drawn into ``out``, contiguous and of that size, if there is."""
@@ -151,14 +161,15 @@ def _draw(layout: SceneTables, view: F64, places: F64, out: NDArray[np.uint8]) -
 
 
 def _colour_band(layout: SceneTables, view: F64, places: F64, out: NDArray[np.uint8]) -> None:
-    colour(*layout.textures, view, *_cover(layout, view, places), out)
+    covered = _cover(layout, view, places)
+    colour(*layout.textures, *layout.packed_rooms, layout.things, places, view, *covered, out)
 
 
 def _cover(layout: SceneTables, view: F64, places: F64) -> tuple[F64, I32]:
     """Find out which face covers each sample; gives back the memory where that is written."""
     spans = MOST_SPANS
     while True:
-        view[ROOM:] = spans, layout.capacity, layout.most_corners
+        view[ROOM:LOOK] = spans, layout.capacity, layout.most_corners
         memory = memory_for(*_room(layout, int(view[HEIGHT]), spans))
         if visibility.cover(*layout.packed_rooms, *layout.packed_library, layout.things, places, view, *memory):
             return memory
@@ -168,7 +179,7 @@ def _cover(layout: SceneTables, view: F64, places: F64) -> tuple[F64, I32]:
 def _complete(scene: Scene, view: F64, width: int, height: int) -> None:
     """Add to a view's camera what else the kernels ask of it."""
     view[LIGHT:SKY] = _light(scene.light)
-    view[SKY:LEAST] = scene.sky
+    view[SKY:LEAST], view[LOOK] = scene.sky, scene.display
     view[TOP:ROOM] = 0.0, height, height, width
 
 

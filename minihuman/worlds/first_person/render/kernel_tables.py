@@ -29,6 +29,10 @@ class FaceTable(NamedTuple):
     plane: F64  # (faces, 4) a, b, c, d: a*x + b*y + c*z + d is above 0 on the side it is seen from
 
 
+OCCLUDER_SIZE = 8
+NO_FACES, NO_OCCLUDERS = np.zeros(1, np.int32), np.zeros((0, OCCLUDER_SIZE))
+
+
 class RoomTable(NamedTuple):
     """Which faces make a room, where it is, and what it opens into."""
 
@@ -40,6 +44,10 @@ class RoomTable(NamedTuple):
     opening: F64  # (openings, 4, 3)
     opening_into: I32  # (openings,)
     roofed: NDArray[np.bool_] | I32  # (rooms,)
+    # What darkens each face where it meets others, in the look of a display: segments in the plane of its texture,
+    # x, y, direction x, y, length, and how much the texture covers right and up, metres; 1.0 for a floor.
+    first_occluder: I32 = NO_FACES  # (faces + 1,) or (1,) where there are none
+    occluder: F64 = NO_OCCLUDERS  # (n, OCCLUDER_SIZE)
 
 
 # The columns of a thing's array, (things, THING_SIZE): its first face in the library and one past its last, how it is
@@ -77,7 +85,7 @@ class DrawBuffers(NamedTuple):
     counts: I32  # (4 * height,) how many spans each row has
     merged: I32  # (3 * most of a row + 8, 3) spans that are about to replace others
     planes: F64  # (capacity, 21)
-    kind: I32  # (capacity, 2) texture, and 1 where the colour is the same all over
+    kind: I32  # (capacity, 2) texture, and 1 where the colour is the same all over; with twice 1 + a room's face
     run: I32  # (capacity,) the last run of lookups of each
     left: I32  # (4 * height + 8,) where a face begins in each sample row
     right: I32  # (4 * height + 8,) and where it ends

@@ -57,13 +57,11 @@ def outline(drawn: DrawBuffers, corner_count: int, window: F64) -> tuple[int, in
     low = screen[0, 1]
     high = low
     for i in range(1, corner_count):
-        low = min(low, screen[i, 1])
-        high = max(high, screen[i, 1])
+        low, high = min(low, screen[i, 1]), max(high, screen[i, 1])
     first = int(max(np.floor((low - 32.0) / ROW_STEP), window[1] * 4.0))
     last = int(min(np.floor((high - 32.0) / ROW_STEP) + 1.0, window[3] * 4.0))
     for row in range(first, last):
-        left[index(row)] = int(window[2])
-        right[index(row)] = int(window[0])
+        left[index(row)], right[index(row)] = int(window[2]), int(window[0])
     for i in range(corner_count):
         j = i + 1 if i + 1 < corner_count else 0
         xa, ya, xb, yb = screen[i, 0], screen[i, 1], screen[j, 0], screen[j, 1]
@@ -89,10 +87,8 @@ def outline(drawn: DrawBuffers, corner_count: int, window: F64) -> tuple[int, in
 @device_function(nogil=True, force_inline=True)
 def put(drawn: DrawBuffers, row: int, at: int, begin: int, end: int, face: int) -> None:
     """Write a span down."""
-    spans = drawn.spans
-    spans[index(row), index(at), BEGIN] = begin
-    spans[index(row), index(at), END] = end
-    spans[index(row), index(at), FACE] = face
+    span = drawn.spans[index(row), index(at)]
+    span[BEGIN], span[END], span[FACE] = begin, end, face
 
 
 @device_function(nogil=True, force_inline=True)
@@ -121,8 +117,7 @@ def share(drawn: DrawBuffers, face: int, row: int, k: int, begin: int, end: int)
 
     Returns how many it got; -1 where the row has no room for more spans.
     """
-    spans, planes, merged = drawn.spans[row], drawn.planes, drawn.merged
-    count = drawn.counts[row]
+    spans, planes, merged, count = drawn.spans[row], drawn.planes, drawn.merged, drawn.counts[row]
     y, shifted = (ROW_STEP * row + 32.0) / 256.0, SAMPLE_X[row & 3] / 256.0
     a, here = planes[face, 0], planes[face, 1] * y + planes[face, 2]
     got = merged_count = 0
@@ -238,7 +233,8 @@ LIGHT, SKY = 19, 28  # the way to the light, its colour and the ambient light; t
 LEAST = 31  # of 1 / distance: beyond a face's edge it may reach nonsense
 TOP, BOTTOM, HEIGHT, WIDTH = 32, 33, 34, 35  # which rows to draw, and the whole picture, pixels
 ROOM = 36  # how many spans of a row, faces and corners of a face there is memory for, three numbers
-VIEW_SIZE = 39
+LOOK = 39  # 1.0 for the look of a display
+VIEW_SIZE = 40
 
 TILES = 16  # across the picture and down, in which is known how near what was drawn is at least
 GUARD_PX = 16384.0  # corners stay within this of the picture's middle, so that their products are exact
@@ -291,9 +287,8 @@ def turn_to(view: F64, light: F64, placement: F64) -> None:
     if view[PARALLEL] == 1.0:
         ex, ey, ez = -view[FORWARD], -view[FORWARD + 1], -view[FORWARD + 2]
     else:
-        ex = view[EYE] - placement[PLACE]
-        ey = view[EYE + 1] - placement[PLACE + 1]
-        ez = view[EYE + 2] - placement[PLACE + 2]
+        at = placement[PLACE : PLACE + 3]
+        ex, ey, ez = view[EYE] - at[0], view[EYE + 1] - at[1], view[EYE + 2] - at[2]
     placement[OWN_EYE] = (co * ex - si * ez) / placement[SCALE]
     placement[OWN_EYE + 1] = ey / placement[SCALE + 1]
     placement[OWN_EYE + 2] = (si * ex + co * ez) / placement[SCALE + 2]
@@ -328,13 +323,11 @@ def draw_face(
     if above + side[face, 2] * placement[OWN_EYE + 2] + side[face, 3] * placement[OWN_EYE + 3] <= 0.0:
         return 0
 
-    parallel = view[PARALLEL] == 1.0
-    co, si = placement[COS], placement[SIN]
+    parallel, co, si = view[PARALLEL] == 1.0, placement[COS], placement[SIN]
     sx, sy, sz = placement[SCALE], placement[SCALE + 1], placement[SCALE + 2]
     start = faces.start[face]
     count = faces.start[face + 1] - start
-    corners, screen = drawn.corners, drawn.screen
-    near = view[NEAR]
+    corners, screen, near = drawn.corners, drawn.screen, view[NEAR]
     ahead = 0
     # all read before anything is written, for a compiler cannot know that the tables do not overlap
     eye_x, eye_y, eye_z = view[EYE], view[EYE + 1], view[EYE + 2]
@@ -343,12 +336,9 @@ def draw_face(
     forward_x, forward_y, forward_z = view[FORWARD], view[FORWARD + 1], view[FORWARD + 2]
     at_x, at_y, at_z = placement[PLACE], placement[PLACE + 1], placement[PLACE + 2]
     for i in range(count):
-        px = faces.position[start + i, 0] * sx
-        py = faces.position[start + i, 1] * sy
-        pz = faces.position[start + i, 2] * sz
-        wx = at_x + (co * px + si * pz) - eye_x
-        wy = at_y + py - eye_y
-        wz = at_z + (co * pz - si * px) - eye_z
+        corner = faces.position[start + i]
+        px, py, pz = corner[0] * sx, corner[1] * sy, corner[2] * sz
+        wx, wy, wz = at_x + (co * px + si * pz) - eye_x, at_y + py - eye_y, at_z + (co * pz - si * px) - eye_z
         ahead_by = forward_x * wx + forward_y * wy + forward_z * wz
         corners[0, i, 0] = right_x * wx + right_y * wy + right_z * wz
         corners[0, i, 1] = up_x * wx + up_y * wy + up_z * wz
@@ -363,8 +353,7 @@ def draw_face(
         count = cut(corners, current, count, 0.0, 0.0, 1.0, -near)
         current = 1
     if not parallel:
-        limit_x = GUARD_PX / view[FOCAL_X]
-        limit_y = GUARD_PX / view[FOCAL_Y]
+        limit_x, limit_y = GUARD_PX / view[FOCAL_X], GUARD_PX / view[FOCAL_Y]
         wide = False
         for i in range(count):
             z = corners[current, i, 2]
@@ -382,12 +371,8 @@ def draw_face(
         shrink = 1.0 if parallel else 1.0 / corners[current, i, 2]
         x = np.floor((view[CENTRE_X] + view[FOCAL_X] * corners[current, i, 0] * shrink) * 256.0 + 0.5)
         y = np.floor((view[CENTRE_Y] - view[FOCAL_Y] * corners[current, i, 1] * shrink) * 256.0 + 0.5)
-        screen[i, 0] = x
-        screen[i, 1] = y
-        x0 = x if i == 0 else min(x0, x)
-        x1 = x if i == 0 else max(x1, x)
-        y0 = y if i == 0 else min(y0, y)
-        y1 = y if i == 0 else max(y1, y)
+        screen[i, 0], screen[i, 1] = x, y
+        x0, x1, y0, y1 = (x, x, y, y) if i == 0 else (min(x0, x), max(x1, x), min(y0, y), max(y1, y))
     if x1 <= window[0] * 256.0 or x0 >= window[2] * 256.0 or y1 <= window[1] * 256.0 or y0 >= window[3] * 256.0:
         return 0
     if not nearness(faces, face, view, drawn, number):
@@ -434,16 +419,11 @@ def nearness(faces: FaceTable, face: int, view: F64, drawn: DrawBuffers, number:
     Three corners, not yet cut, say how; the inverse of the matrix of their positions holds it, and all else that varies
     evenly over a flat face.
     """
-    count = faces.start[face + 1] - faces.start[face]
-    p, inverse = drawn.corners[0], drawn.inverse
+    count, p, inverse = faces.start[face + 1] - faces.start[face], drawn.corners[0], drawn.inverse
     i1, i2 = count // 3, (2 * count) // 3
     parallel = view[PARALLEL] == 1.0
-    x0, y0 = p[0, 0], p[0, 1]
-    x1, y1 = p[i1, 0], p[i1, 1]
-    x2, y2 = p[i2, 0], p[i2, 1]
-    z0 = 1.0 if parallel else p[0, 2]
-    z1 = 1.0 if parallel else p[i1, 2]
-    z2 = 1.0 if parallel else p[i2, 2]
+    x0, y0, x1, y1, x2, y2 = p[0, 0], p[0, 1], p[i1, 0], p[i1, 1], p[i2, 0], p[i2, 1]
+    z0, z1, z2 = (1.0, 1.0, 1.0) if parallel else (p[0, 2], p[i1, 2], p[i2, 2])
     ax, ay, az = y1 * z2 - z1 * y2, z1 * x2 - x1 * z2, x1 * y2 - y1 * x2
     bx, by, bz = y2 * z0 - z2 * y0, z2 * x0 - x2 * z0, x2 * y0 - y2 * x0
     cx, cy, cz = y0 * z1 - z0 * y1, z0 * x1 - x0 * z1, x0 * y1 - y0 * x1
@@ -456,9 +436,7 @@ def nearness(faces: FaceTable, face: int, view: F64, drawn: DrawBuffers, number:
     inverse[3, 0] = 1.0 / (determinant * view[FOCAL_X])
     inverse[3, 1] = 1.0 / (determinant * view[FOCAL_Y])
     inverse[3, 2] = 1.0 / determinant
-    v0 = -p[0, 2] if parallel else 1.0
-    v1 = -p[i1, 2] if parallel else 1.0
-    v2 = -p[i2, 2] if parallel else 1.0
+    v0, v1, v2 = (-p[0, 2], -p[i1, 2], -p[i2, 2]) if parallel else (1.0, 1.0, 1.0)
     plane(drawn, view, number, int64(0), v0, v1, v2)
     return True
 
@@ -470,8 +448,7 @@ def plane(drawn: DrawBuffers, view: F64, number: int, column: int, first: float,
     gx = (first * inverse[0, 0] + second * inverse[0, 1] + third * inverse[0, 2]) * inverse[3, 0]
     gy = (first * inverse[1, 0] + second * inverse[1, 1] + third * inverse[1, 2]) * inverse[3, 1]
     gz = (first * inverse[2, 0] + second * inverse[2, 1] + third * inverse[2, 2]) * inverse[3, 2]
-    planes[number, 3 * column] = gx
-    planes[number, 3 * column + 1] = -gy
+    planes[number, 3 * column], planes[number, 3 * column + 1] = gx, -gy
     planes[number, 3 * column + 2] = gz - gx * view[CENTRE_X] + gy * view[CENTRE_Y]
 
 
@@ -480,20 +457,17 @@ def vary(faces: FaceTable, face: int, view: F64, placement: F64, light: F64, dra
     """Work out how texture and light vary over the picture, divided by distance."""
     start = faces.start[face]
     count = faces.start[face + 1] - start
-    planes, kind, lit = drawn.planes, drawn.kind, drawn.lit
+    planes, kind, lit, long = drawn.planes, drawn.kind, drawn.lit, placement[NORMAL_SCALE]
     same = True
-    long = placement[NORMAL_SCALE]
     lx, ly, lz = placement[OWN_LIGHT], placement[OWN_LIGHT + 1], placement[OWN_LIGHT + 2]
     for k in range(3):
-        corner = start + (k * count) // 3
-        normal = faces.normal
+        corner, normal = start + (k * count) // 3, faces.normal
         facing = long * (normal[corner, 0] * lx + normal[corner, 1] * ly + normal[corner, 2] * lz)
         for channel in range(3):
             bright = light[6 + channel] + light[3 + channel] * max(facing, 0.0)
             lit[channel, k] = min(faces.colour[face, channel] * placement[TINT + channel] * bright, 1.0)
             same = same and lit[channel, k] == lit[channel, 0]
-    kind[number, 0] = faces.texture[face]
-    kind[number, 1] = 1 if same else 0
+    kind[number, 0], kind[number, 1] = faces.texture[face], 1 if same else 0
     c0, c1, c2 = start, start + count // 3, start + (2 * count) // 3
     place = faces.texture_place
     for column in range(1, 7):

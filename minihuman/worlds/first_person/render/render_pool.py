@@ -108,21 +108,23 @@ def draw_targets(rows: I64, counters: I64, most: int, floats: F64, wholes: I32, 
         if row[MEMORY] > floats.shape[0] or row[MEMORY + 1] > wholes.shape[0]:
             return nth
         view = _floats_at(row[VIEW], row[VIEW + 1])
-        things, places = _floats_at(row[THINGS], row[THINGS + 1]), _floats_at(row[PLACES], row[PLACES + 1])
+        rooms = _floats_at(row[ROOM_FLOATS], row[ROOM_FLOATS + 1]), _wholes_at(row[ROOM_WHOLES], row[ROOM_WHOLES + 1])
+        things = _floats_at(row[THINGS], row[THINGS + 1]).reshape(row[THINGS + 1] // THING_SIZE, THING_SIZE)
+        places = _floats_at(row[PLACES], row[PLACES + 1]).reshape(row[PLACES + 1] // (SAMPLES + 1), SAMPLES + 1)
         if not cover(
-            _floats_at(row[ROOM_FLOATS], row[ROOM_FLOATS + 1]),
-            _wholes_at(row[ROOM_WHOLES], row[ROOM_WHOLES + 1]),
+            rooms[0],
+            rooms[1],
             _floats_at(row[LIBRARY_FLOATS], row[LIBRARY_FLOATS + 1]),
             _wholes_at(row[LIBRARY_WHOLES], row[LIBRARY_WHOLES + 1]),
-            things.reshape(things.shape[0] // THING_SIZE, THING_SIZE),
-            places.reshape(places.shape[0] // (SAMPLES + 1), SAMPLES + 1),
+            things,
+            places,
             view,
             floats,
             wholes,
         ):
             return nth
         texels, table = _texels_at(row[TEXELS], row[TEXELS + 1]), _texels_at(row[TABLE], row[TABLE + 1])
-        colour(texels, table, view, floats, wholes, out[nth])
+        colour(texels, table, rooms[0], rooms[1], things, places, view, floats, wholes, out[nth])
         drawn += 1
         add_to_counter(counters, DRAWN, 1)
     return ENOUGH

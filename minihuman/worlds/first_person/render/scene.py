@@ -14,7 +14,7 @@ episode and draws it as often as it likes:
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,6 +164,7 @@ class Scene:
     places: NDArray[np.float64]  # (looks, 4)
     light: Light = Light()
     sky: Rgb = (0.25, 0.82, 1.0)
+    display: bool = False  # in the look of a display
 
     def __post_init__(self) -> None:
         if self.places.shape != (self.layout.thing_count, 4):
@@ -173,7 +174,7 @@ class Scene:
 
     def at(self, places: NDArray[np.float64]) -> "Scene":
         """The same scene with its things elsewhere; what was laid out is shared."""
-        return Scene(self.layout, places, self.light, self.sky)
+        return replace(self, places=places)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -227,12 +228,12 @@ def add_things(
     places: F64 | None = None,
     light: Light | None = None,
     sky: Rgb = (0.25, 0.82, 1.0),
+    display: bool = False,
 ) -> Scene:
     """Make a scene of rooms that are tables already."""
     faces, room_table = tables
     table, things = _things(looks, library)
-    floats, wholes = packed_faces(faces)
-    more_floats, more_wholes = packed_rooms(room_table)
+    (floats, wholes), (more_floats, more_wholes) = packed_faces(faces), packed_rooms(room_table)
     layout = SceneTables(
         room_table,
         (np.concatenate([floats, more_floats]), np.concatenate([wholes, more_wholes])),
@@ -243,13 +244,12 @@ def add_things(
         most_corners=max(int(np.max(np.diff(faces.start))), 4) + 8,
     )
     where = np.full((len(looks), 4), np.nan) if places is None else places
-    return Scene(layout, where, light if light is not None else Light(), sky)
+    return Scene(layout, where, light if light is not None else Light(), sky, display)
 
 
 def _rooms(rooms: Sequence[SceneRoom], library: Library) -> tuple[FaceTable, RoomTable]:
     polygons, places, rows, first_face = [], [], [], [0]
-    edges, first_edge, bounds = [], [0], []
-    holes, into, first_opening = [], [], [0]
+    edges, first_edge, bounds, holes, into, first_opening = [], [0], [], [], [], [0]
     for room in rooms:
         for surface in room.surfaces:
             polygons.append(surface.corners)
@@ -325,8 +325,7 @@ def _frame(look: FrameLook, library: Library) -> FaceTable:
     """A frame's front, a square a texture from left to right, and its four black edges; it faces +x."""
     half_width, half_height, depth = look.width_m / 2, look.height_m / 2, look.depth_m
     unit = np.array([[1.0, 1.0], [0.0, 1.0], [0.0, 0.0], [1.0, 0.0]])
-    polygons, rows = [], []
-    step = look.width_m / len(look.textures)
+    polygons, rows, step = [], [], look.width_m / len(look.textures)
     for index, name in enumerate(look.textures):
         left = half_width - index * step
         right = left - step

@@ -8,20 +8,28 @@ import numpy as np
 from numpy import uint64 as index
 from numpy.typing import NDArray
 
-from minihuman.worlds.first_person.render.kernel_tables import BEGIN, END, F64, FACE, I32, DrawBuffers
-from minihuman.worlds.first_person.render.rasterisation import BOTTOM, LEAST, SKY, TOP
+from minihuman.worlds.first_person.render.kernel_tables import AROUND, BEGIN, END, F64, FACE, I32, DrawBuffers
+from minihuman.worlds.first_person.render.rasterisation import BOTTOM, LEAST, LOOK, SKY, TOP
 from minihuman.worlds.first_person.render.texture import (
     BLOCK,
+    DOWN,
     LANES,
     MOST_SIZES,
+    ONE,
+    SCANLINE_BUFFER,
+    TAP,
     U32,
     WHITE,
     copy,
+    darken,
     fill,
     fit,
     light,
+    look_up_2,
+    look_up_4,
     look_up_8,
     look_up_16,
+    occlude,
     pack,
     place,
     place_each,
@@ -33,10 +41,11 @@ from minihuman.worlds.first_person.render.visibility import (
     LINE,
     MAX_FRAGMENT_GROUPS,
     PLACES,
-    SCANLINE_BUFFER,
     SIZES,
     SPANS,
+    TAPS,
     drawn_in,
+    occluders_of,
 )
 from minihuman.worlds.kernels import device_function, int64, kernel
 
@@ -49,6 +58,7 @@ MOST_LOOKUPS = SCANLINE_BUFFER - 4 * (MOST_MIXED + LANES)  # when there are more
 AHEAD = 8.0  # rows further down, whose texels are asked of memory: it takes longer than a processor looks ahead
 MOST_APART = 2  # sizes that fit at both ends of sixteen pixels: if they are further apart, each has its own
 FULL = 65535  # light: less than all of it by a 65536th, which no rounded colour shows
+JOINT_M, CONTACT = 1.0, 2.2  # how far a joint of two faces darkens them; and a thing the floor, by its own reach
 RED_BLUE, GREEN = 0xFF00FF, 0x00FF00
 
 
@@ -71,22 +81,20 @@ def span_at(drawn: DrawBuffers, row: int, k: int, x: int, width: int) -> tuple[i
 
 
 @device_function(nogil=True, force_inline=True)
-def place_run(run: I32, y: int, plane: F64, texture: int, table: U32, texels: U32, least: float, memory: U32) -> None:
+def place_run(
+    run: I32, y: int, plane: F64, texture: int, table: U32, texels: U32, least: float, display: bool, memory: U32
+) -> None:
     """Find where the pixels of a run of a row lie in a texture, if there is one."""
-    sizes, places = memory[SIZES:], memory[PLACES:]
-    moves = memory[SIZES + LANES :].view(np.float32)
+    sizes, places, moves = memory[SIZES:], memory[PLACES:], memory[SIZES + LANES :].view(np.float32)
     count, slot = int64(run[STOP] - run[START]), int64(run[SLOT])
-    px, py = run[START] + 0.5, y + 0.5
-    inverse_x, inverse_y = plane[3], plane[4]
+    px, py, inverse_x, inverse_y = run[START] + 0.5, y + 0.5, plane[3], plane[4]
     inverse = inverse_x * px + (inverse_y * py + plane[5])
     if texture >= 0:
-        u = plane[6] * px + (plane[7] * py + plane[8])
-        v = plane[9] * px + (plane[10] * py + plane[11])
+        u, v = plane[6] * px + (plane[7] * py + plane[8]), plane[9] * px + (plane[10] * py + plane[11])
         # whole repeats are taken away where the face is nearest: there its texels are largest
         span = float(count - 1) if inverse_x > 0.0 else 0.0
         near = max(inverse + inverse_x * span, least)
-        whole_u = np.floor((u + plane[6] * span) / near)
-        whole_v = np.floor((v + plane[9] * span) / near)
+        whole_u, whole_v = np.floor((u + plane[6] * span) / near), np.floor((v + plane[9] * span) / near)
         u, u_x, u_y = u - whole_u * inverse, plane[6] - whole_u * inverse_x, plane[7] - whole_u * inverse_y
         v, v_x, v_y = v - whole_v * inverse, plane[9] - whole_v * inverse_x, plane[10] - whole_v * inverse_y
         first = 2 * MOST_SIZES * texture
@@ -117,27 +125,36 @@ def place_run(run: I32, y: int, plane: F64, texture: int, table: U32, texels: U3
             for i in range(begin, end, LANES):
                 k = index((i - begin) // LANES)
                 size, next_size = int64(sizes[k]), int64(sizes[k + index(1)])
-                if abs(size - next_size) <= MOST_APART:
+                taps = here = int64(1)
+                if display:
+                    size, next_size = int64(sizes[k + index(3 * LANES)]), int64(sizes[k + index(3 * LANES + 1)])
+                    here = int64(sizes[k + index(4 * LANES)])
+                    taps = max(here & 7, int64(sizes[k + index(4 * LANES + 1)]) & 7)
+                    memory[index(TAPS + (slot + i) // LANES)] = taps
+                if display or abs(size - next_size) <= MOST_APART:
                     at = first + ((size + next_size) & -2)
                     both = int64(table[at + 1])
                     width, height = both & 0xFFFF, both >> 16
                     ahead = int(moves[k] * width) + int(moves[k + index(LANES)] * height) * (width + 2)
-                    place(
-                        places,
-                        4 * (slot + i),
-                        table[at],
-                        width,
-                        height,
-                        inverse + inverse_x * i,
-                        inverse_x,
-                        u + u_x * i,
-                        u_x,
-                        v + v_x * i,
-                        v_x,
-                        least,
-                        texels,
-                        ahead,
-                    )
+                    for tap in range(taps):
+                        by = (tap + 0.5) / taps - 0.5
+                        right, below = (i + 0.0, by) if here & DOWN else (i + by, 0.0)
+                        place(
+                            places,
+                            4 * (slot + i) + TAP * tap,
+                            table[at],
+                            width,
+                            height,
+                            inverse + inverse_x * right + inverse_y * below,
+                            inverse_x,
+                            u + u_x * right + u_y * below,
+                            u_x,
+                            v + v_x * right + v_y * below,
+                            v_x,
+                            least,
+                            texels,
+                            ahead,
+                        )
                 else:
                     place_each(
                         places,
@@ -161,7 +178,9 @@ def place_run(run: I32, y: int, plane: F64, texture: int, table: U32, texels: U3
 
 
 @device_function(nogil=True, force_inline=True)
-def look_up_run(run: I32, y: int, plane: F64, texture: int, even: bool, texels: U32, least: float, memory: U32) -> None:
+def look_up_run(
+    run: I32, y: int, plane: F64, texture: int, even: bool, texels: U32, least: float, display: bool, memory: U32
+) -> None:
     """Find the colours of a run of pixels, whose places were found."""
     scanline, lights, places = memory, memory[LIGHTS:], memory[PLACES:]
     count, slot = int64(run[STOP] - run[START]), int64(run[SLOT])
@@ -169,19 +188,30 @@ def look_up_run(run: I32, y: int, plane: F64, texture: int, even: bool, texels: 
         for i in range(0, count, LANES):
             fill(scanline, slot + i, WHITE)
     else:
+        red, green, blue = FULL, FULL, FULL
         if even:
-            red, green, blue = plane[12] * 65536.0 + 0.5, plane[15] * 65536.0 + 0.5, plane[18] * 65536.0 + 0.5
-            light(lights, min(int(red), FULL), min(int(green), FULL), min(int(blue), FULL))
-        else:
-            light(lights, FULL, FULL, FULL)
-        for i in range(slot, slot + count - 8, LANES):
+            red, green, blue = (
+                min(int(plane[12] * 65536.0 + 0.5), FULL),
+                min(int(plane[15] * 65536.0 + 0.5), FULL),
+                min(int(plane[18] * 65536.0 + 0.5), FULL),
+            )
+        light(lights, red, green, blue)
+        for i in range(slot, slot + count if display else slot, LANES):
+            taps = int64(memory[index(TAPS + i // LANES)])
+            light(lights, red // taps, green // taps, blue // taps)
+            if taps == 1:
+                look_up_16(texels, places, 4 * i, lights, scanline, i)
+            elif taps == 2:
+                look_up_2(texels, places, 4 * i, lights, scanline, i)
+            else:
+                look_up_4(texels, places, 4 * i, lights, scanline, i)
+        for i in range(slot, slot if display else slot + count - 8, LANES):
             look_up_16(texels, places, 4 * i, lights, scanline, i)
-        if 0 < count % LANES <= 8:
+        if 0 < count % LANES <= 8 and not display:
             i = slot + (count & -LANES)
             look_up_8(texels, places, 4 * i, lights, scanline, i)
     if not even:
-        px, py = run[START] + 0.5, y + 0.5
-        inverse_x = plane[3]
+        px, py, inverse_x = run[START] + 0.5, y + 0.5, plane[3]
         inverse = inverse_x * px + (plane[4] * py + plane[5])
         red = plane[12] * px + (plane[13] * py + plane[14])
         green = plane[15] * px + (plane[16] * py + plane[17])
@@ -200,6 +230,58 @@ def look_up_run(run: I32, y: int, plane: F64, texture: int, even: bool, texels: 
                 blue + plane[18] * i,
                 plane[18],
             )
+
+
+@device_function(nogil=True)
+def shade_run(run: I32, y: int, plane: F64, segments: F64, things: F64, places: F64, least: float, memory: U32) -> None:
+    """Darken a run of a room's face with distance, at its joints with others, and a floor around what stands on it."""
+    count, slot, px, py = int64(run[STOP] - run[START]), int64(run[SLOT]), run[START] + 0.5, y + 0.5
+    near, at, known, last = memory[PLACES:].view(np.float32), 4 * slot, segments.shape[0], count - 1.0
+    inverse, inverse_x = plane[3] * px + (plane[4] * py + plane[5]), plane[3]
+    for i in range(0, count, LANES):
+        fill(memory[PLACES:], at + i, ONE)
+    closest, farthest = 1.0 / max(inverse, least), 1.0 / max(inverse + inverse_x * last, least)
+    for k in range(known + (places.shape[0] if segments[0, 7] == 1.0 else 0)):
+        thing, segment = max(k - known, 0), segments[min(k, known - 1)]
+        x, z, right, up, length, reach = segment[0], segment[1], segment[2], segment[3], segment[4], JOINT_M
+        if k >= known:
+            x, z, right, up, length = places[thing, 0], places[thing, 2], 1.0, 0.0, 0.0
+            reach = CONTACT * things[thing, AROUND] if places[thing, 1] == 0.0 else 0.0
+        u, u_x = segment[5] * (plane[6] * px + (plane[7] * py + plane[8])) - x * inverse, segment[5] * plane[6]
+        v, v_x = segment[6] * (plane[9] * px + (plane[10] * py + plane[11])) - z * inverse, segment[6] * plane[9]
+        u_x, v_x = u_x - x * inverse_x, v_x - z * inverse_x
+        along, along_x, aside, aside_x = (
+            right * u + up * v,
+            right * u_x + up * v_x,
+            right * v - up * u,
+            right * v_x - up * u_x,
+        )
+        ends = (
+            along * closest,
+            (along + along_x * last) * farthest,
+            aside * closest,
+            (aside + aside_x * last) * farthest,
+        )
+        if max(ends[0], ends[1]) < -reach or min(ends[0], ends[1]) > length + reach:
+            continue
+        if not (max(ends[2], ends[3]) > -reach and min(ends[2], ends[3]) < reach):
+            continue
+        for i in range(0, count, LANES):
+            occlude(
+                near,
+                at + i,
+                inverse + inverse_x * i,
+                inverse_x,
+                along + along_x * i,
+                along_x,
+                aside + aside_x * i,
+                aside_x,
+                length,
+                1.0 / (reach * reach),
+                least,
+            )
+    for i in range(0, count, LANES):
+        darken(memory, slot + i, near, at + i, inverse + inverse_x * i, inverse_x, least)
 
 
 @device_function(nogil=True, force_inline=True, k=int64, j=int64, covered=int64, two=int64, one=int64, colour=int64)
@@ -244,9 +326,21 @@ def paint_row(groups: I32, group_count: int, runs: I32, scanline: U32, drawn: Dr
 
 
 @kernel(nogil=True, run_count=int64, group_count=int64, x=int64, lookups=int64, weight=int64, run=int64)
-def colour(texels: U32, table: U32, view: F64, floats: F64, wholes: I32, picture: NDArray[np.uint8]) -> None:
+def colour(
+    texels: U32,
+    table: U32,
+    room_floats: F64,
+    room_wholes: I32,
+    things: F64,
+    places: F64,
+    view: F64,
+    floats: F64,
+    wholes: I32,
+    picture: NDArray[np.uint8],
+) -> None:
     """Colour every pixel. A face is looked up where it has any sample of a pixel, side by side along a row."""
     drawn, _, _ = drawn_in(view, floats, wholes)
+    first_occluder, occluders = occluders_of(room_floats, room_wholes)
     planes, kind, latest = drawn.planes, drawn.kind, drawn.run
     scanline = wholes[:FRAGMENT_GROUPS].view(np.uint32)
     rows = wholes[FRAGMENT_GROUPS:LINE].reshape(2 * MAX_FRAGMENT_GROUPS + 4, 5)
@@ -256,7 +350,7 @@ def colour(texels: U32, table: U32, view: F64, floats: F64, wholes: I32, picture
         rows[2 * MAX_FRAGMENT_GROUPS :],
     )
     line = wholes[LINE:SPANS].view(np.uint32)
-    least = view[LEAST]
+    least, display, known = view[LEAST], view[LOOK] == 1.0, occluders.shape[0] > 0
     sky = int(view[SKY] * 255.0 + 0.5) | int(view[SKY + 1] * 255.0 + 0.5) << 8 | int(view[SKY + 2] * 255.0 + 0.5) << 16
     width = picture.shape[1]
     out = picture.reshape(picture.shape[0] * width * 3)
@@ -285,7 +379,7 @@ def colour(texels: U32, table: U32, view: F64, floats: F64, wholes: I32, picture
                         if now[t, 0] == face:
                             weight += 1
                 run = -1
-                if face >= 0 and (kind[face, 0] >= 0 or kind[face, 1] == 0):
+                if face >= 0 and (kind[face, 0] >= 0 or (kind[face, 1] & 1) == 0):
                     run = int64(latest[face])
                     if 0 <= run < run_count and runs[run, OF] == face and runs[run, STOP] == x:
                         lookups += end - x
@@ -309,12 +403,18 @@ def colour(texels: U32, table: U32, view: F64, floats: F64, wholes: I32, picture
                 for r in range(run_count):
                     runs[r, SLOT] = slot
                     face = runs[r, OF]
-                    place_run(runs[r], y, planes[face], kind[face, 0], table, texels, least, scanline)
+                    place_run(runs[r], y, planes[face], kind[face, 0], table, texels, least, display, scanline)
                     slot += (runs[r, STOP] - runs[r, START] + LANES - 1) & -LANES
                 # a processor waits less for many short chains of instructions than for a few long ones
                 for r in range(run_count):
                     face = runs[r, OF]
-                    look_up_run(runs[r], y, planes[face], kind[face, 0], kind[face, 1] == 1, texels, least, scanline)
+                    even, of = (kind[face, 1] & 1) == 1, int64(kind[face, 1] >> 1)
+                    look_up_run(runs[r], y, planes[face], kind[face, 0], even, texels, least, display, scanline)
+                    segments = (
+                        occluders[first_occluder[of - 1] : first_occluder[of]] if of > 0 and known else occluders[:0]
+                    )
+                    if segments.shape[0] > 0:
+                        shade_run(runs[r], y, planes[face], segments, things, places, least, scanline)
                 paint_row(groups, group_count, runs, scanline, drawn, sky, line)
                 run_count = group_count = lookups = 0
         packed = width & -LANES

@@ -18,8 +18,15 @@ U32 = NDArray[np.uint32]
 
 LANES = 16  # pixels at once; half of them where no more are wanted
 BLOCK = LANES * (LANES - 1)  # pixels between the ends of which sizes are found at once
+SCANLINE_BUFFER = 512  # pixels whose places and colours are kept at once
+TAP = 4 * SCANLINE_BUFFER  # numbers from one tap of a pixel to the next
+MOST_TAPS, DOWN = 4, 8  # of a pixel; and what is added to their number where they lie below each other
+TWO_TAPS, FOUR_TAPS = 1.2, 2.2  # how much longer than wide the part of a texture is that a pixel with them covers
 MOST_SIZES = 48  # of a texture: more than four for each halving of 2047 texels a side
 WHITE = 0xFFFFFF
+ONE = 0x3F800000  # the bits of 1 as float32
+FADE_M, FADED = 14.0, 0.35  # so far away light has lost half of what distance takes: at last 0.35 of 1.35
+BRIGHTER, DARK = 1.12, 0.45  # how light a near wall is in the look of a display, and how much darker at a joint
 
 _BIAS = 127  # of a float32's power of two
 _OTHERS = 0x00FF00FF  # than green
@@ -61,6 +68,10 @@ def _fitting(ops: Any, count: int, far: Any, ways: Sequence[Any], wide: float, h
     """The number of the size of a texture that fits: the last of which a pixel covers a texel, by its longer way."""
     across, along = (ops.larger(ops.size(ways[k]), ops.size(ways[k + 1])) for k in (0, 2))
     covered = ops.larger(across * ops.single(wide, count), along * ops.single(high, count)) * far
+    return _number(ops, count, covered, last)
+
+
+def _number(ops: Any, count: int, covered: Any, last: int) -> Any:
     square = covered * covered
     # the power of two in the fourth power counts quarters of a halving
     quarters, bias = ops.bits(square * square) >> 23, ops.fixed(_BIAS, count)
@@ -91,10 +102,12 @@ def fit(
     """Find which size of its texture fits a face at every sixteenth pixel of a row, sixteen times.
 
     ``sizes`` receives their numbers, then, as float32, how far in the texture it is to the pixel so many ``beside`` and
-    ``below``: in repeats, from left to right sixteen times, then upwards. ``inverse`` is how near the face is at the
-    first pixel; ``u`` and ``v`` are where that lies in the texture, in repeats to the right and upwards, times how near
-    it is; ``_x`` and ``_y`` are how each changes by a pixel right and down. The largest size has ``wide`` x ``high``
-    texels, ``last`` is the number of the smallest. Nearness is at least ``least``; ``most`` pixels follow the first.
+    ``below``: in repeats, from left to right sixteen times, then upwards. Then come the sizes for pixels that are
+    looked up at taps along their longer way, and how many that are: 1, 2 or 4, and `DOWN`. ``inverse`` is how near the
+    face is at the first pixel; ``u`` and ``v`` are where that lies in the texture, in repeats to the right and upwards,
+    times how near it is; ``_x`` and ``_y`` are how each changes by a pixel right and down. The largest size has
+    ``wide`` x ``high`` texels, ``last`` is the number of the smallest. Nearness is at least ``least``; ``most`` pixels
+    follow the first.
     """
     ways = (inverse, inverse_x, inverse_y), (u, u_x, u_y), (v, v_x, v_y)
     steps = ops.smaller(ops.steps(LANES) * float(LANES), ops.single(most, LANES))
@@ -104,6 +117,13 @@ def fit(
     for k in (0, 2):
         moved = (changes[k] * ops.single(beside, LANES) + changes[k + 1] * ops.single(below, LANES)) * seen[0]
         ops.store(sizes, (1 + k // 2) * LANES, ops.bits(moved))
+    by = [ops.single(each, LANES) for each in (wide, high)]
+    right, down = (ops.larger(ops.size(changes[k]) * by[0], ops.size(changes[k + 2]) * by[1]) * seen[0] for k in (0, 1))
+    long, short = ops.larger(right, down), ops.smaller(right, down)
+    shape, two = long / ops.larger(short, 1.0), steps * 0.0 + 2.0  # texels larger than a pixel need no taps
+    taps = ops.where(shape > FOUR_TAPS, two + 2.0, ops.where(shape > TWO_TAPS, two, 1.0))
+    ops.store(sizes, 3 * LANES, _number(ops, LANES, ops.larger(short, long / taps), last))
+    ops.store(sizes, 4 * LANES, ops.cut(taps) | ops.where(down > right, ops.fixed(DOWN, LANES), 0))
 
 
 @simd_function()
@@ -184,18 +204,24 @@ def light(ops: Any, lights: Array, red: int, green: int, blue: int) -> None:
         ops.store(lights, nth * LANES, ops.fixed(each, LANES))
 
 
-def _look_up(count: int) -> Any:
+def _look_up(count: int, taps: int = 1) -> Any:
     def look_up(ops: Any, texels: Array, places: Array, at: int, lights: Array, out: Array, slot: int) -> None:
-        """Write down the colours that are found at some places, under a light that was written down."""
-        a, b = ops.pairs_at(texels, places, at, count)
-        c, d = ops.pairs_at(texels, places, at + LANES, count)
-        share = [ops.halves(ops.load(places, at + nth * LANES, count)) for nth in (2, 3)]
-        others = [ops.halves(each & _OTHERS) for each in (a, b, c, d)]
-        greens = [ops.halves(each) >> 8 for each in (a, b, c, d)]
-        channels = _between(others, *share), _between(greens, *share)
-        # rounded; a channel has 0 to 255 above eight bits of no meaning, before and after
+        """Write down the colours that are found at some places, under a light that was written down.
+
+        Of several taps each has its share of the light.
+        """
         by = [ops.halves(ops.load(lights, nth * LANES, count)) for nth in (0, 1)]
-        two, one = (ops.upper((each + 128) & 0xFF00, light) + 128 for each, light in zip(channels, by, strict=True))
+        found = []
+        for here in range(0, taps * TAP, TAP):
+            a, b = ops.pairs_at(texels, places, at + here, count)
+            c, d = ops.pairs_at(texels, places, at + (here + LANES), count)
+            share = [ops.halves(ops.load(places, at + (here + nth * LANES), count)) for nth in (2, 3)]
+            others = [ops.halves(each & _OTHERS) for each in (a, b, c, d)]
+            greens = [ops.halves(each) >> 8 for each in (a, b, c, d)]
+            channels = _between(others, *share), _between(greens, *share)
+            # rounded; a channel has 0 to 255 above eight bits of no meaning, before and after
+            found.append([ops.upper((each + 128) & 0xFF00, light) for each, light in zip(channels, by, strict=True)])
+        two, one = (sum(each[1:], each[0]) + 128 for each in zip(*found, strict=True))
         ops.store(out, slot, ops.wholes(two >> 8) | (ops.wholes(one) & 0xFF00))
 
     return simd_function()(look_up)
@@ -209,7 +235,7 @@ def _between(corners: Sequence[Any], right: Any, up: Any) -> Any:
     return low * (256 - up) + high * up
 
 
-look_up_8, look_up_16 = _look_up(8), _look_up(16)
+look_up_8, look_up_16, look_up_2, look_up_4 = _look_up(8), _look_up(16), _look_up(16, 2), _look_up(16, 4)
 
 
 @simd_function()
@@ -238,6 +264,51 @@ def shade(
         bright = ops.smaller(ops.larger(bright, 0.0), 1.0)
         channel = ((colours >> shift) & 255) * ops.cut(bright * 65535.0 + 0.5)
         result = result | ((channel + 32768) >> 16) << shift
+    ops.store(out, slot, result)
+
+
+@simd_function()
+def occlude(
+    ops: Any,
+    near: Array,
+    at: int,
+    inverse: float,
+    inverse_x: float,
+    along: float,
+    along_x: float,
+    aside: float,
+    aside_x: float,
+    length: float,
+    scale: float,
+    least: float,
+) -> None:
+    """Note of sixteen pixels how near a segment on their face is, if it is nearer than others: the square, by a scale.
+
+    ``along`` is how far they are along it from its start and ``aside`` how far beside it, metres, over distance.
+    """
+    ways = [(ops.single(by, LANES), ops.single(to, LANES)) for by, to in ((along_x, along), (aside_x, aside))]
+    steps = ops.steps(LANES)
+    far = 1.0 / ops.larger(ops.single(inverse_x, LANES) * steps + ops.single(inverse, LANES), ops.single(least, LANES))
+    on, off = ((by * steps + to) * far for by, to in ways)
+    beyond = ops.larger(ops.larger(on - ops.single(length, LANES), on * -1.0), 0.0)
+    ops.store(
+        near, at, ops.smaller(ops.load(near, at, LANES), (beyond * beyond + off * off) * ops.single(scale, LANES))
+    )
+
+
+@simd_function()
+def darken(
+    ops: Any, out: Array, slot: int, near: Array, at: int, inverse: float, inverse_x: float, least: float
+) -> None:
+    """Put sixteen colours in the shade of what `occlude` found, and that of their distance."""
+    colours, result = ops.load(out, slot, LANES), ops.fixed(0, LANES)
+    closer = ops.single(inverse_x, LANES) * ops.steps(LANES) + ops.single(inverse, LANES)
+    closer, part = ops.larger(closer, ops.single(least, LANES)) * FADE_M + 1.0, 1.0 - ops.load(near, at, LANES)
+    bright = (1.0 - part * part * (part * part) * DARK) * (closer / (closer + FADED))
+    by = ops.cut(bright * (65535.0 * BRIGHTER) + 0.5)
+    for shift in (0, 8, 16):
+        channel = (((colours >> shift) & 255) * by + 32768) >> 16
+        result = result | ops.smaller(channel, 255) << shift
     ops.store(out, slot, result)
 
 

@@ -19,6 +19,7 @@ from minihuman.worlds.first_person.render.kernel_tables import (
     FIRST,
     I32,
     LAST,
+    OCCLUDER_SIZE,
     REACH,
     THING_BOX,
     THING_NORMAL_SCALE,
@@ -63,7 +64,7 @@ from minihuman.worlds.first_person.render.rasterisation import (
     tile_size,
     turn_to,
 )
-from minihuman.worlds.first_person.render.texture import LANES
+from minihuman.worlds.first_person.render.texture import LANES, MOST_TAPS, SCANLINE_BUFFER, TAP
 from minihuman.worlds.kernels import device_function, int64, kernel
 
 DOORSTEP_M = 0.06  # a camera this close to an opening may see through all of it
@@ -101,8 +102,7 @@ def through(rooms: RoomTable, opening: int, view: F64, corners: F64, window: F64
     if away < -DOORSTEP_M:
         return False
     if away < DOORSTEP_M:
-        for side in range(4):
-            result[side] = window[side]
+        result[0], result[1], result[2], result[3] = window[0], window[1], window[2], window[3]
         return True
     for i in range(4):
         wx, wy, wz = hole[i, 0] - view[EYE], hole[i, 1] - view[EYE + 1], hole[i, 2] - view[EYE + 2]
@@ -157,11 +157,9 @@ def visit(rooms: RoomTable, view: F64, corners: F64, picture: F64, sight: Sight)
         everything = waiting == 0
     done = 0
     while done < waiting and not everything:
-        room = pending[done]
-        window = sight.pending_windows[done]
+        room, window = pending[done], sight.pending_windows[done]
         done += 1
-        everything = not rooms.roofed[room]
-        known = windows[room]
+        everything, known = not rooms.roofed[room], windows[room]
         if known[0] > known[2]:
             order[seen] = room
             seen += 1
@@ -179,8 +177,7 @@ def visit(rooms: RoomTable, view: F64, corners: F64, picture: F64, sight: Sight)
             visits[into] += 1
             pending[waiting] = into
             if visits[into] == VISITS_A_ROOM:
-                for side in range(4):
-                    beyond[side] = picture[side]
+                beyond[0], beyond[1], beyond[2], beyond[3] = picture[0], picture[1], picture[2], picture[3]
             waiting += 1
     if everything:
         for room in range(count):
@@ -193,11 +190,11 @@ def visit(rooms: RoomTable, view: F64, corners: F64, picture: F64, sight: Sight)
 
 # Where in the whole numbers stand: the colours of what is looked up along a row; which sizes of a texture that takes,
 # under which light and at which places; the row's stretches; a row of the picture; the spans.
-SCANLINE_BUFFER = 512
 SIZES = SCANLINE_BUFFER + LANES
-LIGHTS = SIZES + 3 * LANES
+LIGHTS = SIZES + 5 * LANES
 PLACES = LIGHTS + 2 * LANES
-FRAGMENT_GROUPS = PLACES + 4 * SCANLINE_BUFFER
+TAPS = PLACES + TAP * MOST_TAPS
+FRAGMENT_GROUPS = TAPS + SCANLINE_BUFFER // LANES
 MAX_FRAGMENT_GROUPS = 264
 LINE = FRAGMENT_GROUPS + 5 * (2 * MAX_FRAGMENT_GROUPS + 4)
 SPANS = LINE + 4096 + 2 * LANES
@@ -215,8 +212,8 @@ def packed_rooms(rooms: RoomTable) -> tuple[F64, I32]:
     """A table of rooms as two arrays; see `rooms_of`."""
     sizes = np.array([len(rooms.bounds), len(rooms.edge), len(rooms.opening)], np.int32)
     wholes = [sizes, rooms.first_face, rooms.first_edge, rooms.first_opening, rooms.opening_into]
-    floats = np.concatenate([each.ravel() for each in (rooms.bounds, rooms.edge, rooms.opening)])
-    return floats, np.concatenate([*wholes, rooms.roofed.astype(np.int32)])
+    floats = np.concatenate([each.ravel() for each in (rooms.bounds, rooms.edge, rooms.opening, rooms.occluder)])
+    return floats, np.concatenate([*wholes, rooms.roofed.astype(np.int32), rooms.first_occluder])
 
 
 @device_function(nogil=True)
@@ -252,7 +249,17 @@ def rooms_of(floats: F64, wholes: I32) -> RoomTable:
         floats[edge:opening].reshape(openings, 4, 3),
         wholes[into:roofed],
         wholes[roofed : roofed + rooms],
+        wholes[:0],
+        floats[:0].reshape(0, OCCLUDER_SIZE),
     )
+
+
+@device_function(nogil=True)
+def occluders_of(floats: F64, wholes: I32) -> tuple[I32, F64]:
+    """What darkens each face of the rooms, at the end of their faces and tables; see `RoomTable`."""
+    size, count = wholes.shape[0], int(wholes[wholes.shape[0] - 1])
+    occluders = floats[floats.shape[0] - OCCLUDER_SIZE * count :].reshape(count, OCCLUDER_SIZE)
+    return wholes[size - int(wholes[1]) - 1 :] if count > 0 else wholes[:0], occluders
 
 
 @kernel("UniTuple(int64, 2)(int64, int64, int64, int64, int64)", hold_gil=True)
@@ -466,8 +473,7 @@ def cover(
     top, bottom = int(view[TOP]), int(view[BOTTOM])
     drawn.counts[4 * top : 4 * bottom] = 0
     places[:, SAMPLES] = 0.0
-    window[0], window[1] = 0.0, 0.0
-    window[2], window[3] = view[WIDTH], view[HEIGHT]
+    window[0], window[1], window[2], window[3] = 0.0, 0.0, view[WIDTH], view[HEIGHT]
     seen, everything = visit(rooms, view, drawn.corners, window, sight)
     placement[:] = 0.0
     placement[COS] = 1.0
@@ -502,9 +508,11 @@ def cover(
         for face in range(first, last):
             samples = draw_face(table, face, view, placement, light, window, drawn, number, many)
             if samples > 0:
-                number += 1
                 if thing >= 0:
                     places[thing, SAMPLES] += samples
+                else:
+                    drawn.kind[number, 1] += 2 * (face + 1)
+                number += 1
             elif samples < 0:
                 return False
     return True
