@@ -157,7 +157,7 @@ def main() -> None:
             words = (*command.split(), *(word.replace("|", " ") for word in WORDS[command].split()))
             if command in ("serve", "watch", "desk"):
                 found[command] = trial.answers(*words)
-            elif command in ("run", "play"):
+            elif command in ("run", "play", "demo"):
                 found[command] = trial.opens(*words) if os.environ.get("DISPLAY") else "no display"
             else:
                 done = trial.run(*words)

@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from ipaddress import ip_network
+from ipaddress import ip_address
 from pathlib import Path
 from weakref import WeakValueDictionary
 
@@ -491,13 +491,6 @@ class TurnedAway:
     url: str = ""  # to where they were recruited
 
 
-def _find_network(address: str) -> str:
-    """An address as it is counted: an IPv6 one by the /64 network that a household has."""
-    with suppress(ValueError):
-        return str(ip_network((address, 64 if ":" in address else 32), strict=False))
-    return address
-
-
 class ConnectionFactory:
     """Makes the connections of a study.
 
@@ -536,7 +529,9 @@ class ConnectionFactory:
             return self._turned(reason, person=who.id if who is not None else "")
         came_with = hashlib.sha256(repr((hello.token, sorted(hello.platform.items()))).encode()).digest()
         turn = self._turns.setdefault(came_with, asyncio.Lock())
-        network = _find_network(address)
+        network = address
+        with suppress(ValueError):  # of IPv6 the /64 network, which is what a household has
+            network = ip_address(address).exploded[:19]
         invited = is_token(hello.token) and not self._web.open_access  # if they invented it, they are turned away
         crowd = self._turns.setdefault(came_with if invited else network.encode(), asyncio.Lock())
         async with turn, crowd if crowd is not turn else contextlib.nullcontext():
