@@ -109,9 +109,9 @@ def _name_requirement(requirement: str) -> str:
 
 
 def _can_import(distribution: str) -> bool:
-    modules = {name: module for module, name in _DISTRIBUTIONS.items()}
     with suppress(ModuleNotFoundError):
-        return find_spec(modules.get(distribution, distribution.replace("-", "_"))) is not None
+        modules = [module for module, name in _DISTRIBUTIONS.items() if name == distribution]
+        return find_spec(*modules or [distribution.replace("-", "_")]) is not None
     return False
 
 

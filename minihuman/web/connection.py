@@ -253,11 +253,6 @@ class Connection:
         """Whether anything is recorded."""
         return self._hosted.agreed
 
-    @property
-    def is_before_consent(self) -> bool:
-        """Whether it takes a slot, although nothing is recorded yet."""
-        return not self.agreed and not self.host.over
-
     def gone(self, number: int) -> None:
         """A socket is closed."""
         self.here = self.here and number != self.sockets
@@ -540,8 +535,8 @@ class ConnectionFactory:
                 return there
             if len(self._connections) >= self._web.max_concurrent_sessions:
                 return self._turned("busy")
-            waiting = sum(one.network == network and one.is_before_consent for one in self._connections.values())
-            if not invited and waiting >= self._web.max_unconsented_per_address:
+            crowded = [one for one in self._connections.values() if one.network == network and not one.agreed]
+            if not invited and sum(not one.host.over for one in crowded) >= self._web.max_unconsented_per_address:
                 return self._turned("busy")
             connection = await self._admit_page(hello)
             if isinstance(connection, Connection):

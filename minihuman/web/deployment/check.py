@@ -309,8 +309,7 @@ async def _play(
                 await asyncio.sleep(_POLL_S)
     if not all(page.end for page in pages) or not any(page.acknowledged for page in pages):
         ends = Counter(page.end or f"not within {_TIMEOUT_S:g} s" for page in pages)
-        said = ", ".join(f"{end} ({count})" for end, count in sorted(ends.items()))
-        raise DeploymentCheckError(f"participants could not take part; how they ended: {said}")
+        raise DeploymentCheckError(f"participants could not take part; how many ended how: {dict(ends)}")
     return pages, interrupted
 
 
