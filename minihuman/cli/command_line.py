@@ -115,7 +115,7 @@ def make_command_line() -> CommandLine:
         context_settings=_HELP_NAMES,
     )
     about = {"message": "%(prog)s %(version)s", "help": "Print the version and exit."}
-    return click.version_option(__version__, prog_name="minihuman", **about)(group)  # type: ignore[return-value]
+    return click.version_option(__version__, prog_name="minihuman", **about)(group)
 
 
 class Subgroup(_Group):
