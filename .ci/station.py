@@ -55,7 +55,7 @@ WORDS = {  # of every command; one that is new fails until it is listed here
     "replace": f"sub-09 --study {STUDY} --reason none",
     "gather": STUDY,
     "export": f"csv {STUDY} --out csv",
-    "power": f"{DEMO} --effect 0.5 --repeats 1",
+    "power": f"{DEMO} --effect shift=0.5",
     "fit": STUDY,
     "score": STUDY,
     "payments": STUDY,
