@@ -12,7 +12,7 @@ import gymnasium
 
 from minihuman.admin.protocol_file import find_shipped_protocol, read_protocol
 from minihuman.admin.verify.episodes import verify_episodes
-from minihuman.dataset.measures import shortest_path_bounds
+from minihuman.dataset.measures import layout_path_bounds, world_options_json
 from minihuman.errors import WorldError
 from minihuman.log.read.session_reader import read_log
 from minihuman.runtime.simulated_session import simulate
@@ -96,7 +96,7 @@ def studies() -> None:
                 read = read_log(log)
                 assert not verify_episodes(read).difference
                 for episode in read.episodes:
-                    shortest_path_bounds(episode.plan)
+                    layout_path_bounds(episode.plan.world, world_options_json(episode.plan), episode.plan.seed)
 
 
 def main() -> None:

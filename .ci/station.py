@@ -23,7 +23,7 @@ STUDY = "data/demo"
 LOG = f"{STUDY}/sub-01/ses-01"
 REFUSAL = re.compile(r"minihuman: .* (needs|need) .*; run: pip install .*")
 WORK = {  # what has to work, by role
-    "station": {"run", "simulate", "verify", "status", "check", "info", "play", "doctor", "worlds", "recover"},
+    "station": {"run", "simulate", "verify", "status", "check", "info", "play", "worlds", "recover"},
     "server": {"serve", "simulate", "verify", "status", "check", "info", "desk", "deploy", "watch", "worlds"},
 }
 WORDS = {  # of every command; one that is new fails until it is listed here
@@ -55,7 +55,7 @@ WORDS = {  # of every command; one that is new fails until it is listed here
     "replace": f"sub-09 --study {STUDY} --reason none",
     "gather": STUDY,
     "export": f"csv {STUDY} --out csv",
-    "power": f"{DEMO} --effect 0.5 --repeats 1",
+    "power": f"{DEMO} --effect shift=0.5",
     "fit": STUDY,
     "score": STUDY,
     "payments": STUDY,
