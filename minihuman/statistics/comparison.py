@@ -289,8 +289,8 @@ def adjust_groups(a: tuple[Values, Values], b: tuple[Values, Values]) -> tuple[V
     error = math.sqrt(float(residuals[0] ** 2 @ weights))
     slopes = np.linalg.lstsq(centred, values - difference * (groups - groups.mean()) - values.mean(), rcond=None)[0]
     adjusted = values - centred @ slopes
-    welch = max(compare_means(adjusted[:n], adjusted[n:]).freedom - covariates.shape[1], 1.0)
-    test = AdjustedTest((n, m), float(difference), error, welch, shifts, own_shifts, squares)
+    satterthwaite = max(compare_means(adjusted[:n], adjusted[n:]).freedom - covariates.shape[1], 1.0)
+    test = AdjustedTest((n, m), float(difference), error, satterthwaite, shifts, own_shifts, squares)
     return adjusted[:n], adjusted[n:], test
 
 
