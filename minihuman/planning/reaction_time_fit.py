@@ -2,7 +2,7 @@
 episodes.
 
 The model of one person: an ex-Gaussian, shorter for a repeated key and with practice, and a share of pauses, longer
-presses of somebody who looked away. From times alone.
+presses after looking away. From times alone.
 """
 
 import csv
