@@ -1,11 +1,11 @@
-"""The script of error rates runs, and its committed result is that of its designs and holds what the docs say."""
+"""The scripts error_rates.py and fit_recovery.py run, and their committed results hold what the docs say of them."""
 
 import csv
 from pathlib import Path
 
 import pytest
 
-from analysis import error_rates
+from analysis import error_rates, fit_recovery
 
 COMMITTED = Path(error_rates.__file__).with_suffix(".csv")
 
@@ -43,3 +43,18 @@ def test_the_committed_result_is_of_these_designs_and_holds_what_it_should() -> 
             assert low <= 0.97, name
         if row["type_1"] and int(row["studies"]) == 10_000:
             assert float(row["type_1"]) <= 0.065, name
+
+
+def test_the_recovery_of_fits_is_measured_and_its_committed_result_meets_its_bars() -> None:
+    rows = fit_recovery.measure("2 % pauses, lag 1 0.4", 150, 1)
+    assert [row["parameter"] for row in rows] == list(fit_recovery.PARAMETER_NAMES)
+    with Path(fit_recovery.__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as file:
+        committed = [row for row in csv.DictReader(file) if row["times"] == "2 % pauses, lag 1 0.4"]
+    wanted = {150: ("mu_ms", "sigma_ms", "repeat_factor")}
+    wanted[600] = (*wanted[150], "tau_ms", "practice")
+    for row in committed:
+        if row["parameter"] in wanted[int(row["presses"])]:
+            assert float(row["reported"]) >= 0.9, row
+            assert float(row["held"]) >= 0.9, row
+        if int(row["presses"]) == 600:
+            assert float(row["held_out_bits"]) >= 0, row

@@ -6,9 +6,9 @@ Sources: Gardner and Altman (1986), Confidence intervals rather than P values; H
 """
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from minihuman.figures.figure_data import Difference
 from minihuman.figures.style import MUTED, PAGE_CM, SERIES, figure_style, label_panel, new_figure
-from minihuman.statistics.comparison import compare_means
+from minihuman.statistics.comparison import compare_groups
 from minihuman.statistics.scores import Estimate, PlayerScore
 
 Values = NDArray[np.float64]
@@ -27,15 +27,10 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 
 def compare_every_pair(groups: Mapping[str, Values]) -> list[Difference]:
-    """Every two groups' difference, with Welch's interval."""
-    found = []
-    for first, second in combinations(groups, 2):
-        a, b = (groups[name][~np.isnan(groups[name])] for name in (first, second))
-        known = min(len(a), len(b)) > 1 and max(np.ptp(a), np.ptp(b)) > 0
-        interval = compare_means(a, b).interval() if known else (np.nan, np.nan)
-        if len(a) and len(b):
-            found.append(Difference(first, second, float(a.mean() - b.mean()), interval))
-    return found
+    """Every two groups' difference, with the interval that the report has; none with a group that has no value."""
+    rows = pd.concat([pd.DataFrame({"group": name, "value": values}) for name, values in groups.items()])
+    compared = compare_groups(rows, ["value"], order=list(groups))
+    return [Difference(one.first, one.second, one.difference, one.interval) for one in compared if min(one.n)]
 
 
 def spread_dots(values: Values, *, rows: int = 40, width: float = 0.36) -> Values:

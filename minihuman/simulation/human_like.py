@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from minihuman.agents.goal_search import GoalSearch, build_search
 from minihuman.errors import SimulationError, WorldError
@@ -21,7 +22,7 @@ from minihuman.simulation.participant import KeyPress, SimulatedParticipant
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import hash64
 
-_CHANCES = ("lapse", "wrong_turn", "practice", "key_forgetting")
+_CHANCES = ("lapse", "wrong_turn", "practice", "key_forgetting", "pause", "autocorrelation")
 _LONGEST_S = 60.0  # that a press may take
 
 
@@ -54,6 +55,8 @@ class ParticipantParameters:
     practice: float = 0.35  # share of time and of wrong turns that practice removes in the end
     practice_presses: float = 150.0  # 63 % of it is gone by then: exponential (Heathcote et al., 2000)
     fatigue: float = 0.04  # relative slowing per 1,000 presses
+    pause: float = 0.0  # probability per press of looking away for 1.5 to 5 s more
+    autocorrelation: float = 0.0  # of a press's time with the one before, given keys and practice; 0.1 to 0.4 are usual
     lapse: float = 0.015  # probability per press of a random key of the pool; practice does not reduce it
     wrong_turn: float = 0.05  # probability per press, before practice, of setting off in a wrong direction
     wrong_turn_steps: float = 4.0  # mean length of a wrong turn
@@ -82,9 +85,29 @@ class ParticipantParameters:
         """1 before the first press, falling to ``1 - practice``."""
         return 1 - self.practice * -math.expm1(-presses / self.practice_presses)
 
-    def reaction_ms(self, rng: np.random.Generator, *, presses: int, again: bool, extra_ms: float = 0.0) -> float:
-        """A reaction time after so many presses; ``again`` is one to the key pressed last."""
-        drawn = rng.normal(self.mu_ms, self.sigma_ms) + rng.exponential(self.tau_ms)
+    def reaction_ms(
+        self,
+        rng: np.random.Generator,
+        *,
+        presses: int,
+        again: bool,
+        extra_ms: float = 0.0,
+        state: NDArray[np.float64] | None = None,
+    ) -> float:
+        """A reaction time after so many presses; ``again`` is one to the key pressed last.
+
+        ``state``, (2,) and 0 at first, holds what the next time shares with this one, where they are autocorrelated.
+        """
+        if state is None or not self.autocorrelation:
+            drawn = rng.normal(self.mu_ms, self.sigma_ms) + rng.exponential(self.tau_ms)
+        else:  # both parts keep their distribution: normal, and exponential by the normal's quantiles
+            rest = math.sqrt(1 - self.autocorrelation**2)
+            state[:] = self.autocorrelation * state + rest * rng.standard_normal(2)
+            drawn = (
+                self.mu_ms + self.sigma_ms * state[0] - self.tau_ms * math.log(math.erfc(state[1] / math.sqrt(2)) / 2)
+            )
+        if self.pause and rng.random() < self.pause:
+            extra_ms += rng.uniform(1500, 5000)
         factor = self.practice_factor(presses) * (1 + self.fatigue * presses / 1000)
         factor *= self.repeat_factor if again else 1.0
         return float(min(max(self.floor_ms, drawn * factor + extra_ms), _LONGEST_S * 1000))
@@ -156,6 +179,7 @@ class HumanLikeParticipant(SimulatedParticipant):
         self._detour: list[str] = []
         self._last: tuple[str, int] | None = None  # the last key, and what was seen when it was pressed
         self._passed_ms = 0.0  # since it was pressed
+        self._state = np.zeros(2)  # what the next time shares with the last
         self._no_effect = False  # nothing came of it
 
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
@@ -187,7 +211,9 @@ class HumanLikeParticipant(SimulatedParticipant):
             self._search.forget(-math.expm1(-self.person.forgetting_rate_per_s * self._passed_ms / 1000))
         key = self._choose(self._search)
         again = self._last is not None and key == self._last[0]
-        self._passed_ms = self.person.reaction_ms(self._rng, presses=self._presses, again=again, extra_ms=extra_ms)
+        self._passed_ms = self.person.reaction_ms(
+            self._rng, presses=self._presses, again=again, extra_ms=extra_ms, state=self._state
+        )
         self._last = key, seen
         self._presses += 1
         return KeyPress(key, self._passed_ms)

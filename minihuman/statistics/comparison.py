@@ -226,14 +226,13 @@ class AdjustedTest:
 
     Residuals of the model without groups are permuted and the whole model is fitted to them again (Freedman and Lane,
     1983), so that p counts the error of the slopes. Studentised by HC3 (DiCiccio and Romano, 2017); p is no smaller
-    than the t with the residual degrees of freedom has it where that of the permutation test of means would not be. The
-    interval inverts the same test.
+    than its t has it where sizes differ, as in the test of means. The interval inverts the same test.
     """
 
     n: tuple[int, int]
     difference: float
     error: float  # HC3
-    freedom: int  # residual
+    freedom: float  # Welch's, of the values at equal covariates, less a degree per covariate
     shifts: Values  # (permutations,) what each permutation estimates of the residuals
     own_shifts: Values  # (permutations,) and of the groups less what covariates predict of them
     squares: Values  # (3, permutations) squared error: of a shift of 0, and its first and second power's coefficients
@@ -288,9 +287,10 @@ def adjust_groups(a: tuple[Values, Values], b: tuple[Values, Values]) -> tuple[V
     (shifts, left), (own_shifts, own_left) = fit(e[order]), fit(x[order])
     squares = np.stack([left**2 @ weights, (left * own_left) @ weights, own_left**2 @ weights])
     error = math.sqrt(float(residuals[0] ** 2 @ weights))
-    test = AdjustedTest((n, m), float(difference), error, freedom, shifts, own_shifts, squares)
     slopes = np.linalg.lstsq(centred, values - difference * (groups - groups.mean()) - values.mean(), rcond=None)[0]
     adjusted = values - centred @ slopes
+    satterthwaite = max(compare_means(adjusted[:n], adjusted[n:]).freedom - covariates.shape[1], 1.0)
+    test = AdjustedTest((n, m), float(difference), error, satterthwaite, shifts, own_shifts, squares)
     return adjusted[:n], adjusted[n:], test
 
 

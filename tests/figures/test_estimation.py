@@ -16,7 +16,7 @@ from minihuman.figures.estimation import (
 from minihuman.figures.learning_curves import mean_and_band
 from minihuman.figures.style import save_figure
 from minihuman.figures.survival_curves import draw_survival, survival_band
-from minihuman.statistics.comparison import compare_means
+from minihuman.statistics.comparison import permutation_tests
 from minihuman.statistics.survival import SurvivalTimes, kaplan_meier
 
 
@@ -64,8 +64,9 @@ def test_differences_are_those_of_the_comparison():
         ("group 0", "group 2"),
         ("group 1", "group 2"),
     ]
-    expected = compare_means(given["group 0"], given["group 1"])
+    (expected,) = permutation_tests([(given["group 0"], given["group 1"])])
     assert found[0].interval == pytest.approx(expected.interval())
+    assert compare_every_pair({**given, "empty": np.array([])}) == found
     lines = by_gid(draw_differences(Figure().subplots(), found))
     for one in found:
         assert lines[f"difference: {one.first}, {one.second}"].get_xdata() == pytest.approx([one.estimate])

@@ -16,17 +16,26 @@ from minihuman.reporting.results import MEASURES, compute_results
 GROUP, CHANGE, STEEPER = 0.6, -0.15, 0.1  # of group a, per episode, and of a's change
 
 
-@pytest.fixture(scope="module")
-def scripts(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A report's folder: two groups of 20 participants, 8 episodes each, own levels and own changes."""
+STUDIES = {  # participants, groups, the SD of their own changes per episode
+    "own changes": (40, 2, 0.08),
+    "own levels alone": (24, 2, 0.0),
+    "three groups": (45, 3, 0.08),
+}
+
+
+@pytest.fixture(scope="module", params=STUDIES)
+def scripts(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A report's folder: groups whose first is GROUP above the others, 8 episodes per participant."""
+    n, groups, spread = STUDIES[request.param]
     rng, out = np.random.default_rng(4), tmp_path_factory.mktemp("report")
     rows = []
-    for person in range(40):
-        in_a, level, own = person % 2, rng.normal(2, 0.4), rng.normal(0, 0.08)
+    for person in range(n):
+        group = "abc"[(person + 1) % groups]
+        in_a, level, own = group == "a", rng.normal(2, 0.4), rng.normal(0, 1) * spread
         for at in range(1, 9):
             value = level + GROUP * in_a + (CHANGE + STEEPER * in_a + own) * (at - 4.5) + rng.normal(0, 0.3)
-            rows.append({"participant": f"sub-{person:02}", "group": "ab"[1 - in_a], "log_excess_steps": value})
-            rows[-1] |= {"episode_in_block": at, "episode": at, "success": at > 1 or person % 3 > 0}
+            rows.append({"participant": f"sub-{person:02}", "group": group, "log_excess_steps": value})
+            rows[-1] |= {"episode_in_block": at, "episode": at, "success": (at + person) % 4 > 0}
     episodes = pd.DataFrame(rows).assign(
         block="room", session=1, exclusion_reason=None, world="w", reward=0.5, steps=30, max_steps=90, playing_s=9.0
     )
@@ -46,28 +55,38 @@ def scripts(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def in_python(scripts: Path) -> pd.DataFrame:
     done = subprocess.run([sys.executable, "analysis.py"], cwd=scripts, capture_output=True, text=True, check=True)
-    assert "random intercept and slope; converged" in done.stdout
+    (scripts / "said.txt").write_text(done.stdout)
+    assert "; converged" in done.stdout
     return pd.read_csv(scripts / "analysis_python.csv").set_index("term")
 
 
 @pytest.mark.program
 def test_the_python_script_finds_the_effects_that_were_put_in(in_python: pd.DataFrame) -> None:
-    truth = [2.0, GROUP, CHANGE, STEEPER]
-    apart = (in_python["estimate"] - truth) / in_python["error"]
-    assert apart.abs().max() < 4
+    groups = len(in_python) // 2
+    level, change = in_python.iloc[:groups], in_python.iloc[groups:]
+    in_group_a = [0.0] * groups
+    in_group_a[1] = 1.0  # the first group that is not the reference
+    for found, base, of_a in ((level, 2.0, GROUP), (change, CHANGE, STEEPER)):
+        truth = np.array(in_group_a) * of_a
+        truth[0] = base
+        assert ((found["estimate"] - truth) / found["error"]).abs().max() < 4
     assert (in_python["error"] < 0.3).all()
 
 
 @pytest.mark.program
 def test_the_r_script_agrees_to_three_digits(scripts: Path, in_python: pd.DataFrame) -> None:
     rscript = shutil.which("Rscript")
-    if rscript is None or subprocess.run([rscript, "-e", "library(lme4)"], capture_output=True, check=False).returncode:
-        pytest.skip("R with lme4 is not installed")
+    libraries = "library(lme4); library(glmmTMB)"
+    if rscript is None or subprocess.run([rscript, "-e", libraries], capture_output=True, check=False).returncode:
+        pytest.skip("R with lme4 and glmmTMB is not installed")
     done = subprocess.run([rscript, "analysis.R"], cwd=scripts, capture_output=True, text=True, check=True)
-    assert "random intercept and slope; converged" in done.stdout
+    said = (scripts / "said.txt").read_text()
+    assert done.stdout.splitlines()[0] == said.splitlines()[0]  # which model, and that it converged
     in_r = pd.read_csv(scripts / "analysis_r.csv")
+    assert len(in_r) == len(in_python)
     assert in_r["estimate"].to_numpy() == pytest.approx(in_python["estimate"].to_numpy(), rel=1e-3, abs=1e-3)
     assert "success, log odds" in done.stdout
+    assert "success over the episodes, glmmTMB" in done.stdout
 
 
 def test_one_group_has_nothing_to_model(tmp_path: Path) -> None:
