@@ -1,6 +1,6 @@
 """Make a wheel for this platform of the one for all: the same, with the kernels' machine code for x86-64-v3 beside it.
 
-    python .ci/platform_wheel.py dist/minihuman-0.1.0-py3-none-any.whl
+    python .ci/platform_wheel.py dist/minihuman_lab-0.1.0-py3-none-any.whl
 
 It runs in an environment where all that minihuman needs is installed: the code is for its versions of Python, Numba,
 llvmlite and NumPy, and for any processor from x86-64-v3 on. Whoever has others compiles, as with the wheel for all.

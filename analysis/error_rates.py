@@ -16,9 +16,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from scipy import special
 
-from minihuman.statistics.comparison import compare_means, permutation_tests, smallest_p, standardise
+from minihuman.statistics.comparison import (
+    adjust_groups,
+    compare_means,
+    find_units,
+    name_units,
+    permutation_tests,
+    standardise,
+)
 from minihuman.statistics.paired import paired_test
 from minihuman.statistics.scores import wilson_interval
 from minihuman.statistics.survival import SurvivalTimes, compare_survival
@@ -115,7 +123,7 @@ def measure_means(design: Design, studies: int, seed: int) -> dict[str, object]:
         assert test is not None
         p = test.p()
         rejected.append(p < ALPHA)  # of the true null where the difference is 0
-        if test.error == 0 or smallest_p(test.n) >= ALPHA:
+        if not test.has_interval:
             refused += 1
             continue
         held.append(test.p(design.difference) >= ALPHA)
@@ -214,6 +222,55 @@ PAIRED = {
 }
 
 
+@dataclass(frozen=True)
+class Adjusted:
+    """Groups of equal adjusted means; each of some covariates predicts values with a slope of ``slope``."""
+
+    n: tuple[int, int]
+    covariates: int
+    spreads: tuple[float, float] = (1.0, 1.0)
+    slope: float = 0.5
+
+    def draw(self, rng: np.random.Generator) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Values and covariates of both groups; covariates differ between groups by 0.3 on average."""
+        found = []
+        for size, spread, shift in zip(self.n, self.spreads, (0.3, 0.0), strict=True):
+            covariates = rng.normal(shift, 1, (size, self.covariates))
+            found.append((rng.normal(0, spread, size) + self.slope * covariates.sum(axis=1), covariates))
+        return found
+
+
+ADJUSTED = {
+    "4 v 4 adjusted for 2 covariates": Adjusted((4, 4), 2),
+    "5 v 5 adjusted for 2 covariates": Adjusted((5, 5), 2),
+    "6 v 6 adjusted for 3 covariates": Adjusted((6, 6), 3),
+    "6 v 18 adjusted for 1 covariate, SD 2.5 v 1": Adjusted((6, 18), 1, (2.5, 1.0)),
+    "20 v 20 adjusted for 2 covariates": Adjusted((20, 20), 2),
+}
+
+
+def measure_adjusted(name: str, studies: int, seed: int) -> dict[str, object]:
+    """Two groups at equal covariates."""
+    rng = np.random.default_rng([20261126, seed])
+    rejected, held, contradictions, refused = [], [], 0, 0
+    for _ in range(studies):
+        found = adjust_groups(*ADJUSTED[name].draw(rng))
+        if found is None:
+            refused += 1
+            continue
+        test = found[2]
+        p = test.p()
+        rejected.append(p < ALPHA)
+        held.append(p >= ALPHA)  # the truth is 0
+        if len(held) <= WITH_INTERVALS:
+            low, high = test.interval()
+            contradictions += (p < ALPHA) == (low <= 0 <= high)
+    return {
+        "design": name, "studies": studies, "type_1": np.mean(rejected) if rejected else "", "coverage": held,
+        "contradictions": contradictions, "refused": refused / studies,
+    }  # fmt: skip
+
+
 def _two_shares(rng: np.random.Generator, n: int) -> np.ndarray:
     own = rng.beta(18, 1, n)
     return (rng.binomial(10, own) - rng.binomial(10, own)) / 10
@@ -234,6 +291,68 @@ def measure_paired(name: str, studies: int, seed: int) -> dict[str, object]:
     kind = "power" if truth else "type_1"
     return {
         "design": name, "studies": studies, kind: np.mean(rejected), "coverage": held,
+        "contradictions": contradictions, "refused": 0.0,
+    }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Teams:
+    """Two conditions of so many teams each; a person's value is their team's and their own.
+
+    ``people`` are each condition's per team (1: with an agent), ``own`` the share of the variance within teams, and
+    ``as_people`` whether each person is counted as a unit, which no report does.
+    """
+
+    teams: int = 20
+    people: tuple[int, int] = (2, 2)
+    own: float = 0.5
+    as_people: bool = False
+
+    def rows(self) -> tuple[pd.DataFrame, np.ndarray]:
+        """Who was in which team, as the table "teams" says it, and each person's condition."""
+        of = [
+            (side, f"{side}-{team}") for side in (0, 1) for team in range(self.teams) for _ in range(self.people[side])
+        ]
+        names = [f"sub-{number:03d}" for number in range(len(of))]
+        return pd.DataFrame({"participant": names, "team": [team for _, team in of]}), np.array(
+            [side for side, _ in of]
+        )
+
+    def draw(self, rng: np.random.Generator) -> np.ndarray:
+        """Everyone's values."""
+        team = rng.normal(0, math.sqrt(1 - self.own), 2 * self.teams)
+        common = np.repeat(team, np.repeat(self.people, self.teams))
+        return common + rng.normal(0, math.sqrt(self.own), len(common))
+
+
+TEAMS = {
+    "20 v 20 teams of two, half the variance within": Teams(),
+    "20 v 20 teams of two, a tenth of the variance within": Teams(own=0.1),
+    "20 teams of two v 20 people with an agent": Teams(people=(2, 1)),
+    "20 v 20 teams of two, a tenth of the variance within, people as units": Teams(own=0.1, as_people=True),
+}
+
+
+def measure_teams(name: str, studies: int, seed: int) -> dict[str, object]:
+    """Conditions that teams play in, by the report's way: the mean of each unit, regrouped whole."""
+    rng, design = np.random.default_rng([20261126, seed]), TEAMS[name]
+    rows, side = design.rows()
+    units = {} if design.as_people else find_units(rows)
+    number, unit = np.unique(name_units(rows, units)["participant"], return_inverse=True)
+    sizes, sides = np.bincount(unit), np.zeros(len(number), int)
+    sides[unit] = side
+    rejected, held, contradictions = [], [], 0
+    for _ in range(studies):
+        means = np.bincount(unit, design.draw(rng)) / sizes
+        (test,) = permutation_tests([(means[sides == 0], means[sides == 1])])
+        assert test is not None
+        rejected.append(test.p() < ALPHA)
+        held.append(not rejected[-1])
+        if len(held) <= WITH_INTERVALS:
+            low, high = test.interval()
+            contradictions += rejected[-1] == (low <= 0 <= high)
+    return {
+        "design": name, "studies": studies, "type_1": np.mean(rejected), "coverage": held,
         "contradictions": contradictions, "refused": 0.0,
     }  # fmt: skip
 
@@ -267,6 +386,8 @@ def main() -> None:
     jobs = [(design.name, lambda at, d=design: measure_means(d, given.studies, at)) for design in MEANS]
     jobs += [(name, lambda at, n=name: measure_survival(n, given.studies, at)) for name in SURVIVAL]
     jobs += [(name, lambda at, n=name: measure_paired(n, given.studies, at)) for name in PAIRED]
+    jobs += [(name, lambda at, n=name: measure_teams(n, given.studies, at)) for name in TEAMS]
+    jobs += [(name, lambda at, n=name: measure_adjusted(n, given.studies, at)) for name in ADJUSTED]
     rows: dict[str, dict[str, object]] = {}
     if given.out and given.out.exists():
         with given.out.open(newline="", encoding="utf-8") as file:

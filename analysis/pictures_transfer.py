@@ -117,7 +117,7 @@ def main(out: Path, *, episodes: int, tests: int, epochs: int) -> None:
             found.append({"learnt_from": learnt_from, "played_by": played_by, "reached": reached, "of": tests})
             print(f"learnt from {learnt_from}, played by {played_by}: {reached} of {tests} [{low:.3f}, {high:.3f}]")
     apart = float(np.abs(pictures["miniworld"].astype(int) - pictures["minihuman"]).mean())
-    packages = {name: version(name) for name in ("minihuman", "miniworld", "torch", "numpy")}
+    packages = {name: version(name) for name in ("minihuman-lab", "miniworld", "torch", "numpy")}
     result = {"world": WORLD, "steps": len(taken), "episodes": episodes, "mean_difference": round(apart, 2)}
     out.write_text(json.dumps({**result, "versions": packages, "found": found}, indent=1) + "\n", encoding="utf-8")
 

@@ -84,7 +84,8 @@ def main() -> None:
         print(json.dumps(measure(*given.one, given.steps)))
         sys.stdout.flush()
         os._exit(0)  # pyglet's own shutdown trips over its contexts
-    packages = ", ".join(f"{name} {version(name)}" for name in ("minihuman", "miniworld", "pyglet", "numpy", "numba"))
+    names = ("minihuman-lab", "miniworld", "pyglet", "numpy", "numba")
+    packages = ", ".join(f"{name} {version(name)}" for name in names)
     print(f"{packages}; Python {platform.python_version()}; {platform.machine()}, {os.cpu_count()} cores")
     print(f"{'':26}{'miniworld ms':>16}{'minihuman ms':>16}{'ratio':>8}")
     for name in catalogue() if given.worlds == ["all"] else given.worlds:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from minihuman.admin.session_index import read_session_index
-from minihuman.dataset.caches import SESSION_CACHE
+from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.log.read.session_reader import read_log
 from tests.log.played import record
 from tests.log.samples import session_events, session_plan
@@ -32,7 +32,7 @@ def main() -> None:
             study = folder / str(size)
             _study(study, size)
             first, again = _seconds(lambda study=study: _list(study)), _seconds(lambda study=study: _list(study))
-            (study / SESSION_CACHE).unlink()
+            (study / TABLE_CACHE).unlink()
             print(f"{size:8} {first:12.2f} {again:8.3f} {_peak_mib(lambda study=study: _list(study)):8.2f}")
 
 

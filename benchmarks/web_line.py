@@ -3,9 +3,10 @@
 Headless Chromium, through a TCP proxy that makes the line as long as asked. Four rules in turn: stepped and drawn in
 the page, one step ahead by the server with every key kept, the same with keys ignored until the next pictures are there
 (the rule of NiceWebRL's client, commit c794269), and no look-ahead. Times are the log's own: the picture's flip minus
-the key's time stamp.
+the key's time stamp. Bytes are those of the TCP connection from one key to the next, at the median, pings and all.
+With ``--loss 0.01`` one chunk in a hundred is sent again after 200 ms or a round trip, and all behind it wait.
 
-    python -m benchmarks.web_line [--keys 60] [--rtt 0 150 300] [--world grid first-person] [--rule page ahead none]
+    python -m benchmarks.web_line [--keys 60] [--rtt 0 150 300] [--loss 0] [--px 400x300] [--world grid first-person]
 """
 
 import argparse
@@ -51,6 +52,7 @@ class Found:
     pressed: int
     logged: int
     flips_ms: np.ndarray
+    bytes_a_key: tuple[float, float]  # up and down, medians
     kb_a_step: float
     cpu_ms_a_step: float
     complaints: list[str]
@@ -61,6 +63,7 @@ class Found:
         return (
             f"{self.pressed:5} {self.pressed - self.logged:5} {100 * quick:6.0f} % "
             + " ".join(f"{share:7.1f}" for share in shares)
+            + " {:6.0f} {:7.0f}".format(*self.bytes_a_key)
             + f" {self.kb_a_step:8.1f} {self.cpu_ms_a_step:8.1f}   {self.complaints or 'proven'}"
         )
 
@@ -69,6 +72,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--keys", type=int, default=60)
     parser.add_argument("--rtt", type=float, nargs="+", default=[0.0, 150.0, 300.0])
+    parser.add_argument("--loss", type=float, default=0.0)
+    parser.add_argument("--px", default="400x300", help="The picture's size.")
     parser.add_argument("--world", nargs="+", default=list(WORLDS), choices=WORLDS)
     parser.add_argument("--rule", nargs="+", default=list(LOOKS_AHEAD), choices=LOOKS_AHEAD)
     parser.add_argument("--serve", nargs=3, help=argparse.SUPPRESS)
@@ -77,22 +82,32 @@ def main() -> None:
         return serve(Path(asked.serve[0]), Path(asked.serve[1]), bool(int(asked.serve[2])))
     version = subprocess.run([chromium(), "--version"], capture_output=True, text=True).stdout.strip()
     print(f"minihuman {minihuman.__version__}, {version}, load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
-    print(" " * 32, " keys  lost  < 50 ms  median    95 %    99 %  kB/step   CPU ms")
+    print(" " * 32, " keys  lost  < 50 ms  median    95 %    99 % B up/key    down  kB/step   CPU ms")
     for name in asked.world:
         world, keys_hz = WORLDS[name]
         for rtt_ms in asked.rtt:
             for rule in asked.rule:
-                found = measure(world, keys_hz, rtt_ms, rule, asked.keys)
+                found = measure(world, keys_hz, rtt_ms, rule, asked.keys, loss=asked.loss, px=asked.px)
                 print(f"{name:12} {rtt_ms:4.0f} ms {keys_hz:.0f}/s {rule:8} {found.line()}", flush=True)
     return None
 
 
-def measure(world: tuple[str, tuple[str, ...]], keys_hz: float, rtt_ms: float, rule: str, keys: int) -> Found:
+def measure(
+    world: tuple[str, tuple[str, ...]],
+    keys_hz: float,
+    rtt_ms: float,
+    rule: str,
+    keys: int,
+    *,
+    loss: float = 0.0,
+    px: str = "400x300",
+) -> Found:
     """Two episodes of one person."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         block = f'computed = "{"page" if rule == "page" else "server"}"'
-        protocol = study(folder, world, episodes=2, max_steps=keys // 2, block=block)
+        web = f"image_size_px = {[int(side) for side in px.split('x')]}"
+        protocol = study(folder, world, episodes=2, max_steps=keys // 2, block=block, web=web)
         own = ["--serve", str(protocol), name, str(int(LOOKS_AHEAD[rule]))]
         command = [sys.executable, "-m", "benchmarks.web_line", *own]
         server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
@@ -100,17 +115,19 @@ def measure(world: tuple[str, tuple[str, ...]], keys_hz: float, rtt_ms: float, r
         url = server.stdout.readline().strip()
         port = int(re.search(r":(\d+)/", url)[1])  # type: ignore[index]
         try:
-            with line(port, rtt_ms=rtt_ms) as wire, browsing() as sit_down:
+            with line(port, rtt_ms=rtt_ms, loss=loss) as wire, browsing() as sit_down:
                 somebody = sit_down("about:blank")
                 if rule == "one-step":
                     somebody.page.add_init_script(IGNORED)
                 somebody.page.goto(url.replace(f":{port}/", f":{wire.port}/"))
                 pressed = 0
                 cpu_s, down = 0.0, 0
+                went: list[tuple[int, int]] = []  # up and down, from key to key
                 for _ in range(2):
                     somebody.to_play()
                     somebody.page.wait_for_timeout(1500)  # the first scenes are there when somebody has looked around
                     cpu_s, down = cpu_s - cpu_of(server.pid), down - wire.bytes_down
+                    before = wire.bytes_up, wire.bytes_down
                     while True:
                         began_s = time.monotonic()
                         state = somebody.state
@@ -119,6 +136,9 @@ def measure(world: tuple[str, tuple[str, ...]], keys_hz: float, rtt_ms: float, r
                         somebody.press("123"[pressed * 7 % 11 % 3])
                         pressed += 1
                         somebody.page.wait_for_timeout(max(0.0, 1000 * (began_s + 1 / keys_hz - time.monotonic())))
+                        now = wire.bytes_up, wire.bytes_down
+                        went.append((now[0] - before[0], now[1] - before[1]))
+                        before = now
                     cpu_s, down = cpu_s + cpu_of(server.pid), down + wire.bytes_down
                     somebody.until("!s.playing")
                 somebody.until("s.unsafe === 0")
@@ -137,6 +157,7 @@ def measure(world: tuple[str, tuple[str, ...]], keys_hz: float, rtt_ms: float, r
             pressed,
             logged,
             np.array(took),
+            tuple(np.median(went, axis=0)),
             down / 1000 / count,
             1000 * cpu_s / count,
             list(find_log_differences(log, World)),

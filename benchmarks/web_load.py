@@ -205,7 +205,7 @@ def main() -> None:
     parser.add_argument("--rtt-ms", type=float, default=100.0)
     parser.add_argument("--taken", type=int, nargs="+", default=[500, 100_000], help="slots, when people join")
     asked = parser.parse_args()
-    packages = ", ".join(f"{name} {version(name)}" for name in ("minihuman", "uvicorn", "starlette", "websockets"))
+    packages = ", ".join(f"{name} {version(name)}" for name in ("minihuman-lab", "uvicorn", "starlette", "websockets"))
     print(f"{packages}; Python {sys.version.split()[0]}; {asked.keys:g} keys/s each, line {asked.rtt_ms:g} ms")
     print(
         "world    people  steps/s  cores  ms/step  people/core  bytes up     down  shown%  acked: p50    p95    p99"

@@ -22,12 +22,13 @@ from minihuman.cli.command_line import SECTIONS, make_command_line
 from minihuman.dataset.table_columns import TABLES
 from minihuman.experiment.activities.activity import list_built_in_kinds
 from minihuman.log.codec import list_activity_topics
+from minihuman.log.read.session_reader import read_log
 from minihuman.log.topics import RARE_TOPICS, TOPICS
 from minihuman.plugins import list_plugin_names
 
 _ROOT = Path(__file__).parents[1]
 _PAGES = {"protocols/README.md": "protocols.md", "CHANGELOG.md": "changelog.md"}
-_MARKER = re.compile(r"^<!-- ([.\w]+) -->$", re.MULTILINE)  # where a page's generated part stands
+_MARKER = re.compile(r"^<!-- ([./\w]+) -->$", re.MULTILINE)  # where a page's generated part stands
 _LABEL = re.compile(r"^(```\w+) [\w-]+$", re.MULTILINE)  # by which tests know a block of code
 _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\(([^)#\s]+)(#[^)\s]*)?\)")
 
@@ -48,6 +49,7 @@ def on_page_markdown(markdown: str, *, page: Page, **_: Any) -> str:
         "tables.md": list_tables,
         "log-topics.md": list_topics,
         "ports.md": list_ports,
+        "upgrading.md": list_frozen_logs,
     }
     if write := written.get(page.file.src_uri):
         markdown = _MARKER.sub(lambda found: write(found[1]), markdown)
@@ -135,6 +137,18 @@ def _read_messages() -> dict[str, list[tuple[str, str, str]]]:
 _TOPIC_ROW = re.compile(r"^\| `(/\S+)` \| `\S+` \| (.+) \|$", re.MULTILINE)
 _MESSAGE = re.compile(r"^message (\w+) \{\n(.*?)^\}", re.MULTILINE | re.DOTALL)
 _FIELD = re.compile(r"^\s+((?:optional |repeated )?[\w.]+) (\w+) = \d+;  // (.*)$", re.MULTILINE)
+
+
+def list_frozen_logs(folder: str) -> str:
+    """Write what each frozen study holds: format, sessions, episodes and steps."""
+    lines = ["| study | format | logs | episodes | steps |", "|---|---|---|---|---|"]
+    for study in sorted(path for path in (_ROOT / folder).glob("v[0-9]/*") if path.is_dir()):
+        logs = [read_log(path) for path in sorted(study.rglob("ses-*")) if path.is_dir()]
+        episodes = [episode for log in logs for episode in log.episodes]
+        steps = sum(len(episode.actions) for episode in episodes)
+        lines += [f"| `{study.name}` | {study.parent.name[1:]} | {len(logs)} | {len(episodes)} | {steps} |"]
+    return "\n".join(lines)
+
 
 PORTS = {  # what a plug-in of each group registers, the port that this implements, and the test that holds it to that
     "worlds": ("a `gymnasium.Env` that is a", "NativeWorld", "check_world"),

@@ -8,6 +8,7 @@ simulated participant who holds keys, the log verified, a picture drawn, a copy 
 """
 
 import argparse
+import json
 import multiprocessing
 import tempfile
 from collections import Counter
@@ -15,15 +16,23 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-PACKAGES = {"gymnasium": "", "ale-py": "ale_py", "highway-env": "highway_env"}  # and the module that registers theirs
+PACKAGES = {  # and the module that registers theirs
+    "gymnasium": "",
+    "ale-py": "ale_py",
+    "highway-env": "highway_env",
+    "gymnasium-robotics": "gymnasium_robotics",
+    "crafter": "other_worlds",  # and MiniHack and arcengine, as far as they are installed
+}
 SECONDS = 5.0
 PAGE = Path(__file__).with_name("environments.md")
+FOUND = PAGE.with_suffix(".json")  # of each id, what was found when it was tried last
+RECORDED = "## Recorded sessions"  # the page's end, which `python -m tests.worlds.recorded_sessions` writes
 
 
 def register(module: str) -> None:
     """Import a package that registers its environments."""
     registers = import_module(module)
-    if module == "ale_py":
+    if module in ("ale_py", "gymnasium_robotics"):
         import gymnasium
 
         gymnasium.register_envs(registers)
@@ -44,7 +53,8 @@ def list_ids() -> list[str]:
         for name, spec in gymnasium.registry.items():
             old = package == "ale-py" and not spec.namespace
             of_gymnasium = str(spec.entry_point).startswith("gymnasium.envs.") and spec.namespace is None
-            if old or name.startswith("GymV2") or (name in before if module else not of_gymnasium):
+            theirs = module == "other_worlds" and spec.namespace != "other"  # what our module imports registers its own
+            if old or theirs or name.startswith("GymV2") or (name in before if module else not of_gymnasium):
                 continue
             known = newest.get(f"{spec.namespace}/{spec.name}", (-1, ""))
             mine = (spec.version or 0, f"{module}:{name}" if module else name)
@@ -133,7 +143,7 @@ def describe(found: dict[str, dict[str, str]]) -> str:
         if "error" in one or one["replays"].startswith("NO")
     }
     versions = []
-    for package in (*PACKAGES, "mujoco", "box2d"):
+    for package in (*PACKAGES, "minihack", "nle", "arcengine", "mujoco", "box2d"):
         try:
             versions.append(f"{package} {version(package)}")
         except PackageNotFoundError:
@@ -167,13 +177,15 @@ def describe(found: dict[str, dict[str, str]]) -> str:
             cells = (f"`{name}`", *(one[column] for column in ("space", "keys", "pace", "replays", "browser")))
             lines.append("| " + " | ".join(cell.replace("|", "/") for cell in cells) + " |")
     lines += ["", "Not played:", "", *(f"- `{name}`: {why}" for name, why in failed.items())] if failed else []
-    return "\n".join(lines) + "\n"
+    _, heading, recorded = PAGE.read_text(encoding="utf-8").partition(RECORDED)
+    return "\n".join([*lines, "", heading + recorded if heading else ""]).rstrip() + "\n"
 
 
 def main() -> None:
     """Try one id, or all, and write the page as it grows."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--one", default="", help="an id to try alone")
+    parser.add_argument("--only", nargs="+", default=[""], help="try the ids with one of these in them; keep the rest")
     parser.add_argument("--seconds", type=float, default=SECONDS)
     asked = parser.parse_args()
     if asked.one:
@@ -183,10 +195,14 @@ def main() -> None:
     import minihuman.admin.verify.episodes
     import minihuman.runtime.simulated_session  # noqa: F401
 
-    found = {}
-    for name in list_ids():
+    known = json.loads(FOUND.read_text(encoding="utf-8"))
+    ids = list_ids()
+    chosen = [name for name in ids if any(part in name for part in asked.only)]
+    found = {name: one for name, one in known.items() if name not in chosen}
+    for name in chosen:
         found[name] = try_in_a_process(name, asked.seconds)
         print(name, found[name], flush=True)
+        FOUND.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
         PAGE.write_text(describe(found), encoding="utf-8", newline="\n")
 
 

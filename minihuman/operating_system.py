@@ -6,6 +6,7 @@ is the kernel's and ends with the process, however that ends. Linux is tested; W
 
 import contextlib
 import ctypes
+import hashlib
 import os
 import signal
 import socket
@@ -15,7 +16,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, BinaryIO
 
 from minihuman.errors import name_file_in_errors
 
@@ -208,6 +209,40 @@ def replace_when_written(path: Path) -> Iterator[Path]:
         with contextlib.suppress(OSError):
             remove_file(unfinished, missing_ok=True)
         raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+@contextlib.contextmanager
+def replace_durably(path: Path, unfinished: Path | None = None) -> Iterator[BinaryIO]:
+    """Write a file beside another, and put it in that place once it is durable: a crash leaves one of them, whole.
+
+    Args:
+        path: the place; its folder is made.
+        unfinished: the file's name until then; None is a hidden one of this process.
+
+    Raises:
+        OSError: if it cannot be written; then nothing of it is left.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = unfinished or path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with unfinished.open("wb") as file:
+            yield file
+            file.flush()
+            sync_file(file.fileno())
+        replace_file(unfinished, path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+    sync_folder(path.parent)
+
+
+def hash_file(path: Path, algorithm: str = "sha256") -> str:
+    """A file's digest, hexadecimal.
+
+    Raises:
+        OSError: if it cannot be read.
+    """
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, algorithm).hexdigest()
 
 
 def write_atomically(text: str, path: Path) -> None:

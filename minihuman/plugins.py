@@ -19,6 +19,7 @@ from minihuman.errors import MinihumanError
 from minihuman.operating_system import interrupt_after
 
 Port = TypeVar("Port")
+DISTRIBUTION = "minihuman-lab"  # this package, as pip knows it: the name in pyproject.toml
 GROUP_PREFIX = "minihuman."
 EXTRA_OF_PACKAGE = {
     "torch": "learn",
@@ -37,7 +38,7 @@ class Plugin:
     group: str  # "players"
     name: str
     where: str  # "module:attribute"
-    package: str  # "minihuman 0.1.0"
+    package: str  # "minihuman-lab 0.1.0"
 
 
 def list_plugins() -> tuple[Plugin, ...]:

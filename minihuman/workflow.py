@@ -158,7 +158,14 @@ def run(
         plans = []
         for code in codes:
             plan = plan_next_session(
-                study, data, participant=code, group=group, session=session, any_day=any_day, note=note
+                study,
+                data,
+                participant=code,
+                group=group,
+                session=session,
+                any_day=any_day,
+                note=note,
+                utc_offset_min=int(clock.facts()["utc_offset_min"]),
             )
             allocated = f"group {plan.participant.group}" if plan.participant.group else "group not yet drawn"
             on_start(f"{plan.participant.id}, {allocated}, from episode {plan.first_episode + 1}")
@@ -239,7 +246,7 @@ def _simulate_models(
     on_progress: Listener,
 ) -> Iterator[Path]:
     from minihuman.runtime.model_sessions import ModelRun, simulate_models
-    from minihuman.simulation.model_seat import SpentTotals
+    from minihuman.simulation.model_conversation import SpentTotals
 
     done, currency = 0, study.model.currency
 

@@ -1,6 +1,7 @@
 import re
 import subprocess
 import sys
+import tomllib
 from importlib.metadata import version
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import gymnasium
 import pytest
 
 import minihuman
+from minihuman.plugins import DISTRIBUTION
 from minihuman.worlds.catalogue import WORLDS
 
 ROOT = Path(__file__).parents[1]
@@ -18,7 +20,8 @@ def test_importing_registers_every_world():
 
 
 def test_the_version_is_said_once_and_repeated_truly():
-    assert version("minihuman") == minihuman.__version__
+    assert version(DISTRIBUTION) == minihuman.__version__
+    assert tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["name"] == DISTRIBUTION
     assert f"\nversion: {minihuman.__version__}\n" in (ROOT / "CITATION.cff").read_text()
     assert "version =" not in (ROOT / "pyproject.toml").read_text().partition("[project.optional")[0]
 

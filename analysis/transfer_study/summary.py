@@ -1,12 +1,11 @@
 """The study's outputs: the table of improvements, the curves and their figure, what was run and where the time went.
 
 Published improvements to compare with: Chevalier-Boisvert et al. (2023), "Minigrid & Miniworld", table of the
-transfer study: mean and standard deviation over ten runs of 200,000 steps. Four of its twelve cells are here, as
-they were quoted to this project; the other eight could not be had at first hand and are left out rather than read
-off a figure.
+transfer study (Table 1): mean and standard deviation over ten runs of 200,000 steps, all twelve cells.
 """
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy import stats
 
 from minihuman.errors import LearnError
 from minihuman.learn.policy.file import get_versions
@@ -23,12 +23,12 @@ from minihuman.statistics.comparison import holm_correction
 from transfer_study.job import Result, improvement, interquartile_mean
 from transfer_study.plan import BASELINE, COMMITS, DEFECTS, SOURCE, TransferJob, TransferStudy
 
-PUBLISHED_SOURCE = "Chevalier-Boisvert et al. (2023), Minigrid & Miniworld; four of its twelve cells"
+PUBLISHED_SOURCE = "Chevalier-Boisvert et al. (2023), Minigrid & Miniworld, Table 1"
 STEPS = 200_000  # the published runs'; an area over fewer steps is not the same measure
 
 
 def read_shipped() -> pd.DataFrame:
-    """One row a cell that is known: improvement and sd, as fractions."""
+    """One row per cell: improvement and sd, as fractions."""
     return pd.read_csv(Path(__file__).with_name("published.csv"), index_col="cell")
 
 
@@ -102,7 +102,7 @@ def draw_curves(ax: Axes, points: pd.DataFrame) -> Axes:
 
 COLUMNS = (
     *("runs", "area", "iqm", "final_reward", "runs_solved", "steps_to_solve"),
-    *("improvement", "sd", "low", "high", "p", "p_holm", "better"),
+    *("improvement", "sd", "low", "high", "p", "smallest_p", "p_holm", "better"),
 )
 PUBLISHED = ("published", "published_sd")
 SIGNIFICANT = 0.05
@@ -127,26 +127,32 @@ def improvement_table(study: TransferStudy, results: Results, *, beside: pd.Data
     "published_sd", and "beside" says whether ours can be told from them. Improvements are fractions, not percent;
     "p_holm" is corrected for the number of cells that were compared, and "verdict" says what it comes to.
     """
-    baseline = _areas(results, BASELINE)
+    baseline = {job.run: result.area for job, result in results.items() if job.cell.name == BASELINE}
     rows = []
     for cell in study.cells:
         found = [result for job, result in results.items() if job.cell == cell]
         if not found:
             continue
         areas = np.array([result.area for result in found])
-        solved = [step for result in found if (step := _solved_at(result)) is not None]
+        solved = [_solved_at(result) for result in found]
+        horizon = min(study.steps, *(result.points[-1].steps for result in found))
         row: dict[str, Any] = {
             "cell": cell.label,
             "runs": len(found),
             "area": areas.mean(),
             "iqm": interquartile_mean(areas),
             "final_reward": np.mean([result.points[-1].reward for result in found]),
-            "runs_solved": len(solved),
-            "steps_to_solve": np.mean(solved) if solved else np.nan,
+            "runs_solved": sum(step is not None for step in solved),
+            "steps_to_solve": np.mean([horizon if step is None else min(step, horizon) for step in solved]),
         }
-        if cell.parts and len(baseline):
-            gain = improvement(areas, baseline)
-            row |= {name: getattr(gain, name) for name in ("sd", "low", "high", "p", "better")}
+        pairs = [
+            (result.area, baseline[job.run])
+            for job, result in results.items()
+            if job.cell == cell and job.run in baseline
+        ]
+        if cell.parts and pairs:
+            gain = improvement(*np.array(pairs).T)
+            row |= {name: getattr(gain, name) for name in ("sd", "low", "high", "p", "smallest_p", "better")}
             row["improvement"] = gain.mean
         if beside is not None:
             row |= {"published": beside["improvement"].get(cell.label, np.nan)}
@@ -167,8 +173,8 @@ def _verdict(row: pd.Series) -> str:
     """A cell's improvement in words, after correction for the number of cells."""
     if np.isnan(row["improvement"]):
         return ""
-    if np.isnan(row["p_holm"]):
-        return "too few runs to tell"
+    if np.isnan(row["p_holm"]) or row["smallest_p"] >= SIGNIFICANT:
+        return f"{row['runs']:.0f} run{'s' if row['runs'] > 1 else ''}, too few to tell"
     if row["p_holm"] >= SIGNIFICANT:
         return "not told apart"
     return "better" if row["improvement"] > 0 else "worse"
@@ -179,8 +185,23 @@ def _beside(row: pd.Series) -> str:
     if np.isnan(row["published"]):
         return ""
     if np.isnan(row["low"]):
-        return "too few runs to tell"
+        return f"{row['runs']:.0f} run{'s' if row['runs'] > 1 else ''}, no interval"
     return "within our interval" if row["low"] <= row["published"] <= row["high"] else "outside our interval"
+
+
+def correlate_with_published(cells: pd.DataFrame) -> tuple[int, float, float]:
+    """Compare the order of the cells' improvements with the published one.
+
+    Returns:
+        How many cells have both, Spearman's correlation of their means, and its p; NaN for fewer than three cells.
+    """
+    if "published" not in cells:
+        return 0, math.nan, math.nan
+    both = cells[["improvement", "published"]].dropna()
+    if len(both) < 3:
+        return len(both), math.nan, math.nan
+    found = stats.spearmanr(both["improvement"], both["published"])
+    return len(both), float(found.statistic), float(found.pvalue)
 
 
 def curve_table(results: Results) -> pd.DataFrame:
@@ -217,6 +238,7 @@ def write_report(
     """Write table.csv, curves.csv, speed.csv, run.json, report.md and curves.png; return the report's text."""
 
     rows, points, speeds = improvement_table(study, results, beside=beside), curve_table(results), speed_table(results)
+    cells, rank, p = correlate_with_published(rows)
     for name, frame in (("table", rows), ("speed", speeds)):
         write_atomically(frame.to_csv(), out / f"{name}.csv")
     write_atomically(points.to_csv(index=False), out / "curves.csv")
@@ -231,6 +253,9 @@ def write_report(
         "versions": get_versions(),
         "published_state": COMMITS.get(study.protocol),
         "defects_reproduced": list(DEFECTS[study.protocol]),
+        "cells_beside": cells,
+        "rank_correlation": None if math.isnan(rank) else round(rank, 3),
+        "rank_correlation_p": None if math.isnan(p) else round(p, 4),
         "core_hours": round(count_core_hours(results), 2),
     }
     write_atomically(json.dumps(facts, indent=1), out / "run.json")
@@ -255,14 +280,28 @@ def report_text(study: TransferStudy, rows: pd.DataFrame, speeds: pd.DataFrame, 
         ),
         "",
         (
-            "Improvement is transfer area / baseline area - 1, area under the curve of the mean reward of the last "
-            "100 episodes. The 95 % interval (low, high) and p are Welch's, of log areas; p_holm is corrected for the "
-            "number of cells; better is the chance that a run of the cell has more area than one of the baseline; "
-            f"iqm is the mean of the middle half of the runs. Reward {SOLVED} counts as solved."
+            "Improvement is transfer area / baseline area - 1 over the runs of both, which share first weights and "
+            "layouts; area: under the curve of the mean reward of the last 100 episodes. p is of the exact paired "
+            "permutation test, smallest_p the least that so many runs can come to; p_holm is corrected for the number "
+            "of cells. The 95 % interval (low, high) is Student's, of log ratios, from three runs on, and assumes "
+            "normal ones. better is the share of runs above their baseline; iqm is the mean of the middle half of "
+            f"the runs. Reward {SOLVED} counts as solved; steps_to_solve is a restricted mean, a run that did not "
+            "solve its world counting with all of its steps."
         ),
         "",
         _markdown(rows),
         "",
+        *(
+            []
+            if facts["rank_correlation"] is None
+            else [
+                (
+                    f"Rank correlation of {facts['cells_beside']} cells' improvements with the published ones: "
+                    f"{facts['rank_correlation']:.2f} (p {facts['rank_correlation_p']:.3f})."
+                ),
+                "",
+            ]
+        ),
         "Where the time goes (shares of the jobs' own time):",
         "",
         _markdown(speeds),
@@ -307,10 +346,6 @@ def _cell(value: Any) -> str:
 def count_core_hours(results: Results) -> float:
     """What the results took in all, in hours of one core."""
     return sum(result.core_s for result in results.values()) / 3600
-
-
-def _areas(results: Results, cell: str) -> np.ndarray[Any, np.dtype[np.float64]]:
-    return np.array([result.area for job, result in results.items() if job.cell.name == cell])
 
 
 def _solved_at(result: Result) -> int | None:

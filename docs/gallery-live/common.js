@@ -3,9 +3,10 @@
 export const ROW_STEP = 6;
 export const MAX_STEPS = 7;
 export const KEYS = {
-  ArrowLeft: "left", ArrowRight: "right", ArrowUp: "forward", " ": "toggle", Enter: "done", p: "pickup", d: "drop",
-};
-const LABELS = { ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", " ": "space", Enter: "enter" };
+  ArrowLeft: ["left", "turn_left"], ArrowRight: ["right", "turn_right"], ArrowUp: ["forward", "move_forward"],
+  ArrowDown: ["move_back"], " ": ["toggle"], Enter: ["done"], p: ["pickup"], d: ["drop"],
+}; // a world has one of a key's actions, or none
+const LABELS = { ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓", " ": "space", Enter: "enter" };
 export const $ = (id) => document.getElementById(id);
 
 export async function unpack(path) {
@@ -26,19 +27,21 @@ export async function loadIndex() {
 
 /** Buttons for those of the actions that have a key. */
 export function actionButtons(actions, act) {
-  return Object.entries(KEYS).filter(([, action]) => actions.includes(action)).map(([key, action]) => {
+  return Object.entries(KEYS).flatMap(([key, known]) => {
+    const action = known.find((one) => actions.includes(one));
+    if (!action) return [];
     const made = document.createElement("button");
     made.type = "button";
-    made.textContent = `${action} (${LABELS[key] ?? key})`;
+    made.textContent = `${action.replaceAll("_", " ")} (${LABELS[key] ?? key})`;
     made.addEventListener("click", () => act(action));
-    return made;
+    return [made];
   });
 }
 
-/** Act on keys, unless they belong to a field or a button. */
-export function onActionKeys(act) {
+/** Act on keys that have one of the present actions, unless they belong to a field or a button. */
+export function onActionKeys(act, actions) {
   addEventListener("keydown", (event) => {
-    const action = KEYS[event.key];
+    const action = KEYS[event.key]?.find((one) => actions().includes(one));
     if (!action || event.target.closest("select, button, input, textarea")) return;
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();

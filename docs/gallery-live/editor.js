@@ -154,6 +154,6 @@ $("open").addEventListener("change", async () => {
   if (!found) $("outcome").textContent = "This file is not a level; open one that was saved here.";
   else [level, cursor] = [found, null], show();
 });
-onActionKeys(act);
+onActionKeys(act, () => level.actions);
 choose("WW");
 await show();

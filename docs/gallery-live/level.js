@@ -13,17 +13,21 @@ export class Level {
   constructor(width, height) {
     this.mission = "get to the green goal square";
     this.cells = Array.from({ length: height }, (_, y) => Array.from({ length: width }, (_, x) =>
-      x === 0 || y === 0 || x === width - 1 || y === height - 1 ? "WW" : "  "));
+      isBorder(x, y, width, height) ? "WW" : "  "));
   }
 
   get width() { return this.cells[0].length; }
   get height() { return this.cells.length; }
 
-  /** Put a cell; a second agent takes the place of the first. */
+  /** Put a cell; a second agent takes the place of the first, and an empty border is a wall. */
   put(x, y, cell) {
-    if (AGENTS.includes(cell)) this.cells = this.cells.map((row) => row.map((one) => (AGENTS.includes(one) ? "  " : one)));
-    this.cells[y][x] = cell;
+    if (AGENTS.includes(cell)) {
+      this.cells = this.cells.map((row, v) => row.map((one, u) => (AGENTS.includes(one) ? this.#empty(u, v) : one)));
+    }
+    this.cells[y][x] = cell === "  " ? this.#empty(x, y) : cell;
   }
+
+  #empty(x, y) { return isBorder(x, y, this.width, this.height) ? "WW" : "  "; }
 
   /** The level in another size; what lies outside of it goes. */
   resized(width, height) {
@@ -55,7 +59,9 @@ export class Level {
   static read(text) {
     const [, mission, diagram] = FILE.exec(text) ?? [];
     if (diagram === undefined) return null;
-    const lines = diagram.replace(/\r/g, "").replace(/\n$/, "").split("\n");
+    const shown = diagram.replace(/\r/g, "").replace(/^[ \t]+$/gm, "").replace(/^\n+|\n+$/g, "").split("\n");
+    const indent = Math.min(...shown.filter(Boolean).map((line) => line.search(/\S/)));
+    const lines = shown.map((line) => line.slice(indent)); // common indentation is no cells, as in Python
     const width = Math.max(...lines.map((line) => Math.ceil(line.length / 2)));
     const level = new Level(width, lines.length);
     level.mission = JSON.parse(mission);
@@ -92,6 +98,8 @@ export class Level {
     return row;
   }
 }
+
+function isBorder(x, y, width, height) { return x === 0 || y === 0 || x === width - 1 || y === height - 1; }
 
 /** The number of a cell; `identity` is that of an object. Undefined for characters that mean nothing. */
 export function codeOf(cell, identity) {

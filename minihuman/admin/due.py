@@ -6,14 +6,14 @@ not hold the local time's offset.
 
 import re
 from dataclasses import dataclass
-from datetime import date, timedelta
+from datetime import date, datetime, timedelta
 from pathlib import Path
 from typing import Literal
 
 import msgspec
 
 from minihuman.admin.enrolment_entries import list_replaced, read_enrolled, read_enrolment_log
-from minihuman.admin.next_session import find_start_date
+from minihuman.admin.next_session import find_local_date, find_start_date
 from minihuman.admin.session_index import SessionRow, read_session_index
 from minihuman.errors import LogError
 from minihuman.experiment.machine.events import FINAL_END_REASONS
@@ -21,6 +21,7 @@ from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.read.session_reader import read_log
+from minihuman.log.system import wall_time
 
 _SESSION_FOLDER = re.compile(r"([^/]+)/ses-(\d+)")
 DueState = Literal["due", "later", "overdue", "unfinished", "unreadable", "never came"]
@@ -74,8 +75,12 @@ class _LatestSession:
     complete: bool
 
 
-def list_due_sessions(study_dir: Path, today: date) -> tuple[DueSession, ...]:
+def list_due_sessions(study_dir: Path, now: datetime | None = None) -> tuple[DueSession, ...]:
     """Everybody of whom a further session is expected, or the rest of one, in order of enrolment.
+
+    Args:
+        study_dir: the study's folder.
+        now: the time that "today" is told from, where each participant is; None is the present.
 
     Raises:
         LogError: if there is no such folder.
@@ -103,7 +108,7 @@ def list_due_sessions(study_dir: Path, today: date) -> tuple[DueSession, ...]:
             except LogError:  # damaged where a glance does not look
                 found.append(DueSession(slot.participant, slot.group, last.session, "unreadable"))
             else:
-                found += _next(last, log, protocol, today)
+                found += _next(last, log, protocol, find_local_date(now or wall_time(), log))
     return tuple(found)
 
 

@@ -23,7 +23,7 @@ from minihuman.errors import LogError
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.record.finalization import put_aside
 from minihuman.log.system import monotonic_s, sync_folder
-from minihuman.operating_system import sync_file
+from minihuman.operating_system import replace_durably
 
 TTL_S = 10.0
 RENEWAL_INTERVAL_S = 3.0
@@ -206,7 +206,10 @@ class SessionLeases:
             if here is None or not (here.startswith(data) if grows else here == data):
                 if here is not None:
                     put_aside(path, SUPERSEDED)
-                _write_durably(path, data)
+                with replace_durably(path) as file:
+                    file.write(data)
+                for above in path.parents[1:4]:
+                    sync_folder(above)
                 stamp_s = time.time() - lease.grant.idle_s
                 os.utime(path, (stamp_s, stamp_s))
 
@@ -279,18 +282,6 @@ class SessionLeases:
 def name_session(study: str, participant: str, session: int) -> str:
     """What a session is called in the database."""
     return f"{study}/{participant}/ses-{session:02d}"
-
-
-def _write_durably(path: Path, data: bytes) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    with beside.open("wb") as file:
-        file.write(data)
-        file.flush()
-        sync_file(file.fileno())
-    beside.replace(path)
-    for folder in path.parents[:4]:
-        sync_folder(folder)
 
 
 _TABLES = """

@@ -19,7 +19,7 @@ from minihuman.errors import LogError, name_file_in_errors
 from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import require_folder, study_folder
 from minihuman.log.salvage.summary_section import read_summary
-from minihuman.operating_system import replace_file, sync_file, sync_folder
+from minihuman.operating_system import hash_file, replace_durably
 
 MANIFEST_FILE_NAME = "seal.json"
 _UNFINISHED = f"{MANIFEST_FILE_NAME}.part"
@@ -80,15 +80,8 @@ def write_manifest(study: Path) -> StudyManifest:
         raise LogError(f"{study} is not a folder that contains files; name a study's folder")
     made = StudyManifest(_digest(files), files)
     unfinished = study / _UNFINISHED
-    try:
-        with name_file_in_errors(unfinished), unfinished.open("wb") as file:
-            file.write(msgspec.json.format(msgspec.json.encode(made), indent=1) + b"\n")
-            file.flush()
-            sync_file(file.fileno())
-        replace_file(unfinished, study / MANIFEST_FILE_NAME)
-    finally:
-        unfinished.unlink(missing_ok=True)
-    sync_folder(study)
+    with name_file_in_errors(unfinished), replace_durably(study / MANIFEST_FILE_NAME, unfinished) as file:
+        file.write(msgspec.json.format(msgspec.json.encode(made), indent=1) + b"\n")
     return made
 
 
@@ -140,8 +133,7 @@ def _digests(study: Path) -> dict[str, str]:
             path = Path(folder, name)
             within = path.relative_to(study)
             if path.is_file() and within.as_posix() not in (MANIFEST_FILE_NAME, _UNFINISHED) and not is_cache(within):
-                with path.open("rb") as file:
-                    found[within.as_posix()] = hashlib.file_digest(file, "sha256").hexdigest()
+                found[within.as_posix()] = hash_file(path)
     return dict(sorted(found.items()))
 
 

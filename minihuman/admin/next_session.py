@@ -43,6 +43,7 @@ def plan_next_session(
     any_day: bool = False,
     note: AuditNote | None = None,
     prefix: str = "sub",
+    utc_offset_min: int | None = None,
 ) -> SessionPlan:
     """Take the participant's slot and plan what is to be played; a session that is not complete is resumed.
 
@@ -56,6 +57,8 @@ def plan_next_session(
         any_day: whether a later session may be too early or too late.
         note: why something is overridden, and who does it, for the enrolment log; None records no other day.
         prefix: of a new participant's code.
+        utc_offset_min: how many minutes the participant's local time is ahead of UTC; None takes that of the session
+            before.
 
     Raises:
         AllocationError: if there is no slot to take, or the session is complete.
@@ -63,7 +66,9 @@ def plan_next_session(
         OSError: if the data folder cannot be read or written.
     """
     study_dir = data / protocol.study.name
-    another_day = session > 1 and _check_came_before(protocol, study_dir, participant, session, any_day=any_day)
+    another_day = session > 1 and _check_came_before(
+        protocol, study_dir, participant, session, any_day=any_day, utc_offset_min=utc_offset_min
+    )
     who, taken = take_slot(
         protocol, study_dir, participant=participant, group=group, note=note or NO_NOTE, prefix=prefix
     )
@@ -95,7 +100,13 @@ def plan_drawn_session(protocol: Protocol, data: Path, undrawn: SessionPlan, str
 
 
 def _check_came_before(
-    protocol: Protocol, study_dir: Path, participant: str | None, session: int, *, any_day: bool
+    protocol: Protocol,
+    study_dir: Path,
+    participant: str | None,
+    session: int,
+    *,
+    any_day: bool,
+    utc_offset_min: int | None,
 ) -> bool:
     """Check the session before; return whether this one is on a day that the protocol does not allow."""
     if participant is None:
@@ -112,14 +123,14 @@ def _check_came_before(
             f"{participant} was screened out in session {session - 1} and has no session {session}; choose another "
             "participant"
         )
-    left = len(_remaining_episodes(log))
+    left = len(find_remaining_episodes(log))
     if not is_session_complete(log) and (left or not is_only_closing_left(log.plan.parts, _resume_state(log).part)):
         what = f"{left} episodes of session {session - 1} left to play" if left else f"not ended session {session - 1}"
         raise AllocationError(
             f"{participant} has {what}; finish it first: --participant {participant} --session {session - 1}"
         )
     try:
-        _check_day(protocol, log, session)
+        _check_day(protocol, log, session, utc_offset_min)
     except AllocationError:
         if any_day:
             return True
@@ -153,27 +164,28 @@ def find_unused_slots(study_dir: Path) -> tuple[str, ...]:
 
 def find_start_date(log: SessionLog) -> date:
     """The calendar day on which a session began, where the participant was; in UTC where the log has no offset."""
-    started = datetime.fromisoformat(log.started_at).astimezone(UTC)
-    offset_min = _utc_offset_min(log)
-    return (started + timedelta(minutes=offset_min or 0)).date()
+    return find_local_date(datetime.fromisoformat(log.started_at), log)
 
 
-def _utc_offset_min(log: SessionLog) -> int | None:
+def find_local_date(when: datetime, log: SessionLog, utc_offset_min: int | None = None) -> date:
+    """The calendar day of a time where a session's participant was: a server may stand in another time zone.
+
+    Args:
+        when: the time, with its zone.
+        log: the session's.
+        utc_offset_min: where the participant is at that time, if it is known.
+    """
     facts = log.segments[0].facts if log.segments else {}
-    return int(facts["utc_offset_min"]) if "utc_offset_min" in facts else None
+    offset_min = int(facts.get("utc_offset_min", 0)) if utc_offset_min is None else utc_offset_min
+    return (when.astimezone(UTC) + timedelta(minutes=offset_min)).date()
 
 
-def _today(before: SessionLog) -> date:
-    """Today, on the calendar of the session before: a server may stand in another time zone than its participants."""
-    return (wall_time() + timedelta(minutes=_utc_offset_min(before) or 0)).date()
-
-
-def _check_day(protocol: Protocol, before: SessionLog, session: int) -> None:
+def _check_day(protocol: Protocol, before: SessionLog, session: int, utc_offset_min: int | None = None) -> None:
     day = protocol.sessions[session - 1] if session <= len(protocol.sessions) else None
     if day is None or day.days_after_previous is None:
         return
     earliest, latest = day.days_after_previous
-    passed = (_today(before) - find_start_date(before)).days
+    passed = (find_local_date(wall_time(), before, utc_offset_min) - find_start_date(before)).days
     if not earliest <= passed <= latest:
         raise AllocationError(
             f"session {session} is due {earliest} to {latest} days after session {session - 1}, which was {passed} "
@@ -183,10 +195,10 @@ def _check_day(protocol: Protocol, before: SessionLog, session: int) -> None:
 
 def is_session_complete(log: SessionLog) -> bool:
     """Whether nothing of a session is left to do."""
-    return log.end_reason in FINAL_END_REASONS or (not log.plan.parts and not _remaining_episodes(log))
+    return log.end_reason in FINAL_END_REASONS or (not log.plan.parts and not find_remaining_episodes(log))
 
 
-def _remaining_episodes(log: SessionLog) -> list[int]:
+def find_remaining_episodes(log: SessionLog) -> list[int]:
     """The episodes that are neither completed nor skipped."""
     done = {played.plan.episode for played in log.episodes if played.outcome not in (None, "abandoned")}
     for event in log.part_events:
@@ -201,7 +213,7 @@ def _plan_rest(log: SessionLog) -> SessionPlan:
         raise AllocationError(
             f"{who} has completed session {session} ({log.path}); start their next one with --session {session + 1}"
         )
-    left = _remaining_episodes(log)
+    left = find_remaining_episodes(log)
     segments = [int(start["segment"]) for start in log.metadata["segments"]]
     return msgspec.structs.replace(
         log.plan,

@@ -6,7 +6,6 @@ for every state again from the file; that the actions were drawn from the advice
 """
 
 import hashlib
-import os
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -20,7 +19,7 @@ from minihuman.log.model.session_log import EpisodeLog, SessionLog
 from minihuman.log.model.teaching_events import NO_ADVICE, TeachingRecord
 from minihuman.log.paths import study_folder
 from minihuman.log.read.session_reader import list_session_files
-from minihuman.operating_system import replace_file, sync_file
+from minihuman.operating_system import replace_durably
 from minihuman.worlds.adapters.world import World
 
 POLICIES_FOLDER = "policies"
@@ -42,13 +41,8 @@ class PolicyStore:
         sha256 = hashlib.sha256(content).hexdigest()
         path = self.path(sha256)
         if not path.exists():
-            self.folder.mkdir(parents=True, exist_ok=True)
-            unfinished = path.with_suffix(f".{os.getpid()}")
-            with unfinished.open("wb") as file:
+            with replace_durably(path) as file:
                 file.write(content)
-                file.flush()
-                sync_file(file.fileno())
-            replace_file(unfinished, path)
         return sha256
 
     def path(self, sha256: str) -> Path:

@@ -22,7 +22,7 @@ from PIL import Image
 
 from minihuman.agents.agent import is_registered_agent, make_policy_agent
 from minihuman.errors import MinihumanError, ProtocolError
-from minihuman.experiment.activities.block_plans import LATEST_POLICY
+from minihuman.experiment.activities.block_plans import LATEST_POLICY, SIMULATED
 from minihuman.experiment.keys import DIGITS, assign_usual_keys, find_noop, find_period_ms
 from minihuman.experiment.plan.trials import list_images, read_table
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol, list_old_names
@@ -248,7 +248,7 @@ def _find_policies(protocol: Protocol) -> dict[str, str]:
     return {
         name: f"$.blocks[{where}"
         for where, name in named
-        if name and name != LATEST_POLICY and not is_registered_agent(name)
+        if name and name != LATEST_POLICY and not name.startswith(f"{SIMULATED}:") and not is_registered_agent(name)
     }
 
 

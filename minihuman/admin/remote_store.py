@@ -9,7 +9,6 @@ own beside it, here and there: nothing is overwritten, and ``status`` and ``veri
 """
 
 import abc
-import hashlib
 import os
 import shutil
 import tempfile
@@ -24,7 +23,7 @@ from minihuman.log.paths import LOG_SUFFIX, study_folder
 from minihuman.log.record.file_lock import lock_file
 from minihuman.log.record.finalization import put_aside
 from minihuman.log.salvage.summary_section import read_summary
-from minihuman.operating_system import open_file, replace_file, sync_file, sync_folder
+from minihuman.operating_system import hash_file, open_file, replace_durably, replace_file
 
 STORE_URL_FILE_NAME = "logs.url"
 _S3 = "s3://"
@@ -280,24 +279,14 @@ def _without_withdrawn(data: Path, found: dict[str, str]) -> dict[str, str]:
 def _md5(path: Path) -> str:
     """A file's; "" where there is none."""
     try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "md5").hexdigest()
+        return hash_file(path, "md5")
     except FileNotFoundError:
         return ""
 
 
 def _copy_durably(path: Path, to: Path) -> None:
-    to.parent.mkdir(parents=True, exist_ok=True)
-    beside = to.with_name(f".{to.name}.{os.getpid()}")
-    try:
-        with path.open("rb") as source, beside.open("wb") as target:
-            shutil.copyfileobj(source, target)
-            target.flush()
-            sync_file(target.fileno())
-        replace_file(beside, to)
-    finally:
-        beside.unlink(missing_ok=True)
-    sync_folder(to.parent)
+    with path.open("rb") as source, replace_durably(to) as target:
+        shutil.copyfileobj(source, target)
 
 
 _CONFLICTS = ("PreconditionFailed", "ConditionalRequestConflict", "412", "409")

@@ -1,25 +1,38 @@
 """The session index of a study: one row per session, cached so that no unchanged log is read twice.
 
-The table, ``sessions.sqlite`` in the study's folder, is a cache: each query first brings it up to date by comparing
-file sizes and times, and it may be deleted at any time. A row that another program changed does not have the digest
-that was stored with it; it is made again, with a warning. Rows are yielded one by one, so that ten
-thousand sessions take no more memory than ten. What reads
-messages is imported only where a log's end does not say enough.
+It is a table of the study's cache, ``tables.duckdb``, which may be deleted at any time. Each query loads it into memory
+and brings it up to date there; a session is read again if the size, time, beginning or end of its files changed, or if
+its row does not have the digest that was stored with it. The file is open only while rows are loaded or stored; where
+it is in use or cannot be written, the index is made for this once. Rows are yielded one by one, so that ten thousand
+sessions take no more memory than ten. What reads messages is imported only where a log's end does not say enough.
 """
 
 import logging
 import os
-import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, fields
 from datetime import datetime
 from hashlib import blake2b
+from itertools import islice
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from minihuman.dataset.caches import SESSION_CACHE as FILE_NAME
+import duckdb
+
+import minihuman
+from minihuman.dataset.caches import (
+    CACHE_SETTINGS,
+    INDEX_SCHEMA,
+    TABLE_CACHE,
+    connect_cache,
+    describe_file,
+    digest_sources,
+    is_in_use,
+    remove_cache,
+    transaction,
+)
 from minihuman.errors import LogError
 from minihuman.log.names import CHAIN_KEY, SCHEMA_VERSION, STEP
 from minihuman.log.paths import find_log_folders, group_sessions, raise_as_log_error, require_folder
@@ -47,12 +60,17 @@ class SessionSummary:
 
 
 LOGGER = logging.getLogger("minihuman")
-_COLUMNS = tuple(f'"{field.name}"' for field in fields(SessionSummary))
+_SQL_TYPES: dict[Any, str] = {str: "TEXT", int: "BIGINT", bool: "BOOLEAN", float: "DOUBLE"}
 _VALUES = attrgetter(*(field.name for field in fields(SessionSummary)))
-_ROW = f"log, fingerprint, path, problem, {', '.join(_COLUMNS)}"  # what the digest is of
-_PAGE = "SELECT * FROM sessions_v3 WHERE log > ? ORDER BY log LIMIT 100"  # as digested: a column's name may be damaged
-LOCK_TIMEOUT_S = 2.0  # how long another process may hold the table before we do without it
-_DAMAGE_ERRORS = (sqlite3.Error, UnicodeError)  # what a damaged file makes sqlite raise
+_COLUMNS = dict.fromkeys(("log", "fingerprint", "path", "problem"), "TEXT") | {
+    f'"{field.name}"': _SQL_TYPES[field.type] for field in fields(SessionSummary)
+}
+_ROW = ", ".join(_COLUMNS)  # what the digest is of
+_TABLE = f"{INDEX_SCHEMA}.sessions"
+_BATCH = 500  # rows in Python at once
+_MAKERS = ("admin", "log/model", "log/salvage")  # the packages whose code makes the rows
+LOCK_WAIT_S = 0.2  # sessions are quickly read again, and a participant waits
+_Row = tuple[Any, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,27 +89,28 @@ def read_session_index(study: Path) -> Iterator[SessionRow]:
         LogError: if the folder does not exist.
     """
     require_folder(study, instead="a study's folder, or a session log's own")
-    with closing(_IndexTable(study)) as table:
-        after = ""
-        while page := table.page(after):  # no page is open while a caller works on its rows
-            for _, _, path, problem, *values, _ in page:
+    with closing(_open_index(study)) as index:
+        found = index.execute(f"SELECT {_ROW} FROM sessions ORDER BY log")
+        while page := found.fetchmany(_BATCH):
+            for _, _, path, problem, *values in page:
                 yield SessionRow(study / path, None if problem else SessionSummary(*values), problem)
-            after = page[-1][0]
 
 
 def compare_index(study: Path) -> Iterator[str]:
-    """Yield the differences of a study's ``sessions.sqlite`` from what its logs say, one line for each session.
+    """Yield the differences of a study's cached session index from what its logs say, one line for each session.
 
     Sessions that the next command would read again, since their logs changed, are not compared.
     """
-    if not (study / FILE_NAME).is_file():
+    if not (study / TABLE_CACHE).is_file():
         return
     below = len(os.fspath(study / "_")) - 1
     try:
-        with closing(sqlite3.connect(f"{(study / FILE_NAME).absolute().as_uri()}?mode=ro", uri=True)) as table:
-            known = {row[0]: row for row in table.execute(f"SELECT {_ROW} FROM sessions_v3").fetchall()}
-    except _DAMAGE_ERRORS as error:
-        yield f"{FILE_NAME} cannot be read and will be made anew: {error}"
+        with closing(connect_cache(study / TABLE_CACHE, read_only=True)) as kept:
+            known = {row[0]: row for row in kept.execute(f"SELECT {_ROW} FROM {_TABLE}").fetchall()}
+    except duckdb.CatalogException:  # it has none yet
+        return
+    except duckdb.Error as error:
+        yield f"{TABLE_CACHE}: the session index cannot be read and will be made anew: {str(error).splitlines()[0]}"
         return
     for log, files in _sessions_below(study):
         key, fingerprint = os.fspath(log)[below:], _fingerprint(files)
@@ -99,80 +118,104 @@ def compare_index(study: Path) -> Iterator[str]:
         if there is None or there[1] != fingerprint:
             continue
         row = (key, fingerprint, os.fspath(files[0])[below:], *_summary_or_problem(files, study))
-        for name, cell, expected in zip(_ROW.split(", "), there, row, strict=True):
+        for name, cell, expected in zip(_COLUMNS, there, row, strict=True):
             if cell != expected:
-                yield f"{FILE_NAME}: {key}, {name} is {cell!r}; the logs say {expected!r}"
+                yield f"{TABLE_CACHE}: session index, {key}, {name} is {cell!r}; the logs say {expected!r}"
 
 
-class _IndexTable:
-    """The table as of now; one in memory where the file cannot be written, is busy, is no table, or is damaged."""
-
-    def __init__(self, study: Path) -> None:
-        self._study = study
-        self._table = _up_to_date(study)
-
-    def page(self, after: str) -> list[tuple[Any, ...]]:
-        """Rows behind a log's name; none at the end."""
-        try:
-            return self._table.execute(_PAGE, (after,)).fetchall()
-        except _DAMAGE_ERRORS:
-            self._table.close()
-            self._table = _refreshed(sqlite3.connect(":memory:"), self._study)
-            return self._table.execute(_PAGE, (after,)).fetchall()
-
-    def close(self) -> None:
-        """Let go of it."""
-        self._table.close()
-
-
-def _up_to_date(study: Path) -> sqlite3.Connection:
-    """Open the table as of now; one in memory where the file cannot be written, is busy, or is no table."""
+def _open_index(study: Path) -> duckdb.DuckDBPyConnection:
+    """Load the index into memory, bring it up to date, and store it if anything was new."""
+    own = study / TABLE_CACHE
+    index = duckdb.connect(config=dict(CACHE_SETTINGS))
     try:
-        return _refreshed(sqlite3.connect(study / FILE_NAME, timeout=LOCK_TIMEOUT_S), study)
-    except _DAMAGE_ERRORS:
-        return _refreshed(sqlite3.connect(":memory:"), study)
-
-
-def _refreshed(table: sqlite3.Connection, study: Path) -> sqlite3.Connection:
-    try:
-        with table:
-            # Rows have digests, their order has none.
-            if table.execute("PRAGMA integrity_check(1)").fetchone() != ("ok",):
-                raise sqlite3.DatabaseError("the index does not match the rows")
-            table.execute("DROP TABLE IF EXISTS sessions_v2")  # of earlier versions: rows without a digest
-            table.execute(f"CREATE TABLE IF NOT EXISTS sessions_v3 ({_ROW}, digest, PRIMARY KEY (log))")
-            table.execute("CREATE TEMP TABLE present (log TEXT PRIMARY KEY)")
-            _refresh(table, study)
-    except _DAMAGE_ERRORS:
-        table.close()
+        index.execute(f"CREATE TABLE sessions ({', '.join(map(' '.join, _COLUMNS.items()))}, digest TEXT)")
+        index.execute("CREATE TABLE present (log TEXT)")
+        is_usable, damaged = _load(index, own) if own.exists() else (True, 0)
+        if damaged:
+            what = "1 session" if damaged == 1 else f"{damaged} sessions"
+            LOGGER.warning("%s was changed by another program: the rows of %s were made anew from the logs", own, what)
+        if (_refresh(index, study) or damaged) and is_usable:
+            _store(index, own)
+    except BaseException:
+        index.close()
         raise
-    return table
+    return index
 
 
-def _refresh(table: sqlite3.Connection, study: Path) -> None:
+def _load(index: duckdb.DuckDBPyConnection, own: Path) -> tuple[bool, int]:
+    """Load the rows that are as they were stored; return whether the file can be written, and how many are not."""
+    try:
+        with closing(connect_cache(own, read_only=True, wait_s=LOCK_WAIT_S)) as kept:
+            ((damaged,),) = kept.execute(f"SELECT count(*) FROM {_TABLE}").fetchall()
+            found = kept.execute(f"SELECT {_ROW}, digest FROM {_TABLE} QUALIFY count(*) OVER (PARTITION BY log) = 1")
+            while page := found.fetchmany(_BATCH):
+                whole = [tuple(row) for *row, digest in page if digest == _digest(tuple(row))]
+                damaged -= len(whole)
+                _insert(index, whole)
+        return True, damaged
+    except duckdb.CatalogException:  # it has no index yet
+        return True, 0
+    except duckdb.BinderException:  # it has other columns
+        return True, 1
+    except (duckdb.Error, UnicodeError) as error:
+        why = " ".join(str(error).split("\n")[0].split())
+        LOGGER.warning("%s cannot be used now (%s); the sessions were read from their logs for this once", own, why)
+        index.execute("DELETE FROM sessions")
+        if not is_in_use(error) and os.access(own, os.R_OK | os.W_OK):
+            with suppress(OSError):
+                remove_cache(own)
+        return not own.exists(), 0
+
+
+def _refresh(index: duckdb.DuckDBPyConnection, study: Path) -> bool:
+    """Read the sessions again whose row is missing or stale, forget those that are gone; return whether any was."""
     below = len(os.fspath(study / "_")) - 1  # what every path there begins with
-    damaged = 0
-    for log, files in _sessions_below(study):
-        key, fingerprint = os.fspath(log)[below:], _fingerprint(files)
-        table.execute("INSERT INTO present VALUES (?)", (key,))
-        known = table.execute("SELECT * FROM sessions_v3 WHERE log = ?", (key,)).fetchone()
-        is_damaged = known is not None and known[-1] != _digest(known[:-1])
-        damaged += is_damaged
-        if known is None or is_damaged or known[1] != fingerprint:
-            row = (key, fingerprint, os.fspath(files[0])[below:], *_summary_or_problem(files, study))
-            values = ", ".join("?" * (len(row) + 1))
-            table.execute(f"INSERT OR REPLACE INTO sessions_v3 VALUES ({values})", (*row, _digest(row)))
-    table.execute("DELETE FROM sessions_v3 WHERE log NOT IN (SELECT log FROM present)")
-    if damaged:
-        what = "1 session" if damaged == 1 else f"{damaged} sessions"
-        own = study / FILE_NAME
-        LOGGER.warning("%s was changed by another program: the rows of %s were made anew from the logs", own, what)
+    changed, sessions = False, _sessions_below(study)
+    while batch := list(islice(sessions, _BATCH)):
+        now = {os.fspath(log)[below:]: (_fingerprint(files), files) for log, files in batch}
+        known = dict(
+            index.execute(
+                "SELECT log, fingerprint FROM sessions WHERE log IN (SELECT unnest(?))", (list(now),)
+            ).fetchall()
+        )
+        fresh = [
+            (key, fingerprint, os.fspath(files[0])[below:], *_summary_or_problem(files, study))
+            for key, (fingerprint, files) in now.items()
+            if known.get(key) != fingerprint
+        ]
+        index.execute("DELETE FROM sessions WHERE log IN (SELECT unnest(?))", ([row[0] for row in fresh],))
+        _insert(index, fresh)
+        index.execute("INSERT INTO present SELECT unnest(?)", (list(now),))
+        changed |= bool(fresh)
+    ((gone,),) = index.execute("DELETE FROM sessions WHERE log NOT IN (FROM present)").fetchall()
+    return changed or gone > 0
 
 
-def _digest(row: tuple[object, ...]) -> str:
-    """Digest a row as SQLite gives it back, where a boolean is an integer."""
-    values = tuple(int(value) if isinstance(value, bool) else value for value in row)
-    return blake2b(repr(values).encode(), digest_size=16).hexdigest()
+def _store(index: duckdb.DuckDBPyConnection, own: Path) -> None:
+    """Put the index in place of that of the study's file, in one transaction, where nothing has the file open."""
+    path = str(own).replace("'", "''")
+    try:
+        index.execute(f"ATTACH '{path}' AS kept")
+        try:
+            with transaction(index):
+                index.execute(f"DROP SCHEMA IF EXISTS kept.{INDEX_SCHEMA} CASCADE")  # whatever is in it
+                index.execute(f"CREATE SCHEMA kept.{INDEX_SCHEMA}")
+                index.execute(f"CREATE TABLE kept.{_TABLE} AS FROM sessions ORDER BY log")
+        finally:
+            index.execute("DETACH kept")
+    except duckdb.Error as error:
+        LOGGER.info("%s: the session index was not stored: %s", own, error)
+
+
+def _insert(index: duckdb.DuckDBPyConnection, rows: Sequence[_Row]) -> None:
+    if rows:
+        values = ", ".join(f"unnest(?::{kind}[])" for kind in (*_COLUMNS.values(), "TEXT"))
+        columns = zip(*((*row, _digest(row)) for row in rows), strict=True)
+        index.execute(f"INSERT INTO sessions SELECT {values}", [list(column) for column in columns])
+
+
+def _digest(row: _Row) -> str:
+    return blake2b(repr(row).encode(), digest_size=16).hexdigest()
 
 
 def _sessions_below(study: Path) -> Iterator[tuple[Path, list[Path]]]:
@@ -181,21 +224,14 @@ def _sessions_below(study: Path) -> Iterator[tuple[Path, list[Path]]]:
 
 
 def _fingerprint(files: list[Path]) -> str:
-    found = []
-    for file in files:
-        try:
-            facts = file.stat()
-            found.append(f"{file.name} {facts.st_size} {facts.st_mtime_ns}")
-        except FileNotFoundError:  # finished just now; the next listing finds it under its new name
-            found.append(f"{file.name} gone")
-    return "\n".join(found)
+    return "\n".join([f"{minihuman.__version__} {digest_sources(*_MAKERS)}", *map(describe_file, files)])
 
 
 def _summary_or_problem(files: list[Path], study: Path) -> tuple[object, ...]:
     try:
         return ("", *_VALUES(summarize_session(files)))
     except LogError as error:
-        return (str(error).replace(os.fspath(study / "_")[:-1], ""), *(None for _ in _COLUMNS))
+        return (str(error).replace(os.fspath(study / "_")[:-1], ""), *(None for _ in fields(SessionSummary)))
 
 
 def summarize_session(files: Sequence[Path]) -> SessionSummary:

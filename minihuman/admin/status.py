@@ -7,7 +7,7 @@ MCAP.
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from minihuman.admin.enrolment_entries import (
@@ -111,35 +111,40 @@ def _session_flow(number: int, found: Mapping[tuple[int, str], SessionSummary]) 
 
 
 def _flow_state(one: SessionSummary) -> str:
-    if one.end_reason == "screened_out":
-        return "out"
-    if one.end_reason == "player_failed":
-        return "failed"
-    return "complete" if one.complete else "unfinished"
+    left = {"screened_out": "out", "player_failed": "failed"}
+    return left.get(one.end_reason, "complete" if one.complete else "unfinished")
 
 
-def format_status(study_dir: Path) -> Iterator[str]:
-    """One line a session, then one a slot that was taken but never played.
+def format_status(study_dir: Path, found: "StudyStatus | None" = None) -> Iterator[str]:
+    """One line a session, then one a slot that was taken but never played, and who left; nobody is named who withdrew.
+
+    Args:
+        study_dir: the study's folder.
+        found: its status, if it was read already.
 
     Raises:
         LogError: if there is no such folder.
         AllocationError: if the register cannot be read.
     """
-    rows = list(read_session_index(study_dir))
+    found = found or read_study_status(study_dir)
     yield f"{'participant':12} {'group':16} {'session':>7} {'episodes':>9} {'steps':>7}  state"
-    logs = Counter(_session(row.summary) for row in rows if row.summary)
-    for row in rows:
+    logs = Counter(_session(row.summary) for row in found.sessions if row.summary)
+    for row in found.sessions:
         many = logs[_session(row.summary)] if row.summary else 1
         copied = f", one of {many} logs of this session, of which one counts: {row.path}" if many > 1 else ""
         yield _line(row) + copied
-    played = {row.summary.participant for row in rows if row.summary}
     for slot in read_enrolled(study_dir):
-        if slot.participant not in played:
+        if slot.participant in found.slots_without_data:
             yield f"{slot.participant:12} {slot.group:16} {'-':>7} {'-':>9} {'-':>7}  slot taken, nothing recorded"
-    yield from _departure_lines(study_dir)
-    if counts := count_all_interventions(study_dir):
-        yield "audit trail: " + ", ".join(f"{count} {what}" for what, count in counts.items())
-    yield from list_problems(study_dir)
+    for what, count in found.left_without_data.items():
+        yield f"{count} {what}"
+    for code in found.replaced:
+        yield f"{code:12} does not come back; the slot is offered again"
+    if found.withdrew:
+        yield f"{found.withdrew} withdrew and {'is' if found.withdrew == 1 else 'are'} excluded"
+    if found.interventions:
+        yield "audit trail: " + ", ".join(f"{count} {what}" for what, count in found.interventions.items())
+    yield from found.problems
 
 
 def count_all_interventions(study_dir: Path) -> dict[str, int]:
@@ -160,13 +165,19 @@ def count_all_interventions(study_dir: Path) -> dict[str, int]:
     return counts
 
 
-def list_problems(study_dir: Path) -> tuple[str, ...]:
-    """Name each session completed twice, each log that is gone, and each end that the enrolment log lacks."""
+def list_problems(study_dir: Path, rows: Iterable[SessionRow] | None = None) -> tuple[str, ...]:
+    """Name each session completed twice, each log that is gone, and each end that the enrolment log lacks.
+
+    Args:
+        study_dir: the study's folder.
+        rows: its session index, if it was read already.
+    """
     double = tuple(find_double_sessions(study_dir))
     lines = read_enrolment_log(study_dir)
     if not lines:
         return double
-    segments = {row.path.name: row.summary.segments if row.summary else 0 for row in read_session_index(study_dir)}
+    rows = read_session_index(study_dir) if rows is None else rows
+    segments = {row.path.name: row.summary.segments if row.summary else 0 for row in rows}
     finished = {
         log.name: [str(number) for number in range(1, segments.get(log.name, 0) - (len(files) - 1) + 1)]
         for folder, names in find_log_folders(study_dir)
@@ -200,34 +211,18 @@ def read_study_status(study_dir: Path) -> StudyStatus:
     played = {row.summary.participant for row in rows if row.summary}
     lines = read_enrolment_log(study_dir)
     return StudyStatus(
-        sessions=tuple(replace(row, summary=row.summary and _with_booleans(row.summary)) for row in rows),
+        sessions=rows,
         slots_without_data=tuple(one.participant for one in read_enrolled(study_dir) if one.participant not in played),
         replaced=tuple(list_replaced(lines)),
         left_without_data=count_unrecorded_departures(lines),
         withdrew=sum(isinstance(line, ParticipantWithdrawn) for line in lines),
         interventions=count_all_interventions(study_dir),
-        problems=list_problems(study_dir),
+        problems=list_problems(study_dir, rows),
     )
-
-
-def _with_booleans(summary: SessionSummary) -> SessionSummary:
-    return replace(summary, clean=bool(summary.clean), complete=bool(summary.complete))  # SQLite has integers
 
 
 def _session(summary: SessionSummary) -> tuple[str, str, int]:
     return summary.study, summary.participant, summary.session
-
-
-def _departure_lines(study_dir: Path) -> Iterator[str]:
-    """Who left; nobody is named who withdrew or left no data."""
-    lines = read_enrolment_log(study_dir)
-    for what, count in count_unrecorded_departures(lines).items():
-        yield f"{count} {what}"
-    for code in list_replaced(lines):
-        yield f"{code:12} does not come back; the slot is offered again"
-    withdrawn = sum(isinstance(line, ParticipantWithdrawn) for line in lines)
-    if withdrawn:
-        yield f"{withdrawn} withdrew and {'is' if withdrawn == 1 else 'are'} excluded"
 
 
 def _line(row: SessionRow) -> str:
@@ -239,11 +234,8 @@ def _line(row: SessionRow) -> str:
 
 
 def _progress(summary: SessionSummary) -> str:
-    if summary.end_reason == "screened_out":
-        return "screened out"
-    if summary.end_reason == "player_failed":
-        return "the simulated participant failed"
-    return "complete" if summary.complete else f"unfinished: {summary.end_reason}"
+    left = {"screened_out": "screened out", "player_failed": "the simulated participant failed"}
+    return left.get(summary.end_reason, "complete" if summary.complete else f"unfinished: {summary.end_reason}")
 
 
 def _state(row: SessionRow) -> str:

@@ -4,7 +4,6 @@ The archive is made first, then the tombstone, then the files are deleted: on a 
 the tombstone on the participant is excluded, whatever happens to the files.
 """
 
-import hashlib
 import shutil
 import zipfile
 from collections.abc import Iterator
@@ -24,7 +23,7 @@ from minihuman.errors import AllocationError, name_output_when_full
 from minihuman.experiment.plan.expansion import parse_participant_code
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.record.file_lock import is_being_recorded
-from minihuman.operating_system import sync_file, sync_folder
+from minihuman.operating_system import hash_file, sync_file, sync_folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,19 +105,17 @@ def _archive_files(files: list[Path], archive: Path | None, study_dir: Path) -> 
     if archive is None:
         yield ""
         return
+    with name_output_when_full(archive):
+        file = archive.open("xb")  # one that another program made since stays
     try:
-        with name_output_when_full(archive), archive.open("xb") as file:
+        with file, name_output_when_full(archive):
             with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as sealed:
                 for path in files:
                     sealed.write(path, path.relative_to(study_dir))
             file.flush()
             sync_file(file.fileno())
         sync_folder(archive.parent)
-        with archive.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-        yield digest
-    except FileExistsError:  # made by another program since
-        raise
+        yield hash_file(archive)
     except BaseException:
         archive.unlink(missing_ok=True)
         raise

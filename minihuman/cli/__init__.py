@@ -8,13 +8,22 @@ import sys
 import warnings
 from collections import defaultdict
 from importlib.metadata import requires
+from importlib.util import find_spec
 
 import click
 
 from minihuman.cli.command_line import make_command_line
 from minihuman.errors import MinihumanError, escape_control_characters, escape_line
+from minihuman.plugins import DISTRIBUTION
 
-_DISTRIBUTIONS = {"rerun": "rerun-sdk", "pygame": "pygame-ce", "PIL": "pillow", "fontTools": "fonttools"}  # by module
+_DISTRIBUTIONS = {  # by module
+    "rerun": "rerun-sdk",
+    "pygame": "pygame-ce",
+    "PIL": "pillow",
+    "fontTools": "fonttools",
+    "google": "protobuf",
+}
+_ALONE = ("jinja2",)  # what uses it first needs no more
 _INTERRUPTED = 130  # as shells say it of a program that Ctrl-C ended
 
 
@@ -71,19 +80,40 @@ def _refuse(error: OSError) -> int:
 
 
 def find_missing_requirements(module: str) -> list[str]:
-    """Find the requirement of this package that brings a module, then the others of its extra; none if none does."""
+    """Find the requirement of this package that brings a module, then what else is missing of its extra; none if none.
+
+    What every installation has is an extra here, too, but for the replay viewer, which takes more than all the rest.
+    """
     package = module.partition(".")[0]
     name = _DISTRIBUTIONS.get(package, package).lower()
     extras: defaultdict[str, list[str]] = defaultdict(list)
-    for line in requires("minihuman") or ():
+    for line in requires(DISTRIBUTION) or ():
         requirement, _, marker = line.partition(";")
-        extra = marker.partition("extra ==")[2].strip(" '\"") or requirement  # what is in none stands for itself
-        if re.split(r"[^\w.-]", requirement)[0].lower() == name:
+        extra = marker.partition("extra ==")[2].strip(" '\"")
+        found = _name_requirement(requirement)
+        if found == name:
             extras[extra].insert(0, requirement.strip())
-        elif "sys_platform" not in marker:
+        elif (
+            name not in _ALONE
+            and "sys_platform" not in marker
+            and (extra or found != "rerun-sdk")
+            and not _can_import(found)
+        ):
             extras[extra].append(requirement.strip())
-    bringing = [found for found in extras.values() if re.split(r"[^\w.-]", found[0])[0].lower() == name]
-    return min(bringing, key=len, default=[])  # an extra is part of larger ones
+    bringing = [extra for extra, found in extras.items() if _name_requirement(found[0]) == name]
+    return extras[min(bringing, key=lambda extra: (bool(extra), len(extras[extra])))] if bringing else []
+
+
+def _name_requirement(requirement: str) -> str:
+    return re.split(r"[^\w.-]", requirement)[0].lower()
+
+
+def _can_import(distribution: str) -> bool:
+    modules = {name: module for module, name in _DISTRIBUTIONS.items()}
+    try:
+        return find_spec(modules.get(distribution, distribution.replace("-", "_"))) is not None
+    except ModuleNotFoundError:
+        return False
 
 
 def _usage_line(error: click.UsageError) -> str:

@@ -12,6 +12,7 @@ from typing import Any, get_args
 
 import click
 
+from minihuman import __version__
 from minihuman.cli.options import Argument, Option
 
 SECTIONS: Mapping[str, Mapping[str, str]] = {  # the commands of each module of this package, in the order of the help
@@ -249,7 +250,5 @@ def _keep_example(text: str) -> str:
 
 def _print_version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     if wanted and not ctx.resilient_parsing:
-        from importlib.metadata import version
-
-        click.echo(f"minihuman {version('minihuman')}")
+        click.echo(f"minihuman {__version__}")
         ctx.exit()

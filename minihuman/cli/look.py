@@ -31,28 +31,23 @@ def status(
     Example: minihuman status sessions/fourrooms-transfer --due
     """
     if due:
-        from datetime import datetime
-
         from minihuman.admin.due import list_due_sessions as expected
 
-        found = expected(study, datetime.now().astimezone().date())
+        found = expected(study)
         if json:
             print_json(found)
         else:
             lines = [one.line() for one in found] or ["no participant is due"]
             print(escape_control_characters("\n".join(lines)))
         return
+    from minihuman.admin.status import format_status, read_study_status
+
+    found_status = read_study_status(study)
     if json:
-        from minihuman.admin.status import read_study_status
-
-        found_status = read_study_status(study)
         print_json(found_status)
-        raise SystemExit(int(bool(found_status.problems)))
-    from minihuman.admin.status import format_status, list_problems
-
-    for line in format_status(study):
-        print(escape_control_characters(line))
-    raise SystemExit(int(bool(list_problems(study))))
+    else:
+        print(escape_control_characters("\n".join(format_status(study, found_status))))
+    raise SystemExit(int(bool(found_status.problems)))
 
 
 def info(

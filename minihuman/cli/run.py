@@ -112,6 +112,9 @@ def serve(
         int,
         Option(min=1, max=64, help="The number of server processes; they use consecutive ports, starting at --port."),
     ] = 1,
+    host: Annotated[
+        str, Option(help="The address to listen on; 0.0.0.0 is every address of this machine, as in a container.")
+    ] = "127.0.0.1",
     watch: Annotated[
         bool, Option("--watch", help="Also serve the page on which the experimenter watches sessions.")
     ] = False,
@@ -148,12 +151,14 @@ def serve(
     with show_progress(f"getting the worlds of {study.study.name} ready"):
         warm_up(study, str(protocol))
         require_legible(study, str(protocol))
-    socket = open_listening_socket(port)
+    socket = open_listening_socket(port, host)
     if workers > 1:
         from minihuman.runtime.team_host import require_one_process
 
         require_one_process(study, "in several server processes; leave out --workers")
-    others = list_process_commands(protocol, data / study.study.name, port=port, workers=workers, watch=watch)
+    others = list_process_commands(
+        protocol, data / study.study.name, port=port, workers=workers, watch=watch, host=host
+    )
     with keep_processes_running(others):
         run_server(study, data, socket, links=links, address=address, say=lambda line: print(line, flush=True))
     print("ended; unfinished sessions resume at the same step when the study is served again", flush=True)
@@ -161,17 +166,17 @@ def serve(
 
 def _serve_agents(protocol: Path, port: int, data: Path, *, trust: bool, mcp: bool) -> None:
     from minihuman.admin.protocol_file import read_protocol
-    from minihuman.web.agent_server import ProgramSeats, make_agent_server, make_mcp_server
+    from minihuman.web.agent_server import ProgramSessions, make_agent_server, make_mcp_server
 
-    seats = ProgramSeats(read_protocol(protocol, trust=trust if mcp else ask_trust(trust)), data)
+    programs = ProgramSessions(read_protocol(protocol, trust=trust if mcp else ask_trust(trust)), data)
     if mcp:
         try:
-            tools = make_mcp_server(seats)
+            tools = make_mcp_server(programs)
         except ImportError:
             raise SimulationError("--mcp needs the package mcp; run: pip install 'mcp>=2'") from None
         tools.run()
         return
-    server = make_agent_server(seats, port=port)
+    server = make_agent_server(programs, port=port)
     print(f"programs begin at http://127.0.0.1:{server.server_port}/sessions   (Ctrl-C ends it)", flush=True)
     try:
         server.serve_forever()

@@ -1,19 +1,33 @@
-"""Names of the cache files in a study's folder, which may be deleted at any time and prove nothing, and the digest of
-the code that makes what is kept.
+"""The cache of a study, one DuckDB file that may be deleted at any time and proves nothing: how it is opened, and when
+what is in it is stale.
+
+Each part of it stores, beside what was made of a file, that file's description and the digest of the code that made it.
 """
 
+import os
+import stat
+import time
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from hashlib import blake2b
 from pathlib import Path
 
+import duckdb
+
 import minihuman
 
-SESSION_CACHE = "sessions.sqlite"  # a row a session
-TABLE_CACHE = "tables.duckdb"  # every table's rows
-_FORMER = ("tables.files", "figures.files")  # folders that earlier versions kept their output files in
+TABLE_CACHE = "tables.duckdb"  # every table's rows, and the session index
+INDEX_SCHEMA = "session_index"  # which has a digest per row, and none of its definition
+IN_USE_ERRORS = (duckdb.ConnectionException, duckdb.ResourceInUseException)  # it is open in this process
+CACHE_SETTINGS = {"threads": "2", "memory_limit": "128MB"}  # one process cannot open it with two kinds
+LOCK_WAIT_S = 2.0  # how long another process may hold it before a command does without it
+_LOCK_POLL_S = 0.02
+_LOCK_ERRORS = ("Could not set lock", "being used by another process")  # of DuckDB, on POSIX and on Windows
+_END_BYTES = 64 * 1024  # of a file's beginning and end, which tell it from another of the same size
+_FORMER = ("sessions.sqlite", "tables.files", "figures.files")  # what earlier versions kept
 _BESIDE = ("", "-journal", "-wal", "-shm", ".wal", ".tmp")  # what their libraries put beside them meanwhile
-_NAMES = frozenset({*_FORMER, *(name + more for name in (SESSION_CACHE, TABLE_CACHE) for more in _BESIDE)})
+_NAMES = frozenset(name + more for name in (TABLE_CACHE, *_FORMER) for more in _BESIDE)
 
 
 def is_cache(path: Path) -> bool:
@@ -24,6 +38,70 @@ def is_cache(path: Path) -> bool:
 def list_caches(study: Path) -> Iterator[Path]:
     """The caches of a study that are there now."""
     yield from (study / name for name in sorted(_NAMES) if (study / name).exists())
+
+
+def connect_cache(
+    file: Path, *, read_only: bool = False, wait_s: float = LOCK_WAIT_S, settings: dict[str, str] = CACHE_SETTINGS
+) -> duckdb.DuckDBPyConnection:
+    """Open a cache, once no other process has it open for writing, or at all if it is to be written.
+
+    Raises:
+        duckdb.Error: if it cannot be opened, is none, or is still in use after ``wait_s``.
+    """
+    deadline_s = time.monotonic() + wait_s
+    while True:
+        try:
+            return duckdb.connect(str(file), read_only=read_only, config=dict(settings))
+        except duckdb.IOException as error:
+            if not is_in_use(error) or time.monotonic() > deadline_s:
+                raise
+        time.sleep(_LOCK_POLL_S)
+
+
+@contextmanager
+def transaction(connection: duckdb.DuckDBPyConnection) -> Iterator[None]:
+    """Keep all changes that are made inside, or none of them."""
+    connection.execute("BEGIN")
+    try:
+        yield
+        connection.execute("COMMIT")
+    except BaseException:
+        with suppress(duckdb.Error):  # a failed commit was rolled back already
+            connection.execute("ROLLBACK")
+        raise
+
+
+def is_in_use(error: Exception) -> bool:
+    """Whether a cache could not be opened because this or another process has it open."""
+    return isinstance(error, IN_USE_ERRORS) or any(text in str(error) for text in _LOCK_ERRORS)
+
+
+def remove_cache(file: Path) -> None:
+    """Remove a database, its write-ahead log first: that alone would be replayed into the next file of the name."""
+    file.with_name(f"{file.name}.wal").unlink(missing_ok=True)
+    file.unlink(missing_ok=True)
+
+
+def describe_file(file: Path, facts: os.stat_result | None = None) -> str:
+    """Tell a file from other content of the same name: by size, time, and a digest of the first and last 64 KiB."""
+    try:
+        facts = facts or file.stat()
+    except FileNotFoundError:  # finished and renamed just now; the next listing finds it under its new name
+        return f"{file.name} gone"
+    ends = _digest_ends(file, facts.st_size) if stat.S_ISREG(facts.st_mode) else "no regular file"
+    return f"{file.name} {facts.st_size} {facts.st_mtime_ns} {ends}"
+
+
+def _digest_ends(file: Path, size: int) -> str:
+    """Digest the first and last 64 KiB of a file: other content may have its size, and the time be set back."""
+    try:
+        with file.open("rb") as source:
+            digest = blake2b(source.read(_END_BYTES), digest_size=16)
+            source.seek(max(_END_BYTES, size - _END_BYTES))
+            digest.update(source.read(_END_BYTES))
+    except OSError:  # no permission, or finished and renamed just now: reading the log says so
+        return "unreadable"
+    return digest.hexdigest()
 
 
 @cache

@@ -249,7 +249,3 @@ def _work_on(path: Path, work: Callable[[SessionLog], T]) -> T | SkippedLog:
             return work(log)
     except (LogError, ProtocolError, OSError) as error:
         return SkippedLog(path, str(error))
-
-
-def _itself(log: SessionLog) -> SessionLog:
-    return log

@@ -317,15 +317,6 @@ def _found(under: Sequence[KeyTally]) -> dict[str, tuple[float, int]]:
     return found
 
 
-def shortest_path_bounds(plan: EpisodePlan) -> PathLengthBounds:
-    """The fewest steps of an episode's world from its seed, turns counted, as far as the world can tell.
-
-    Raises:
-        WorldError: if the world cannot be made here.
-    """
-    return layout_path_bounds(plan.world, world_options_json(plan), plan.seed)
-
-
 def world_options_json(plan: EpisodePlan) -> str:
     """A world's options as the table "plan" has them."""
     return json.dumps(plan.options, sort_keys=True, default=str)

@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from minihuman.dataset.table_columns import TABLES
+from minihuman.dataset.table_columns import TABLES, table_key_name
 from minihuman.log.model.event_columns import CategoricalTexts
 
 _ARROW = {"text": pa.string(), "key": pa.string(), "integer": pa.int64(), "number": pa.float64(), "boolean": pa.bool_()}
@@ -108,14 +108,6 @@ def merge_tables(name: str, sessions: Sequence[SessionTables]) -> pa.Table:
         ],
         schema=arrow,
     )
-
-
-def table_key_name(key: str) -> str:
-    """A physical key's name as it stands in tables: "key_1", "key_q"; longer names, such as "enter", as they are.
-
-    A column of "1" and "2" is one of numbers to most readers, and "t" and "f" are yes and no to some.
-    """
-    return f"key_{key}" if len(key) == 1 else key
 
 
 def _keys_named(values: CategoricalTexts | list[str]) -> CategoricalTexts:

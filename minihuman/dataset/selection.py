@@ -374,10 +374,6 @@ class Selection:
         return ""
 
 
-EVERYTHING = Selection(with_=(EXCLUDE, UNFINISHED, RULES))
-"""Whatever was recorded."""
-
-
 def summarize_session(log: SessionLog) -> MeasureRow:
     """What the table "participants" says of a session as a whole; ``completed_share`` is of the planned episodes."""
     completed = {episode.number for episode in log.episodes if episode.outcome_word not in UNFINISHED_OUTCOMES}

@@ -17,12 +17,11 @@ import os
 import tempfile
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager
 from functools import partial
 from hashlib import blake2b
 from itertools import islice
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import duckdb
@@ -33,8 +32,17 @@ import pyarrow.csv
 
 import minihuman
 from minihuman.dataset.annotations import annotations_path
+from minihuman.dataset.caches import (
+    CACHE_SETTINGS,
+    IN_USE_ERRORS,
+    INDEX_SCHEMA,
+    connect_cache,
+    describe_file,
+    digest_sources,
+    remove_cache,
+    transaction,
+)
 from minihuman.dataset.caches import TABLE_CACHE as FILE_NAME
-from minihuman.dataset.caches import digest_sources
 from minihuman.dataset.log_files import SkippedLog, list_readable_logs, map_logs, name_paths_from
 from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
 from minihuman.dataset.rows import SessionTables, arrow_schema, as_int64, merge_tables
@@ -45,18 +53,17 @@ from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EPISODE_TABLE
 from minihuman.errors import LogError, QueryError
 
 _ROWS = 100_000  # handed out at once
-_SETTINGS = {"threads": "2", "memory_limit": "128MB"}
 _QUERY_SETTINGS = {  # SQL reads the tables: no files, no network, no variables of this program
-    **_SETTINGS,
+    **CACHE_SETTINGS,
     "enable_external_access": "false",
     "python_enable_replacements": "false",
     "lock_configuration": "true",
 }
 _DIGEST_MODULUS = 2**64
 _SESSIONS_PER_UPDATE = 1_000
+_MAX_OPENINGS = 5  # to look, to write, to read; another command may write meanwhile
 _SESSIONS_PER_INSERT = 128  # more are quicker, as whole pieces of the file are written at once, and take more memory
 _READING = frozenset(f"StatementType.{name}" for name in ("SELECT", "EXPLAIN", "PRAGMA", "MULTI"))  # MULTI: PIVOT
-_END_BYTES = 64 * 1024  # of a file's beginning and end, which tell it from another of the same size
 _MAKERS = ("dataset", "log/model")  # the packages whose code makes the rows
 _ROW_DIGESTS = pa.schema([("log", pa.int32()), ("row_digests", pa.list_(pa.uint64()))])
 _COUNTED_BY = ("episodes", "participants")  # the tables whose exclusion reasons say what counts in all others
@@ -126,7 +133,7 @@ def has_world_columns(name: str) -> bool:
     return any(column.name in COLUMNS_NEEDING_WORLD for column in TABLES[name])
 
 
-class TableDatabase:
+class TableDatabase(AbstractContextManager["TableDatabase", None]):
     """The tables of some sessions, each under a number of its own. Use it in a ``with``.
 
     Args:
@@ -144,10 +151,13 @@ class TableDatabase:
         self.path = path
         self.order: tuple[int, ...] | None = None  # of the sessions' numbers; None: as they were put in
         self.checked: frozenset[str] = frozenset(TABLES)  # tables that may be read: their digests were compared
-        self.connection = duckdb.connect(str(path), read_only=read_only, config=dict(_SETTINGS))
+        self.read_only = read_only
+        self.connection = connect_cache(path, read_only=read_only)
         try:
             there = self.connection.execute("SELECT 1 FROM duckdb_tables() WHERE table_name = 'made_by'").fetchall()
             if not there:
+                if read_only:  # it has the session index alone
+                    raise StoreVersionError
                 self._lay_out()
             else:
                 made_by = self.connection.execute("SELECT version, catalogue FROM kept.made_by").fetchall()
@@ -225,18 +235,6 @@ class TableDatabase:
         for name in TABLES:
             self.connection.execute(f"DELETE FROM kept.{name} WHERE log IN (SELECT unnest(?))", (list(numbers),))
 
-    @contextmanager
-    def transaction(self) -> Iterator[None]:
-        """Keep all changes that are made inside, or none of them."""
-        self.connection.execute("BEGIN")
-        try:
-            yield
-            self.connection.execute("COMMIT")
-        except BaseException:
-            with suppress(duckdb.Error):  # a failed commit was rolled back already
-                self.connection.execute("ROLLBACK")
-            raise
-
     def digest_rows(self, name: str) -> dict[int, int]:
         """The digest of each session's rows in a table, of those that have any: any edit changes it."""
         return self._digest_rows(name, f"kept.{name}")
@@ -247,9 +245,13 @@ class TableDatabase:
         return dict(self.connection.execute(f"SELECT log, {digest} FROM {source} GROUP BY log").fetchall())
 
     def _digest_catalogue(self) -> str:
-        """Digest the definitions of all tables, views and macros, any of which could stand for one of ours."""
+        """Digest the definitions of all tables, views and macros, any of which could stand for one of ours.
+
+        But for the session index, which is made anew whatever is in its schema.
+        """
         found = self.connection.execute(
-            "SELECT schema_name || table_name || sql FROM duckdb_tables() UNION ALL "
+            f"SELECT schema_name || table_name || sql FROM duckdb_tables() WHERE schema_name <> '{INDEX_SCHEMA}' "
+            "UNION ALL "
             "SELECT schema_name || view_name || sql FROM duckdb_views() WHERE NOT internal UNION ALL "
             "SELECT schema_name || function_name || macro_definition FROM duckdb_functions() WHERE NOT internal "
             "ORDER BY 1"
@@ -321,7 +323,7 @@ class TableDatabase:
         """
         self._require_checked(find_queried_tables(sql))
         self.connection.close()
-        self.connection = duckdb.connect(str(self.path), read_only=True, config=dict(_QUERY_SETTINGS))
+        self.connection = connect_cache(self.path, read_only=True, settings=_QUERY_SETTINGS)
         try:
             if any(str(each.type) not in _READING for each in self.connection.extract_statements(sql)):
                 raise QueryError(f"{sql!r} is not a SELECT statement; use SELECT to read the study's tables")
@@ -346,16 +348,11 @@ class TableDatabase:
         """Leave the file to others."""
         self.connection.close()
 
-    def __enter__(self) -> "TableDatabase":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _lay_out(self) -> None:
-        with self.transaction():
+        with transaction(self.connection):
             self.connection.execute("CREATE SCHEMA kept")
             for name in TABLES:
                 self.connection.register("empty", pa.Table.from_batches([], arrow_schema(name)))
@@ -420,7 +417,7 @@ class CachedSession(msgspec.Struct, frozen=True):
         return account
 
 
-class StudyStore:
+class StudyStore(AbstractContextManager["StudyStore", None]):
     """The tables of a study's sessions, up to date as of when it was opened. Use it in a ``with``.
 
     Opening it fills the sessions' account.
@@ -449,20 +446,22 @@ class StudyStore:
         self._read_tables = frozenset(tables).union(_COUNTED_BY)
         paths, skipped = list_readable_logs(sessions.source)
         self._temporary: tempfile.TemporaryDirectory[str] | None = None
-        self.tables = self._open()
+        self.tables = self._open(read_only=True)
         try:
             for one in skipped:
                 sessions.skip(one)
             now = {_key(path, sessions.source): path for path in paths}
+            prints = {key: _fingerprint(path) for key, path in now.items()}
             try:
-                self._refresh(now)
+                self._bring_up_to_date(now, prints)
             except duckdb.Error as error:
                 if self._temporary is not None:
                     raise
                 self.tables.close()
                 self._note_not_kept(error)
                 self.tables = self._open_temporary()
-                self._refresh(now)
+                self._refresh(now, prints)
+            self._account(now)
         except duckdb.Error as error:
             self.close()
             raise _no_room(sessions.source, error) from error
@@ -484,34 +483,28 @@ class StudyStore:
         if self._temporary is not None:
             self._temporary.cleanup()
 
-    def __enter__(self) -> "StudyStore":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _open(self) -> TableDatabase:
-        """The study's own file if it can hold what is asked for, else one that goes away."""
+    def _open(self, *, read_only: bool) -> TableDatabase:
+        """The study's own file if it can hold what is asked for, else one that goes away; a new one can be written."""
         own = self._sessions.source / FILE_NAME
         if self._sessions.selection == Selection() and own.parent.is_dir() and not self._sessions.from_logs:
             for _ in ("as it is", "anew"):
                 try:
                     if not own.exists():
-                        _remove(own)
-                    return TableDatabase(own)
-                except (
-                    duckdb.IOException,
-                    OSError,
-                ) as error:  # locked by another process, or a read-only folder
+                        remove_cache(own)
+                    return TableDatabase(own, read_only=read_only and own.exists())
+                except (duckdb.IOException, *IN_USE_ERRORS, OSError) as error:  # in use, or a read-only folder
                     self._note_not_kept(error)
                     break
                 except (StoreVersionError, CatalogueChangedError, duckdb.Error) as error:  # cut off, none, or no room
+                    if read_only and isinstance(error, StoreVersionError):
+                        return self._open(read_only=False)
                     if isinstance(error, CatalogueChangedError):
                         self._note(f"{own} was changed by another program; its tables were made anew from the logs")
                     try:
-                        _remove(own)
+                        remove_cache(own)
                     except OSError as error:
                         self._note_not_kept(error)
                         break
@@ -533,9 +526,19 @@ class StudyStore:
             self._temporary.cleanup()
             raise _no_room(self._sessions.source, error) from error
 
-    def _refresh(self, now: dict[str, Path]) -> None:
+    def _bring_up_to_date(self, now: Mapping[str, Path], prints: Mapping[str, str]) -> None:
+        """Write what is stale, and leave the study's file open for reading alone: others can read it, too."""
+        for _ in range(_MAX_OPENINGS):
+            is_fresh = self._refresh(now, prints)
+            if is_fresh and (self.tables.read_only or self._temporary is not None):
+                return
+            self.tables.close()
+            self.tables = self._open(read_only=is_fresh)
+        raise duckdb.TransactionException("other commands are changing it")
+
+    def _refresh(self, now: Mapping[str, Path], prints: Mapping[str, str]) -> bool:
+        """Bring every session's rows up to date; False, with nothing done, if that takes writing."""
         logs = self.tables.connection
-        prints = {key: _fingerprint(path) for key, path in now.items()}
         known = logs.execute(
             "SELECT key, log, fingerprint, with_shortest, row_digests, "
             f"coalesce(digest = hash({_LOG_COLUMNS}), false) FROM kept.logs"
@@ -547,27 +550,32 @@ class StudyStore:
             for number, digest in self.tables.digest_rows(name).items():
                 held.setdefault(number, {})[name] = digest
         have, unplanned, lines = dict[str, int](), dict[str, int](), Counter(key for key, *_ in known)
-        damaged = 0
+        damaged = len(held.keys() - {number for _, number, *_ in known})
         for key, number, fingerprint, with_shortest, digests, is_whole in known:
             if not is_whole or lines[key] > 1 or not self._match(held.get(number, {}), digests):
                 damaged += 1
             elif prints.get(key) == fingerprint:
                 (have if with_shortest >= self._with_shortest else unplanned)[key] = number
+        if self.tables.read_only and (damaged or unplanned or have.keys() != now.keys() or len(have) < len(known)):
+            return False
         have |= self._plan_paths(unplanned)
         stale = sorted({number for _, number, *_ in known}.union(held).difference(have.values()))
-        damaged += len(held.keys() - {number for _, number, *_ in known})
         if damaged:
             what = "1 session" if damaged == 1 else f"{damaged} sessions"
             own = self._sessions.source / FILE_NAME
             self._note(f"{own} was changed by another program: the rows of {what} were made anew from the logs")
         if stale:
-            with self.tables.transaction():
+            with transaction(self.tables.connection):
                 self.tables.remove(stale)
                 logs.execute("DELETE FROM kept.logs WHERE log IN (SELECT unnest(?))", (stale,))
         fresh = {key: path for key, path in now.items() if key not in have}
         if fresh:
             self._read(fresh, prints)
-        about = logs.execute("SELECT key, log, about FROM kept.logs").fetchall()
+        return True
+
+    def _account(self, now: Mapping[str, Path]) -> None:
+        """Note what is known of each log, and in which order they are read."""
+        about = self.tables.connection.execute("SELECT key, log, about FROM kept.logs").fetchall()
         found = {key: (number, msgspec.msgpack.decode(of_log, type=CachedSession)) for key, number, of_log in about}
         self.tables.put_in_order([found[key][0] for key in now])
         self.tables.checked = self._read_tables
@@ -593,7 +601,7 @@ class StudyStore:
             sessions = {log: (key, msgspec.msgpack.decode(its, type=CachedSession)) for key, log, its, _ in about}
             if not sessions:
                 continue
-            with self.tables.transaction():
+            with transaction(self.tables.connection):
                 practice = {log: its.practice for log, (_, its) in sessions.items()}
                 self.tables.add_path_measures(list(sessions), practice)
                 digests = {name: self.tables.digest_rows(name) for name in _PLANNED}
@@ -617,7 +625,7 @@ class StudyStore:
             filled |= {key: log for log, (key, _) in sessions.items()}
         return filled
 
-    def _read(self, fresh: dict[str, Path], prints: dict[str, str]) -> None:
+    def _read(self, fresh: Mapping[str, Path], prints: Mapping[str, str]) -> None:
         """Read logs and keep their rows, some sessions at a time."""
         logs = self.tables.connection
         ((last,),) = logs.execute("SELECT coalesce(max(log), 0) FROM kept.logs").fetchall()
@@ -645,7 +653,7 @@ class StudyStore:
                 about, rows[number], facts = _read_cached_sessions(one), one.rows, one.facts
             encoded = msgspec.msgpack.encode(about), msgspec.msgpack.encode(facts)
             lines.append((number, key, prints[key], self._with_shortest, *encoded))
-        with self.tables.transaction():
+        with transaction(self.tables.connection):
             digests, none = self.tables.insert(rows), [0] * len(TABLES)
             logs.executemany(
                 "INSERT INTO kept.logs VALUES (?, ?, ?, ?, ?, ?, ?, NULL)",
@@ -675,12 +683,6 @@ def _read_cached_sessions(one: SessionRows) -> CachedSession:
     )
 
 
-def _remove(file: Path) -> None:
-    """Remove a database, its write-ahead log first: that alone would be replayed into the next file of the name."""
-    file.with_name(f"{file.name}.wal").unlink(missing_ok=True)
-    file.unlink(missing_ok=True)
-
-
 def _no_room(source: Path, error: duckdb.Error) -> QueryError:
     why = str(error).splitlines()[0]
     return QueryError(f"{source}: its tables cannot be made, beside it or in {tempfile.gettempdir()}: {why}")
@@ -704,23 +706,10 @@ def _fingerprint(path: Path) -> str:
 
 def _describe_files(folder: Path, prefix: str) -> str:
     return "\n".join(
-        f"{folder.name}/{entry.name} {facts.st_size} {facts.st_mtime_ns} {_digest_ends(Path(entry), facts.st_size)}"
+        f"{folder.name}/{describe_file(Path(entry), entry.stat())}"
         for entry in sorted(os.scandir(folder), key=lambda entry: entry.name)
         if entry.name.startswith(prefix) and entry.is_file()
-        for facts in [entry.stat()]
     )
-
-
-def _digest_ends(file: Path, size: int) -> str:
-    """Digest the first and last 64 KiB of a file: other content may have its size, and the time be set back."""
-    try:
-        with file.open("rb") as source:
-            digest = blake2b(source.read(_END_BYTES), digest_size=16)
-            source.seek(max(_END_BYTES, size - _END_BYTES))
-            digest.update(source.read(_END_BYTES))
-    except OSError:  # no permission, or finished and renamed just now: reading the log says so
-        return "unreadable"
-    return digest.hexdigest()
 
 
 MAX_SHOWN_ROWS = 100  # rows; more are for a file

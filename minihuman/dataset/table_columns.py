@@ -27,6 +27,14 @@ class TableColumn:
     definition: int = 0  # of a quantity that is defined in several ways, which one it is; 0: there is one
 
 
+def table_key_name(key: str) -> str:
+    """A physical key's name as it stands in tables: "key_1", "key_q"; longer names, such as "enter", as they are.
+
+    A column of "1" and "2" is one of numbers to most readers, and "t" and "f" are yes and no to some.
+    """
+    return f"key_{key}" if len(key) == 1 else key
+
+
 COLUMN_ALIASES: dict[str, str] = {  # a column's name in earlier versions -> its name now, in every table that has it
     "left_out": "exclusion_reason",
     "in_vain": "ineffective_steps",

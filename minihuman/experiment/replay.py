@@ -231,6 +231,8 @@ def _feed_next_input(session: SessionMachine, coming: list[Event]) -> list[Event
     _show_question(session, coming)
     _show_screen(session, event)
     happened = _find_input(event, session)
+    if isinstance(event, PointerUsed) and happened is not None:
+        return session.receive(happened, at_ns=event.t_ns)  # the time passes behind its event, not before as a key's
     if happened is not None:
         if happened.t_ns < event.t_ns:  # it came late, behind something that left no event
             session.receive(ScreenShown(event.t_ns, 0, 0) if session.phase in _OVER_PARTS else Tick(event.t_ns))
@@ -255,7 +257,8 @@ def _find_input(event: Event, session: SessionMachine) -> Input | None:
         case TextTyped():
             return TextInput(event.t_ns, event.text)
         case PointerUsed():
-            return _POINTER_INPUTS[event.what](event.t_ns, event.x, event.y, event.target, event.along)
+            used_ns = event.t_ns - event.waited_ns
+            return _POINTER_INPUTS[event.what](used_ns, event.x, event.y, event.target, event.along)
         case AxisMoved():
             return AxisChanged(event.t_ns, event.axis, event.value)
         case Noted(kind="focus"):

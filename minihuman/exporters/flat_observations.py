@@ -29,13 +29,14 @@ from minihuman.exporters.study_metadata import get_action_names, get_step_limit
 from minihuman.log.model.session_log import EpisodeLog
 from minihuman.log.model.teaching_events import NO_ADVICE
 from minihuman.log.observations import verify_observations
+from minihuman.worlds.adapters.spaces import VectorActions
 from minihuman.worlds.adapters.world import ResetResult, StepResult, World
 
 _CHARACTERS = frozenset(string.printable)
 
 
 def stack_observations(observations: Sequence[Any]) -> Any:
-    """A list of observations as one observation of stacked arrays: dicts stay dicts, texts become lists."""
+    """A list of observations, or of actions, as one of stacked arrays: dicts stay dicts, texts become lists."""
     first = observations[0]
     if isinstance(first, dict):
         return {key: stack_observations([observation[key] for observation in observations]) for key in first}
@@ -199,13 +200,17 @@ class ReplayedEpisode:
     pictures: tuple[NDArray[np.uint8], ...] = ()  # (H, W, 3) each, where they were asked for and can be drawn
 
     @property
-    def actions(self) -> NDArray[Any]:
-        """The ``n`` actions as the environment's ``step`` takes them: numbers from the space's start, or arrays."""
+    def actions(self) -> Any:
+        """The ``n`` actions as the environment's ``step`` takes them: numbers from the space's start, or arrays.
+
+        Those of a Dict or Tuple space are a dict or tuple of arrays, one row per action.
+        """
         vectors = self.episode.action_vectors
         if vectors is None:
             assert isinstance(self.action_space, gymnasium.spaces.Discrete)
             return self.episode.actions + int(self.action_space.start)
-        return vectors.astype(self.action_space.dtype).reshape(-1, *(self.action_space.shape or ()))
+        space = VectorActions(self.action_space)
+        return stack_observations([space.value(tuple(vector)) for vector in vectors.tolist()])
 
 
 def name_state(demonstration: ReplayedEpisode) -> list[str]:

@@ -6,7 +6,6 @@ Trajectories are written a few at a time, so that a large study takes no more me
 fragments are another dataset, `OUT/<world>-preferences`, one row per pair, for `PreferenceDataset.push`.
 """
 
-import hashlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -30,6 +29,7 @@ from minihuman.exporters.flat_observations import (
 )
 from minihuman.exporters.study_metadata import describe_episode
 from minihuman.log.model.session_log import SessionLog
+from minihuman.operating_system import hash_file
 
 # How much the left fragment is preferred; "cannot tell" says nothing.
 PREFERENCES: dict[PairAnswer, float] = {"left": 1.0, "equal": 0.5, "right": 0.0}
@@ -195,12 +195,10 @@ def _settle(written: Path, path: Path, features: datasets.Features) -> None:
     path.mkdir()
     data = path / "data-00000-of-00001.arrow"
     written.rename(data)
-    with data.open("rb") as file:
-        fingerprint = hashlib.file_digest(file, "sha256").hexdigest()[:16]
     datasets.DatasetInfo(features=features).write_to_directory(str(path))
     state: dict[str, Any] = {
         "_data_files": [{"filename": data.name}],
-        "_fingerprint": fingerprint,
+        "_fingerprint": hash_file(data)[:16],
         "_format_columns": None,
         "_format_kwargs": {},
         "_format_type": None,

@@ -35,6 +35,7 @@ from minihuman.exporters.flat_observations import (
     to_standard_space,
 )
 from minihuman.exporters.study_metadata import describe_episode, get_action_names, get_study_facts
+from minihuman.plugins import DISTRIBUTION
 
 NAMESPACE = "minihuman"
 _RESERVE_BYTES = 2**20  # an episode's groups and attributes, and the files of JSON
@@ -154,7 +155,7 @@ def _requirements(item: IncludedEpisode) -> list[str]:
     """What to install before the environment can be made, as pip takes it."""
     module, colon, _ = item.episode.plan.world.partition(":")
     theirs = packages_distributions().get(module.partition(".")[0], []) if colon else []
-    return [f"minihuman>={__version__}", *(f"{package}=={version(package)}" for package in dict.fromkeys(theirs))]
+    return [f"{DISTRIBUTION}>={__version__}", *(f"{package}=={version(package)}" for package in dict.fromkeys(theirs))]
 
 
 def _versioned(name: str) -> str:

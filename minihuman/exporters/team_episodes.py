@@ -83,12 +83,15 @@ def export_pettingzoo(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 
 def export_overcooked(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write kitchens as Overcooked-AI's trajectories: a JSON file per layout, which ``load_traj_from_json`` reads.
+    """Write kitchens as Overcooked-AI's trajectories: a JSON file per layout and rules.
+
+    ``AgentEvaluator.load_traj_from_json`` reads each, and Overcooked-AI steps those of the rules of 1.1.0 to the same
+    states. A kitchen that a protocol draws is named by its floor plan.
 
     Raises:
         ExportError: if an episode does not replay.
     """
-    from minihuman.worlds.grid.kitchen import Kitchen
+    from minihuman.worlds.grid.kitchen import KITCHENS, Kitchen
 
     files: dict[str, dict[str, list[Any]]] = {}
     left_out: list[str] = []
@@ -104,8 +107,12 @@ def export_overcooked(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         if not states:
             left_out.append(f"{describe_episode(item)} is in no kitchen")
             continue
-        layout = str(item.episode.plan.options.get("layout", "cramped_room"))
-        name = "".join(letter if letter.isalnum() else "_" for letter in layout)
+        plan = kitchen.layout.plan
+        layout = next((name for name, one in KITCHENS.items() if one == kitchen.layout), plan)
+        name = "".join(letter if letter.isalnum() else "_" for letter in layout) + "_2019" * (kitchen.rules == "2019")
+        orders = {f"start_{kind}": recipes for kind, recipes in _describe_orders(kitchen).items()}
+        starts = [player["position"] for player in states[0]["players"]]
+        params = {"layout_name": layout, "terrain": _terrain(kitchen), "start_player_positions": starts, **orders}
         found = files.setdefault(name, {key: [] for key in _TRAJECTORY})
         rewards = team.rewards[:, 0].astype(int).tolist()
         n = len(rewards)
@@ -116,8 +123,9 @@ def export_overcooked(chosen: IncludedEpisodes, out: Path) -> ExportResult:
             ("ep_dones", [*[False] * (n - 1), True][:n]),
             ("ep_returns", sum(rewards)),
             ("ep_lengths", n),
-            ("mdp_params", {"layout_name": layout, "terrain": _terrain(kitchen)}),
+            ("mdp_params", params),
             ("env_params", {"horizon": item.episode.plan.max_steps}),
+            ("rules", kitchen.rules),
         ):
             found[key].append(value)
         steps += n
@@ -138,10 +146,12 @@ _TRAJECTORY = (
     "ep_lengths",
     "mdp_params",
     "env_params",
+    "rules",
 )
 ORIENTATIONS = ((0, -1), (0, 1), (1, 0), (-1, 0))  # Overcooked-AI's vectors, by our direction: up, down, right, left
 ACTIONS = (*ORIENTATIONS, (0, 0), "interact")  # by our action
 _THINGS = ("", "onion", "tomato", "dish", "soup")
+_INGREDIENTS = {"o": "onion", "t": "tomato"}
 _LETTERS = " PXOTDS"  # of Overcooked-AI's layouts, by our terrain
 
 
@@ -180,8 +190,17 @@ def describe_state(kitchen: "Kitchen", step: int) -> dict[str, Any]:
         held_object = thing(held, [x, y])
         players.append({"position": [x, y], "orientation": list(ORIENTATIONS[direction]), "held_object": held_object})
     objects = [thing(int(cells[x, y]), [x, y]) for x, y in np.argwhere(cells).tolist()]
-    orders = {"bonus_orders": [], "all_orders": [{"ingredients": ["onion"] * 3}]}
-    return {"players": players, "objects": objects, "timestep": step, **orders}
+    return {"players": players, "objects": objects, "timestep": step, **_describe_orders(kitchen)}
+
+
+def _describe_orders(kitchen: "Kitchen") -> dict[str, list[dict[str, list[str]]]]:
+    from minihuman.worlds.grid.kitchen import RECIPES
+
+    every, bonus = kitchen.layout.orders or RECIPES, kitchen.layout.bonus
+    return {
+        name: [{"ingredients": [_INGREDIENTS[letter] for letter in recipe]} for recipe in recipes]
+        for name, recipes in (("bonus_orders", bonus), ("all_orders", every))
+    }
 
 
 def _terrain(kitchen: "Kitchen") -> list[list[str]]:

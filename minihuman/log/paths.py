@@ -41,6 +41,7 @@ def open_regular_file(path: Path) -> BinaryIO:
 MAGIC = b"\x89MCAP0\r\n"  # every MCAP file's first bytes
 LOG_SUFFIX = ".mcap"
 PART_SUFFIX = ".mcap.part"
+MODELS_FOLDER = "models"  # of a data folder: models' studies lie there, apart from people's
 _SEGMENT = re.compile(r"_seg-(\d+)$")
 _OURS = re.compile(r"_ses-\d+(_seg-\d+)?\.mcap(\.part)?$")
 _HEADER = struct.Struct("<BQI")  # behind the magic bytes: opcode, length, and how long the profile is

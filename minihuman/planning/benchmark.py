@@ -12,6 +12,8 @@ import numpy as np
 
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.errors import PlayerFailedError, SimulationError
+from minihuman.log.paths import LOG_SUFFIX
+from minihuman.log.read.session_reader import read_log
 from minihuman.reporting.scorecard import Scorecard, build_scorecard
 from minihuman.runtime.simulated_session import simulate
 
@@ -31,23 +33,24 @@ class Family:
     instructions: str = "Do what the line above the picture says. You are the triangle."
 
 
+# the step limits are those that eight in ten simulated people keep (analysis/baseline_difficulty.py)
 _LOOK = "You see the world from inside. Find the red box."
 FAMILIES: dict[str, tuple[Family, ...]] = {
     "grid": (
-        Family("empty", "MiniGrid-Empty-8x8-v0", TURNS, 60),
-        Family("four-rooms", "MiniGrid-FourRooms-v0", TURNS, 100),
-        Family("crossing", "MiniGrid-SimpleCrossingS9N2-v0", TURNS, 90),
-        Family("door-key", "MiniGrid-DoorKey-6x6-v0", HANDS, 90),
-        Family("unlock", "MiniGrid-Unlock-v0", HANDS, 90),
-        Family("key-corridor", "MiniGrid-KeyCorridorS3R2-v0", HANDS, 120),
-        Family("go-to-local", "BabyAI-GoToLocal-v0", HANDS, 60),
-        Family("go-to", "BabyAI-GoTo-v0", HANDS, 150),
-        Family("pick-up", "BabyAI-PickupLoc-v0", HANDS, 60),
-        Family("put-next", "BabyAI-PutNextLocal-v0", HANDS, 100),
+        Family("empty", "MiniGrid-Empty-8x8-v0", TURNS, 20),
+        Family("four-rooms", "MiniGrid-FourRooms-v0", TURNS, 70),
+        Family("crossing", "MiniGrid-SimpleCrossingS9N2-v0", TURNS, 35),
+        Family("door-key", "MiniGrid-DoorKey-6x6-v0", HANDS, 25),
+        Family("unlock", "MiniGrid-Unlock-v0", HANDS, 20),
+        Family("key-corridor", "MiniGrid-KeyCorridorS3R2-v0", HANDS, 45),
+        Family("go-to-local", "BabyAI-GoToLocal-v0", HANDS, 10),
+        Family("go-to", "BabyAI-GoTo-v0", HANDS, 135),
+        Family("pick-up", "BabyAI-PickupLoc-v0", HANDS, 10),
+        Family("put-next", "BabyAI-PutNextLocal-v0", HANDS, 20),
     ),
     "first-person": (
-        Family("rooms", "MiniWorld-FourRooms-v0", ("turn_left", "turn_right", "move_forward"), 250, _LOOK),
-        Family("hallway", "MiniWorld-Hallway-v0", ("turn_left", "turn_right", "move_forward"), 250, _LOOK),
+        Family("rooms", "MiniWorld-FourRooms-v0", ("turn_left", "turn_right", "move_forward"), 175, _LOOK),
+        Family("hallway", "MiniWorld-Hallway-v0", ("turn_left", "turn_right", "move_forward"), 65, _LOOK),
     ),
 }
 _PROTOCOL_START = """\
@@ -162,7 +165,8 @@ def run_baseline(
         for player, runs in players.items():
             folder = data / player.replace(":", "-").replace("/", "-")
             studies.append(folder / protocol.study.name)
-            left = runs - len(list(studies[-1].glob("sub-*")))
+            logs = studies[-1].glob(f"sub-*/ses-*/*{LOG_SUFFIX}")
+            left = runs - sum(read_log(log).end_reason == "complete" for log in logs)
             on_progress(f"{player} plays {protocol.study.name}")
             try:
                 list(simulate(protocol, folder, participants=left, seed=seed, player=player) if left > 0 else ())

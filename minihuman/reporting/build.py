@@ -32,6 +32,7 @@ from minihuman.log.read.session_reader import read_log
 from minihuman.reporting.methods import build_methods, find_known_keys
 from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study
 from minihuman.reporting.results import (
+    BlockResults,
     Results,
     compute_results,
     exclude_practice_alone,
@@ -43,6 +44,7 @@ from minihuman.reporting.sections import count_clauses, flow_section
 from minihuman.reporting.study_measures import add_measures
 from minihuman.reporting.teaching_section import read_taught_logs, tabulate_teaching, teaching_figures, teaching_section
 from minihuman.reporting.template import ReportFigure
+from minihuman.statistics.paired import MixedModel, fit_mixed_model
 
 LANGUAGES = ("r", "python")
 _FILES = {"r": "analysis.R", "python": "analysis.py"}
@@ -222,6 +224,7 @@ def build_report(
         account=sessions.account,
         analysis=analysis,
         papers=is_published_study([one.protocol_sha256 for one in outlines]),
+        mixed={one.block: _fit_mixed(episodes, one) for one in found.blocks},
     )
     whole = out / "report.html"
     whole.write_text(build_page(facts, found, templates), encoding="utf-8", newline="\n")
@@ -236,6 +239,17 @@ def build_report(
         *written,
         *(figure.path for figure in (*figures, *models, *facts.first_figures)),
     )
+
+
+def _fit_mixed(episodes: pd.DataFrame, one: BlockResults) -> MixedModel | None:
+    """The mixed model of what a block's growth is of; None of teams, whose members' episodes are the same ones."""
+    if one.growth is None or one.teams:
+        return None
+    rows = episodes[(episodes["block"] == one.block) & episodes["exclusion_reason"].isna()]
+    left_out = {text.rpartition(": ")[0] for text in one.growth.left_out}
+    groups = [group for group in one.groups["group"] if group not in left_out]
+    column = "reward" if one.growth.measure == "reward" else "log_excess_steps"
+    return fit_mixed_model(rows.rename(columns={column: one.growth.measure}), one.growth.measure, groups)
 
 
 def _models(sessions: StudySessions, out: Path) -> tuple[list[ReportFigure], list[Path]]:

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 
+from minihuman import __version__
 from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
@@ -297,17 +298,23 @@ def _software(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality
         if values:
             made.append(f"{word} {' and '.join(values)}")
     run_with = f"Protocol of study {plans[0].study}: {parts}. Run with {', '.join(made)}."
-    kernels = sorted({run["page_kernels"] for one in qualities for run in one.software if "page_kernels" in run})
-    blocks = sorted({name for plan in plans for name in plan.computed})
-    if not kernels or not blocks:
+    ran = {(one.participant, one.session): one.software for one in qualities}
+    computes = [plan for plan in plans if plan.computed]
+    with_kernels = [
+        p for p in computes if any("page_kernels" in run for run in ran.get((p.participant, p.session), ()))
+    ]
+    if not with_kernels:
         return run_with
+    blocks = sorted({name for plan in with_kernels for name in plan.computed})
+    kernels = sorted({run["page_kernels"] for one in qualities for run in one.software if "page_kernels" in run})
+    of = f"in {len(with_kernels)} of {len(computes)} sessions " if len(with_kernels) < len(computes) else ""
     return (
-        f"{run_with} In browsers the page stepped and drew {'blocks' if len(blocks) > 1 else 'block'} "
+        f"{run_with} In browsers {of}the page stepped and drew {'blocks' if len(blocks) > 1 else 'block'} "
         f"{' and '.join(blocks)} ahead of the server (kernels {' and '.join(kernels)}), which compared every step with "
         "its own and recorded its own."
     )
 
 
 def _statistics() -> str:
-    versions = ", ".join(f"{name} {version(name)}" for name in ("minihuman", *_STATISTICS))
-    return f"This report: {versions}."
+    versions = ", ".join(f"{name} {version(name)}" for name in _STATISTICS)
+    return f"This report: minihuman {__version__}, {versions}."

@@ -52,7 +52,7 @@ from minihuman.reporting.template import (
     to_records,
 )
 from minihuman.statistics.comparison import GroupComparison
-from minihuman.statistics.paired import MIN_EPISODES
+from minihuman.statistics.paired import MIN_EPISODES, GrowthTerm, MixedModel
 
 _PUBLISHED_PROTOCOLS = frozenset(  # SHA-256 of the shipped file, by its fields' present and earlier names
     {
@@ -99,6 +99,7 @@ class PageContent:
     account: SelectionSummary
     analysis: AnalysisSpec  # what the protocol named
     papers: bool  # the protocol is the published study's
+    mixed: Mapping[str, MixedModel | None]  # of each block whose change over episodes is compared
 
 
 def build_page(facts: PageContent, found: Results, templates: Path | None = None) -> str:
@@ -129,7 +130,7 @@ def build_page(facts: PageContent, found: Results, templates: Path | None = None
         "answers_first": _answer(target, found),
         "excluded": _count_excluded(facts.exclusions),
         "within": _within(found.within),
-        "blocks": [_block(one, found, facts.known_keys) for one in found.blocks],
+        "blocks": [_block(one, found, facts.known_keys, facts.mixed.get(one.block)) for one in found.blocks],
         "min_growth_episodes": MIN_EPISODES,
         "clauses": clauses_table(facts.clauses),
         "teaching": facts.teaching,
@@ -227,7 +228,9 @@ def _versions(account: SelectionSummary) -> str:
     return f"{len(versions)} versions of the protocol are pooled here ({'; '.join(versions)}), --version takes one"
 
 
-def _block(one: BlockResults, found: Results, known_keys: Mapping[str, Sequence[str]]) -> dict[str, Any]:
+def _block(
+    one: BlockResults, found: Results, known_keys: Mapping[str, Sequence[str]], mixed: MixedModel | None
+) -> dict[str, Any]:
     """A block as the template shows it."""
     alone = len(one.groups) == 1 and len(found.order) > 1
     pairs = {(each.first, each.second) for each in one.comparisons}
@@ -261,7 +264,7 @@ def _block(one: BlockResults, found: Results, known_keys: Mapping[str, Sequence[
         "survival": survival_table(one.waits),
         "parts": parts_table(one.parts),
         "parts_missing": list_missing_parts(one.parts),
-        **_growth(one),
+        **_growth(one, mixed),
         "powers": [power_statement(each) for each in one.powers],
     }
 
@@ -330,23 +333,29 @@ def _comparisons(one: BlockResults) -> Table:
     return Table(heads, [row(each) for each in one.comparisons], words=1 + named + several)
 
 
-def _growth(one: BlockResults) -> dict[str, Any]:
+def _growth(one: BlockResults, mixed: MixedModel | None) -> dict[str, Any]:
     found = one.growth
     if found is None:
         return {"growth": None}
+    return {
+        "growth": _terms(found.terms),
+        "growth_measure": found.measure.capitalize(),
+        "growth_reference": found.reference,
+        "growth_left_out": found.left_out,
+        "mixed": _terms(mixed.terms) if mixed and mixed.terms else None,
+        "mixed_model": mixed,
+    }
+
+
+def _terms(terms: Sequence[GrowthTerm]) -> Table:
     rows = [
         (
             term.name, str(term.people), format_number(term.estimate), format_interval(term.interval),
             format_p_value(term.p),
         )
-        for term in found.terms
+        for term in terms
     ]  # fmt: skip
-    return {
-        "growth": Table(("term", "participants", "estimate", "95 % interval", "p"), rows),
-        "growth_measure": found.measure.capitalize(),
-        "growth_reference": found.reference,
-        "growth_left_out": found.left_out,
-    }
+    return Table(("term", "participants", "estimate", "95 % interval", "p"), rows)
 
 
 def _measures(one: BlockResults) -> Table:

@@ -19,9 +19,12 @@ from minihuman.statistics.comparison import (
     Equivalence,
     GroupComparison,
     PowerAnalysis,
+    adjust_groups,
     check_equivalence,
     compare_groups,
+    compare_pair,
     compute_power,
+    correct_comparisons,
     find_units,
     name_units,
 )
@@ -380,23 +383,26 @@ def compute_block_results(
 def compare_adjusted(
     each: pd.DataFrame, analysis: AnalysisSpec, order: Sequence[str], logs: Collection[str] = ()
 ) -> tuple[GroupComparison, ...]:
-    """Groups compared on the primary measure less what the covariates predict of it within groups.
+    """Groups compared on the primary measure at equal covariates (analysis of covariance), each pair by itself.
 
-    The slopes are pooled over groups, as in an analysis of covariance; participants without a covariate are left out.
-    None where the protocol names no covariates, or participants are too few for the slopes.
+    Participants without a covariate are left out. None where the protocol names no covariates; a pair with too few
+    participants for the slopes has its reason.
     """
     primary, covariates = analysis.primary_measure, list(analysis.covariates)
     if not covariates or primary not in each:
         return ()
     known = each.dropna(subset=[primary, *covariates])
-    if len(known) <= known["group"].nunique() + len(covariates) + 1:
-        return ()
-    centred = known[[primary, *covariates]] - known.groupby("group")[[primary, *covariates]].transform("mean")
-    slopes = np.linalg.lstsq(centred[covariates].to_numpy(float), centred[primary].to_numpy(float), rcond=None)[0]
-    predicted = (known[covariates] - known[covariates].mean()).to_numpy(float) @ slopes
-    return compare_groups(
-        known.assign(**{primary: known[primary] - predicted}), [primary], order=order, log_measures=logs
-    )
+    parts = {
+        group: (rows[primary].to_numpy(float), rows[covariates].to_numpy(float))
+        for group, rows in known.groupby(known["group"].astype(str))
+    }
+    found = []
+    for first, second in combinations([group for group in order if group in parts], 2):
+        a, b, test = adjust_groups(parts[first], parts[second]) or (parts[first][0], parts[second][0], None)
+        one = compare_pair(primary, (first, a), (second, b), test, is_log=primary in logs)
+        few = f"{len(a)} and {len(b)} are too few, or too much alike, for the slopes of {len(covariates)} covariates"
+        found.append(one if test else replace(one, reason=few))
+    return correct_comparisons(found)
 
 
 def take_logarithms(rows: pd.DataFrame, measures: Sequence[str]) -> tuple[pd.DataFrame, frozenset[str]]:

@@ -1,17 +1,18 @@
 """A scorecard: people, policies, models and simulated people on the same levels, as one table and one figure.
 
-A level is a block's world with a seed; an episode counts where it ended by itself. A score needs no person, but it says
-who its reference is: people are called that from ten on.
+A level is a block's world with a seed; an episode counts where it ended by itself, and one that a model's session left
+unfinished is a failure. A score needs no person, but it says who its reference is: people are called that from ten on.
 """
 
 import csv
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from minihuman.admin.next_session import find_remaining_episodes
 from minihuman.dataset.log_files import list_readable_logs
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
@@ -20,17 +21,20 @@ from minihuman.errors import ReportError
 from minihuman.experiment.machine.events import ModelCall
 from minihuman.experiment.protocol.protocol import decode_logged_protocol
 from minihuman.figures.figure_data import draw_figure_files
+from minihuman.log.model.session_log import SessionLog
+from minihuman.log.paths import MODELS_FOLDER
 from minihuman.log.read.session_reader import read_log
 from minihuman.statistics.scores import DRAWS, HUMAN_REFERENCE, Estimate, PlayerScore, Runs, score_player
 
 HUMAN = "human"
-MODELS_FOLDER = "models"  # beside people's studies, in the data folder
 _COLUMNS = [
     *("participant", "session", "block", "episode", "attempt", "episode_in_block", "exclusion_reason", "world", "seed"),
     *("outcome", "success", "steps", "max_steps", "feasible_steps", "excess_steps", "spl"),
 ]
 _ENDED = ("goal", "timeout", "failure")
+UNFINISHED = "unfinished"
 _LEVEL = ["block", "world", "seed"]
+_MODELS = ("model:", "http:")  # players whose unfinished episodes are failures
 _STAND_INS = ("human-like", "exploring", "optimal")  # for people who are not there, the likest first
 
 
@@ -46,6 +50,12 @@ class Costs:
     currency: str = ""
     declined: int = 0  # sessions whose consent it refused
 
+    def add(self, other: "Costs") -> "Costs":
+        """Both together; a sum of two currencies is in "mixed"."""
+        currency = "mixed" if self.currency and self.currency != other.currency else other.currency
+        sums = {one.name: getattr(self, one.name) + getattr(other, one.name) for one in fields(Costs)}
+        return Costs(**sums | {"currency": currency})
+
 
 @dataclass(frozen=True, slots=True)
 class ScoredPlayer:
@@ -55,6 +65,8 @@ class ScoredPlayer:
     runs: int
     episodes: int
     levels: int  # that the reference has played, too
+    unfinished: int  # episodes on them that a model's sessions did not finish, and that are failures
+    unknown_paths: int  # levels whose shortest path is not known, so that they are in no efficiency
     score: PlayerScore
     excess_steps: float  # mean, over the fewest, of successful episodes
     success_by_episode: tuple[float, ...]  # share of successes, by the place of the episode in its block
@@ -98,15 +110,19 @@ def build_scorecard(
     rows = pd.concat([frame for frame, _ in read], ignore_index=True) if read else pd.DataFrame()
     if not len(rows):
         raise ReportError(f"{', '.join(map(str, studies))}: no episode was played to its end; play some first")
+    names = _name_players(rows["player"].unique())
+    rows = rows.assign(player=rows["player"].map(names))
+    rows["path_known"] = rows.groupby(_LEVEL)["feasible_steps"].transform("max").notna()
     costs: dict[str, Costs] = {}
-    for _, its in read:
-        costs.update(its)
+    for player, its in (item for _, theirs in read for item in theirs.items()):
+        name = names.get(player, player)
+        costs[name] = costs.get(name, Costs()).add(its)
     players = sorted(rows["player"].unique())
     chosen = reference or next((name for name in (HUMAN, *_STAND_INS, *players) if name in players), "")
     if chosen not in players:
         raise ReportError(f"reference {reference!r} played none of the levels; use one of {', '.join(players)}")
     scored = [_score(rows, name, chosen, costs.get(name, Costs()), seed, draws) for name in players]
-    lines = sorted(filter(None, scored), key=lambda one: -one.score.efficiency.value)
+    lines = sorted(filter(None, scored), key=lambda one: -np.nan_to_num(one.score.efficiency.value, nan=-1.0))
     people = rows.loc[rows["player"] == chosen, "run"].nunique()
     named = f"{'human' if chosen == HUMAN else chosen} (n = {people})"
     if chosen != HUMAN:
@@ -129,8 +145,9 @@ def _read_study(folder: Path, selection: Selection) -> tuple[pd.DataFrame, dict[
         played = store.tables.table("participants", ["participant", "session", "player"]).to_pandas()
     rows = episodes[episodes["exclusion_reason"].isna() & episodes["outcome"].isin(_ENDED)]
     rows = rows.merge(played.drop_duplicates(["participant", "session"]), on=["participant", "session"])
-    rows = rows.assign(run=str(folder.parent) + "/" + rows["participant"], player=rows["player"].map(_label))
     logs = [read_log(path) for path in list_readable_logs(folder)[0]]
+    rows = pd.concat([rows, pd.DataFrame(_list_unfinished(logs))], ignore_index=True)
+    rows = rows.assign(run=str(folder.parent) + "/" + rows["participant"])
     protocols = [decode_logged_protocol(log.plan.protocol_toml) for log in logs[:1] if log.plan.protocol_toml]
     practice = {block.name for protocol in protocols for block in protocol.blocks if not block.analysed}
     currency = protocols[0].model.currency if protocols else ""
@@ -139,23 +156,41 @@ def _read_study(folder: Path, selection: Selection) -> tuple[pd.DataFrame, dict[
         calls = [event for event in log.part_events if isinstance(event, ModelCall) and event.state != "asked"]
         if not calls:
             continue
-        before = costs.get(_label(log.player), Costs())
-        costs[_label(log.player)] = Costs(
-            before.calls + len(calls),
-            before.invalid + sum(call.verdict == "invalid" for call in calls),
-            before.unknown + sum(call.state == "unknown" for call in calls),
-            before.tokens + sum(call.prompt_tokens + call.completion_tokens for call in calls),
-            before.price + sum(call.price for call in calls),
+        its = Costs(
+            len(calls),
+            sum(call.verdict == "invalid" for call in calls),
+            sum(call.state == "unknown" for call in calls),
+            sum(call.prompt_tokens + call.completion_tokens for call in calls),
+            sum(call.price for call in calls),
             currency,
-            before.declined + (log.end_reason == "declined"),
+            int(log.end_reason == "declined"),
         )
+        costs[log.player] = costs.get(log.player, Costs()).add(its)
     return rows[~rows["block"].isin(practice)], costs
 
 
-def _label(player: str) -> str:
-    """A player's name without the folder of its file."""
-    kind, colon, rest = player.partition(":")
-    return f"{kind}:{Path(rest).name}" if colon and kind == "policy" else player
+def _list_unfinished(logs: Iterable[SessionLog]) -> Iterator[dict[str, object]]:
+    """A failure at the step limit for each episode that a model's session left; none where it refused its consent."""
+    for log in logs:
+        if log.player.startswith(_MODELS) and log.end_reason != "declined":
+            left = find_remaining_episodes(log)
+            for plan in (plan for plan in log.plan.episodes if plan.episode in left):
+                place = {"participant": log.plan.participant.id, "session": log.plan.session, "block": plan.block_name}
+                level = {"world": plan.world, "seed": plan.seed, "episode_in_block": plan.episode_in_block + 1}
+                limit = {"steps": plan.max_steps, "max_steps": plan.max_steps}
+                yield {**place, **level, **limit, "player": log.player, "outcome": UNFINISHED, "success": False}
+
+
+def _name_players(players: Iterable[str]) -> dict[str, str]:
+    """Names without the folder of a policy's file, as far as that tells them apart."""
+    found = {player: player.partition(":") for player in players}
+    files = {player: Path(rest).parts for player, (kind, _, rest) in found.items() if kind == "policy"}
+    names: dict[str, str] = {}
+    for depth in range(1, 1 + max(map(len, files.values()), default=0)):
+        names = {player: f"policy:{'/'.join(parts[-depth:])}" for player, parts in files.items()}
+        if len(set(names.values())) == len(names):
+            break
+    return {player: names.get(player, player) for player in found}
 
 
 def _score(rows: pd.DataFrame, name: str, reference: str, costs: Costs, seed: int, draws: int) -> ScoredPlayer | None:
@@ -174,6 +209,8 @@ def _score(rows: pd.DataFrame, name: str, reference: str, costs: Costs, seed: in
         mine["run"].nunique(),
         len(mine),
         len(levels),
+        int((mine.merge(shared)["outcome"] == UNFINISHED).sum()),
+        len(mine.loc[~mine["path_known"]].merge(shared)[_LEVEL].drop_duplicates()),
         score,
         float(mine["excess_steps"].mean()),
         tuple(float(share) for share in success_by_episode),
@@ -185,13 +222,11 @@ def _runs(rows: pd.DataFrame, levels: pd.MultiIndex) -> Runs:
     reached = rows["success"].astype(float)
     values = rows.assign(
         success=reached,
-        spl=np.where(reached > 0, rows["spl"].fillna(1.0), 0.0),
+        spl=np.where(rows["path_known"], np.where(reached > 0, rows["spl"], 0.0), np.nan),
         steps=np.where(reached > 0, rows["steps"], rows["max_steps"]).astype(float),
     )
-    arrays = [
-        values.pivot_table(index="run", columns=_LEVEL, values=name, aggfunc="mean").reindex(columns=levels)
-        for name in ("success", "spl", "steps")
-    ]
+    means = values.groupby(["run", *_LEVEL])[["success", "spl", "steps"]].mean()
+    arrays = [means[name].unstack(_LEVEL).reindex(columns=levels) for name in means]
     return Runs(*(array.to_numpy(float) for array in arrays))
 
 
@@ -205,6 +240,11 @@ def _note(lines: Sequence[ScoredPlayer], reference: str, named: str, players: se
         if line.player != reference and not line.score.separable:
             people = next(one.runs for one in lines if one.player == reference)
             yield f"{people} of {reference} on {line.levels} levels cannot separate {line.player} from them"
+        if line.unfinished:
+            of = line.runs * line.levels
+            yield f"{line.player}: {line.unfinished} of {of} levels not finished; they count as failures at the limit"
+        if line.unknown_paths:
+            yield f"{line.player}: {line.unknown_paths} levels have no known shortest path and are in no efficiency"
         if line.costs.declined:
             yield f"{line.player} declined to take part in {line.costs.declined} sessions"
 
@@ -262,7 +302,7 @@ def format_scorecard(card: Scorecard) -> str:
 
 
 def _interval(one: Estimate) -> str:
-    return f"{one.value:.2f} [{one.low:.2f}, {one.high:.2f}]"
+    return "" if np.isnan(one.value) else f"{one.value:.2f} [{one.low:.2f}, {one.high:.2f}]"
 
 
 def _number(value: float) -> str:
@@ -287,6 +327,7 @@ def _values(line: ScoredPlayer) -> Mapping[str, object]:
         "runs": line.runs,
         "episodes": line.episodes,
         "levels": line.levels,
+        "unfinished": line.unfinished,
         **{
             f"{name}{end}": f"{getattr(one, what):.6g}"
             for name, one in named.items()

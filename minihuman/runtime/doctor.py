@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from minihuman import __version__
 from minihuman.display.windows.blocking_window import BlockingWindow, open_window
 from minihuman.errors import WindowError
 from minihuman.experiment.machine.inputs import KeyDown
@@ -54,7 +55,7 @@ _SLOWEST_FRAME_MS = 50.0  # 99 of 100 frames; longer is seen as a stutter
 _SLOWEST_SYNC_MS = 250.0  # 99 of 100; the writer's queue rides out less
 _LEAST_FREE_BYTES = 2 * 10**9
 _UNKNOWN_PERIOD_MS = 1000 / 60  # where no display refreshes
-_PACKAGES = ("minihuman", "numpy", "numba", "gymnasium", "mcap", "pygame-ce", "pyglet", "rerun-sdk")
+_PACKAGES = ("numpy", "numba", "gymnasium", "mcap", "pygame-ce", "pyglet", "rerun-sdk")
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +99,7 @@ def format_verdict(findings: list[Finding]) -> str:
 
 def _versions() -> Finding:
     found = [f"{platform.system()} {platform.machine()}", f"Python {platform.python_version()}"]
+    found.append(f"minihuman {__version__}")
     for package in _PACKAGES:
         try:
             found.append(f"{package} {version(package)}")

@@ -21,7 +21,7 @@ from minihuman.trust import SOURCE_FACT, list_world_sources
 from minihuman.worlds.contract import CLAUSES_VERSION, PICTURES_VERSION
 from minihuman.worlds.source_digest import rules_digest
 
-_PACKAGES = ("minihuman", "numpy", "numba", "gymnasium", "mcap", "pygame-ce", "pyglet", "minigrid", "miniworld")
+_PACKAGES = ("numpy", "numba", "gymnasium", "mcap", "pygame-ce", "pyglet", "minigrid", "miniworld")
 
 
 class SessionClock:
@@ -65,6 +65,7 @@ def collect_machine_facts() -> dict[str, str]:
         "python": platform.python_version(),
         "system": f"{platform.system()} {_numbers(platform.release())}",
         "machine": platform.machine(),
+        "version_minihuman": minihuman.__version__,
     }
     for package in _PACKAGES:
         try:

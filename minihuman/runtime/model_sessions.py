@@ -8,9 +8,8 @@ import threading
 import time
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -34,22 +33,22 @@ from minihuman.experiment.protocol.protocol import Protocol, decode_logged_proto
 from minihuman.experiment.protocol.specs import ModelSpec
 from minihuman.experiment.replay import resume_from_events
 from minihuman.log.model.session_log import CUT_OFF
-from minihuman.log.paths import LOG_SUFFIX, PART_SUFFIX
+from minihuman.log.paths import LOG_SUFFIX, MODELS_FOLDER, PART_SUFFIX
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.disk import GroupCommit, RecorderSettings
-from minihuman.log.record.file_lock import is_being_recorded
+from minihuman.log.record.file_lock import is_being_recorded, lock_file
 from minihuman.log.record.finalization import recover_log
 from minihuman.log.record.mcap_recorder import LeftoverSegment, McapRecorder, resume_segment
 from minihuman.log.record.recorder import WrappedRecorder
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
 from minihuman.runtime.session_loop import run_session
-from minihuman.simulation.chat_client import ChatAnswer, ChatClient, ModelUnavailableError, SeatClient
-from minihuman.simulation.model_seat import (
+from minihuman.simulation.chat_client import ChatAnswer, ChatClient, ModelClient, ModelUnavailableError
+from minihuman.simulation.model_conversation import (
     HOLD_MS,
     NS_PER_MS,
     WAIT,
     AnswerRule,
-    SeatRecord,
+    ConversationRecord,
     SpentTotals,
     count_price,
     end_call,
@@ -59,7 +58,6 @@ from minihuman.simulation.model_seat import (
 from minihuman.worlds.adapters.world import World
 
 PLAYER_PREFIX = "model:"
-MODELS_FOLDER = "models"  # of a data folder: models' studies lie there, apart from people's
 READING_MS = 1_000.0
 FRAME_NS = 16_666_667
 MAX_USELESS_KEYS = 100  # in a row, without a step
@@ -77,14 +75,11 @@ class ModelRun:
     """What the sessions of one run share: what they have spent, its limits, and whether it is to stop."""
 
     name: str  # "model:NAME", or "http:NAME" of a program
-    make_client: Callable[[ModelSpec], SeatClient]
+    make_client: Callable[[ModelSpec], ModelClient]
     max_price: float = 0.0
-    max_tokens: int = 0
-    max_s: float = 0.0
     changed: Callable[[SpentTotals], object] = lambda _: None
     spent: SpentTotals = field(default_factory=SpentTotals)
     stopped: str = ""  # why
-    began_s: float = field(default_factory=time.monotonic)
     lock: threading.Lock = field(default_factory=threading.Lock)
     group_commit: GroupCommit = field(default_factory=GroupCommit)  # of all calls in flight
 
@@ -94,7 +89,9 @@ class ModelRun:
         name = player.removeprefix(PLAYER_PREFIX)
 
         def make_client(spec: ModelSpec) -> ChatClient:
-            return ChatClient(name, temperature=spec.temperature, max_tokens=spec.max_tokens, timeout_s=spec.timeout_s)
+            known = {"temperature": spec.temperature, "max_tokens": spec.max_tokens}
+            settings = {one: known[one.replace("_completion", "")] for one in spec.request_fields}
+            return ChatClient(name, settings=settings, timeout_s=spec.timeout_s)
 
         return cls(player, make_client, **settings)
 
@@ -104,14 +101,8 @@ class ModelRun:
         Raises:
             RunStoppedError: if the run is to stop.
         """
-        spent, passed_s = self.spent, time.monotonic() - self.began_s
-        for limit, used, unit in (
-            (self.max_price, spent.price, "money"),
-            (self.max_tokens, spent.tokens, "tokens"),
-            (self.max_s, passed_s, "seconds"),
-        ):
-            if limit and used >= limit:
-                self.stop(f"the run's limit of {limit:g} {unit} is reached")
+        if self.max_price and self.spent.price >= self.max_price:
+            self.stop(f"the run's limit of {self.max_price:g} is reached")
         if self.stopped:
             raise RunStoppedError(f"{self.stopped}; run the same command again to resume with the next call")
 
@@ -136,7 +127,7 @@ class ModelWindow(Window):
         client: asks the model.
         spec: the protocol's settings.
         run: counts what is spent.
-        seat: the conversation so far.
+        record: the conversation so far.
         recorder: makes a call's events durable.
     """
 
@@ -144,31 +135,33 @@ class ModelWindow(Window):
         self,
         session: SessionMachine,
         clock: VirtualClock,
-        client: SeatClient,
+        client: ModelClient,
         spec: ModelSpec,
         run: ModelRun,
-        seat: SeatRecord,
+        record: ConversationRecord,
         recorder: "ResumableRecorder",
     ) -> None:
         self._session, self._clock, self._client = session, clock, client
-        self._spec, self._run, self._seat, self._recorder = spec, run, seat, recorder
+        self._spec, self._run, self._record, self._recorder = spec, run, record, recorder
         self._screen: Screen = TextScreen("", "", "")
         self._waited: Screen | None = None  # the screen for which the answer was to wait
         self._attempt = 1
         self._useless = 0
         self._step: tuple[int, int] | None = None  # episode and step at the last key
         self._question: tuple[str, int] = ("", 0)  # the last one, and how often it was asked in a row
-        last = seat.call
+        last = record.call
         if last is not None and last.state == "answered":  # of a program that was killed
             self._attempt = last.attempt + (last.verdict == "invalid")
         elif last is not None and last.state == "asked":
             price = count_price(spec, last.prompt_tokens, spec.max_tokens)
             self._take(end_call(last, "unknown", completion_tokens=spec.max_tokens, price=price))
+            if spec.unknown == "end":
+                self._stop("a call's answer was lost")
 
     def show(self, screen: Screen) -> ScreenShown:
         """Look at a screen; it is there one frame later."""
         self._screen = screen
-        self._seat.conversation.see(screen)
+        self._record.conversation.see(screen)
         submit_ns = self._clock()
         self._clock.advance_to(submit_ns + FRAME_NS)
         return ScreenShown(t_ns=self._clock(), submit_ns=submit_ns, flip_ns=self._clock())
@@ -179,13 +172,13 @@ class ModelWindow(Window):
         Raises:
             SessionLeft: if the model gives no answer, or the run is to stop.
         """
-        if not any(isinstance(one, KeyDown | PointerPressed | TextInput | Stop) for one in self._seat.coming):
+        if not any(isinstance(one, KeyDown | PointerPressed | TextInput | Stop) for one in self._record.coming):
             try:
                 self._think()
             except (ModelUnavailableError, RunStoppedError) as error:
                 self._recorder.leave = True
                 raise SessionLeft(error) from error
-        coming = self._seat.coming
+        coming = self._record.coming
         if not coming or (until_ns is not None and until_ns < coming[0].t_ns):
             assert until_ns is not None, "neither an input nor a deadline: this would wait for ever"
             self._clock.advance_to(until_ns)
@@ -220,7 +213,7 @@ class ModelWindow(Window):
 
     def _press(self, key: str) -> None:
         down_ns = self._clock() + round(READING_MS * NS_PER_MS)
-        self._seat.add([KeyDown(down_ns, key, key), KeyUp(down_ns + round(HOLD_MS * NS_PER_MS), key, key)])
+        self._record.add([KeyDown(down_ns, key, key), KeyUp(down_ns + round(HOLD_MS * NS_PER_MS), key, key)])
 
     def _decide(self, rule: AnswerRule) -> None:
         if reason := self._find_end(rule):
@@ -240,7 +233,7 @@ class ModelWindow(Window):
 
     def _find_end(self, rule: AnswerRule) -> str:
         """Why no further answer is asked for, "" for no reason."""
-        spec, spent, session = self._spec, self._seat.spent, self._session
+        spec, spent, session = self._spec, self._record.spent, self._session
         for limit, used, unit in (
             (spec.max_price, spent.price, spec.currency or "money"),
             (spec.max_session_tokens, spent.tokens, "tokens"),
@@ -259,7 +252,7 @@ class ModelWindow(Window):
         return f"a question was answered {MAX_SAME_QUESTION} times and not left" if again else ""
 
     def _stop(self, reason: str) -> None:
-        self._seat.coming = [Stop(self._clock(), "player_failed", reason)]
+        self._record.coming = [Stop(self._clock(), "player_failed", reason)]
 
     def _ask(self, rule: AnswerRule) -> ModelCall:
         """Ask until there is an answer, as often as the protocol says.
@@ -268,13 +261,13 @@ class ModelWindow(Window):
             ModelUnavailableError: if there is none.
             RunStoppedError: if the run is to stop.
         """
-        session, seat, spec = self._session, self._seat, self._spec
-        prompt = seat.conversation.build_prompt(self._screen, rule, session)
+        session, record, spec = self._session, self._record, self._spec
+        prompt = record.conversation.build_prompt(self._screen, rule, session)
         for failures in range(spec.retries + 1):
             self._run.check()
             asked = ModelCall(
                 self._clock(),
-                call=1 + (0 if seat.call is None else seat.call.call),
+                call=1 + (0 if record.call is None else record.call.call),
                 state="asked",
                 episode=session.next_episode,
                 step=0 if session.play is None else session.play.steps,
@@ -288,7 +281,7 @@ class ModelWindow(Window):
                 max_tokens=spec.max_tokens,
                 prompt_tokens=prompt.tokens,
             )
-            seat.rule = rule
+            record.rule = rule
             self._take(asked)
             try:
                 return self._read(asked, rule, self._client.ask(prompt))
@@ -320,7 +313,7 @@ class ModelWindow(Window):
 
     def _take(self, call: ModelCall) -> None:
         self._recorder.record(call)
-        self._seat.take(call)
+        self._record.take(call)
         if call.state != "asked":
             self._run.count(call)
 
@@ -371,17 +364,15 @@ def simulate_models(
     require_playable(protocol)
     data = data / MODELS_FOLDER
     study_dir = data / protocol.study.name
-    cut_off = find_cut_off(study_dir, run.name)[:participants]
-    require_free_slots(protocol, study_dir, participants - len(cut_off))
+    require_free_slots(protocol, study_dir, participants - len(list(_find_cut_off(study_dir, run.name))))
     run.make_client(protocol.model).close()  # an address that is none must not cost a slot
-    new = (None for _ in range(participants - len(cut_off)))
     waiting: set[Future[list[Path]]] = set()
     with ThreadPoolExecutor(parallel) as pool:
         try:
-            for part in chain(cut_off, new):
+            for _ in range(participants):
                 if len(waiting) == parallel:
                     waiting = yield from _yield_done(waiting)
-                waiting.add(pool.submit(play_participant, protocol, data, part, run))
+                waiting.add(pool.submit(play_participant, protocol, data, run))
             while waiting:
                 waiting = yield from _yield_done(waiting)
         except BaseException as error:
@@ -420,55 +411,67 @@ def require_playable(protocol: Protocol) -> None:
                 world.text()
 
 
-def find_cut_off(study_dir: Path, player: str) -> list[Path | str]:
+def _find_cut_off(study_dir: Path, player: str) -> Iterator[Path | str]:
     """What a killed or stopped run left: live files of this model, and codes of slots whose session has no plan yet."""
-    found: list[Path | str] = []
     for slot in read_enrolled(study_dir):
         folder = study_dir / slot.participant
         parts = sorted(folder.glob(f"ses-*/*{PART_SUFFIX}"))
         if any(is_being_recorded(part) for part in parts):
             continue
         try:
-            found += [part for part in parts if read_log(part).player == player]
+            yield from [part for part in parts if read_log(part).player == player]
         except LogError:  # nothing was asked before the plan was written
-            found.append(slot.participant)
+            yield slot.participant
         else:
-            found += [] if parts or list(folder.glob(f"ses-*/*{LOG_SUFFIX}")) else [slot.participant]
-    return found
+            yield from [] if parts or list(folder.glob(f"ses-*/*{LOG_SUFFIX}")) else [slot.participant]
 
 
-def play_participant(protocol: Protocol, data: Path, begun: Path | str | None, run: ModelRun) -> list[Path]:
+@contextmanager
+def _hold_slots(data: Path) -> Iterator[None]:
+    """Let one session at a time, of all threads and processes, choose its slot and make its live file."""
+    data.mkdir(parents=True, exist_ok=True)
+    with (data / ".slots.lock").open("ab") as file:
+        lock_file(file.fileno(), data)
+        yield
+
+
+def play_participant(protocol: Protocol, data: Path, run: ModelRun) -> list[Path]:
     """Play the sessions of one model to the study's end; return their logs.
+
+    It resumes a session that a killed or stopped run of this model left, and takes the next slot where there is none.
 
     Args:
         protocol: the study.
         data: the models' data folder.
-        begun: the live file that a killed run left, or the code whose session has none; None takes the next slot.
         run: whose sessions these are.
 
     Raises:
         MinihumanError: as `simulate_models`.
     """
     run.check()
-    path: Path | None
-    if isinstance(begun, Path) and (ended := read_log(begun)).end_reason != CUT_OFF:
-        path = _finish(begun)
-        plan, reason = ended.plan, ended.end_reason
-    elif isinstance(begun, Path):
-        left = resume_segment(begun)
-        assert isinstance(left.events[0], SessionStarted)
-        plan = left.events[0].plan
-        path, reason = _play(data, plan, run, left)
-    else:
-        with run.lock:
+    settings, left = RecorderSettings(group=run.group_commit), None
+    log: McapRecorder | None = None
+    with _hold_slots(data):
+        begun = next(_find_cut_off(data / protocol.study.name, run.name), None)
+        if isinstance(begun, Path) and (ended := read_log(begun)).end_reason != CUT_OFF:
+            path: Path | None = _finish(begun)
+            plan, reason = ended.plan, ended.end_reason
+        elif isinstance(begun, Path):
+            left = resume_segment(begun)
+            assert isinstance(left.events[0], SessionStarted)
+            plan = left.events[0].plan
+            log = McapRecorder(data, plan, started_ns=left.started_ns, settings=settings, left=left)
+        else:
             plan = plan_next_session(protocol, data, participant=begun, prefix="model")
-        path, reason = _play(data, plan, run)
+            log = McapRecorder(data, plan, started_ns=time.time_ns(), settings=settings)
+    if log is not None:
+        path, reason = _play(plan, run, log, left)
     logs = [path] if path else []
     for session in range(plan.session + 1, len(protocol.sessions) + 1):
         if reason != "complete":
             break
         plan = plan_next_session(protocol, data, participant=plan.participant.id, session=session, any_day=True)
-        path, reason = _play(data, plan, run)
+        path, reason = _play(plan, run, McapRecorder(data, plan, started_ns=time.time_ns(), settings=settings))
         logs += [path] if path else []
     return logs
 
@@ -480,30 +483,34 @@ def _finish(part: Path) -> Path:
     return log
 
 
-def _play(data: Path, plan: SessionPlan, run: ModelRun, left: LeftoverSegment | None = None) -> tuple[Path | None, str]:
+def _play(
+    plan: SessionPlan, run: ModelRun, log: McapRecorder, left: LeftoverSegment | None = None
+) -> tuple[Path | None, str]:
     """Play one session, or the rest of one; return its log and why it ended."""
     spec = decode_logged_protocol(plan.protocol_toml).model
-    clock, seat, unwritten = VirtualClock(), SeatRecord(spec), list[Event]()
-    settings = RecorderSettings(group=run.group_commit)
-    if left is None:
-        facts = {"player": run.name, **collect_machine_facts(), **collect_world_facts(list_world_ids(plan))}
-        session = SessionMachine(plan, World, facts | {"window": "model"}, picture_px=find_picture_size(spec))
-        log = McapRecorder(data, plan, started_ns=time.time_ns(), settings=settings)
-    else:
+    clock, record, recorder = VirtualClock(), ConversationRecord(spec), ResumableRecorder(log)
+    recorder.leave = True  # until it runs, an error leaves it to be resumed
+    try:
+        if left is None:
+            facts = {"player": run.name, **collect_machine_facts(), **collect_world_facts(list_world_ids(plan))}
+            session = SessionMachine(plan, World, facts | {"window": "model"}, picture_px=find_picture_size(spec))
+        else:
 
-        def follow(session: SessionMachine, event: Event | None) -> None:
-            if event is None or isinstance(event, ModelCall):
-                seat.follow(session, event)
-            else:
-                seat.see_input(event)
+            def follow(session: SessionMachine, event: Event | None) -> None:
+                if event is None or isinstance(event, ModelCall):
+                    record.follow(session, event)
+                else:
+                    record.see_input(event)
 
-        session, unwritten = resume_from_events(left.events, World, picture_px=find_picture_size(spec), follow=follow)
-        clock.advance_to(max(event.t_ns for event in left.events))
-        log = McapRecorder(data, plan, started_ns=left.started_ns, settings=settings, left=left)
-        log.begin(unwritten)
-    recorder = ResumableRecorder(log)
-    client = run.make_client(spec)
-    window = ModelWindow(session, clock, client, spec, run, seat, recorder)
+            picture_px = find_picture_size(spec)
+            session, unwritten = resume_from_events(left.events, World, picture_px=picture_px, follow=follow)
+            clock.advance_to(max(event.t_ns for event in left.events))
+            log.begin(unwritten)
+        window = ModelWindow(session, clock, run.make_client(spec), spec, run, record, recorder)
+    except BaseException:
+        recorder.close()
+        raise
+    recorder.leave = False
     try:
         path = run_session(session, window, recorder, clock, finished=record_log_end)
     except SessionLeft as left_at:

@@ -4,14 +4,16 @@ What it closes is the truth: a closed step never reopens. All it knows of an epi
 running session or log, so a server that was killed goes on from the longest of them.
 """
 
+import math
 import threading
 from bisect import bisect_left as bisect
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from minihuman.admin.enrolment_entries import TeamRecorded, list_team_entries
 from minihuman.admin.enrolment_log import now_text, record_team
@@ -19,7 +21,7 @@ from minihuman.admin.policies import PolicyStore
 from minihuman.agents.agent import BaseAgent, is_registered_agent, make_agent, make_policy_agent
 from minihuman.errors import AllocationError, WorldError
 from minihuman.experiment.activities.activity import ActivityRequest, RequestHandler
-from minihuman.experiment.activities.block_plans import PERSON, TeamPlan, TeamPlayPlan, find_seat_agent
+from minihuman.experiment.activities.block_plans import PERSON, SIMULATED, TeamPlan, TeamPlayPlan, find_seat_agent
 from minihuman.experiment.activities.team_play import (
     ActionSource,
     JointRequest,
@@ -28,21 +30,25 @@ from minihuman.experiment.activities.team_play import (
     ReadyRequest,
     SeatsReady,
     Team,
+    TeamEnded,
     TeamEpisode,
     TeamFormed,
     TeamJoined,
     TeamLost,
     TeamRequest,
 )
+from minihuman.experiment.machine.events import FINAL_END_REASONS, SessionEnded, SessionStarted
 from minihuman.experiment.machine.inputs import ActivityInput
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.plan.random_streams import draw_permutation, draw_words
-from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan
+from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart, SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
-from minihuman.log.paths import session_folder
+from minihuman.log.paths import PART_SUFFIX, session_folder
+from minihuman.log.read.reader import read_segment_starts
 from minihuman.log.read.session_reader import read_events
 from minihuman.log.system import monotonic_s
+from minihuman.simulation.participant import make_participant
 from minihuman.worlds.adapters.world import World
 
 PRESENCE_S = 3.0  # who waits in a lobby asks several times a second
@@ -94,7 +100,7 @@ class SeatAgent:
     def __init__(self, agent: BaseAgent, plan: EpisodePlan, team: Team, seat: int, seed: int) -> None:
         self._world = World(plan.world, {**plan.options, "seat": seat})
         self._world.reset(plan.seed)
-        self._agent, self._seat, self._steps = agent, seat, 0
+        self._agent, self._seat, self._steps, self._asked = agent, seat, 0, 0  # asked: in how many states so far
         self._stream = f"team-agent-{plan.block_name}-{plan.episode_in_block}-{seat}"
         self._seed, self._index = seed, team.index
         agent.begin(plan, self._world)
@@ -106,12 +112,12 @@ class SeatAgent:
             WorldError: if the agent gives no chance to any action.
         """
         for actions, _ in rows[self._steps :]:
-            if self._steps:  # an agent with a memory has to see every state
-                self._agent.action_probabilities(self._world)
+            if self._asked == self._steps:  # an agent with a memory has to see every state, and each once
+                self._ask()
             self._world.unwrapped.joint = actions
             self._world.step(actions[self._seat])
             self._steps += 1
-        chances = np.asarray(self._agent.action_probabilities(self._world), np.float64)
+        chances = self._ask()
         if chances.shape != (len(self._world.action_names),) or not chances.sum() > 0:
             raise WorldError(
                 f"the agent of seat {self._seat} must give a probability for each action, at least one of them above 0"
@@ -121,9 +127,31 @@ class SeatAgent:
         sums = np.cumsum(chances)
         return min(int(np.searchsorted(sums, (word >> 11) / 2**53 * sums[-1], side="right")), len(sums) - 1)
 
+    def _ask(self) -> NDArray[np.float64]:
+        self._asked = self._steps + 1
+        return np.asarray(self._agent.action_probabilities(self._world), np.float64)
+
     def close(self) -> None:
         """Close its world."""
         self._world.close()
+
+
+class _SimulatedAgent(BaseAgent):
+    """A simulated participant in a seat: acts by the keys that it presses, and idles at a key without an action."""
+
+    def __init__(self, argument: str, rng: np.random.Generator, pool: tuple[str, ...]) -> None:
+        super().__init__(argument)
+        self._participant, self._pool = make_participant(argument, rng), pool
+
+    def begin(self, plan: EpisodePlan, world: World) -> None:
+        self._keys: Mapping[str, str] = plan.key_map.keys
+        self._participant.begin(plan, self._pool, world)
+
+    def action_probabilities(self, world: World) -> NDArray[np.float32]:
+        press, names = self._participant.press(world), world.action_names
+        name = "" if press is None else self._keys.get(press.key, "")
+        number: int = names.index(name) if name in names else world.unwrapped.team.idle_action
+        return np.eye(len(names), dtype=np.float32)[number]
 
 
 @dataclass(slots=True)
@@ -150,9 +178,9 @@ class _TeamState:
     open_step: tuple[int, int] = (-1, 0)  # episode and step
     inputs: dict[int, int] = field(default_factory=dict)  # of the open step, by seat
     open_since_s: float = 0.0
+    keyed_s: dict[int, float] = field(default_factory=dict)  # by seat, when a key of its person's came last
     away: set[int] = field(default_factory=set)  # seats that the stand-in has
     left: bool = False  # a partner left, and the block ends
-    closed: set[int] = field(default_factory=set)  # seats whose sessions are over
     agents: dict[int, SeatAgent] = field(default_factory=dict)  # of the present episode, by seat
     agents_of: int = -1
 
@@ -175,7 +203,7 @@ class TeamTable:
         self._now_s = now_s
         self._changed = threading.Condition(threading.RLock())
         self._lobbies: dict[str, list[_Waiting]] = {}  # by block
-        self._teams: dict[tuple[str, str], _TeamState] = {}  # by team and block
+        self._teams: dict[tuple[str, int, str], _TeamState] = {}  # by team, session and block, as long as they play
         self._policies = PolicyStore(self._study_dir)
 
     @contextmanager
@@ -311,31 +339,57 @@ class TeamTable:
     # Playing
 
     def _state(self, want: ReadyRequest | JointRequest, member: "TeamMember") -> _TeamState:
-        key = (want.team.team, want.plan.block_name)
+        key = (want.team.team, member.plan.session, want.plan.block_name)
         state = self._teams.get(key)
         if state is None:
             state = self._teams[key] = _TeamState(want.team, want.rules)
-            self._restore(state, want.plan)
+            self._restore(state, key)
         state.members[want.team.seat] = member
         return state
 
-    def _restore(self, state: _TeamState, plan: EpisodePlan) -> None:
-        """What this team's logs already hold of this block, where a process before this one closed it."""
-        for entry in list_team_entries(self._study_dir):
-            if (entry.team, entry.block) != (state.team.team, plan.block_name):
-                continue
-            for code in entry.members.values():
-                folder = session_folder(self._data, self._protocol.study.name, code, entry.session)
-                for path in sorted(folder.glob("*.mcap*")):
-                    ours = False
-                    for event in read_events(path):
-                        match event:
-                            case TeamFormed():
-                                ours = event.team == state.team.team
-                            case JointStepped() if ours:
-                                rows = state.rows.setdefault(event.episode, [])
-                                if event.step == len(rows) + 1:
-                                    rows.append((event.actions, event.sources))  # type: ignore[arg-type]
+    def _restore(self, state: _TeamState, key: tuple[str, int, str]) -> None:
+        """What the logs of a team that still plays hold of this block, where a process before this one closed it.
+
+        Where every session of the team was over, it begins the episode anew that it did not complete.
+        """
+        people, done = self._people(state), set[int]()
+        segments = {
+            (int(started_ns), path, int(seat))
+            for entry in list_team_entries(self._study_dir)
+            if (entry.team, entry.session, entry.block) == key
+            for seat, code in entry.members.items()
+            for path in session_folder(self._data, self._protocol.study.name, code, entry.session).glob("*.mcap*")
+            for started_ns in read_segment_starts(path, first=True).values()
+        }
+        until_ns = 0.0  # when the last of the sessions so far ended
+        for start_ns, path, seat in [*sorted(segments), (math.inf, None, 0)]:
+            if start_ns > until_ns or len(people) == 1:
+                state.rows.clear()
+                state.left = False
+            if path is None:
+                break
+            parts: tuple[PlannedPart, ...] = ()
+            ours, end_ns = False, start_ns
+            for event in read_events(path):
+                end_ns = start_ns + event.t_ns
+                match event:
+                    case SessionStarted():
+                        parts = event.plan.parts
+                    case TeamFormed():
+                        ours = (event.team, parts[event.part].name) == (key[0], key[2])
+                    case JointStepped() if ours:
+                        rows = state.rows.setdefault(event.episode, [])
+                        if event.step == len(rows) + 1:
+                            rows.append((event.actions, event.sources))  # type: ignore[arg-type]
+                    case TeamEnded() if ours:
+                        state.left |= event.reason == "partner_left"
+                    case SessionEnded() if event.reason in FINAL_END_REASONS:
+                        done.add(seat)
+            until_ns = max(until_ns, math.inf if path.name.endswith(PART_SUFFIX) else end_ns)
+        for _, sources in state.rows[max(state.rows)][-1:] if state.rows else ():
+            state.away = {seat for seat in people if sources[seat] == "agent"}
+        if done:
+            self._replace(state, done)
 
     def ready(self, want: ReadyRequest, member: "TeamMember") -> SeatsReady | TeamLost | None:
         """Whether an episode may begin."""
@@ -343,14 +397,15 @@ class TeamTable:
         if state.left:
             return TeamLost(0, "partner_left")
         if not self._may_return(state, want.team.seat) and state.rules.team.partner_return == "end":
-            return self._retire(state, want.team.seat)
-        self._return(state, want.team.seat)
+            return TeamLost(0, "replaced")
+        state.away.discard(want.team.seat)
+        state.keyed_s[want.team.seat] = now_s
         here = state.ready.setdefault(episode, set())
         here.add(want.team.seat)
         since_s = state.ready_since_s.setdefault(episode, now_s)
         missing = self._people(state) - here - state.away
         if missing and not state.rows.get(episode):
-            if not missing <= state.closed and now_s - since_s < state.rules.team.partner_wait_s:
+            if now_s - since_s < state.rules.team.partner_wait_s:
                 return None
             if not self._replace(state, missing):
                 return TeamLost(0, "partner_left")
@@ -363,20 +418,24 @@ class TeamTable:
         rows, seat = state.rows.setdefault(episode, []), want.team.seat
         known = list(zip(play.joint_actions, play.sources, strict=True))
         rows += known[len(rows) :]
+        may_return, absent = self._may_return(state, seat), self._is_absent(state, want, now_s)
+        if want.action is not None and not may_return and state.rules.team.partner_return == "end":
+            return TeamLost(0, "replaced")
         if want.step <= len(rows):
+            if want.is_key and play.real_time and may_return:  # too late for this tick, in time for the next one
+                state.away.discard(seat)
             actions, sources = rows[want.step - 1]
             return JointTaken(0, episode, want.step, actions, sources)
         if state.left:
             return TeamLost(0, "partner_left")
         if state.open_step != (episode, want.step):
             state.open_step, state.inputs = (episode, want.step), {}
-        if want.action is not None and not self._may_return(state, seat):
-            if state.rules.team.partner_return == "end":
-                return self._retire(state, seat)
-        elif want.action is not None:
+        if absent and seat not in state.away and not self._replace(state, {seat}):
+            return TeamLost(0, "partner_left")
+        if want.action is not None and may_return and not absent:
             if not state.inputs:
                 state.open_since_s = now_s
-            self._return(state, seat)
+            state.away.discard(seat)
             state.inputs.setdefault(seat, want.action)
         if not state.inputs:
             return None
@@ -384,8 +443,7 @@ class TeamTable:
         waited_s = now_s - state.open_since_s
         late: set[int] = set()
         if missing:
-            gone = missing <= state.closed or waited_s >= state.rules.team.partner_wait_s
-            if gone:
+            if waited_s >= state.rules.team.partner_wait_s:
                 if not self._replace(state, missing):
                     return TeamLost(0, "partner_left")
             elif play.real_time and waited_s * 1000 >= state.rules.team.late_ms:
@@ -415,12 +473,17 @@ class TeamTable:
                 if seat not in state.agents:
                     name = find_seat_agent(state.rules.team.stand_in if kind == PERSON else kind)
                     seed = self._protocol.study.seed
-                    state.agents[seat] = SeatAgent(self._load(name), plan, state.team, seat, seed)
+                    agent = self._load(name, f"simulated-{plan.episode}-{seat}", state.team)
+                    state.agents[seat] = SeatAgent(agent, plan, state.team, seat, seed)
                 actions.append(state.agents[seat].choose(state.rows[plan.episode]))
                 sources.append("agent")
         return tuple(actions), tuple(sources)
 
-    def _load(self, name: str) -> BaseAgent:
+    def _load(self, name: str, purpose: str, team: Team) -> BaseAgent:
+        what, _, player = name.partition(":")
+        if what == SIMULATED:
+            [word] = draw_words(1, seed=self._protocol.study.seed, purpose=purpose, index=team.index)
+            return _SimulatedAgent(player, np.random.default_rng(int(word)), self._protocol.keys.pool)
         if is_registered_agent(name):
             return make_agent(name)
         return make_policy_agent(self._policies.checked(self._policies.keep(self._protocol.files[name])))
@@ -428,20 +491,19 @@ class TeamTable:
     def _people(self, state: _TeamState) -> set[int]:
         return {seat for seat, kind in enumerate(state.team.seats) if kind == PERSON}
 
-    def _return(self, state: _TeamState, seat: int) -> None:
-        """A person acts: the seat is theirs again."""
-        state.away.discard(seat)
-        state.closed.discard(seat)
-
     def _may_return(self, state: _TeamState, seat: int) -> bool:
         """Whether a seat is its person's, or is theirs again: who watches has it back if nobody else acts."""
-        rule, others = state.rules.team.partner_return or "seat", self._people(state) - state.away - state.closed
+        rule, others = state.rules.team.partner_return or "seat", self._people(state) - state.away
         return seat not in state.away or rule == "seat" or (rule == "watch" and not others)
 
-    def _retire(self, state: _TeamState, seat: int) -> TeamLost:
-        """Leave a seat to the stand-in for good; its person's session goes on behind the block."""
-        state.closed.add(seat)
-        return TeamLost(0, "replaced")
+    def _is_absent(self, state: _TeamState, want: JointRequest, now_s: float) -> bool:
+        """Whether a page gives its seat's idle action at each tick while its person presses no key."""
+        if want.is_key:
+            state.keyed_s[want.team.seat] = now_s
+        since_s = state.keyed_s.setdefault(want.team.seat, now_s)
+        gone = want.team.seat in state.away or now_s - since_s >= state.rules.team.partner_wait_s
+        others = self._people(state) - state.away - {want.team.seat}
+        return want.action is not None and not want.is_key and gone and bool(others)
 
     def _replace(self, state: _TeamState, missing: set[int]) -> bool:
         """Give seats to the stand-in; False where the block ends instead."""
@@ -452,16 +514,18 @@ class TeamTable:
         state.away |= missing
         return True
 
-    def leave(self, member: "TeamMember", team: str, block: str, seat: int) -> None:
+    def leave(self, member: "TeamMember") -> None:
         """A member's session is over: nobody waits for its input any more."""
         with self._changed:
             for lobby in self._lobbies.values():
                 lobby[:] = [one for one in lobby if one.member is not member]
-            if (state := self._teams.get((team, block))) is not None:
-                state.closed.add(seat)
-                if self._people(state) <= state.closed:
-                    self._close_agents(state)
-                self._tell(state.members.values())
+            for key, state in list(self._teams.items()):
+                for seat in [seat for seat, one in state.members.items() if one is member]:
+                    del state.members[seat]
+                    self._replace(state, {seat})
+                    self._tell(state.members.values())
+                if not state.members:
+                    self._close_agents(self._teams.pop(key))
 
     def _close_agents(self, state: _TeamState) -> None:
         for agent in state.agents.values():
@@ -497,7 +561,6 @@ class TeamMember(RequestHandler):
     ) -> None:
         self.table, self.plan, self.changed = table, plan, changed
         self._then, self._patient = then, patient
-        self._seat = ("", "", 0)  # team, block and seat
 
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
         """The team, the start of an episode or a joint action; None as long as others are waited for."""
@@ -520,16 +583,14 @@ class TeamMember(RequestHandler):
             case TeamRequest():
                 return self.table.join(want, self)
             case ReadyRequest():
-                self._seat = (want.team.team, want.plan.block_name, want.team.seat)
                 return self.table.ready(want, self)
             case JointRequest() if isinstance(play, TeamEpisode):
-                self._seat = (want.team.team, want.plan.block_name, want.team.seat)
                 return self.table.close_step(want, play, self)
         return None
 
     def close(self) -> None:
         """The session is over."""
-        self.table.leave(self, *self._seat)
+        self.table.leave(self)
         if self._then is not None:
             self._then.close()
 

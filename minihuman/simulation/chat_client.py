@@ -11,16 +11,27 @@ import os
 import re
 import ssl
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
 
 from minihuman.errors import MinihumanError, SimulationError
-from minihuman.simulation.model_seat import Prompt
+from minihuman.simulation.model_conversation import Prompt
 
 BASE_URL, API_KEY = "OPENAI_BASE_URL", "OPENAI_API_KEY"
 DEFAULT_URL = "https://api.openai.com/v1"
 MAX_ANSWER_BYTES = 8_000_000
+MAX_ERROR = 300  # characters of what a provider says of an error
+MAX_TOKENS = 1_000_000_000  # that a call can have taken
+MIN_SECRET = 8  # characters: what is shorter is a dummy, and may be part of an answer
+# what a provider's error may hold beside its reason: addresses, keys cut short, ids of requests and accounts, paths
+_PRIVATE = re.compile(
+    r"https?://\S+|\b\d{1,3}(?:\.\d{1,3}){3}(?::\d+)?|\b(?:sk|req|org|proj|user|acct|chatcmpl)[-_][^\s,;'\")]+"
+    r"|\b[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}\b|(?:[/\\][\w.~-]+){2,}"
+)
+
+_NOT_A_COMPLETION = (ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError, RecursionError)
 
 
 class ModelUnavailableError(MinihumanError, OSError):
@@ -45,7 +56,7 @@ class ChatAnswer:
     latency_ms: float
 
 
-class SeatClient(abc.ABC):
+class ModelClient(abc.ABC):
     """Answers for whoever sits in a participant's place; each session has its own."""
 
     model: str  # its name, as the log is to hold it
@@ -63,29 +74,39 @@ class SeatClient(abc.ABC):
         """Let go of what is open. A second call does nothing."""
 
 
-class ChatClient(SeatClient):
+class ChatClient(ModelClient):
     """A connection to one model.
 
     Args:
         model: the name that the endpoint knows it by.
+        settings: what a request holds beside the model and its messages, such as ``{"temperature": 0.0}``.
         timeout_s: how long an answer may take.
 
     Raises:
-        SimulationError: if the endpoint's address is none.
+        SimulationError: if the endpoint's address is none, or no header can hold the key.
     """
 
-    def __init__(self, model: str, *, temperature: float, max_tokens: int, timeout_s: float) -> None:
+    def __init__(self, model: str, *, settings: Mapping[str, float], timeout_s: float) -> None:
         self.model = model
-        self._settings = {"temperature": temperature, "max_tokens": max_tokens}
+        self._settings = settings
         self._timeout_s = timeout_s
-        self._key = os.environ.get(API_KEY, "")
-        url = urlsplit(os.environ.get(BASE_URL) or DEFAULT_URL)
-        if url.scheme not in ("http", "https") or not url.hostname:
+        self._key = os.environ.get(API_KEY, "").strip()
+        if not (self._key.isascii() and self._key.isprintable()):
+            raise SimulationError(
+                f"{API_KEY} holds a character that a header cannot; set it to the key alone, in printable ASCII"
+            )
+        address = os.environ.get(BASE_URL, "").strip() or DEFAULT_URL
+        try:
+            url = urlsplit(address)
+            host, self._port = url.hostname, url.port
+        except ValueError:  # its text holds the address
+            host = None
+        if not host or url.scheme not in ("http", "https") or re.search(r"[^!-~]", address):
             raise SimulationError(
                 f"{BASE_URL} is not a valid URL; set it to one such as https://HOST/v1, or unset it to use OpenAI's"
             )
         self._tls = ssl.create_default_context() if url.scheme == "https" else None
-        self._host, self._port, self._path = url.hostname, url.port, f"{url.path.rstrip('/')}/chat/completions"
+        self._host, self._path = host, f"{url.path.rstrip('/')}/chat/completions"
         self._connection: http.client.HTTPConnection | None = None
 
     def ask(self, prompt: Prompt) -> ChatAnswer:
@@ -98,13 +119,15 @@ class ChatClient(SeatClient):
         started_s = time.perf_counter()
         try:
             status, content = self._post(body)
-        except (OSError, http.client.HTTPException) as error:
+        except (OSError, http.client.HTTPException, ValueError) as error:
             self.close()
             name = "timeout" if isinstance(error, TimeoutError) else type(error).__name__
-            raise ModelUnavailableError(name, temporary=True) from None  # an error's text may hold the address
+            # an error's text may hold the address
+            raise ModelUnavailableError(name, temporary=not isinstance(error, ValueError)) from None
         latency_ms = (time.perf_counter() - started_s) * 1_000
         if status != 200:
-            raise ModelUnavailableError(f"HTTP {status}", temporary=status in (408, 409, 429) or status >= 500)
+            reason = ": ".join(filter(None, [f"HTTP {status}", self._read_error(content)]))
+            raise ModelUnavailableError(reason, temporary=status in (408, 409, 429) or status >= 500)
         return self._read(content, latency_ms)
 
     def close(self) -> None:
@@ -138,17 +161,25 @@ class ChatClient(SeatClient):
                 reasoning=self._clean(message.get("reasoning") or message.get("reasoning_content")),
                 model=_drop_folder(self._clean(found.get("model"))) or self.model,
                 finish_reason=self._clean(choice.get("finish_reason")),
-                prompt_tokens=max(0, int(usage.get("prompt_tokens") or 0)),
-                completion_tokens=max(0, int(usage.get("completion_tokens") or 0)),
+                prompt_tokens=min(MAX_TOKENS, max(0, int(usage.get("prompt_tokens") or 0))),
+                completion_tokens=min(MAX_TOKENS, max(0, int(usage.get("completion_tokens") or 0))),
                 latency_ms=latency_ms,
             )
-        except (ValueError, KeyError, IndexError, TypeError, AttributeError):
+        except _NOT_A_COMPLETION:
             raise ModelUnavailableError("not a chat completion", temporary=False) from None
+
+    def _read_error(self, content: bytes) -> str:
+        """What the provider says of an error, in one line without what is private; "" where it says nothing."""
+        try:
+            said = self._clean(json.loads(content)["error"]["message"])
+        except _NOT_A_COMPLETION:
+            return ""
+        return _PRIVATE.sub("[...]", " ".join(said.replace(self._host, "[...]").split()))[:MAX_ERROR]
 
     def _clean(self, text: Any) -> str:
         """A text without the key, whatever a server echoes."""
         cleaned = (text if isinstance(text, str) else "").encode("utf-8", "replace").decode()
-        return cleaned.replace(self._key, "[key]") if self._key else cleaned
+        return cleaned.replace(self._key, "[key]") if len(self._key) >= MIN_SECRET else cleaned
 
 
 def _drop_folder(model: str) -> str:

@@ -20,6 +20,8 @@ LEVEL = 0.95
 RESAMPLES = 9_999
 ALPHA = 0.05
 LEAST_PER_GROUP = 5  # participants per group, below whom nothing is standardised
+LEAST_ESTIMATED = 4  # below whom a difference has no interval: of 2 against 18 it would hold the truth in 0.994
+LEAST_FREEDOM = 5  # residual degrees of freedom, below which nothing is adjusted for covariates
 _SMALL = 10  # participants in the smaller of unequal groups, below whom t floors p
 _AT_ONCE = 200_000  # values permuted at a time
 _KEPT_SIZE = 200  # participants, up to whom regroupings are kept for the next measure: 16 MB
@@ -77,7 +79,7 @@ def compare_groups(
     pairs = [(measure, a, b) for measure in measures for a, b in combinations(groups, 2)]
     tests = permutation_tests([(values[a, measure], values[b, measure]) for measure, a, b in pairs])
     found = [
-        _compare(
+        compare_pair(
             measure,
             (a, values[a, measure]),
             (b, values[b, measure]),
@@ -90,14 +92,14 @@ def compare_groups(
     return correct_comparisons(found)
 
 
-def _compare(
+def compare_pair(
     measure: str,
     first: tuple[str, Values],
     second: tuple[str, Values],
-    test: "PermutationTest | None",
+    test: "PermutationTest | AdjustedTest | None",
     *,
     is_log: bool,
-    intervals: bool,
+    intervals: bool = True,
 ) -> GroupComparison:
     """Compare two groups, each a name and one value a participant."""
     (first_name, a), (second_name, b) = first, second
@@ -118,6 +120,9 @@ def _compare(
     if max(spreads) == 0:
         return replace(one, reason="nobody in either group differs from the others")
     one = replace(one, interval=test.interval())
+    if min(n) < LEAST_ESTIMATED:
+        few = first_name if n[0] <= n[1] else second_name
+        return replace(one, reason=f"{min(n)} in {few}: an interval needs {LEAST_ESTIMATED} per group")
     if min(spreads) == 0:
         alike, at = (first_name, shown[0]) if spreads[0] == 0 else (second_name, shown[1])
         return replace(one, reason=f"everybody in {alike} is at {at:g}: no standardised difference")
@@ -205,11 +210,88 @@ class PermutationTest:
         as_far = int(np.count_nonzero(t >= least * (1 - _TIES)))
         return (as_far + self.drawn) / (len(t) + self.drawn)
 
+    @property
+    def has_interval(self) -> bool:
+        """Whether values vary, and groups are large enough for an interval and for p < 0.05."""
+        return self.error > 0 and min(self.n) >= LEAST_ESTIMATED and smallest_p(self.n) < ALPHA
+
     def interval(self) -> tuple[float, float]:
-        """The 95 % interval of the difference; NaN where no difference could have p < 0.05."""
-        if not self.error > 0 or smallest_p(self.n) >= ALPHA:
-            return _NOTHING
+        """The 95 % interval of the difference; NaN where it has none."""
+        return invert_test(self.p, self.difference, self.error) if self.has_interval else _NOTHING
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AdjustedTest:
+    """The permutation test of a difference of two groups at equal covariates (an analysis of covariance).
+
+    Residuals of the model without groups are permuted and the whole model is fitted to them again (Freedman and Lane,
+    1983), so that p counts the error of the slopes. Studentised by HC3 (DiCiccio and Romano, 2017); p is no smaller
+    than the t with the residual degrees of freedom has it where that of the permutation test of means would not be. The
+    interval inverts the same test.
+    """
+
+    n: tuple[int, int]
+    difference: float
+    error: float  # HC3
+    freedom: int  # residual
+    shifts: Values  # (permutations,) what each permutation estimates of the residuals
+    own_shifts: Values  # (permutations,) and of the groups less what covariates predict of them
+    squares: Values  # (3, permutations) squared error: of a shift of 0, and its first and second power's coefficients
+
+    def p(self, shift: float = 0.0) -> float:
+        """The two-sided p of an adjusted difference of ``shift``."""
+        observed = abs(self.difference - shift) / self.error
+        d = -shift
+        error = self.squares[0] + 2 * d * self.squares[1] + d * d * self.squares[2]
+        apart = np.abs(self.shifts + d * self.own_shifts) / np.sqrt(np.maximum(error, 1 / _LARGEST_T))
+        regrouped = (int(np.count_nonzero(apart >= observed * (1 - _TIES))) + 1) / (len(apart) + 1)
+        floor = floor_freedom(self.n, self.freedom)
+        return max(regrouped, float(2 * special.stdtr(floor, -observed))) if floor else regrouped
+
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval of the adjusted difference."""
         return invert_test(self.p, self.difference, self.error)
+
+
+def adjust_groups(a: tuple[Values, Values], b: tuple[Values, Values]) -> tuple[Values, Values, AdjustedTest] | None:
+    """Two groups' values at the covariates' means, and the test of their difference.
+
+    Args:
+        a: values (n,) and covariates (n, covariates) of the first group.
+        b: of the second group.
+
+    Returns:
+        None where fewer than LEAST_FREEDOM residual degrees of freedom are left, a group has fewer than
+        LEAST_ESTIMATED, or the covariates leave nothing to compare.
+    """
+    n, m = len(a[0]), len(b[0])
+    values, covariates = (np.concatenate(both) for both in zip(a, b, strict=True))
+    freedom = n + m - 2 - covariates.shape[1]
+    if freedom < LEAST_FREEDOM or min(n, m) < LEAST_ESTIMATED:
+        return None
+    centred = covariates - covariates.mean(axis=0)
+    basis = np.linalg.qr(np.column_stack([np.ones(n + m), centred]))[0]
+    groups = (np.arange(n + m) < n).astype(float)
+    x, e = (one - basis @ (basis.T @ one) for one in (groups, values))
+    scale = float(x @ x)
+    if scale <= _NO_SPREAD * (n + m) or e @ e <= _NO_SPREAD * float(values @ values):
+        return None
+    weights = (x / scale / np.maximum(1 - (basis**2).sum(axis=1) - x**2 / scale, _TIES)) ** 2
+
+    def fit(rows: Values) -> tuple[Values, Values]:
+        rows = rows - (rows @ basis) @ basis.T
+        shifts = rows @ x / scale
+        return shifts, rows - shifts[:, None] * x
+
+    (difference,), residuals = fit(e[None])
+    order = np.random.default_rng(SEED).permuted(np.tile(np.arange(n + m), (RESAMPLES, 1)), axis=1)
+    (shifts, left), (own_shifts, own_left) = fit(e[order]), fit(x[order])
+    squares = np.stack([left**2 @ weights, (left * own_left) @ weights, own_left**2 @ weights])
+    error = math.sqrt(float(residuals[0] ** 2 @ weights))
+    test = AdjustedTest((n, m), float(difference), error, freedom, shifts, own_shifts, squares)
+    slopes = np.linalg.lstsq(centred, values - difference * (groups - groups.mean()) - values.mean(), rcond=None)[0]
+    adjusted = values - centred @ slopes
+    return adjusted[:n], adjusted[n:], test
 
 
 def invert_test(p: Callable[[float], float], estimate: float, error: float) -> tuple[float, float]:

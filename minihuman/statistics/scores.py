@@ -45,7 +45,8 @@ class Runs:
 
     Attributes:
         success: (runs, levels), 1 or 0; means over a run's repeated episodes.
-        efficiency: (runs, levels), the fewest steps over the steps taken, 0 without success.
+        efficiency: (runs, levels), the fewest steps over the steps taken, 0 without success; NaN where the fewest are
+            not known.
         steps: (runs, levels), the step limit without success.
     """
 
@@ -68,11 +69,7 @@ class PlayerScore:
     normalised: Estimate  # 0: the floor; 1: the reference
     relative_efficiency: Estimate  # the reference's steps over the player's
     difference: Estimate  # of success from the reference's
-
-    @property
-    def separable(self) -> bool:
-        """Whether the data tell the player from the reference, in success or in steps."""
-        return not (self.difference.holds(0.0) and self.relative_efficiency.holds(1.0))
+    separable: bool  # whether the data tell the two apart, in success or in steps, with an error of 5 % over both
 
 
 def score_player(
@@ -96,18 +93,18 @@ def score_player(
     of_player = _draw_weights(rng, len(player.success), draws)
     of_reference = _draw_weights(rng, len(reference.success), draws)
     of_floor = None if floor is None else _draw_weights(rng, len(floor.success), draws)
-    means = {
-        name: _weighted_mean(getattr(player, name), of_player, level_weights)
-        for name in ("success", "efficiency", "steps")
-    }
-    theirs = {
-        name: _weighted_mean(getattr(reference, name), of_reference, level_weights)
-        for name in ("success", "efficiency", "steps")
-    }
+    means, theirs = (
+        {
+            name: _weighted_mean(getattr(who, name), weights, level_weights)
+            for name in ("success", "efficiency", "steps")
+        }
+        for who, weights in ((player, of_player), (reference, of_reference))
+    )
     least = np.zeros(draws + 1) if floor is None else _weighted_mean(floor.efficiency, of_floor, level_weights)
     with np.errstate(invalid="ignore", divide="ignore"):
         normalised = (means["efficiency"] - least) / (theirs["efficiency"] - least)
         relative = theirs["steps"] / means["steps"]
+    differences = means["success"] - theirs["success"]
     if same:  # one value by definition; the spread is that of people against their mean
         normalised[0] = relative[0] = 1.0
     return PlayerScore(
@@ -115,7 +112,8 @@ def score_player(
         efficiency=_estimate(means["efficiency"], 0, 1),
         normalised=_estimate(normalised),
         relative_efficiency=_estimate(relative),
-        difference=_estimate(means["success"] - theirs["success"]),
+        difference=_estimate(differences),
+        separable=_excludes(differences, 0.0) or _excludes(relative, 1.0),
     )
 
 
@@ -136,10 +134,16 @@ def _weighted_mean(values: Array, rows: Array | None, columns: Array) -> Array:
     return mean
 
 
-def _estimate(drawn: Array, least: float = -np.inf, most: float = np.inf) -> Estimate:
+def _excludes(drawn: Array, value: float) -> bool:
+    """Whether the interval of 97.5 %, one of two tests, leaves out a value; False where it cannot be known."""
+    interval = _estimate(drawn, share=0.975)
+    return interval.high < value or interval.low > value
+
+
+def _estimate(drawn: Array, least: float = -np.inf, most: float = np.inf, *, share: float = 0.95) -> Estimate:
     """The sample's value, and the percentile interval of the draws."""
     known = drawn[1:][np.isfinite(drawn[1:])]
     if not len(known) or not np.isfinite(drawn[0]):
         return Estimate(float(drawn[0]), np.nan, np.nan)
-    low, high = np.quantile(known, (0.025, 0.975))
+    low, high = np.quantile(known, ((1 - share) / 2, (1 + share) / 2))
     return Estimate(float(drawn[0]), float(max(least, low)), float(min(most, high)))

@@ -66,15 +66,6 @@ def kaplan_meier(waited: SurvivalTimes) -> SurvivalCurve:
     return SurvivalCurve(times, share, at_risk)
 
 
-def restricted_mean(waited: SurvivalTimes, until: float) -> float:
-    """The mean time waited up to ``until``: the area under the curve."""
-    found = kaplan_meier(waited)
-    inside = found.times < until
-    edges = np.concatenate([[0.0], found.times[inside], [until]])
-    heights = np.concatenate([[1.0], found.share[inside]])
-    return float(np.sum(np.diff(edges) * heights))
-
-
 def compare_survival(first: SurvivalTimes, second: SurvivalTimes) -> SurvivalComparison | None:
     """Two groups compared by restricted means and the log-rank test; None where a group has fewer than two.
 

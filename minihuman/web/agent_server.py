@@ -2,14 +2,16 @@
 same as tools of the Model Context Protocol, for a language model that plays by calling tools (extra ``mcp``).
 
 A program begins a session, gets each screen as JSON with its picture as PNG, and answers it. Its sessions are recorded
-and proved like a model's. Requests are bounded, a session is known by a secret of 128 bits, and a program that stays
-away leaves a log that the same name resumes.
+and proved like a model's. Connections, sessions, and requests' sizes and times are bounded; web pages are refused; a
+session is known by a secret of 128 bits, and a program that stays away leaves a log that the same name resumes.
 """
 
 import base64
 import json
 import queue
+import re
 import secrets
+import socket
 import threading
 import time
 from dataclasses import dataclass, field
@@ -20,25 +22,23 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 from minihuman.errors import MinihumanError
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.protocol.specs import ModelSpec
+from minihuman.log.paths import MODELS_FOLDER
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.disk import GroupCommit
-from minihuman.runtime.model_sessions import (
-    MODELS_FOLDER,
-    ModelRun,
-    find_cut_off,
-    play_participant,
-    require_playable,
-)
-from minihuman.simulation.chat_client import ChatAnswer, ModelUnavailableError, SeatClient
-from minihuman.simulation.model_seat import RULES, Prompt
+from minihuman.runtime.model_sessions import ModelRun, play_participant, require_playable
+from minihuman.simulation.chat_client import ChatAnswer, ModelClient, ModelUnavailableError
+from minihuman.simulation.model_conversation import RULES, Prompt
 
 if TYPE_CHECKING:
     from mcp.server.mcpserver import MCPServer
 
 MAX_BODY_BYTES = 65_536
 MAX_NAME = 40
-MAX_SESSIONS = 64  # at a time
+MAX_SESSIONS = 64  # at a time, and ended ones that are remembered
+MAX_THREADS = 512  # of sessions, and two of each connection
 ANSWER_WAIT_S = 60.0  # for the screen after an answer
+REQUEST_S = 120.0  # from one answer to the next, and for a client to take one
+LOCAL_HOSTS = ("127.0.0.1", "localhost", "[::1]")
 
 
 def is_valid_name(name: object) -> TypeGuard[str]:
@@ -46,7 +46,7 @@ def is_valid_name(name: object) -> TypeGuard[str]:
     return isinstance(name, str) and name.isprintable() and 0 < len(name) <= MAX_NAME
 
 
-class ProgramClient(SeatClient):
+class ProgramClient(ModelClient):
     """Hands screens to a program and takes its answers, each with a number, so that none counts twice."""
 
     def __init__(self, name: str, timeout_s: float) -> None:
@@ -56,7 +56,7 @@ class ProgramClient(SeatClient):
         self._answers: queue.Queue[str] = queue.Queue()
         self._prompt: Prompt | None = None
         self._number = 0
-        self._over = ""
+        self.over = ""
 
     def ask(self, prompt: Prompt) -> ChatAnswer:
         """Show a screen and wait for the program.
@@ -80,7 +80,7 @@ class ProgramClient(SeatClient):
     def end(self, reason: str) -> None:
         """Say that there is no further screen, and why."""
         with self._changed:
-            self._prompt, self._over = None, reason
+            self._prompt, self.over = None, reason
             self._changed.notify_all()
 
     def answer(self, number: int, text: str) -> bool:
@@ -95,9 +95,9 @@ class ProgramClient(SeatClient):
     def read_screen(self) -> dict[str, Any]:
         """The screen that waits for an answer, or how the session ended, as JSON values."""
         with self._changed:
-            self._changed.wait_for(lambda: self._prompt is not None or self._over, ANSWER_WAIT_S)
+            self._changed.wait_for(lambda: self._prompt is not None or self.over, ANSWER_WAIT_S)
             if self._prompt is None:
-                return {"number": self._number, "over": self._over or None}
+                return {"number": self._number, "over": self.over or None}
             prompt, rule = self._prompt, self._prompt.rule
             return {
                 "number": self._number,
@@ -116,7 +116,7 @@ class ProgramClient(SeatClient):
 
 
 @dataclass(slots=True)
-class ProgramSeats:
+class ProgramSessions:
     """The sessions of programs.
 
     Args:
@@ -129,7 +129,7 @@ class ProgramSeats:
 
     protocol: Protocol
     data: Path
-    clients: dict[str, ProgramClient] = field(default_factory=dict)  # by secret; those of ended sessions, too
+    clients: dict[str, ProgramClient] = field(default_factory=dict)  # by secret; the last ended sessions', too
     threads: list[threading.Thread] = field(default_factory=list)
     lock: threading.Lock = field(default_factory=threading.Lock)
     group_commit: GroupCommit = field(default_factory=GroupCommit)
@@ -139,9 +139,11 @@ class ProgramSeats:
         require_playable(self.protocol)
 
     def begin(self, name: str) -> tuple[str, ProgramClient] | None:
-        """Begin a program's session, or resume one of that name; None if too many run."""
+        """Begin a program's session, or resume one of that name that was left; None if too many run."""
         with self.lock:
             self.threads = [thread for thread in self.threads if thread.is_alive()]
+            for ended in [secret for secret, client in self.clients.items() if client.over][:-MAX_SESSIONS]:
+                del self.clients[ended]
             if len(self.threads) >= MAX_SESSIONS:
                 return None
             secret = secrets.token_urlsafe(16)
@@ -156,11 +158,9 @@ class ProgramSeats:
         def make_client(_: ModelSpec) -> ProgramClient:
             return client
 
-        run = ModelRun(f"http:{client.model}", make_client, lock=self.lock, group_commit=self.group_commit)
+        run = ModelRun(f"http:{client.model}", make_client, group_commit=self.group_commit)
         try:
-            with self.lock:
-                left = find_cut_off(data / self.protocol.study.name, run.name)
-            logs = play_participant(self.protocol, data, left[0] if left else None, run)
+            logs = play_participant(self.protocol, data, run)
             client.end(read_log(logs[-1]).end_reason if logs else "complete")
         except MinihumanError as error:
             client.end(type(error).__name__)
@@ -169,7 +169,7 @@ class ProgramSeats:
             raise
 
 
-def make_agent_server(seats: ProgramSeats, *, port: int, host: str = "127.0.0.1") -> ThreadingHTTPServer:
+def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.0.0.1") -> ThreadingHTTPServer:
     """Make the server; ``serve_forever`` runs it.
 
     ``POST /sessions`` with ``{"name": ...}`` begins a session, ``POST /sessions/SECRET`` with ``{"number": n, "answer":
@@ -178,17 +178,25 @@ def make_agent_server(seats: ProgramSeats, *, port: int, host: str = "127.0.0.1"
 
     class Handler(BaseHTTPRequestHandler):
         protocol_version = "HTTP/1.1"
-        timeout = 120  # seconds, for a client that sends nothing
+        timeout = REQUEST_S
+
+        def handle_one_request(self) -> None:
+            """Give a request its time, however slowly its bytes come."""
+            watchdog = threading.Timer(REQUEST_S, self.connection.shutdown, (socket.SHUT_RD,))
+            watchdog.start()
+            try:
+                super().handle_one_request()
+            finally:
+                watchdog.cancel()
 
         def do_GET(self) -> None:
             """Read the screen again."""
-            if (client := self._client()) is not None:
+            if self._is_local() and (client := self._client()) is not None:
                 self._reply(200, client.read_screen())
 
         def do_POST(self) -> None:
             """Begin a session or answer its screen."""
-            body = self._body()
-            if body is None:
+            if not self._is_local() or (body := self._body()) is None:
                 return
             if self.path == "/sessions":
                 self._begin(body)
@@ -196,7 +204,7 @@ def make_agent_server(seats: ProgramSeats, *, port: int, host: str = "127.0.0.1"
                 number, answer = body.get("number"), body.get("answer")
                 if not isinstance(number, int) or not isinstance(answer, str):
                     self._reply(400, {"error": 'send {"number": the screen\'s, "answer": a text}'})
-                elif not client.answer(number, answer):
+                elif not client.answer(number, answer.encode("utf-8", "replace").decode()):
                     self._reply(409, {"error": f"screen {number} does not wait for an answer", **client.read_screen()})
                 else:
                     self._reply(200, client.read_screen())
@@ -205,23 +213,37 @@ def make_agent_server(seats: ProgramSeats, *, port: int, host: str = "127.0.0.1"
             name = body.get("name")
             if not is_valid_name(name):
                 self._reply(400, {"error": f"name is a text of 1 to {MAX_NAME} characters"})
-            elif (begun := seats.begin(name)) is None:
+            elif (begun := programs.begin(name)) is None:
                 self._reply(503, {"error": f"{MAX_SESSIONS} sessions run already; try again later"})
             else:
                 secret, client = begun
                 self._reply(201, {"session": f"/sessions/{secret}", **client.read_screen()})
 
         def _client(self) -> ProgramClient | None:
-            found = seats.clients.get(self.path.removeprefix("/sessions/"))
+            found = programs.clients.get(self.path.removeprefix("/sessions/"))
             if found is None:
                 self._reply(404, {"error": "there is no such session; begin one with POST /sessions"})
             return found
 
+        def _is_local(self) -> bool:
+            """Whether a program asks; a web page's request, or one by another name of this machine, is refused."""
+            named = re.sub(r":\d*$", "", self.headers.get("Host", ""))
+            local = named in (*LOCAL_HOSTS, host) and "Origin" not in self.headers
+            if not local:
+                self._refuse(403, "only programs on this machine may play; ask for http://127.0.0.1 and the port")
+            return local
+
+        def _refuse(self, status: int, error: str) -> None:
+            self.close_connection = True  # a body may follow that is not read
+            self._reply(status, {"error": error})
+
         def _body(self) -> dict[str, Any] | None:
             length = self.headers.get("Content-Length", "")
-            if not length.isdecimal() or int(length) > MAX_BODY_BYTES:
-                self.close_connection = True
-                self._reply(413, {"error": f"send a body of at most {MAX_BODY_BYTES} bytes with its length"})
+            if not length.isdecimal() or len(length) > 9 or int(length) > MAX_BODY_BYTES:
+                self._refuse(413, f"send a body of at most {MAX_BODY_BYTES} bytes with its length")
+                return None
+            if self.headers.get_content_type() != "application/json":
+                self._refuse(415, "send JSON, with the header Content-Type: application/json")
                 return None
             try:
                 found = json.loads(self.rfile.read(int(length)))
@@ -243,9 +265,21 @@ def make_agent_server(seats: ProgramSeats, *, port: int, host: str = "127.0.0.1"
         def log_message(self, format: str, *arguments: Any) -> None:
             """Say nothing: a line would hold an address and a secret."""
 
-    server = ThreadingHTTPServer((host, port), Handler)
-    server.daemon_threads = True
-    return server
+    return _BoundedServer((host, port), Handler)
+
+
+class _BoundedServer(ThreadingHTTPServer):
+    """A thread for each connection, and no connection more than there may be threads."""
+
+    daemon_threads = True
+    request_queue_size = 64
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Serve a connection, or close one that is too many."""
+        if threading.active_count() >= MAX_THREADS:
+            self.shutdown_request(request)
+        else:
+            super().process_request(request, client_address)
 
 
 _INSTRUCTIONS = (
@@ -254,23 +288,23 @@ _INSTRUCTIONS = (
 )
 
 
-def make_mcp_server(seats: ProgramSeats) -> "MCPServer":
+def make_mcp_server(programs: ProgramSessions) -> "MCPServer":
     """Make the server; ``run()`` serves one client on the standard input and output."""
     from mcp.server.mcpserver import MCPServer  # the extra mcp
 
     server = MCPServer("minihuman", instructions=_INSTRUCTIONS)
 
     def find(session: str) -> ProgramClient:
-        if session not in seats.clients:
+        if session not in programs.clients:
             raise ValueError("there is no such session; begin one")
-        return seats.clients[session]
+        return programs.clients[session]
 
     @server.tool(structured_output=False)
     def begin(name: str) -> list[Any]:
-        """Begin a session, or resume one of that name; return its secret and the first screen."""
+        """Begin a session, or resume one of that name that was left; return its secret and the first screen."""
         if not is_valid_name(name):
             raise ValueError(f"name is a text of 1 to {MAX_NAME} characters")
-        begun = seats.begin(name)
+        begun = programs.begin(name)
         if begun is None:
             raise ValueError(f"{MAX_SESSIONS} sessions run already; try again later")
         secret, client = begun

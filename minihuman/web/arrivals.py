@@ -87,6 +87,7 @@ class Arrival:
 
     token: str = ""  # of the link
     platform: Mapping[str, str] = field(default_factory=dict)  # the platform's parameters
+    utc_offset_min: int | None = None  # of the browser's local time
 
     def __repr__(self) -> str:
         """Without what says who they are."""
@@ -104,6 +105,7 @@ class Admission:
     plan: SessionPlan | None  # what is played where there is no such log
     token: str = ""  # of a link made for them just now, which brings them back
     lease: Lease | None = None  # of the session; None where this server hosts it already, or is the only one
+    utc_offset_min: int | None = None  # of the visitor's local time
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +159,11 @@ class Arrivals:
             LogError: if an earlier log is damaged, or is being written.
         """
         return plan_next_session(
-            self.protocol, self._data, participant=admission.participant, session=admission.session
+            self.protocol,
+            self._data,
+            participant=admission.participant,
+            session=admission.session,
+            utc_offset_min=admission.utc_offset_min,
         )
 
     def decline(self, admission: Admission, why: str) -> None:
@@ -196,7 +202,7 @@ class Arrivals:
             return Rejection("finished", found, last, self.id_on_platform(participant))
         session, lease = found
         try:
-            admission = self._plan_admission(participant, session, plan)
+            admission = self._plan_admission(participant, session, plan, arrival.utc_offset_min)
         except BaseException:
             self._release(lease)
             raise
@@ -209,10 +215,13 @@ class Arrivals:
         if self.leases is not None and lease is not None:
             self.leases.release(lease)
 
-    def _plan_admission(self, participant: str, session: int, plan: SessionPlan | None) -> Admission | Rejection:
+    def _plan_admission(
+        self, participant: str, session: int, plan: SessionPlan | None, utc_offset_min: int | None
+    ) -> Admission | Rejection:
         folder = session_folder(self._data, self.protocol.study.name, participant, session)
         part = next(iter(sorted(folder.glob(f"*{PART_SUFFIX}"))), None)
-        admission = Admission(f"{participant}/{session}", participant, session, part, plan)
+        key = f"{participant}/{session}"
+        admission = Admission(key, participant, session, part, plan, utc_offset_min=utc_offset_min)
         if part is not None or plan is not None:
             return admission
         try:

@@ -11,21 +11,31 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.experiment.machine.events import Event, Stepped
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.plan.session_plan import EpisodePlan
-from minihuman.web.messages import ArraysMessage, FirstPersonState, GridState, KeyMessage, TickMessage, WorldState
+from minihuman.web.messages import (
+    ArraysMessage,
+    FirstPersonPosition,
+    FirstPersonState,
+    GridPosition,
+    GridState,
+    KeyMessage,
+    TickMessage,
+    WorldPosition,
+    WorldState,
+)
 from minihuman.worlds.adapters.spaces import Action
 from minihuman.worlds.adapters.world import StepResult, World
-from minihuman.worlds.first_person.page_scene import copy_state, describe
+from minihuman.worlds.first_person.page_scene import PageLook, copy_state, describe, locate
 from minihuman.worlds.first_person.rules import digest_state
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.pictures.drawing import atlas
 from minihuman.worlds.grid.pictures.tiles import GridPalette
-from minihuman.worlds.source_digest import module_digest
 from minihuman.worlds.step_digest import digest_step
 
 if TYPE_CHECKING:
@@ -33,11 +43,7 @@ if TYPE_CHECKING:
     from minihuman.worlds.grid.object_kinds import ObjectKind
 
 TERMINATED, TRUNCATED = 1, 2  # in a digest
-
-
-def kernels_digest() -> str:
-    """The digest of the rules here: a page whose modules were built from others does not compute."""
-    return module_digest("minihuman.worlds.build.exports") or ""
+MOST_UNKNOWN = 50  # steps that a page may leave open, as after a reload without a network
 
 
 class PageWorld(World):
@@ -83,33 +89,47 @@ class ComputedEpisode:
 
     def __init__(self, play: RunningEpisode, picture_px: tuple[int, int]) -> None:
         assert isinstance(play.world, PageWorld)
+        self.play = play
         self.is_elsewhere = False  # the page is, or may be
         self.sent_step = -1  # of the state that was sent last
-        self._play, self._world, self._picture_px = play, play.world, picture_px
+        self._world, self._env = play.world, play.world.unwrapped
         self._differs = False  # since the last step that was the same
+        self._unknown = 0  # steps since then of which the page said nothing
+        describe_world: Any = _describe_grid if isinstance(self._env, GridEngine) else _describe_first_person
+        self._fixed, self.arrays, self._look = describe_world(self._env, play.plan, picture_px)
 
-    def state(self) -> tuple[WorldState, list[ArraysMessage]]:
-        """Where the session is, and the arrays that the page needs for it."""
-        self.is_elsewhere, self.sent_step = False, self._play.steps
-        env, plan = self._world.unwrapped, self._play.plan
-        return (_grid_state if isinstance(env, GridEngine) else _first_person_state)(
-            env, plan, self._play.steps, self._picture_px
-        )
+    def state(self) -> WorldState:
+        """Where the session is, for a page that has the episode's ``arrays``."""
+        state: WorldState = msgspec.structs.replace(self._fixed, **msgspec.structs.asdict(self.position()))
+        return state
+
+    def position(self) -> WorldPosition:
+        """Where the session is, for a page that has a state of the episode."""
+        self.is_elsewhere, self.sent_step = False, self.play.steps
+        if self._look is None:
+            saved = self._env.save()
+            return GridPosition(self.play.steps, _run_lengths(saved.row), _words(saved.rng_state))
+        things, numbers, rng_state = locate(self._env, self._look)
+        return FirstPersonPosition(self.play.steps, things.tobytes(), numbers.tobytes(), _words(rng_state))
 
     def compare(self, message: KeyMessage | TickMessage, events: Sequence[Event]) -> str:
         """Compare a message's step in the page with the session's; how they differ, "" if known or they do not."""
         stepped = next((event for event in events if isinstance(event, Stepped)), None)
         own = "" if stepped is None else self._digest(stepped)
         if message.digest == own:
-            self._differs = self._differs and not own
+            if own:
+                self._differs, self._unknown = False, 0
             return ""
         self.is_elsewhere = True
+        self._unknown += not message.digest
+        if not message.digest and self._unknown == MOST_UNKNOWN:
+            return f"the page said nothing of {MOST_UNKNOWN} steps in a row that it was to compute"
         if not message.digest or self._differs:
             return ""
         self._differs = True
         if stepped is None:
             cause = f"key {message.key}" if isinstance(message, KeyMessage) else "time"
-            return f"{cause} made a step of episode {self._play.plan.episode + 1} in the page, and none here"
+            return f"{cause} made a step of episode {self.play.plan.episode + 1} in the page, and none here"
         where = f"step {stepped.step} of episode {stepped.episode + 1}"
         return f"{where} was computed otherwise in the page: its digest is {message.digest}, here it is {own}"
 
@@ -117,45 +137,37 @@ class ComputedEpisode:
         return self._world.digest(stepped.reward, terminated=stepped.terminated, truncated=stepped.truncated)
 
 
-def _grid_state(
-    env: GridEngine, plan: EpisodePlan, steps: int, picture_px: tuple[int, int]
-) -> tuple[GridState, list[ArraysMessage]]:
+def _describe_grid(
+    env: GridEngine, plan: EpisodePlan, picture_px: tuple[int, int]
+) -> tuple[WorldState, list[ArraysMessage], None]:
+    """What no step changes, and the arrays that the page needs."""
     assert plan.view != "text", "no page computes it"
-    saved, (tile_px, palette) = env.save(), env.tiles(plan.view, picture_px, plan.palette)
+    tile_px, palette = env.tiles(plan.view, picture_px, plan.palette)
     tiles = pack_atlas(tile_px, palette, env.kinds)
-    state = GridState(
-        step=steps,
-        row=_run_lengths(saved.row),
-        rng_state=_words(saved.rng_state),
-        view_size=env.image_shape[0],
-        full=plan.view == "full",
-        in_view=palette == "minigrid",
-        atlas=tiles.name,
-    )
-    return state, [tiles]
+    in_view = palette == "minigrid"
+    return GridState(0, [], [], env.image_shape[0], plan.view == "full", in_view, tiles.name), [tiles], None
 
 
-def _first_person_state(
-    env: "FirstPersonEnv", plan: EpisodePlan, steps: int, picture_px: tuple[int, int]
-) -> tuple[FirstPersonState, list[ArraysMessage]]:
-    state, scene = describe(env, plan.palette, picture_px)
+def _describe_first_person(
+    env: "FirstPersonEnv", plan: EpisodePlan, picture_px: tuple[int, int]
+) -> tuple[WorldState, list[ArraysMessage], PageLook]:
+    state, scene, look = describe(env, plan.palette, picture_px)
     tables = pack_arrays(scene.tables)
     textures = [_pack_texture(pixels.tobytes()) for pixels in scene.textures]
-    things, numbers, walls, rng_state, rooms, edges, looks = state
-    sent = FirstPersonState(
-        step=steps,
-        things=things.tobytes(),
-        numbers=numbers.tobytes(),
-        walls=walls.tobytes(),
-        rng_state=_words(rng_state),
-        rooms=rooms.tobytes(),
-        edges=edges.tobytes(),
-        looks=looks,
+    fixed = FirstPersonState(
+        0,
+        b"",
+        b"",
+        [],
+        walls=state.walls.tobytes(),
+        rooms=state.rooms.tobytes(),
+        edges=state.edges.tobytes(),
+        looks=state.looks,
         scene=tables.name,
         textures=[texture.name for texture in textures],
         size=picture_px,
     )
-    return sent, [tables, *textures]
+    return fixed, [tables, *textures], look
 
 
 def _words(rng_state: NDArray[np.uint64]) -> list[str]:

@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from ipaddress import ip_network
 from pathlib import Path
 from weakref import WeakValueDictionary
 
@@ -41,8 +42,8 @@ from minihuman.runtime.session_loop import CommandInbox, inbox_path
 from minihuman.runtime.team_host import TeamTable
 from minihuman.trust import SOURCE_FACT
 from minihuman.web import messages
-from minihuman.web.arrivals import Admission, Arrival, Arrivals, Rejection, identify_visitor
-from minihuman.web.computed import PageWorld, kernels_digest
+from minihuman.web.arrivals import Admission, Arrival, Arrivals, Rejection, identify_visitor, is_token
+from minihuman.web.computed import PageWorld
 from minihuman.web.eligibility import (
     BrowserProperties,
     Completion,
@@ -50,14 +51,17 @@ from minihuman.web.eligibility import (
     check_eligibility,
     classify_ending,
     collect_browser_facts,
+    find_utc_offset_min,
     get_page_texts,
     get_session_code,
     list_touch_keys,
     needs_keyboard,
+    requires_gamepad,
 )
 from minihuman.web.messages import KEY_CODES, IncomingStream
 from minihuman.web.outbox import PageSettings
 from minihuman.web.session_host import SessionHost
+from minihuman.worlds.source_digest import kernels_digest
 
 _RULES = (
     "version_minihuman",
@@ -241,12 +245,18 @@ class Connection:
         self._stream = ""
         self.loop = asyncio.get_running_loop()
         self.path: Path | None = None
+        self.network = ""  # from which it was made, in memory only
         self.over: messages.SessionOver | None = None  # the last message to the page
 
     @property
     def agreed(self) -> bool:
         """Whether anything is recorded."""
         return self._hosted.agreed
+
+    @property
+    def is_before_consent(self) -> bool:
+        """Whether it takes a slot, although nothing is recorded yet."""
+        return not self.agreed and not self.host.over
 
     def gone(self, number: int) -> None:
         """A socket is closed."""
@@ -323,7 +333,10 @@ class Connection:
             return
         if isinstance(numbered.what, _ACTS):
             self.acted_s = monotonic_s()
-        self._guarded(lambda: self.host.receive(numbered.n, numbered.at, numbered.what, more=more))
+        arrival_ns = current_system().clock.monotonic_ns()
+        self._guarded(
+            lambda: self.host.receive(numbered.n, numbered.at, numbered.what, more=more, arrival_ns=arrival_ns)
+        )
         self.changed.set()
 
     def poll(self) -> bool:
@@ -478,6 +491,13 @@ class TurnedAway:
     url: str = ""  # to where they were recruited
 
 
+def _find_network(address: str) -> str:
+    """An address as it is counted: an IPv6 one by the /64 network that a household has."""
+    with suppress(ValueError):
+        return str(ip_network((address, 64 if ":" in address else 32), strict=False))
+    return address
+
+
 class ConnectionFactory:
     """Makes the connections of a study.
 
@@ -505,24 +525,32 @@ class ConnectionFactory:
         self._connection_keys: dict[bytes, str] = {}  # by a digest of a hello's link
         self._turns: WeakValueDictionary[bytes, asyncio.Lock] = WeakValueDictionary()  # while one waits
 
-    async def connect(self, hello: messages.Hello) -> Connection | TurnedAway:
-        """Find or make the connection for a hello."""
+    async def connect(self, hello: messages.Hello, address: str = "") -> Connection | TurnedAway:
+        """Find or make the connection for a hello from a network address."""
         if hello.version != messages.MESSAGE_VERSION:
             return TurnedAway("old", self._words["busy"])  # it is loaded again by itself
-        needed = needs_keyboard(self._arrivals.protocol)
-        if reason := check_eligibility(self._web, _browser_properties(hello.facts), needs_keyboard=needed):
+        protocol = self._arrivals.protocol
+        needed = {"needs_keyboard": needs_keyboard(protocol), "needs_gamepad": requires_gamepad(protocol)}
+        if reason := check_eligibility(self._web, _browser_properties(hello.facts), **needed):
             who = identify_visitor(hello.platform, self._web.recruitment_platforms)
             return self._turned(reason, person=who.id if who is not None else "")
         came_with = hashlib.sha256(repr((hello.token, sorted(hello.platform.items()))).encode()).digest()
         turn = self._turns.setdefault(came_with, asyncio.Lock())
-        async with turn:
+        network = _find_network(address)
+        invited = is_token(hello.token) and not self._web.open_access  # if they invented it, they are turned away
+        crowd = self._turns.setdefault(came_with if invited else network.encode(), asyncio.Lock())
+        async with turn, crowd if crowd is not turn else contextlib.nullcontext():
             there = self._connections.get(self._connection_keys.get(came_with, ""))
             if there is not None:
                 return there
             if len(self._connections) >= self._web.max_concurrent_sessions:
                 return self._turned("busy")
+            waiting = sum(one.network == network and one.is_before_consent for one in self._connections.values())
+            if not invited and waiting >= self._web.max_unconsented_per_address:
+                return self._turned("busy")
             connection = await self._admit_page(hello)
             if isinstance(connection, Connection):
+                connection.network = network
                 self._connection_keys[came_with] = connection.key
             return connection
 
@@ -540,7 +568,8 @@ class ConnectionFactory:
 
     async def _admit_page(self, hello: messages.Hello) -> Connection | TurnedAway:
         try:
-            admission = await asyncio.to_thread(self._arrivals.arrive, Arrival(hello.token, hello.platform))
+            arrival = Arrival(hello.token, hello.platform, find_utc_offset_min(hello.facts))
+            admission = await asyncio.to_thread(self._arrivals.arrive, arrival)
         except OSError as error:  # the database is away, or the disk: the page tries again
             LOG.warning("a participant has to wait: %s", error)
             return TurnedAway("wait", "")
@@ -675,4 +704,5 @@ def _browser_properties(facts: Mapping[str, bool | float | str]) -> BrowserPrope
         window_px=(int(size[1]), int(size[2])) if size else (0, 0),
         rtt_ms=float(rtt) if isinstance(rtt, int | float) else None,
         keyboard=facts.get("mouse") is not False or facts.get("touch") is not True,
+        gamepad=facts.get("gamepad") is True,
     )

@@ -18,6 +18,7 @@ from urllib.parse import quote
 import msgspec
 
 from minihuman.errors import escape_control_characters
+from minihuman.experiment.keys import list_pad_inputs
 from minihuman.experiment.machine.events import EndReason
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
@@ -48,8 +49,7 @@ def collect_browser_facts(facts_given: Mapping[str, bool | float | str]) -> dict
         value = facts_given.get(name)
         if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
             facts[name] = f"{value:.6g}"
-    offset_min = facts_given.get("utc_offset_min")
-    if isinstance(offset_min, int) and not isinstance(offset_min, bool) and abs(offset_min) <= _MAX_UTC_OFFSET_MIN:
+    if (offset_min := find_utc_offset_min(facts_given)) is not None:
         facts["utc_offset_min"] = str(offset_min)
     for name in _TRUTHS:
         value = facts_given.get(name)
@@ -58,7 +58,15 @@ def collect_browser_facts(facts_given: Mapping[str, bool | float | str]) -> dict
     return facts
 
 
-Ineligibility = Literal["", "browser", "window", "latency", "keyboard"]
+def find_utc_offset_min(facts_given: Mapping[str, bool | float | str]) -> int | None:
+    """How many minutes a browser's local time is ahead of UTC; None where it says no such thing."""
+    told = facts_given.get("utc_offset_min")  # a whole number, which arrives as a float
+    if not isinstance(told, int | float) or isinstance(told, bool) or not abs(told) <= _MAX_UTC_OFFSET_MIN:
+        return None
+    return int(told) if told == int(told) else None
+
+
+Ineligibility = Literal["", "browser", "window", "latency", "keyboard", "gamepad"]
 
 
 class BrowserProperties(msgspec.Struct, frozen=True):
@@ -68,15 +76,19 @@ class BrowserProperties(msgspec.Struct, frozen=True):
     window_px: tuple[int, int] = (0, 0)
     rtt_ms: float | None = None  # the least of a few pings; None: not measured
     keyboard: bool = True  # not only a touch screen, as far as the browser can tell
+    gamepad: bool = False  # one whose button was pressed: before, a browser shows none
 
 
-def check_eligibility(online: WebSpec, browser: BrowserProperties, *, needs_keyboard: bool = False) -> Ineligibility:
+def check_eligibility(
+    online: WebSpec, browser: BrowserProperties, *, needs_keyboard: bool = False, needs_gamepad: bool = False
+) -> Ineligibility:
     """Why a browser is not eligible; "" if it is.
 
     Args:
         online: what the study requires.
         browser: what it is.
         needs_keyboard: whether the study cannot be done without one, whatever it requires.
+        needs_gamepad: likewise.
     """
     if (online.require_keyboard or needs_keyboard) and not browser.keyboard:
         return "keyboard"
@@ -86,7 +98,7 @@ def check_eligibility(online: WebSpec, browser: BrowserProperties, *, needs_keyb
         return "window"
     if online.max_rtt_ms and browser.rtt_ms is not None and browser.rtt_ms > online.max_rtt_ms:
         return "latency"
-    return ""
+    return "gamepad" if needs_gamepad and not browser.gamepad else ""
 
 
 MAX_TOUCH_KEYS = 12  # buttons of 48 px that leave half of a phone's screen to the world
@@ -97,6 +109,12 @@ def needs_keyboard(protocol: Protocol) -> bool:
     """Whether a study cannot be done with buttons on a touch screen that stand for the keys of its pool."""
     kinds_need = any(block.kind not in _TOUCHED_KINDS for block in protocol.blocks) or bool(protocol.activities)
     return kinds_need or (bool(protocol.blocks) and len(protocol.keys.pool) > MAX_TOUCH_KEYS)
+
+
+def requires_gamepad(protocol: Protocol) -> bool:
+    """Whether a study's keys are drawn over a gamepad's buttons, or its axes move anything."""
+    axes = [name for block in protocol.blocks for name in block.axes]
+    return bool(list_pad_inputs([*protocol.keys.pool, *axes]))
 
 
 def list_touch_keys(plan: SessionPlan) -> dict[str, str]:

@@ -39,7 +39,7 @@ KEY_CODES: Mapping[str, str] = (
     | {"CapsLock": "caps_lock", "NumLock": "num_lock"}
 )
 
-MESSAGE_VERSION = 4
+MESSAGE_VERSION = 5
 MAX_PAGE_MESSAGE_BYTES = 16 * 1024  # of a message of the page's
 _PICTURE = struct.Struct("<IIBBHH")  # stream number, picture number, encoding, spare, width, height
 _PART = struct.Struct("<BI")  # of several messages in one: 0 for text and 1 for a picture, bytes
@@ -94,20 +94,22 @@ class TextMessage(msgspec.Struct, tag="typed", tag_field="t", forbid_unknown_fie
 
 
 class PointerMessage(msgspec.Struct, tag="pointer", tag_field="t", forbid_unknown_fields=True):
-    """Mouse or finger."""
+    """Mouse or finger, at ``stamp``, by the event's own time."""
 
     what: Literal["pressed", "moved", "released"]
     x: Fraction
     y: Fraction
     target: ShortText = ""
     along: Fraction = 0.0
+    stamp: Ns = 2**53  # none: pages of before, which did not tell
 
 
 class AxisMessage(msgspec.Struct, tag="axis", tag_field="t", forbid_unknown_fields=True):
-    """An axis of a gamepad moved."""
+    """An axis of a gamepad moved, at ``stamp``, by the gamepad's own time."""
 
     axis: Literal[PAD_AXES]  # type: ignore[valid-type]
     value: Annotated[float, Meta(ge=-1.0, le=1.0)]
+    stamp: Ns = 2**53
 
 
 class GamepadMessage(msgspec.Struct, tag="pad", tag_field="t", forbid_unknown_fields=True):
@@ -198,6 +200,13 @@ class Ping(msgspec.Struct, tag="ping", tag_field="t", forbid_unknown_fields=True
 
 
 _FROM_PAGE = msgspec.json.Decoder(Hello | NumberedMessage | PageAck | Ping)
+# Numbered messages that come with every key are arrays: kind, number, time in us, and these fields, absent ones at the
+# end left out and "" in between; the first so many are times, in us before the message's.
+_SHORT_FORMS: Mapping[str, tuple[str, int, tuple[str, ...]]] = {
+    "k": ("key", 1, ("stamp", "key", "down", "digest", "symbol", "repeat")),
+    "s": ("shown", 2, ("flip", "submit", "episode", "step", "node")),
+    "t": ("tick", 0, ("digest",)),
+}
 
 
 def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck | Ping:
@@ -211,10 +220,22 @@ def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck 
             f"a message has {len(text)} bytes; at most {MAX_PAGE_MESSAGE_BYTES} are allowed; reload the page"
         )
     try:
+        if text[:1] in ("[", b"["):
+            return _expand(*msgspec.json.decode(text, type=list))
         message: Hello | NumberedMessage | PageAck | Ping = _FROM_PAGE.decode(text)
         return message
-    except (msgspec.DecodeError, msgspec.ValidationError, UnicodeError, RecursionError) as error:
+    except (msgspec.DecodeError, LookupError, TypeError, ValueError, RecursionError) as error:
         raise MessageError(f"a message from a page cannot be decoded ({error}); reload the page") from error
+
+
+def _expand(kind: str, number: object, at_us: int, *values: Any) -> NumberedMessage:
+    name, times, fields = _SHORT_FORMS[kind]
+    what = {field: value for field, value in zip(fields[: len(values)], values, strict=True) if value != ""}
+    at_ns = 1000 * int(at_us)
+    what |= {field: at_ns - 1000 * int(what[field]) for field in fields[:times]} | {"t": name}
+    if "down" in what:
+        what["down"] = bool(what["down"])
+    return msgspec.convert({"t": "n", "n": number, "at": at_ns, "what": what}, NumberedMessage)
 
 
 class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):
@@ -293,26 +314,36 @@ class FilmFrame(msgspec.Struct, tag="frame", tag_field="t"):
     picture: int
 
 
-class GridState(msgspec.Struct, tag="grid", tag_field="world"):
-    """A grid world's state, for the page to compute the steps that follow it."""
+class GridPosition(msgspec.Struct, tag="grid", tag_field="world"):
+    """Where a grid world is after a step."""
 
     step: int
     row: list[int]  # a number and how often it comes, and so on
     rng_state: list[str]  # six whole numbers of 64 bits
+
+
+class GridState(GridPosition, tag="grid", tag_field="world"):
+    """A grid world's state, for the page to compute the steps that follow it."""
+
     view_size: int
     full: bool  # the picture is of the whole world
     in_view: bool  # and drawn as Minigrid draws it
     atlas: str  # the name of its tiles
 
 
-class FirstPersonState(msgspec.Struct, tag="first_person", tag_field="world"):
-    """A first-person world's state, for the page to compute the steps that follow it; arrays are little-endian."""
+class FirstPersonPosition(msgspec.Struct, tag="first_person", tag_field="world"):
+    """Where a first-person world is after a step; arrays are little-endian."""
 
     step: int
     things: bytes
     numbers: bytes
-    walls: bytes
     rng_state: list[str]
+
+
+class FirstPersonState(FirstPersonPosition, tag="first_person", tag_field="world"):
+    """A first-person world's state, for the page to compute the steps that follow it."""
+
+    walls: bytes
     rooms: bytes
     edges: bytes
     looks: int  # things of its scene
@@ -322,6 +353,7 @@ class FirstPersonState(msgspec.Struct, tag="first_person", tag_field="world"):
 
 
 WorldState = GridState | FirstPersonState
+WorldPosition = GridPosition | FirstPersonPosition
 
 
 class EpisodeRules(msgspec.Struct, tag="rules", tag_field="t"):
@@ -353,7 +385,7 @@ class StateCorrection(msgspec.Struct, tag="state", tag_field="t"):
 
     through: int
     episode: int
-    state: WorldState
+    state: WorldPosition
 
 
 class EpisodeState(msgspec.Struct, tag="now", tag_field="t"):

@@ -200,9 +200,10 @@ class Outbox:
         noop = None if plan.noop is None else play.world.action_names.index(plan.noop)
         self._image_cache.forget()
         keep = self._image_cache.next
-        self._computed = self._look_ahead_graph = None
+        last, self._computed, self._look_ahead_graph = self._computed, None, None
         if self._computes(play):
-            self._computed = ComputedEpisode(play, self._settings.picture_px)
+            is_known = last is not None and last.play is play  # by a page that was loaded again
+            self._computed = last if is_known else ComputedEpisode(play, self._settings.picture_px)
         else:
             self._look_ahead_graph = LookAheadGraph(
                 plan,
@@ -238,12 +239,11 @@ class Outbox:
 
     def _page_state(self, computed: ComputedEpisode) -> messages.WorldState:
         """Where the session is, once the page has the arrays for it."""
-        state, arrays = computed.state()
-        for each in arrays:
+        for each in computed.arrays:
             if each.name not in self._arrays:
                 self._arrays.add(each.name)
                 self.outgoing.add(each)
-        return state
+        return computed.state()
 
     def _computes(self, play: RunningEpisode) -> bool:
         """Whether the page computes an episode."""
@@ -319,7 +319,8 @@ class Outbox:
         self._screen_name = 0
         for number in asked:
             self.outgoing.add(messages.CommandMessage(number))
-        self._plan = self._computed = self._look_ahead_graph = None
+        self._plan = self._look_ahead_graph = None
+        self._computed = self._computed if self.page_computes else None
         self._arrays.clear()
         self._page_plays = False
         if not self._session.over and begun:
@@ -381,9 +382,7 @@ class Outbox:
         resumes = not self._page_plays and play is not None and self._computed.sent_step != play.steps
         self._page_plays = play is not None
         if play is not None and (resumes or self._computed.is_elsewhere):
-            self.outgoing.add(
-                messages.StateCorrection(self.through, play.plan.episode, self._page_state(self._computed))
-            )
+            self.outgoing.add(messages.StateCorrection(self.through, play.plan.episode, self._computed.position()))
 
     def _send_control(self, part: AgentPlayActivity, episode: int, action: int) -> None:
         """Tell what an agent means for this episode, and show the page where its next action leads."""

@@ -290,7 +290,7 @@ def describe_screen(session: SessionMachine, number: NumberPicture, known: int =
 def _name(looks: object, session: SessionMachine) -> int:
     stands = (session.part.number, session.phase, session.next_episode)
     digest = hashlib.blake2b(msgspec.json.encode((looks, stands)), digest_size=8).digest()
-    return int.from_bytes(digest, "little") & _NAME_BITS
+    return name_scene(int.from_bytes(digest, "little"))
 
 
 def advances_by_itself(session: SessionMachine) -> bool:

@@ -24,6 +24,8 @@ from minihuman.web.messages import OutgoingStream, RoundTripMessage
 from minihuman.web.outbox import Outbox, PageSettings
 
 _DRIFT_AFTER_NS = 60_000_000_000  # before, jitter hides the drift
+_MAX_DRIFT_NS = 200_000_000  # of the page's clock against the server's: 2 % between two looks, which are 10 s apart
+_NEVER_NS = 1 << 62
 
 
 class PageClock:
@@ -32,6 +34,24 @@ class PageClock:
     def __init__(self) -> None:
         self.rtt_ns: int | None = None  # of the quickest of the latest; None until one was measured
         self._first: tuple[int, int] | None = None  # time and offset of the first
+        # of the quickest message: since the last look, before that one, and in the first minute
+        self._lag_ns = self._last_lag_ns = self._least_lag_ns = _NEVER_NS
+
+    def arrive(self, at_ns: int, arrival_ns: int) -> None:
+        """Take the page's time of a message and the server's when it came: all but the quickest waited on the way."""
+        self._lag_ns = min(self._lag_ns, arrival_ns - at_ns)
+
+    def look(self, link: Linked) -> str:
+        """How far the page's time has moved against the server's clock, if that is too far; "" if not."""
+        lag_ns = min(self._lag_ns, self._last_lag_ns)
+        self._last_lag_ns, self._lag_ns = self._lag_ns, _NEVER_NS
+        if link.drift_ppm is None:
+            self._least_lag_ns = min(self._least_lag_ns, lag_ns)
+        drift_ns = self._least_lag_ns - lag_ns
+        if abs(drift_ns) <= _MAX_DRIFT_NS + link.error_ns:
+            return ""
+        self._least_lag_ns = lag_ns
+        return f"the page's time moved by {drift_ns / 1e6:+.0f} ms against the times at which its messages came"
 
     def linked(self, at_ns: int, link: RoundTripMessage) -> Linked:
         """An event for the log.
@@ -161,8 +181,17 @@ class SessionHost:
         self._settled = self._outbox.through = self._outbox.moved = settled
         self._taken.clear()
         self._mark_ns = self.last_at_ns
+        self._link = PageClock()
 
-    def receive(self, number: int, at_ns: int, message: messages.PageMessage, *, more: bool = False) -> None:
+    def receive(
+        self,
+        number: int,
+        at_ns: int,
+        message: messages.PageMessage,
+        *,
+        more: bool = False,
+        arrival_ns: int | None = None,
+    ) -> None:
         """Take a numbered message of the page's.
 
         Args:
@@ -170,6 +199,7 @@ class SessionHost:
             at_ns: its time.
             message: the message.
             more: whether others came with it: of an episode that the page computes they are one write and one answer.
+            arrival_ns: when it came, by the server's clock; None: the clocks are not compared.
 
         Raises:
             LogError: if the log cannot be written.
@@ -188,6 +218,8 @@ class SessionHost:
                 "reload the page"
             )
         self.last_at_ns = self._outbox.at_ns = at_ns
+        if arrival_ns is not None:
+            self._link.arrive(at_ns, arrival_ns)
         if not self._begun and not isinstance(message, messages.TickMessage):
             self._write(self.session.receive(inputs.Tick(at_ns)))
         self._begun = True
@@ -276,7 +308,9 @@ class SessionHost:
     def _events(self, message: messages.PageMessage, at_ns: int) -> list[Event]:
         match message:
             case messages.RoundTripMessage():
-                return [self._link.linked(at_ns, message)]
+                linked = self._link.linked(at_ns, message)
+                drift = self._link.look(linked)
+                return [Noted(at_ns, BROWSER_NOTE, drift), linked] if drift else [linked]
             case messages.GamepadMessage(id=name, axes=axes, buttons=buttons):
                 what = f"{axes} axes of -1 to 1, {buttons} buttons, dead zone {PAD_DEAD_ZONE}, read once a frame"
                 return [Noted(at_ns, BROWSER_NOTE, f"gamepad {name}: {what}")]
@@ -323,9 +357,10 @@ class SessionHost:
             case messages.TextMessage():
                 return inputs.TextInput(at_ns, "".join(letter for letter in message.text if letter.isprintable()))
             case messages.PointerMessage():
-                return _POINTERS[message.what](at_ns, message.x, message.y, message.target, message.along)
+                stamp_ns = min(message.stamp, at_ns)
+                return _POINTERS[message.what](stamp_ns, message.x, message.y, message.target, message.along)
             case messages.AxisMessage():
-                return inputs.AxisChanged(at_ns, message.axis, message.value)
+                return inputs.AxisChanged(min(message.stamp, at_ns), message.axis, message.value)
             case messages.FocusMessage():
                 return inputs.FocusChanged(at_ns, message.focused)
             case messages.CommandEcho() if message.number in self._asked:

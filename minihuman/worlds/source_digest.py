@@ -41,6 +41,11 @@ def module_digest(module: str) -> str | None:
     return _digest([(name, _source(name) or "") for name in sorted(seen)])
 
 
+def kernels_digest() -> str:
+    """Of all sources that the page's modules are built from: a page with modules of others does not compute."""
+    return module_digest(f"{_OURS}.worlds.build.exports") or ""
+
+
 def _digest(sources: list[tuple[str, str]]) -> str:
     digest = hashlib.sha256()
     for name, text in sources:

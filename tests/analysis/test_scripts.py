@@ -1,5 +1,6 @@
 """Every script in analysis/ runs on a small study and makes what it says."""
 
+import json
 import runpy
 import sys
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from minihuman.planning.benchmark import FAMILIES
 from tests.builders import WORLDS, session, write_log
 
 pytestmark = pytest.mark.program
@@ -92,3 +94,47 @@ def test_each_attacker_is_held_out_of_the_fit_of_the_evidence(tmp_path, monkeypa
     assert rows["who"].tolist()[5:] == ["constant", "ex-Gaussian", "screenshot", "replay", "knowing", "replay"]
     assert rows["sessions"].tolist() == [12, 4, 2, 2, 20, 2, 2, 2, 2, 2, 2]
     assert rows.loc[5, "auc"] >= 0.95
+
+
+def test_the_baseline_sets_difficulty_is_what_simulated_people_make_it(tmp_path, monkeypatch):
+    run(monkeypatch, "baseline_difficulty.py", tmp_path, "--quick")
+    table = pd.read_csv(tmp_path / "baseline_difficulty.csv")
+    assert table["episodes"].tolist() == [2] * 12
+    assert (table["success_at_limit"] >= 0.8).all()
+    committed = pd.read_csv(SCRIPTS / "baseline_difficulty.csv")
+    limits = {family.name: family.max_steps for families in FAMILIES.values() for family in families}
+    assert dict(zip(committed["family"], committed["max_steps"], strict=True)) == limits
+
+
+def test_the_baseline_sets_policies_are_trained_for_every_family(tmp_path, monkeypatch):
+    pytest.importorskip("stable_baselines3")
+    from minihuman.learn.policy.file import load_policy
+
+    monkeypatch.syspath_prepend(SCRIPTS)
+    for what in ("clone", "ppo"):
+        run(monkeypatch, "baseline_policies.py", what, tmp_path, "--quick")
+        worlds = [world for path in (tmp_path / what).glob("*.pt") for world in load_policy(path)[1].worlds]
+        wanted = [f"minihuman/{family.world}" for families in FAMILIES.values() for family in families]
+        assert sorted(worlds) == sorted(wanted)
+
+
+def test_the_docs_say_of_the_transfer_study_what_its_table_does():
+    table = pd.read_csv(SCRIPTS / "transfer" / "table.csv", index_col="cell")
+    docs = (SCRIPTS.parent / "docs" / "agents.md").read_text()
+    facts = json.loads((SCRIPTS / "transfer" / "run.json").read_text())
+    assert f"{facts['jobs_done']} of {facts['jobs']} jobs" in docs
+    assert f"{facts['jobs_done']} of {facts['jobs']})" in (SCRIPTS / "README.md").read_text()
+    assert f"rank correlation of the means {facts['rank_correlation']:.2f}" in docs
+    shown = docs[docs.index("| cell (runs)") :].split("\n\n")[0].splitlines()[3:]
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in shown]
+    cells = {row[0]: row[1:4] for row in rows} | {row[5].replace(" (", "-frozen ("): row[6:9] for row in rows}
+    assert len(cells) == 12
+    for name, (reward, gain, published) in cells.items():
+        found = table.loc[name.partition(" (")[0]]
+        assert name.endswith(f"({found['runs']:.0f})")
+        assert reward == f"{found['final_reward']:.3f}"
+        bounds = [found["low"], found["high"]]
+        few = {1: "(one run)", 2: "(two runs)"}
+        words = few.get(int(found["runs"])) or "[{:.2f}, {:.2f}]".format(*bounds)
+        assert gain == f"{found['improvement']:+.2f} {words}"
+        assert published == f"{found['published']:+.2f} (SD {found['published_sd']:.2f})"

@@ -4,9 +4,7 @@ import logging
 import os
 import random
 import shutil
-import sqlite3
 from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
 
 import duckdb
@@ -17,8 +15,8 @@ from click.testing import CliRunner
 from minihuman.admin.manifest import MANIFEST_FILE_NAME, find_changed_files, write_manifest
 from minihuman.admin.session_index import SessionRow, read_session_index
 from minihuman.cli.command_line import make_command_line
-from minihuman.dataset import store
-from minihuman.dataset.caches import SESSION_CACHE, TABLE_CACHE
+from minihuman.dataset import caches
+from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore, TableDatabase, find_queried_tables
 from minihuman.dataset.table_columns import TABLES
@@ -131,21 +129,33 @@ def test_no_edit_of_the_session_index_is_believed(study: Path, caplog: pytest.Lo
     rng = random.Random(26)
     expected = index(study)
     for number in range(count(50, 500)):
-        with closing(sqlite3.connect(study / SESSION_CACHE)) as cache, cache:
-            names = [name for _, name, *_ in cache.execute("PRAGMA table_info(sessions_v3)")]
-            column = rng.choice(names[1:])
-            at = f"rowid = {cache.execute('SELECT rowid FROM sessions_v3 ORDER BY random()').fetchone()[0]}"
-            change = rng.choice([f'"{column}" || 1', f'coalesce("{column}", 0) + 1', "NULL", "x'00'", "1e9", "'x'"])
-            before = cache.execute(f'SELECT "{column}" FROM sessions_v3 WHERE {at}').fetchall()
-            cache.execute(f'UPDATE sessions_v3 SET "{column}" = {change} WHERE {at}')
-            is_other = cache.execute(f'SELECT "{column}" FROM sessions_v3 WHERE {at}').fetchall() != before
+        with duckdb.connect(str(study / TABLE_CACHE)) as cache:
+            described = cache.execute("DESCRIBE session_index.sessions").fetchall()
+            column, kind = rng.choice([(name, kind) for name, kind, *_ in described])
+            longer = f'("{column}" || 1)::{kind}'
+            changes = {"VARCHAR": [longer, "'x'", "''"], "BOOLEAN": [f'NOT "{column}"']}.get(kind, [longer, "7", "1e9"])
+            change = rng.choice([*changes, "NULL"])
+            at = f"rowid = {rng.choice(cache.execute('SELECT rowid FROM session_index.sessions').fetchall())[0]}"
+            before = cache.execute(f'SELECT "{column}" FROM session_index.sessions WHERE {at}').fetchall()
+            cache.execute(f'UPDATE session_index.sessions SET "{column}" = {change} WHERE {at}')
+            is_other = cache.execute(f'SELECT "{column}" FROM session_index.sessions WHERE {at}').fetchall() != before
         caplog.clear()
         with caplog.at_level(logging.WARNING, "minihuman"):
             assert index(study) == expected, (number, column, change)
         assert [CHANGED in line for line in caplog.messages] == [True] * is_other
-    with closing(sqlite3.connect(study / SESSION_CACHE)) as cache, cache:
-        cache.execute("DELETE FROM sessions_v3 WHERE participant = 'sub-02'")
-    assert index(study) == expected
+    for sql in (
+        "DELETE FROM session_index.sessions WHERE participant = 'sub-02'",
+        "INSERT INTO session_index.sessions FROM session_index.sessions WHERE participant = 'sub-02'",
+        "ALTER TABLE session_index.sessions DROP steps",
+        "ALTER TABLE session_index.sessions ALTER steps TYPE TEXT",
+        "DROP TABLE session_index.sessions",
+        "DROP TABLE session_index.sessions; CREATE VIEW session_index.sessions AS SELECT 1 AS log",
+    ):
+        edit(study, sql)
+        assert index(study) == expected, sql
+        caplog.clear()
+        assert index(study) == expected
+        assert caplog.messages == []
 
 
 def test_the_digests_of_the_tables_that_are_read_are_compared_and_of_no_others(study: Path) -> None:
@@ -210,8 +220,7 @@ def test_verify_finds_forged_digests_in_both_caches(study: Path) -> None:
 
 
 def test_verify_finds_a_row_of_the_session_index_that_was_changed(study: Path) -> None:
-    with closing(sqlite3.connect(study / SESSION_CACHE)) as cache, cache:
-        cache.execute("UPDATE sessions_v3 SET steps = 7 WHERE participant = 'sub-02'")
+    edit(study, "UPDATE session_index.sessions SET steps = 7 WHERE participant = 'sub-02'")
     code, said = run("verify", "--tables", study)
     assert code == 1
     assert '"steps" is 7; the logs say' in said
@@ -220,7 +229,7 @@ def test_verify_finds_a_row_of_the_session_index_that_was_changed(study: Path) -
 def test_a_log_changed_in_its_middle_with_its_size_and_time_kept_is_found_by_verify(
     study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(store, "_END_BYTES", 64)  # the log is short
+    monkeypatch.setattr(caches, "_END_BYTES", 64)  # the log is short
     (study / TABLE_CACHE).unlink()
     expected = tables(study)
     log = next(study.glob("sub-02/*/*.mcap"))
@@ -325,12 +334,16 @@ def flipped(whole: bytes, chance: random.Random) -> bytes:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("name", "full"), [(TABLE_CACHE, 300), (SESSION_CACHE, 1_200)])
-def test_a_flipped_bit_of_a_cache_changes_no_number(study: Path, name: str, full: int) -> None:
-    read = (lambda: tables(study)[0]) if name == TABLE_CACHE else (lambda: index(study))
-    whole, expected, chance = (study / name).read_bytes(), read(), random.Random(4)
+@pytest.mark.parametrize(("what", "full"), [("tables", 300), ("index", 1_200)])
+def test_a_flipped_bit_of_a_cache_changes_no_number(study: Path, what: str, full: int) -> None:
+    read = (lambda: tables(study)[0]) if what == "tables" else (lambda: index(study))
+    cache = study / TABLE_CACHE
+    if what == "index":
+        cache.unlink()
+    expected, chance = read(), random.Random(4)
+    whole = cache.read_bytes()
     for _ in range(count(full // 30, full)):
-        (study / name).write_bytes(flipped(whole, chance))
+        cache.write_bytes(flipped(whole, chance))
         assert read() == expected
 
 

@@ -19,7 +19,7 @@ from tests.study.test_held_keys import levers_plan
 pytestmark = pytest.mark.program
 
 
-@pytest.mark.parametrize("kind", ["box", "buttons", "choices"])
+@pytest.mark.parametrize("kind", ["box", "buttons", "choices", "board", "pair"])
 def test_a_data_set_of_vectors_steps_its_world_to_what_was_observed(kind, tmp_path, monkeypatch):
     protocol = decode_protocol(levers_plan(kind, max_steps=40).protocol_toml)
     (log,) = simulate(protocol, tmp_path / "data", participants=1, seed=4, player="random")
@@ -33,7 +33,9 @@ def test_a_data_set_of_vectors_steps_its_world_to_what_was_observed(kind, tmp_pa
     dataset = minari.load_dataset(next(iter(minari.list_local_datasets())))
     (stored,) = dataset.iterate_episodes()
     env = gymnasium.make("tests.worlds.levers:tests/Levers-v0", kind=kind).unwrapped
-    seen = [env.reset(seed=0)[0], *(env.step(action)[0] for action in stored.actions)]
+    assert dataset.action_space == env.action_space
+    actions = [take_row(stored.actions, row) for row in range(len(stored.rewards))]
+    seen = [env.reset(seed=0)[0], *(env.step(action)[0] for action in actions)]
     assert np.array_equal(np.array(seen), stored.observations)
 
     export("lerobot", study, tmp_path / "lerobot")
@@ -44,3 +46,12 @@ def test_a_data_set_of_vectors_steps_its_world_to_what_was_observed(kind, tmp_pa
     lines = (tmp_path / "csv" / "steps.csv").read_text().splitlines()
     assert "action_vector" in lines[0]
     assert json.dumps(episode.action_vectors[0].tolist()).split(",")[0] in lines[1]
+
+
+def take_row(actions, row):
+    """One action of what Minari keeps: a dict or tuple of columns where the space is one."""
+    if isinstance(actions, dict):
+        return {name: take_row(column, row) for name, column in actions.items()}
+    if isinstance(actions, tuple):
+        return tuple(take_row(column, row) for column in actions)
+    return actions[row]

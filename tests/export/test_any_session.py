@@ -138,7 +138,7 @@ def test_two_attempts_of_an_episode_are_told_apart(studies, tmp_path, monkeypatc
     places = [(its["segment"], its["episode"], its["attempt"], its["outcome"]) for its in facts]
     assert places == [(1, 1, 1, "goal"), (1, 2, 1, "abandoned"), (2, 2, 2, "goal"), (2, 3, 1, "goal")]
     assert [bool(e.terminations[-1] or e.truncations[-1]) for e in dataset] == [True] * 4
-    assert dataset.storage.metadata["requirements"][0].startswith("minihuman>=")
+    assert dataset.storage.metadata["requirements"][0].startswith("minihuman-lab>=")
 
 
 def test_what_a_format_cannot_hold_is_in_the_card(studies, tmp_path):

@@ -1,5 +1,5 @@
 import shutil
-from datetime import date, timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -47,15 +47,16 @@ def study(tmp_path: Path) -> Path:
 
 
 def test_the_second_day_comes_is_there_and_passes(study: Path) -> None:
-    first = list_due_sessions(study, date.today())[0].earliest
+    now = datetime.now(UTC)
+    first = list_due_sessions(study, now)[0].earliest
     assert first is not None
     for days, state in ((-1, "later"), (0, "due"), (2, "due"), (3, "overdue")):
-        told = {one.participant: one for one in list_due_sessions(study, first + timedelta(days=days))}
+        told = {one.participant: one for one in list_due_sessions(study, now + timedelta(days=2 + days))}
         assert [told[f"sub-0{number}"].state for number in (1, 2, 3)] == [state] * 3
         assert told["sub-01"].session == 2
     assert (
         f"due from {first} until {first + timedelta(days=2)}"
-        in list_due_sessions(study, first - timedelta(days=1))[0].line()
+        in list_due_sessions(study, now + timedelta(days=1))[0].line()
     )
 
 
@@ -65,15 +66,14 @@ def test_whose_log_cannot_be_read_is_not_said_to_have_never_come(study: Path, da
     content = log.read_bytes()
     at = content.index(b"started_at") + 15 if damage == "the time it began at" else 3
     log.write_bytes(content[:at] + b"?" + content[at + 1 :])
-    told = {one.participant: one for one in list_due_sessions(study, date.today())}
+    told = {one.participant: one for one in list_due_sessions(study)}
     assert (told["sub-02"].state, told["sub-02"].session) == ("unreadable", 1)
     assert "cannot be read" in told["sub-02"].line()
     assert told["sub-01"].state == "later"
 
 
 def test_who_never_came_and_whoever_left_is_told_apart(study: Path) -> None:
-    today = date.today()
-    assert [one.state for one in list_due_sessions(study, today)][-1] == "never came"
+    assert [one.state for one in list_due_sessions(study)][-1] == "never came"
     replace_participant(study, "sub-04")
     withdraw_participant(study, "sub-02", seal=None)
-    assert [one.participant for one in list_due_sessions(study, today)] == ["sub-01", "sub-03"]
+    assert [one.participant for one in list_due_sessions(study)] == ["sub-01", "sub-03"]

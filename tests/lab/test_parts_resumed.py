@@ -1,6 +1,5 @@
 """A session of parts that was cut short goes on where it stood: part, points, criterion, tries, never over again."""
 
-from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -126,7 +125,7 @@ def test_closing_the_window_over_the_last_words_leaves_nothing_to_do(tmp_path):
 def told(study: Path) -> tuple[str, str, int]:
     """What status says of the first session, what is expected, and how many have completed the first session."""
     _, line, *_ = format_status(study)
-    [expected] = list_due_sessions(study, datetime.now(UTC).date())
+    [expected] = list_due_sessions(study)
     return (
         line.split("  ")[-1],
         f"{expected.session} {expected.state}",

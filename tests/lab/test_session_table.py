@@ -1,18 +1,23 @@
 """A study at a glance: a row a session, up to date, each log read once, the unreadable ones named."""
 
+import os
 import shutil
-import sqlite3
 import subprocess
 import sys
-from contextlib import closing
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import duckdb
 import pytest
 
 from minihuman.admin import session_index
-from minihuman.admin.session_index import SessionSummary, read_session_index
+from minihuman.admin.session_index import LOCK_WAIT_S, SessionSummary, read_session_index
 from minihuman.admin.status import format_status
-from minihuman.dataset.caches import SESSION_CACHE
+from minihuman.dataset.caches import TABLE_CACHE
+from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.store import StudyStore
 from minihuman.errors import LogError
 from minihuman.experiment.machine.events import SessionEnded
 from minihuman.log.record.mcap_recorder import McapRecorder
@@ -24,6 +29,19 @@ from tests.log.samples import STARTED_NS, session_events, session_plan
 def _record(data: Path, participant: str, *, episodes: int = 2, steps: int = 5) -> Path:
     plan = session_plan(episodes=episodes, participant=participant)
     return record(data, plan, session_events(plan, steps=steps))
+
+
+def _count_reads(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """The logs that are summed up from now on."""
+    read: list[Path] = []
+    really = session_index.summarize_session
+
+    def counting(files: list[Path]) -> SessionSummary:
+        read.extend(files)
+        return really(files)
+
+    monkeypatch.setattr(session_index, "summarize_session", counting)
+    return read
 
 
 def test_a_row_says_what_a_session_holds(tmp_path: Path) -> None:
@@ -104,14 +122,7 @@ def test_a_copy_of_a_log_is_said(tmp_path: Path) -> None:
 def test_a_log_is_summed_up_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for number in (1, 2, 3):
         _record(tmp_path, f"sub-{number:02d}")
-    read: list[Path] = []
-    really = session_index.summarize_session
-
-    def counting(files: list[Path]) -> SessionSummary:
-        read.extend(files)
-        return really(files)
-
-    monkeypatch.setattr(session_index, "summarize_session", counting)
+    read = _count_reads(monkeypatch)
     assert len(list(read_session_index(tmp_path))) == 3
     assert len(list(read_session_index(tmp_path))) == 3
     assert len(read) == 3
@@ -137,21 +148,46 @@ def test_unreadable_logs_are_named_with_their_reason_and_the_rest_is_read(tmp_pa
 def test_the_table_may_be_deleted_spoilt_or_unwritable(tmp_path: Path) -> None:
     log = _record(tmp_path, "sub-01")
     list(read_session_index(tmp_path))
-    (tmp_path / SESSION_CACHE).unlink()
+    (tmp_path / TABLE_CACHE).unlink()
     assert [row.path for row in read_session_index(tmp_path)] == [log]
-    (tmp_path / SESSION_CACHE).write_text("not a table" * 1000)
+    (tmp_path / TABLE_CACHE).write_text("not a table" * 1000)
     assert [row.path for row in read_session_index(tmp_path)] == [log]
-    (tmp_path / SESSION_CACHE).unlink()
-    (tmp_path / SESSION_CACHE).mkdir()
+    (tmp_path / TABLE_CACHE).unlink()
+    (tmp_path / TABLE_CACHE).mkdir()
     assert [row.path for row in read_session_index(tmp_path)] == [log]
 
 
-def test_a_table_that_another_process_holds_is_done_without(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("minihuman.admin.session_index.LOCK_TIMEOUT_S", 0.01)
-    log = _record(tmp_path, "sub-01")
-    with closing(sqlite3.connect(tmp_path / SESSION_CACHE)) as other:
-        other.execute("BEGIN EXCLUSIVE")
-        assert [row.path for row in read_session_index(tmp_path)] == [log]
+HOLD = """
+import sys, duckdb
+with duckdb.connect(sys.argv[1], read_only=sys.argv[2] == "reading") as held:
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+@contextmanager
+def held(cache: Path, how: str) -> Iterator[None]:
+    """Another process has the study's cache open."""
+    command = [sys.executable, "-c", HOLD, cache, how]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "held\n"
+        yield
+
+
+@pytest.mark.parametrize("how", ["reading", "writing"])
+def test_a_table_that_another_process_holds_is_done_without(
+    tmp_path: Path, how: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    first = _record(tmp_path, "sub-01")
+    list(read_session_index(tmp_path))
+    second = _record(tmp_path, "sub-02")
+    with held(tmp_path / TABLE_CACHE, how):
+        began_s = time.monotonic()
+        assert [row.path for row in read_session_index(tmp_path)] == [first, second]
+        assert time.monotonic() - began_s < 10 * LOCK_WAIT_S
+    assert ["cannot be used now" in line for line in caplog.messages] == [True] * (how == "writing")
+    assert (tmp_path / TABLE_CACHE).exists()
 
 
 def test_a_row_in_hand_keeps_nobody_from_the_table(tmp_path: Path) -> None:
@@ -159,15 +195,49 @@ def test_a_row_in_hand_keeps_nobody_from_the_table(tmp_path: Path) -> None:
         _record(tmp_path, f"sub-{number:02d}")
     rows = read_session_index(tmp_path)
     next(rows)
-    with closing(sqlite3.connect(tmp_path / SESSION_CACHE, timeout=0)) as other:
-        other.execute("BEGIN EXCLUSIVE")
+    with held(tmp_path / TABLE_CACHE, "writing"):
+        assert len(list(rows)) == 2
 
 
-def test_the_table_is_read_by_sqlite(tmp_path: Path) -> None:
+def test_the_index_is_read_while_a_report_has_the_tables_open(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    logs = [_record(tmp_path, f"sub-{number:02d}").relative_to(tmp_path) for number in range(2)]
+    study = tmp_path / logs[0].parts[0]
+    list(read_session_index(study))
+    sessions = StudySessions(study, processes=1)
+    with StudyStore(sessions, with_shortest=False) as store:
+        for _ in range(2):
+            ran = subprocess.run([sys.executable, "-c", READ_ALL, study], capture_output=True, text=True, check=True)
+            assert (ran.stdout.split()[0], ran.stderr) == ("2", "")
+        assert [row.path.relative_to(tmp_path) for row in read_session_index(study)] == logs
+        assert len(store.kept) == 2
+    assert (caplog.messages, sessions.account.notes) == ([], [])
+
+
+def test_the_table_is_read_by_duckdb(tmp_path: Path) -> None:
     _record(tmp_path, "sub-01")
     list(read_session_index(tmp_path))
-    with sqlite3.connect(tmp_path / SESSION_CACHE) as table:
-        assert table.execute("SELECT participant, steps FROM sessions_v3").fetchall() == [("sub-01", 10)]
+    with duckdb.connect(str(tmp_path / TABLE_CACHE), read_only=True) as table:
+        found = table.execute("SELECT participant, steps FROM session_index.sessions").fetchall()
+    assert found == [("sub-01", 10)]
+
+
+@pytest.mark.parametrize("places", [(-10,), (2, -10), (300,)])
+def test_a_log_changed_at_its_head_or_end_with_its_size_and_time_kept_is_read_again(
+    tmp_path: Path, places: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = _record(tmp_path, "sub-01")
+    (row,) = read_session_index(tmp_path)
+    assert row.summary is not None
+    assert row.summary.complete
+    facts, content = log.stat(), bytearray(log.read_bytes())
+    for at in places:
+        content[at] ^= 1
+    log.write_bytes(content)
+    os.utime(log, ns=(facts.st_atime_ns, facts.st_mtime_ns))
+    read = _count_reads(monkeypatch)
+    (changed,) = read_session_index(tmp_path)
+    assert read == [log]
+    assert -10 not in places or changed.summary is None
 
 
 READ_ALL = """

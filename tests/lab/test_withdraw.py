@@ -72,7 +72,9 @@ def test_no_cache_remembers_who_withdrew(data: Path, tmp_path: Path) -> None:
     for former in ("tables.files", "figures.files"):  # of earlier versions
         (data / STUDY / former).mkdir()
         (data / STUDY / former / "paths_sub-02.png").write_bytes(b"of an earlier version")
-    assert len(list(list_caches(data / STUDY))) == 4
+    for former in ("sessions.sqlite", "sessions.sqlite-journal"):
+        (data / STUDY / former).write_bytes(b"of an earlier version")
+    assert len(list(list_caches(data / STUDY))) == 5
     withdraw_participant(data / STUDY, "sub-02", seal=None)
     assert list(list_caches(data / STUDY)) == []
 
@@ -199,6 +201,19 @@ def test_an_enrolment_log_that_cannot_be_written_leaves_no_archive(data: Path, t
             withdraw_participant(study, "sub-01", seal=tmp_path / "sub-01.zip")
         assert not (tmp_path / "sub-01.zip").exists()
         assert {path: path.read_bytes() for path in study.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize("error", [FileExistsError, OSError])
+def test_an_archive_is_taken_away_whatever_stops_the_withdrawal(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: type[OSError]
+) -> None:
+    def fail(*_: object) -> None:
+        raise error("of the enrolment log")
+
+    monkeypatch.setattr("minihuman.admin.withdrawal.record_departure", fail)
+    with pytest.raises(error, match="of the enrolment log"):
+        withdraw_participant(data / STUDY, "sub-01", seal=tmp_path / "sub-01.zip")
+    assert not (tmp_path / "sub-01.zip").exists()
 
 
 def test_a_damaged_enrolment_log_erases_nothing(data: Path) -> None:

@@ -23,7 +23,7 @@ from minihuman.learn.behaviour_cloning import (
     split_by_participant,
 )
 from minihuman.learn.demonstrations import read_demonstrations
-from minihuman.learn.policy.file import load_policy, save_atomically
+from minihuman.learn.policy.file import load_policy, save_atomically, save_policy
 from minihuman.learn.policy.observation import ObservationEncoder, encode_whole_grid
 from minihuman.learn.ppo import TrainingHistory
 from minihuman.log.read.session_reader import read_log
@@ -191,6 +191,22 @@ def test_a_policy_for_another_world_is_refused_in_one_line(cloned, protocol, tmp
     other.write_text(PROTOCOL.replace("FourRooms", "GoToObj-Transfer"))
     with pytest.raises(LearnError, match="was trained in minihuman/MiniGrid-FourRooms-v0, but block 'grid' plays"):
         list(simulate(read_protocol(other), tmp_path / "data", participants=1, seed=2, player=f"policy:{out}"))
+
+
+def test_a_folder_of_policies_plays_each_world_with_the_file_that_was_trained_in_it(cloned, protocol, tmp_path):
+    """One file names the world as another of its own; the first by name was trained elsewhere."""
+    policy, card = load_policy(cloned[0])
+    away = replace(card, world="minihuman/MiniGrid-Empty-8x8-v0")
+    folder = tmp_path / "policies"
+    folder.mkdir()
+    save_policy(policy, away, folder / "a.pt")
+    with pytest.raises(LearnError, match=r"a\.pt was trained in minihuman/MiniGrid-Empty-8x8-v0, but"):
+        list(simulate(read_protocol(protocol), tmp_path / "one", participants=1, seed=2, player=f"policy:{folder}"))
+    save_policy(policy, replace(away, other_worlds=(card.world,)), folder / "b.pt")
+    (path,) = simulate(read_protocol(protocol), tmp_path, participants=1, seed=2, player=f"policy:{folder}")
+    (alone,) = simulate(read_protocol(protocol), tmp_path / "two", participants=1, seed=2, player=f"policy:{cloned[0]}")
+    played, expected = ([list(episode.actions) for episode in read_log(one).episodes] for one in (path, alone))
+    assert played == expected
 
 
 @pytest.mark.parametrize(

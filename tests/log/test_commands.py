@@ -18,7 +18,7 @@ from minihuman.admin.verify.log import find_log_differences
 from minihuman.cli.command_line import make_command_line
 from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.selection import Selection
-from minihuman.errors import LogError
+from minihuman.errors import ExportError, LogError
 from minihuman.experiment.machine.events import Stepped
 from minihuman.exporters.exporter import export_study
 from minihuman.log.read.session_reader import read_events
@@ -100,7 +100,24 @@ def test_what_looking_at_a_sealed_study_leaves_there_breaks_no_seal(app: click.G
     for former in ("tables.files", "figures.files"):  # of earlier versions
         (folder / former).mkdir()
         (folder / former / "episodes.parquet").write_bytes(b"of an earlier version")
+    (folder / "sessions.sqlite").write_bytes(b"of an earlier version")
     assert CliRunner().invoke(app, ["verify", str(folder), "--manifest", digest]).exit_code == 0
+
+
+@pytest.mark.parametrize("is_empty", [True, False])
+def test_an_export_into_the_current_folder_is_refused_and_writes_nothing(
+    app: click.Group, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_empty: bool
+) -> None:
+    source = play(tmp_path / "data", study(episodes=1)).parents[2]
+    (here := tmp_path / "here").mkdir()
+    if not is_empty:
+        (here / "notes.txt").touch()
+    monkeypatch.chdir(here)
+    result = CliRunner().invoke(app, ["export", "csv", str(source), "."])
+    assert isinstance(result.exception, ExportError)
+    assert re.search("choose a(nother| new) folder", str(result.exception))
+    assert [path.name for path in here.iterdir()] == ["notes.txt"] * (not is_empty)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "here"]
 
 
 @pytest.mark.parametrize("name", ["seal.json.txt", "sub-01/seal.json", "sub-01/tables.duckdb", "sessions.sqlite.mcap"])

@@ -5,10 +5,14 @@ from collections import deque
 import msgspec
 import pytest
 
-from minihuman.dataset.measures import shortest_path_bounds
+from minihuman.dataset.measures import layout_path_bounds, world_options_json
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.contract import UNKNOWN_BOUNDS
 from tests.builders import plan
+
+
+def shortest_path_bounds(plan):
+    return layout_path_bounds(plan.world, world_options_json(plan), plan.seed)
 
 
 def fewest_by_trying_everything(world_id, seed):

@@ -1,13 +1,17 @@
 """Programs in a participant's place over HTTP: the client of the docs plays, hostile requests are refused."""
 
 import base64
+import contextlib
 import io
 import json
 import re
+import socket
 import threading
+import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -17,31 +21,41 @@ from PIL import Image
 from minihuman import verify
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.log.read.session_reader import read_log
-from minihuman.web.agent_server import MAX_BODY_BYTES, ProgramSeats, make_agent_server
+from minihuman.log.record import mcap_recorder
+from minihuman.runtime import model_sessions
+from minihuman.web import agent_server
+from minihuman.web.agent_server import MAX_BODY_BYTES, ProgramSessions, make_agent_server
 from tests.models.studies import study
 
 DOCS = Path(__file__).parents[2] / "docs" / "models.md"
 
 
 @pytest.fixture
-def url(tmp_path: Path) -> Iterator[str]:
+def programs(tmp_path: Path) -> ProgramSessions:
     (tmp_path / "study.toml").write_text(study(model="timeout_s = 1.0"))
-    seats = ProgramSeats(read_protocol(tmp_path / "study.toml"), tmp_path / "data")
-    server = make_agent_server(seats, port=0)
+    return ProgramSessions(read_protocol(tmp_path / "study.toml"), tmp_path / "data")
+
+
+@pytest.fixture
+def url(programs: ProgramSessions) -> Iterator[str]:
+    server = make_agent_server(programs, port=0)
     thread = threading.Thread(target=server.serve_forever)
     thread.start()
     yield f"http://127.0.0.1:{server.server_port}"
     server.shutdown()
     server.server_close()
     thread.join()
-    for one in seats.threads:
+    for one in programs.threads:
         one.join(10)
 
 
-def call(url: str, body: Any = None, *, raw: bytes | None = None) -> tuple[int, dict[str, Any]]:
+def call(
+    url: str, body: Any = None, *, raw: bytes | None = None, headers: dict[str, str] | None = None
+) -> tuple[int, dict[str, Any]]:
     data = raw if raw is not None else None if body is None else json.dumps(body).encode()
     try:
-        with urllib.request.urlopen(urllib.request.Request(url, data)) as response:
+        sent = urllib.request.Request(url, data, {"Content-Type": "application/json"} | (headers or {}))
+        with urllib.request.urlopen(sent) as response:
             return response.status, json.load(response)
     except urllib.error.HTTPError as error:
         return error.code, json.load(error)
@@ -109,6 +123,124 @@ def test_a_program_that_stayed_away_resumes_at_the_same_screen(url: str, tmp_pat
 def test_hostile_requests_are_refused(url: str, tmp_path: Path, path: str, raw: bytes, status: int) -> None:
     assert call(url + path, raw=raw)[0] == status
     assert not (tmp_path / "data").exists()
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({"Host": "rebound.example:8010"}, 403),
+        ({"Host": ""}, 403),
+        ({"Origin": "https://page.example"}, 403),
+        ({"Content-Type": "text/plain"}, 415),
+        ({"Content-Type": "application/x-www-form-urlencoded"}, 415),
+        ({"Host": "localhost:1"}, 201),
+        ({"Content-Type": "application/json; charset=utf-8"}, 201),
+    ],
+)
+def test_web_pages_cannot_take_a_seat(url: str, headers: dict[str, str], status: int) -> None:
+    assert call(f"{url}/sessions", {"name": "walker"}, headers=headers)[0] == status
+    if "Content-Type" not in headers:
+        _, begun = call(f"{url}/sessions", {"name": "walker"})
+        assert (call(url + begun["session"], headers=headers)[0] == 403) is (status == 403)
+
+
+def test_a_length_of_thousands_of_digits_is_refused(url: str, capfd: pytest.CaptureFixture[str]) -> None:
+    head = b"POST /sessions HTTP/1.1\r\nHost: localhost\r\nContent-Length: " + b"9" * 5_000 + b"\r\n\r\n"
+    assert exchange(url, head).startswith(b"HTTP/1.1 413")
+    assert capfd.readouterr().err == ""
+
+
+def exchange(url: str, sent: bytes) -> bytes:
+    """The first bytes that come back."""
+    with connect(url) as connection:
+        connection.sendall(sent)
+        return connection.recv(1_000)
+
+
+def connect(url: str) -> socket.socket:
+    return socket.create_connection(("127.0.0.1", int(url.rpartition(":")[2])), timeout=20)
+
+
+def test_an_answer_of_half_a_character_is_only_invalid(url: str, tmp_path: Path) -> None:
+    _, first = call(f"{url}/sessions", {"name": "walker"})
+    raw = b'{"number": 1, "answer": "\\ud800"}'
+    status, second = call(url + first["session"], raw=raw)
+    assert (status, second["number"], second["over"]) == (200, 2, None)
+
+
+def test_a_client_that_sends_a_byte_now_and_then_comes_to_an_end(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(agent_server, "REQUEST_S", 1.0)
+    with connect(url) as connection:
+        connection.sendall(b"POST /sessions HTTP/1.1\r\nHost: localhost\r\n")
+        began_s = time.monotonic()
+        with contextlib.suppress(OSError):
+            while time.monotonic() < began_s + 15:
+                connection.sendall(b"X")
+                time.sleep(0.1)
+                connection.settimeout(0.01)
+                with contextlib.suppress(TimeoutError):
+                    if connection.recv(1) == b"":
+                        break
+        assert time.monotonic() < began_s + 14
+    assert call(f"{url}/sessions", {"name": "walker"})[0] == 201
+
+
+def test_connections_are_bounded_and_free_ones_are_served_again(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(agent_server, "MAX_THREADS", threading.active_count() + 6)
+    held = [connect(url) for _ in range(40)]
+    closed = 0
+    for connection in held:
+        connection.settimeout(0.5)
+        with contextlib.suppress(TimeoutError):
+            closed += connection.recv(1) == b""
+    assert closed >= 30
+    assert threading.active_count() <= agent_server.MAX_THREADS + 6
+    for connection in held:
+        connection.close()
+    until_s = time.monotonic() + 20
+    while True:
+        try:
+            assert call(f"{url}/sessions", {"name": "walker"})[0] == 201
+            break
+        except OSError:
+            assert time.monotonic() < until_s
+
+
+def test_ended_sessions_are_remembered_up_to_a_number(
+    programs: ProgramSessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(agent_server, "MAX_SESSIONS", 2)
+    monkeypatch.setattr(ProgramSessions, "_play", lambda self, client: client.end("complete"))
+    for _ in range(20):
+        while programs.begin("walker") is None:
+            time.sleep(0.01)
+        for thread in programs.threads:
+            thread.join()
+    assert len(programs.clients) <= 3
+
+
+@pytest.mark.parametrize("left", [False, True])
+def test_two_programs_that_begin_at_once_have_a_slot_each(
+    url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, left: bool
+) -> None:
+    """Of one name, so that the slot of one, or a session that was left, might be taken by the other."""
+    if left:
+        _, first = call(f"{url}/sessions", {"name": "walker"})
+        call(url + first["session"], {"number": 1, "answer": "go_on"})
+        while call(url + first["session"])[1]["over"] is None:
+            pass
+    create, resume = mcap_recorder.create_live_file, model_sessions.resume_segment
+
+    def slowly(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        return lambda where: (time.sleep(0.5), function(where))[1]
+
+    monkeypatch.setattr(mcap_recorder, "create_live_file", slowly(create))
+    monkeypatch.setattr(model_sessions, "resume_segment", slowly(resume))
+    with ThreadPoolExecutor(2) as pool:
+        begun = list(pool.map(lambda _: call(f"{url}/sessions", {"name": "walker"})[1], range(2)))
+    assert [one["over"] for one in begun] == [None, None]
+    assert sorted(one["screen"] for one in begun) == ["page", "play" if left else "page"]
+    assert len(list((tmp_path / "data").rglob("*.mcap.part"))) == 2
 
 
 def test_the_client_of_the_docs_plays(url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

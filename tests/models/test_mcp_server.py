@@ -17,7 +17,7 @@ from PIL import Image
 from minihuman import verify
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.log.read.session_reader import read_log
-from minihuman.web.agent_server import ProgramSeats, make_mcp_server
+from minihuman.web.agent_server import ProgramSessions, make_mcp_server
 from tests.models.studies import study
 from tests.models.test_agent_server import answer_of
 
@@ -67,10 +67,10 @@ def test_a_client_of_the_protocol_plays_a_session_that_verifies(tmp_path: Path) 
 
 def test_mistakes_are_answered_and_cost_nothing(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text(study(model="timeout_s = 1.0"))
-    seats = ProgramSeats(read_protocol(tmp_path / "study.toml"), tmp_path / "data")
+    programs = ProgramSessions(read_protocol(tmp_path / "study.toml"), tmp_path / "data")
 
     async def talk() -> None:
-        async with Client(make_mcp_server(seats)) as client:
+        async with Client(make_mcp_server(programs)) as client:
             for tool, arguments in (
                 ("begin", {"name": "a\nb"}),
                 ("read_screen", {"session": "guessed"}),
@@ -85,5 +85,5 @@ def test_mistakes_are_answered_and_cost_nothing(tmp_path: Path) -> None:
             assert (await client.call_tool("answer", late)).is_error
 
     asyncio.run(talk())
-    for thread in seats.threads:
+    for thread in programs.threads:
         thread.join(10)

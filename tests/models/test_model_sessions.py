@@ -6,21 +6,28 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import pytest
+from mcap.exceptions import EndOfFile
+from mcap.records import Channel, Message
+from mcap.stream_reader import StreamReader
 
-from minihuman import simulate, verify
+from minihuman import export, report, simulate, verify
+from minihuman.display.drawing.screen import repaint_screen
 from minihuman.errors import WorldError
 from minihuman.experiment.machine.events import Answered, ModelCall, PointerUsed
 from minihuman.experiment.machine.inputs import Input
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.reporting.scorecard import build_scorecard, write_scorecard
 from minihuman.runtime.model_sessions import ModelWindow, RunStoppedError, SessionLeft
-from minihuman.simulation import model_seat
+from minihuman.simulation import model_conversation
 from minihuman.simulation.chat_client import ModelUnavailableError
+from minihuman.simulation.model_conversation import AnswerRule
 from tests.models.endpoint import KEY, Endpoint, Reply, play, serve_endpoint, text_of
 from tests.models.studies import study
 
@@ -160,7 +167,7 @@ def test_a_server_that_fails_is_asked_again_and_then_the_session_waits(
     tmp_path: Path, environment: pytest.MonkeyPatch
 ) -> None:
     (log,), _ = run(tmp_path, study(), lambda messages, n: 429 if n % 2 else play(messages, n), environment)
-    assert {call.error for call in calls(log, "failed")} == {"HTTP 429"}
+    assert {call.error for call in calls(log, "failed")} == {"HTTP 429: [key] at [...]"}
     assert (len(calls(log, "failed")), len(calls(log))) == (15, 15)
     assert all_as_logged(tmp_path)
     with pytest.raises(ModelUnavailableError, match="HTTP 401"):
@@ -180,28 +187,109 @@ def test_models_have_slots_of_their_own_and_the_keys_of_the_people_with_their_nu
     assert not list((tmp_path / "data" / "seat").glob("model-*"))
 
 
-def test_nothing_written_holds_the_key_or_the_address(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
-    def echo(messages: list[dict[str, Any]], number: int) -> str | int:
-        return 500 if number == 2 else f"{KEY}\n{play(messages, number)}"
+@pytest.mark.program
+@pytest.mark.parametrize("line_end", ["", "\r\n"])
+def test_nothing_written_holds_the_key_or_the_address(
+    tmp_path: Path, environment: pytest.MonkeyPatch, line_end: str
+) -> None:
+    """Neither files nor messages in them, nor what a report, an export, a scorecard and the terminal say."""
 
-    (log,), endpoint = run(tmp_path, study(), echo, environment)
+    def echo(messages: list[dict[str, Any]], number: int) -> str | int:
+        return {2: 500, 20: 401}.get(number, f"{KEY}\n{play(messages, number)}")
+
+    (tmp_path / "study.toml").write_text(study())
+    environment.setenv("OPENAI_API_KEY", KEY + line_end)
+    command = [sys.executable, "-m", "minihuman", "simulate", "study.toml", "--data", "data", "--player", "model:x"]
+    with serve_endpoint(echo) as endpoint:
+        environment.setenv("OPENAI_BASE_URL", endpoint.url + line_end)
+        said = [
+            subprocess.run([*command, "--participants", count], cwd=tmp_path, capture_output=True, check=False)
+            for count in ("1", "2")
+        ]
+    assert [one.returncode for one in said] == [0, 2], "the second run meets the error 401"
+    assert b"HTTP 401: [key] at [...]" in said[1].stderr
     assert endpoint.keys == {f"Bearer {KEY}"}
+    (whole,) = (tmp_path / "data").rglob("*.mcap")
+    log = read_log(whole)
     assert "[key]" in calls(log)[0].answer
     assert "[key]" in calls(log)[0].reasoning
-    secrets = [KEY.encode(), endpoint.url.encode(), b"127.0.0.1", b"chatcmpl-secret", b"/home/somebody"]
+    report(tmp_path / "data" / "models" / "seat", tmp_path / "report")
+    export("csv", tmp_path / "data" / "models" / "seat", tmp_path / "export")
+    write_scorecard(build_scorecard([tmp_path / "data" / "seat"], draws=50), tmp_path / "scores")
     read = "".join(repr(event) for event in log.part_events) + repr(log.facts)
-    assert not any(secret.decode() in read for secret in secrets)
-    for path in (tmp_path / "data").rglob("*"):
-        content = path.read_bytes() if path.is_file() else b""
-        assert not any(secret in content for secret in secrets), path
+    written = {"events": read.encode(), "terminal": b"".join(one.stdout + one.stderr for one in said)}
+    for path in (path for path in tmp_path.rglob("*") if path.is_file()):
+        written[str(path)] = path.read_bytes()
+        if path.suffix in (".mcap", ".part"):
+            with path.open("rb") as file:
+                found = [(channel.topic, message.data) for _, channel, message in raw_messages(file)]
+            assert {"/model/call", "/log", "/frame"} <= {topic for topic, _ in found}
+            written[f"messages of {path}"] = b"".join(data for _, data in found)
+    secrets = [
+        KEY.encode(),
+        KEY[:9].encode(),
+        endpoint.url.encode(),
+        b"127.0.0.1",
+        b"chatcmpl-secret",
+        b"/home/somebody",
+    ]
+    assert {name: secret for name, content in written.items() for secret in secrets if secret in content} == {}
 
 
+def raw_messages(file: IO[bytes]) -> Iterator[tuple[Any, Any, Any]]:
+    """Schema, channel and message of a log's records, decompressed; of a live file as far as it goes."""
+    channels: dict[int, Any] = {}
+    try:
+        for record in StreamReader(file, record_size_limit=None).records:
+            if isinstance(record, Channel):
+                channels[record.id] = record
+            elif isinstance(record, Message):
+                yield None, channels[record.channel_id], record
+    except EndOfFile:
+        return
+
+
+def draw_otherwise(canvas: Any, before: Any, screen: Any) -> None:
+    repaint_screen(canvas, None, screen)
+    canvas[0, 0] = (1, 2, 3)
+
+
+@pytest.mark.parametrize(
+    ("owner", "name", "changed", "found"),
+    [
+        (model_conversation, "RULES", "Play well.", "the prompt sent has digest"),
+        (model_conversation, "repaint_screen", draw_otherwise, "the picture sent has digest"),
+        (AnswerRule, "read", lambda *_: "key 2", "the answer is read as"),
+        (AnswerRule, "read", lambda *_: None, "the answer is read as"),
+    ],
+)
 def test_a_changed_prompt_picture_or_reading_is_found(
-    tmp_path: Path, environment: pytest.MonkeyPatch, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, environment: pytest.MonkeyPatch, owner: Any, name: str, changed: Any, found: str
 ) -> None:
     run(tmp_path, study(), play, environment)
-    monkeypatch.setattr(model_seat, "RULES", "Play well.")
-    assert any("prompt" in line.text for line in verify(tmp_path / "data") if not line.ok)
+    environment.setattr(owner, name, changed)
+    assert any(found in line.text for line in verify(tmp_path / "data") if not line.ok)
+
+
+@pytest.mark.parametrize(("unknown", "reason", "answered"), [("repeat", "complete", 15), ("end", "player_failed", 2)])
+def test_a_call_whose_answer_was_lost_is_repeated_or_ends_the_session(
+    tmp_path: Path, environment: pytest.MonkeyPatch, unknown: str, reason: str, answered: int
+) -> None:
+    read, text = ModelWindow._read, study("text", model=f'unknown = "{unknown}"')
+
+    def lose_the_third(window: ModelWindow, asked: ModelCall, *rest: Any) -> ModelCall:
+        if asked.call == 3:
+            window._recorder.leave = True
+            raise SessionLeft(RunStoppedError("killed"))
+        return read(window, asked, *rest)
+
+    environment.setattr(ModelWindow, "_read", lose_the_third)
+    with pytest.raises(RunStoppedError, match="killed"):
+        run(tmp_path, text, play, environment)
+    environment.setattr(ModelWindow, "_read", read)
+    (log,), _ = run(tmp_path, text, play, environment)
+    assert (log.end_reason, len(calls(log, "unknown")), len(calls(log))) == (reason, 1, answered)
+    assert all_as_logged(tmp_path)
 
 
 def test_a_world_without_words_is_refused_before_anything_is_asked(
@@ -257,6 +345,20 @@ def test_a_session_left_between_the_inputs_of_an_answer_goes_on_with_the_rest(
     )
     assert pressed == released
     assert all_as_logged(tmp_path)
+
+
+@pytest.mark.program
+def test_two_programs_of_one_study_at_once_share_its_slots(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    (tmp_path / "study.toml").write_text(study("text"))
+    command = [sys.executable, "-m", "minihuman", "simulate", "study.toml", "--data", "data", "--player", "model:x"]
+    with serve_endpoint(play) as endpoint:
+        environment.setenv("OPENAI_BASE_URL", endpoint.url)
+        options = ["--participants", "3", "--parallel", "3"]
+        both = [subprocess.Popen([*command, *options], cwd=tmp_path, stdout=subprocess.DEVNULL) for _ in range(2)]
+        assert [one.wait() for one in both] == [0, 0]
+    logs = [read_log(path) for path in (tmp_path / "data").rglob("*.mcap")]
+    assert {log.plan.participant.id for log in logs} == {f"model-{number:02}" for number in range(1, 7)}
+    assert [(log.end_reason, len(calls(log))) for log in logs] == [("complete", 15)] * 6
 
 
 KILLS = 100 if os.environ.get("MINIHUMAN_LONG") else 2

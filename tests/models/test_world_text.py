@@ -7,6 +7,7 @@ import minihuman  # noqa: F401 - registers the worlds
 from minihuman.errors import WorldError
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.adapters.world_text import describe_view, draw_text
+from tests.models import balrog_progression
 from tests.models.balrog_text import DIGESTS, describe_states, digest_states
 
 WALL, DOOR, KEY, BALL = 2, 4, 5, 6
@@ -77,3 +78,13 @@ def test_a_text_of_many_lines_fits_its_picture() -> None:
     assert inked.min() >= 5
     assert (inked.max(0) <= (475, 635)).all()
     assert (picture > 60).any((1, 2)).sum() > 300
+
+
+@pytest.mark.program
+def test_actions_make_the_progress_that_they_make_in_minigrid() -> None:
+    minigrid = pytest.importorskip("minigrid")
+    minigrid.register_minigrid_envs()
+    episodes, reached, different = balrog_progression.compare(episodes=1)
+    assert episodes == 2 * len(balrog_progression.LEVELS)
+    assert 0 < reached < episodes
+    assert different == []

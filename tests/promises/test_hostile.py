@@ -23,6 +23,7 @@ from minihuman.admin.status import format_status
 from minihuman.admin.verify.log import verify_session
 from minihuman.cli import main
 from minihuman.cli.command_line import make_command_line
+from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
@@ -279,18 +280,16 @@ def test_a_cache_that_is_garbage_costs_a_reading_and_nothing_else(tmp_path: Path
     log = play(tmp_path, study(episodes=1), sync=lambda _: None)
     folder = log.parents[2]
     expected = list(read_session_index(folder))
-    whole = (folder / "sessions.sqlite").read_bytes()
+    whole = (folder / TABLE_CACHE).read_bytes()
     rng = np.random.default_rng(5)
     for _ in range(count(10, 50)):
         spoilt = bytearray(whole)
         for at in rng.integers(len(whole), size=int(rng.integers(1, 40))):
             spoilt[at] = int(rng.integers(256))
-        (folder / "sessions.sqlite").write_bytes(
-            spoilt[: int(rng.integers(len(spoilt)))] if rng.random() < 0.3 else spoilt
-        )
+        (folder / TABLE_CACHE).write_bytes(spoilt[: int(rng.integers(len(spoilt)))] if rng.random() < 0.3 else spoilt)
         found = list(read_session_index(folder))
         assert [row.path for row in found] == [row.path for row in expected]
-        (folder / "sessions.sqlite").unlink()
+        (folder / TABLE_CACHE).unlink()
 
 
 def test_control_characters_of_a_protocol_do_not_reach_the_terminal(

@@ -5,14 +5,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from minihuman.admin.verify.log import verify_session
+from minihuman.cli.command_line import make_command_line
 from minihuman.errors import MinihumanError
+from minihuman.log.read.session_reader import read_log
 from minihuman.log.salvage.records import LogMessage
 from minihuman.log.salvage.scan import LogScanner
+from minihuman.log.topics import BY_NAME, EPISODE_START
 from tests.counts import count
 from tests.promises.sessions import play, study
-from tests.promises.tampering import Change, messages_changed, moved, others_changed, rewritten
+from tests.promises.tampering import Change, Record, messages_changed, moved, others_changed, rewritten
 
 INPUTS = {  # what a person or device did is in no other place of a log; docs/promises.md says so
     "/input/key symbol",
@@ -93,3 +97,28 @@ def _said(log: Path) -> list[str]:
         return [line for line, fine in verify_session(log) if not fine]
     except MinihumanError as error:
         return [str(error)]
+
+
+@pytest.mark.parametrize(
+    "bounds", [(5.0, 0.0, 1.0, 9.0), (0.0, float("nan"), 9.0, 9.0), (0.0, 0.0, float("inf"), 9.0), (0.0, 0.0, 1e9, 1e9)]
+)
+def test_a_log_whose_map_bounds_were_changed_with_right_checksums_makes_no_command_raise(
+    log: Path, tmp_path: Path, bounds: tuple[float, ...]
+) -> None:
+    def change(records: list[Record]) -> None:
+        for place, record in enumerate(records):
+            if isinstance(record, LogMessage) and record.channel.topic == EPISODE_START:
+                message = BY_NAME[EPISODE_START].message.FromString(record.data)
+                box = message.map.bounds
+                box.x0, box.z0, box.x1, box.z1 = bounds
+                records[place] = record._replace(data=message.SerializeToString(deterministic=True))
+
+    folder = Path(shutil.copytree(log.parents[2], tmp_path / "tried"))
+    changed = folder / log.relative_to(log.parents[2])
+    rewritten(log, changed, change, chained=True)
+    assert list(read_log(changed).episodes[0].start.map.bounds) == pytest.approx(bounds, nan_ok=True)
+    for command in ("plot", "report"):
+        ran = CliRunner().invoke(make_command_line(), [command, str(folder), "--out", str(tmp_path / command)])
+        assert ran.exception is None or isinstance(ran.exception, MinihumanError | SystemExit), ran.exception
+        is_refused = isinstance(ran.exception, MinihumanError) and "a map's bounds" in str(ran.exception)
+        assert is_refused or bounds[2] == 1e9, "a map so large is drawn, as a path is"

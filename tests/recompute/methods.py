@@ -298,5 +298,6 @@ def check_software(text: str, report: str, sessions: Sequence[Session], tally: T
         made += [f"{word} {' and '.join(values)}"] if values else []
     told = f"Protocol of study {sessions[0].plan.study}: {versions}. Run with {', '.join(made)}."
     tally.same("methods, software", text, told)
-    packages = ", ".join(f"{name} {version(name)}" for name in ("minihuman", "pandas", "scipy"))
+    used = {"minihuman": "minihuman-lab", "pandas": "pandas", "scipy": "scipy"}
+    packages = ", ".join(f"{name} {version(package)}" for name, package in used.items())
     tally.same("methods, report", report, f"This report: {packages}.")

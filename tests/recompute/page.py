@@ -7,6 +7,7 @@ error, Holm's correction with the printed p. An element of the page that nothing
 import json
 import math
 import re
+import warnings
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import statsmodels.api as sm
+import statsmodels.formula.api as smf
 from scipy import special, stats
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.power import TTestIndPower
@@ -231,6 +233,8 @@ class Regrouped:
     def interval(self) -> tuple[Near, Near] | None:
         if not max(np.ptp(self.a), np.ptp(self.b)) or smallest_p(len(self.a), len(self.b)) >= 0.05:
             return None
+        if min(len(self.a), len(self.b)) < 4:
+            return None
         error = math.sqrt(np.var(self.a, ddof=1) / len(self.a) + np.var(self.b, ddof=1) / len(self.b))
         return invert(self.p, float(np.mean(self.a) - np.mean(self.b)), error, exact=self.exact)
 
@@ -346,6 +350,11 @@ def compare(measure: str, groups: tuple[str, str], a: Any, b: Any, *, is_log: bo
         reason = "nobody in either group differs from the others"
         return Compared(*plain, None, p, least, math.nan, None, reason, is_log)
     bounds = test.interval()
+    if min(n) < 4:
+        few = groups[0] if n[0] <= n[1] else groups[1]
+        return Compared(
+            *plain, bounds, p, least, math.nan, None, f"{min(n)} in {few}: an interval needs 4 per group", is_log
+        )
     if min(spreads) == 0:
         at = 0 if spreads[0] == 0 else 1
         value = math.exp(means[at]) if is_log else means[at]
@@ -1127,6 +1136,47 @@ def expected_growth(episodes: Sequence[Row], order: Sequence[str]) -> Iterator[t
             table.append([f"{group} minus {reference}: {name}", many, *near_cells(apart, bounds, p)])
     yield "summary", "Change over the episodes"
     yield "table", table
+    rows = pd.DataFrame([row for row in told if row["group"] in groups])
+    if rows["participant"].nunique() - len(groups) >= 2:
+        terms = [line[0] for line in table[1:]]
+        yield mixed_model(rows.astype({column: float}).rename(columns={column: "value"}), terms, groups)
+
+
+def mixed_model(rows: pd.DataFrame, terms: Sequence[str], groups: Sequence[str]) -> tuple[str, Any]:
+    """The table of statsmodels' linear mixed model by its formula, or the line that none converged."""
+    *_, reference = groups
+    levels = {group: f"{len(groups) - at:02}" for at, group in enumerate((*groups[:-1], reference), 1)}
+    rows = rows.assign(level=rows["group"].map(levels), at=rows["episode_in_block"] - rows["episode_in_block"].mean())
+    people = rows["participant"].nunique()
+    for slopes in ("~at", "~1"):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            try:
+                model = smf.mixedlm("value ~ level * at", rows, groups=rows["participant"], re_formula=slopes)
+                found = model.fit(reml=True, method=["lbfgs", "bfgs"])
+                if np.linalg.eigvalsh(found.cov_re / found.scale).min() < 1e-4:
+                    continue
+            except (np.linalg.LinAlgError, ZeroDivisionError):
+                continue
+        if not found.converged or found.bse_fe.isna().any() or any("onverge" in str(one.message) for one in caught):
+            continue
+        names = [
+            *("Intercept", *(f"level[T.{levels[group]}]" for group in groups[:-1])),
+            *("at", *(f"level[T.{levels[group]}]:at" for group in groups[:-1])),
+        ]
+        freedom = people - len(groups)
+        table: list[list[Any]] = [["term", "participants", "estimate", "95 % interval", "p"]]
+        for at, (term, name) in enumerate(zip(terms, names, strict=True)):
+            estimate, error = float(found.fe_params[name]), float(found.bse_fe[name])
+            half = float(stats.t.ppf(0.975, freedom)) * error
+            p = float(2 * stats.t.sf(abs(estimate / error), freedom))
+            low, high, same = estimate - half, estimate + half, 2e-3 * error  # optimisers stop a little apart
+            bounds = (Near(low, same), " to ", Near(high, same))
+            table.append(
+                [term, str(people), (Near(estimate, same),), bounds, (Near(p, 2e-3),) if at else p_value(math.nan)]
+            )
+        return "table", table
+    return "p", "A linear mixed model of the same did not converge."
 
 
 def near_cells(value: float, bounds: tuple[float, float], p: float) -> list[Any]:

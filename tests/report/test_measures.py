@@ -133,3 +133,26 @@ def test_adjusting_takes_out_what_a_covariate_predicts() -> None:
     assert np.ptp(found.interval) < 1
     assert found.p < 0.001
     assert compare_adjusted(each, AnalysisSpec(primary_measure="reward_mean"), ["a", "b"]) == ()
+
+
+def test_slopes_of_few_participants_reject_no_true_null_too_often() -> None:
+    rng, rejected = np.random.default_rng(5), 0
+    named = AnalysisSpec(primary_measure="reward_mean", covariates=("answer:age", "answer:years"))
+    for _ in range(200):
+        each = pd.DataFrame({"group": ["a"] * 5 + ["b"] * 5, "answer:age": rng.normal(size=10)})
+        each["answer:years"] = rng.normal(size=10)
+        each["reward_mean"] = each["answer:age"] + rng.normal(size=10)
+        (found,) = compare_adjusted(each, named, ["a", "b"])
+        rejected += found.p < 0.05
+        assert (found.p < 0.05) == (found.interval[0] > 0 or found.interval[1] < 0)
+    assert rejected <= 18  # 200 at 0.05 exceed it in 1 of 100; permuting residuals as known rejected in 0.126
+
+
+def test_too_few_participants_for_the_slopes_are_a_reason() -> None:
+    rng = np.random.default_rng(5)
+    each = pd.DataFrame({"group": ["a"] * 4 + ["b"] * 4, "answer:age": rng.normal(size=8)})
+    each = each.assign(**{"answer:years": rng.normal(size=8), "reward_mean": rng.normal(size=8)})
+    named = AnalysisSpec(primary_measure="reward_mean", covariates=("answer:age", "answer:years"))
+    (found,) = compare_adjusted(each, named, ["a", "b"])
+    assert np.isnan(found.p)
+    assert "too few" in found.reason

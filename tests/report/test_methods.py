@@ -70,10 +70,25 @@ def test_blocks_that_the_page_computed_are_named_where_a_page_did():
     log = session(episodes=1, blocks=("grid",))
     kernels = replace(log.segments[0], facts={"page_kernels": "eafdd193f1072bf8"})
     for segment, says in ((log.segments[0], False), (kernels, True)):
-        text = build_methods([plan], [measure_recording_quality(replace(log, segments=(segment,)))])[-2]
+        found = measure_recording_quality(replace(log, segments=(segment,)))
+        text = build_methods([plan], [replace(found, participant=plan.participant)])[-2]
         assert (
             "stepped and drew blocks first-person and grid ahead of the server (kernels eafdd193f1072bf8)" in text
         ) is says
+
+
+def test_a_session_whose_browser_had_other_kernels_is_not_said_to_have_been_stepped_by_its_page():
+    study = decode_protocol(find_shipped_protocol("fourrooms-transfer").read_bytes())
+    plans = [PlanOutline.of(expand_protocol(study, enrol_participant(study, index))) for index in range(8)]
+    direct, both = (next(plan for plan in plans if plan.group == group) for group in ("direct", "grid-first"))
+    log = session(episodes=1, blocks=("grid",))
+    kernels = (replace(log.segments[0], facts={"page_kernels": "eafdd193f1072bf8"}),)
+    qualities = [
+        replace(measure_recording_quality(replace(log, segments=segments)), participant=plan.participant)
+        for plan, segments in ((direct, kernels), (both, log.segments))
+    ]
+    text = build_methods([direct, both], qualities)[-2]
+    assert "In browsers in 1 of 2 sessions the page stepped and drew block first-person ahead of" in text
 
 
 @pytest.mark.parametrize("keys", [3, 5])

@@ -99,7 +99,7 @@ def test_welchs_interval_and_p_are_scipys():
         assert compare_means(a, b).interval() == pytest.approx(tuple(peer.confidence_interval()), rel=1e-12)
 
 
-@pytest.mark.parametrize("sizes", [(12, 7), (5, 5), (3, 9), (20, 25)])
+@pytest.mark.parametrize("sizes", [(12, 7), (5, 5), (4, 9), (20, 25)])
 def test_the_interval_ends_where_the_test_of_shifted_values_begins_to_reject(sizes):
     rng = np.random.default_rng(0)
     a, b = rng.normal(1, 1, sizes[0]), rng.normal(0, 3, sizes[1])

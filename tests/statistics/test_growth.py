@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from minihuman.statistics.paired import compare_growth
+from minihuman.statistics.paired import compare_growth, fit_mixed_model
 from tests.counts import count
 
 
@@ -73,3 +73,39 @@ def test_where_peoples_own_slopes_differ_a_true_null_is_rejected_as_rarely_as_it
     for name, rejected in small.items():
         print(f"{name}: {rejected / studies:.3f} of {studies} studies reject a true null")
         assert stats.binomtest(rejected, studies, 0.05).pvalue > 0.001
+
+
+def mixed_rows(rng, n, slope_sd):
+    """Episodes of two groups of n people: levels 2 and 2.6, changes -0.15 and -0.05 an episode."""
+    rows = []
+    for person in range(2 * n):
+        in_a, level, own = person % 2, rng.normal(2, 0.4), rng.normal(0, slope_sd)
+        for at in range(1, 9):
+            value = level + 0.6 * in_a + (-0.15 + 0.1 * in_a + own) * (at - 4.5) + rng.normal(0, 0.3)
+            rows.append((f"p{person}", "ba"[in_a], at, value))
+    return pd.DataFrame(rows, columns=["participant", "group", "episode_in_block", "value"])
+
+
+def test_a_mixed_model_of_complete_episodes_has_the_estimates_of_lines():
+    rows = mixed_rows(np.random.default_rng(4), 20, 0.08)
+    found = fit_mixed_model(rows, "value", ["a", "b"])
+    assert found.has_slopes
+    lines = compare_growth(rows, "value", order=["a", "b"])
+    assert [one.name for one in found.terms] == [one.name for one in lines.terms]
+    assert [one.estimate for one in found.terms] == pytest.approx([one.estimate for one in lines.terms], abs=1e-4)
+    truth = dict(zip((one.name for one in found.terms), (2.0, 0.6, -0.15, 0.1), strict=True))
+    assert all(one.interval[0] < truth[one.name] < one.interval[1] for one in found.terms)
+    assert np.isnan(found.terms[0].p)
+
+
+def test_without_slopes_of_their_own_only_the_intercept_is_random():
+    found = fit_mixed_model(mixed_rows(np.random.default_rng(1), 12, 0.0), "value", ["a", "b"])
+    assert not found.has_slopes
+    assert len(found.terms) == 4
+
+
+def test_too_few_people_have_no_mixed_model_and_a_constant_none_that_converges():
+    rows = mixed_rows(np.random.default_rng(4), 2, 0.1)
+    assert fit_mixed_model(rows[rows["participant"] != "p0"], "value", ["a", "b"]) is None
+    constant = mixed_rows(np.random.default_rng(4), 6, 0.1).assign(value=1.0)
+    assert fit_mixed_model(constant, "value", ["a", "b"]).terms == ()

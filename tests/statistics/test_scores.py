@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 
-from minihuman.statistics.scores import Runs, score_player
+from minihuman.statistics.scores import Runs, _estimate, _excludes, score_player
 
 REPLICATIONS = 2_000 if os.environ.get("MINIHUMAN_LONG") else 150
 LIMIT, FEWEST = 60.0, 10.0
@@ -43,6 +43,7 @@ def test_intervals_over_people_and_levels_hold_the_truth() -> None:
         score = score_player(model, people, floor, seed=replication, draws=400)
         for name, truth in truths.items():
             held[name] += getattr(score, name).holds(truth)
+    print({name: round(count / REPLICATIONS, 4) for name, count in held.items()}, "of", REPLICATIONS)
     assert {name: count / REPLICATIONS for name, count in held.items() if count / REPLICATIONS < 0.93} == {}
 
 
@@ -65,3 +66,21 @@ def test_the_reference_scores_one_and_missing_episodes_are_left_out() -> None:
     hole = np.eye(12, 10, dtype=bool)
     gaps = Runs(*(np.where(hole, np.nan, one) for one in (people.success, people.efficiency, people.steps)))
     assert score_player(gaps, gaps, None).success.value == pytest.approx(np.nanmean(gaps.success, axis=0).mean())
+
+
+def test_two_tests_share_an_error_of_five_percent() -> None:
+    """A value at the draws' 2 % quantile lies outside their 95 % interval, and inside that of 97.5 %."""
+    drawn = np.concatenate([[0.5], np.linspace(-0.02, 0.98, 1_001)])
+    assert not _estimate(drawn).holds(0.0)
+    assert not _excludes(drawn, 0.0)
+    assert _excludes(drawn, -0.015)
+    assert _excludes(drawn, 0.975)
+
+
+def test_what_cannot_be_known_separates_nobody() -> None:
+    rng = np.random.default_rng(5)
+    people = play(rng, 12, rng.normal(0, 1, 10), *PEOPLE)
+    nothing = np.full_like(people.success, np.nan)
+    score = score_player(Runs(nothing, nothing, nothing), people, None)
+    assert not score.separable
+    assert np.isnan(score.difference.value)

@@ -11,11 +11,16 @@ from minihuman.dataset.store import StudyStore
 from minihuman.display.text import select_typefaces
 from minihuman.errors import ProtocolError
 from minihuman.experiment.keys import PAD_AXES, PAD_BUTTONS, PadAxes
+from minihuman.experiment.machine.events import Noted, PointerUsed, Stepped
+from minihuman.experiment.machine.inputs import PointerPressed, PointerReleased
 from minihuman.experiment.plan.dry_run import check_worlds
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.session_plan import needs_gamepad
 from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.experiment.replay import compare_replay
 from minihuman.experiment.words import InterfaceWords
+from minihuman.worlds.adapters.world import World
+from tests.study.sessions import MS, Desk, corridor_plan
 from tests.study.studies import CORRIDOR, protocol
 from tests.study.test_held_keys import levers_plan, play_script
 
@@ -50,17 +55,50 @@ def test_axes_move_the_action_with_the_keys_that_are_held(tmp_path):
     ]
 
 
+def board_plan(pace):
+    plan = levers_plan("board", max_steps=4, hold="once", more=SPOT)
+    if pace == "real_time":
+        return plan
+    toml = plan.protocol_toml.decode()
+    for line in ('pace = "real_time"', "step_period_ms = 100.0", 'noop_action = "rest"', 'hold = "once"'):
+        assert line in toml
+        toml = toml.replace(line, "")
+    study = decode_protocol(toml.encode())
+    return expand_protocol(study, enrol_participant(study, 0))
+
+
+def test_a_click_that_had_to_wait_for_a_picture_keeps_its_own_time_in_log_and_replay():
+    desk = Desk(board_plan("on_key"))
+    desk.press("enter")
+    desk.show()
+    clicked_ns = desk.now_ns + 30 * MS
+    desk.now_ns = clicked_ns
+    desk.give(PointerPressed(clicked_ns, 0.0, 0.0, "picture"))
+    desk.now_ns += 90 * MS  # the next picture takes that long
+    desk.show()
+    desk.give(PointerPressed(clicked_ns + 40 * MS, 0.5, 0.5, "picture"))
+    used = [event.t_ns - event.waited_ns for event in desk.of(PointerUsed)]
+    assert used == [clicked_ns, clicked_ns + 40 * MS]
+    assert [step.key_t_ns for step in desk.of(Stepped)] == used
+    assert list(compare_replay(desk.events, World)) == []
+
+
+def test_a_click_of_a_browser_that_came_late_while_a_world_is_made_replays():
+    desk = Desk(corridor_plan(instruction="Walk."))
+    for kind in (PointerPressed, PointerReleased):
+        desk.now_ns += 20 * MS
+        late = kind(desk.now_ns - 5 * MS, 0.5, 0.5, "go_on")
+        desk.recorder.write(desk.session.receive(late, at_ns=desk.now_ns))
+    desk.press("enter")
+    desk.show()
+    assert [event.text for event in desk.of(Noted) if event.kind == "phase"][-2:] == ["ready", "playing"]
+    assert list(compare_replay(desk.events, World)) == []
+
+
 @pytest.mark.parametrize("pace", ["on_key", "real_time"])
 def test_a_click_is_an_action_with_its_place(pace, tmp_path):
     clicks = [(5, "picture", (0.0, 0.999)), (50, "picture", (0.5, 0.25)), (150, "", (0.5, 0.5))]
-    plan = levers_plan("board", max_steps=4, hold="once", more=SPOT)
-    if pace == "on_key":
-        toml = plan.protocol_toml.decode()
-        for line in ('pace = "real_time"', "step_period_ms = 100.0", 'noop_action = "rest"', 'hold = "once"'):
-            assert line in toml
-            toml = toml.replace(line, "")
-        study = decode_protocol(toml.encode())
-        plan = expand_protocol(study, enrol_participant(study, 0))
+    plan = board_plan(pace)
     episode = play_script(plan, clicks, tmp_path)
     assert episode.actions_taken[:2] == [(2.0, 0.0, 63.0), (2.0, 32.0, 16.0)]
     assert list(episode.step_keys)[:2] == ["pointer", "pointer"]

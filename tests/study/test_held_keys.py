@@ -56,6 +56,7 @@ ACTIONS = {
     "choices": ("choice_0_1", "choice_0_2", "choice_1_1"),
     "chords": ("1", "2", "3", "4"),
     "board": ("choice_0_1", "choice_0_2"),
+    "pair": ("axis_0_minus", "axis_0_plus", "choice_2_1"),
 }
 
 

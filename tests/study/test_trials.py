@@ -11,11 +11,13 @@ from PIL import Image
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.display.windows.window import ScriptedWindow, VirtualClock
 from minihuman.errors import ProtocolError, WorldError
+from minihuman.experiment.activities.block_plans import StimuliSpec
 from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, FrameShown, Noted, Stepped
 from minihuman.experiment.machine.inputs import KeyDown, KeyUp, ScreenShown
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.plan.trials import read_table
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.replay import compare_replay
 from minihuman.log.read.session_reader import read_log
@@ -107,6 +109,13 @@ def test_feedback_goes_by_itself_and_enter_does_not_shorten_it():
     desk.pass_ms(601)
     assert desk.session.phase is Phase.PLAYING
     assert list(compare_replay(desk.events, World)) == []
+
+
+def test_a_cell_is_a_number_only_where_it_is_written_as_one():
+    table = b"text,correct,size\n007,left,0.25\n1_0,left,1\nnan,right,0.5\ninfinity,right,2\n12,left,-3\n"
+    rows = read_table(StimuliSpec(file="table.csv"), {"table.csv": table})
+    assert [row["text"] for row in rows] == ["007", "1_0", "nan", "infinity", 12]
+    assert [row["size"] for row in rows] == [0.25, 1, 0.5, 2, -3]
 
 
 def test_intervals_are_drawn_in_the_plan_and_kept():

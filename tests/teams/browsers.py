@@ -2,7 +2,9 @@
 
 import random
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.admin.verify.log import find_log_differences
@@ -67,14 +69,24 @@ class Played:
 
 
 def play_together(
-    protocol: Path, folder: Path, *, interruptions: int = 0, seed: int = 0, rtt_ms: float = 0.0, name: str = "duet"
+    protocol: Path,
+    folder: Path,
+    *,
+    interruptions: Mapping[str, int] = MappingProxyType({}),
+    seed: int = 0,
+    rtt_ms: float = 0.0,
+    loss: float = 0.0,
+    name: str = "duet",
 ) -> tuple[Played, Counter[str]]:
-    """Play to the end of both sessions, through interruptions of the server, either connection and either page."""
+    """Play to the end of both sessions, through interruptions of the server, either connection and either page.
+
+    ``interruptions`` says how many of each: "kill", "cut" and "reload".
+    """
     chance, happened = random.Random(seed), Counter[str]()
     with (
         serving(protocol, folder, links=2) as served,
-        line(served.port, rtt_ms=rtt_ms) as first,
-        line(served.port, rtt_ms=rtt_ms) as second,
+        line(served.port, rtt_ms=rtt_ms, loss=loss) as first,
+        line(served.port, rtt_ms=rtt_ms, loss=loss) as second,
         browsing() as sit_down,
     ):
         wires = (first, second)
@@ -84,15 +96,16 @@ def play_together(
         ]
         for somebody in people:
             somebody.until("s.welcomed && s.kind !== ''")
-        left = interruptions
+        left = [what for what, times in interruptions.items() for _ in range(times)]
+        chance.shuffle(left)
         moves = 0
         while not all(somebody.state["finished"] for somebody in people):
             _press(people, chance)
             moves += 1
             assert moves < 200 * PATIENCE_S, [somebody.state for somebody in people]
             if left and moves % 5 == 0 and any(somebody.state["playing"] for somebody in people):
-                left -= 1
-                _interrupt(people, served, wires, chance, happened)
+                _interrupt(left.pop(), people, served, wires, chance)
+                happened = Counter(interruptions) - Counter(left)
         heard = [somebody.page.evaluate("sessionStorage.getItem('heard') ?? ''").split() for somebody in people]
         assert [somebody.errors for somebody in people] == [[], []]
         served.stop()
@@ -108,10 +121,9 @@ def _press(people: list[Somebody], chance: random.Random) -> None:
 
 
 def _interrupt(
-    people: list[Somebody], served: Serving, wires: tuple[Line, Line], chance: random.Random, happened: Counter[str]
+    what: str, people: list[Somebody], served: Serving, wires: tuple[Line, Line], chance: random.Random
 ) -> None:
-    what, who = chance.choice(("kill", "cut", "kill", "cut", "reload")), chance.randrange(2)
-    happened[what] += 1
+    who = chance.randrange(2)
     if what == "kill":
         served.kill()
         _press(people, chance)

@@ -11,6 +11,7 @@ from minihuman.experiment.machine.events import Event
 from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown, Stop, Tick
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.machine.transitions import Phase
+from minihuman.experiment.replay import resume_from_events
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.team_host import TeamTable
@@ -29,14 +30,34 @@ class Clock:
 
 
 class Seat:
-    """A person's session machine and the events that it emitted."""
+    """A person's session machine and the events that it emitted.
 
-    def __init__(self, protocol: Any, data: Path, table: TeamTable) -> None:
-        self.plan = plan_next_session(protocol, data)
+    Args:
+        protocol: the study.
+        data: the data folder.
+        table: the teams.
+        participant: who comes back; None: a new one.
+        session: of the participant.
+        hour: of the wall clock at which it begins.
+    """
+
+    def __init__(
+        self,
+        protocol: Any,
+        data: Path,
+        table: TeamTable,
+        *,
+        participant: str | None = None,
+        session: int = 1,
+        hour: int = 0,
+    ) -> None:
+        self.plan = plan_next_session(protocol, data, participant=participant, session=session, any_day=True)
+        self._started_ns = 1 + hour * 3600 * 1000 * MS
         self.machine = SessionMachine(self.plan, World, {}, picture_px=None)
         self.host = make_agent_host(protocol, self.plan, data, teams=table)
-        self._data = data
+        self._data, self._protocol = data, protocol
         self.events: list[Event] = []
+        self.is_connected = True  # to the host
         self._now_ns = 0
         self.take(Tick(0))
 
@@ -47,7 +68,7 @@ class Seat:
 
     def answer(self) -> None:
         """Ask the host for whatever the machine waits for."""
-        while not self.machine.over and (want := self.machine.request) is not None:
+        while self.is_connected and not self.machine.over and (want := self.machine.request) is not None:
             given = self.host.answer(want, self.machine.play, self._now_ns)
             if given is None:
                 return
@@ -57,6 +78,12 @@ class Seat:
         """Let time pass, and whatever screen there is be seen."""
         self._now_ns += round(ms * MS)
         self.take(Tick(self._now_ns), ScreenShown(self._now_ns, self._now_ns, self._now_ns))
+
+    def take_at(self, now_ns: int, *inputs: Input) -> None:
+        """Take inputs that come at a time of the server's, and ask the host."""
+        self._now_ns = now_ns
+        if not self.machine.over:
+            self.take(*inputs)
 
     def press(self, *keys: str) -> None:
         for key in keys:
@@ -82,11 +109,28 @@ class Seat:
 
     def save(self) -> None:
         """Write the session's log."""
-        recorder = McapRecorder(self._data, self.plan, started_ns=1)
+        recorder = McapRecorder(self._data, self.plan, started_ns=self._started_ns)
         recorder.write(self.events)
         log = recorder.close()
         if log is not None:
             record_log_end(log)
+
+    def stop_and_save(self) -> None:
+        """Stop the session in the middle; it can be resumed."""
+        self.stop("connection_lost")
+        self.save()
+
+    def save_part(self) -> None:
+        """Write the log as a server that is killed leaves it."""
+        recorder = McapRecorder(self._data, self.plan, started_ns=self._started_ns)
+        recorder.write(self.events)
+        recorder.leave()
+
+    def resume(self, table: TeamTable) -> None:
+        """Go on from the log in another process, as after a kill."""
+        self.machine, unwritten = resume_from_events(self.events, World, picture_px=None)
+        self.events += unwritten
+        self.host = make_agent_host(self._protocol, self.plan, self._data, teams=table)
 
     def of(self, kind: type) -> list[Any]:
         """The events of a kind."""

@@ -48,12 +48,17 @@ def team_study(
     participants: int = 8,
     block: str = "",
     blocks: tuple[str, ...] = ("together",),
+    days: int = 1,
     more: str = "",
 ) -> Path:
-    """A protocol of team blocks, written into a folder."""
+    """A protocol of team blocks, played on each of so many days, written into a folder."""
     actions = '"left", "right", "forward"' if world == FOUR_ROOMS else '"left", "right", "stay"'
     fields = {"world": world, "episodes": episodes, "actions": actions, "max_steps": max_steps}
     toml = TOML.format(name=name, participants=participants, names=", ".join(f'"{one}"' for one in blocks)) + more
+    if days > 1:
+        parts = ", ".join(f'"{one}"' for one in blocks)
+        toml = toml.replace(f"blocks = [{parts}]\n", "")
+        toml += "".join(f'[[sessions]]\nname = "day-{day + 1}"\nparts = [{parts}]\n' for day in range(days))
     toml += "".join(BLOCK.format(name=one, block=block, team=team, **fields) for one in blocks)
     path = folder / f"{name}.toml"
     path.write_text(toml, encoding="utf-8")

@@ -28,10 +28,10 @@ def test_two_people_in_browsers_play_to_the_end_and_each_log_proves_all_bodies(t
 
 @pytest.mark.program
 def test_a_server_killed_and_connections_cut_lose_no_press_and_both_go_on(tmp_path: Path) -> None:
-    times = count(2, 20)
-    protocol = team_study(tmp_path, episodes=1 + times // 2)
+    times = count({"kill": 1, "cut": 1}, {"kill": 100, "cut": 100, "reload": 50})
+    protocol = team_study(tmp_path, episodes=1 + sum(times.values()) // 2)
     played, happened = play_together(protocol, tmp_path, interruptions=times, seed=3)
-    assert sum(happened.values()) == times
+    assert happened == times
     assert played.complaints == [[], []]
     assert played.joint[0] == played.joint[1] != []
     assert played.lost == [[], []]

@@ -23,7 +23,9 @@ from minihuman.runtime.simulated_session import simulate
 from minihuman.runtime.team_host import require_one_process
 from minihuman.statistics.comparison import find_units
 from tests.teams.study import PEOPLE, WITH_AGENT, team_study
+from tests.worlds.teams.overcooked import dynamics, needs_overcooked
 
+WITH_SIMULATED = WITH_AGENT.replace("scripted:random", "simulated:random")
 TICKS = 'pace = "real_time"\nstep_period_ms = 100'
 
 
@@ -40,7 +42,7 @@ def pairs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "duet"
 
 
-@pytest.mark.parametrize(("team", "block"), [(PEOPLE, ""), (PEOPLE, TICKS), (WITH_AGENT, TICKS)])
+@pytest.mark.parametrize(("team", "block"), [(PEOPLE, ""), (PEOPLE, TICKS), (WITH_AGENT, TICKS), (WITH_SIMULATED, "")])
 def test_simulated_teams_are_proven_and_the_same_when_simulated_again(tmp_path: Path, team: str, block: str) -> None:
     digests = []
     for name in ("first", "again"):
@@ -118,18 +120,63 @@ def test_an_export_holds_each_episode_once_with_all_bodies(tmp_path: Path, pairs
             assert {len(seen[agent]) for agent in line["agents"]} == {len(line["actions"]) + 1}
 
 
-def test_a_kitchen_is_exported_in_the_words_of_overcooked_ai(tmp_path: Path) -> None:
-    toml = team_study(tmp_path, world="minihuman/Team-CrampedRoom-v0", max_steps=80).read_text(encoding="utf-8")
-    path = tmp_path / "kitchen.toml"
+KITCHENS = {  # block: the catalogue's kitchen, and its options
+    "small": ("CrampedRoom", ""),
+    "ring": ("CoordinationRing", ""),
+    "tomatoes": ("CrampedRoom", 'options = { layout = "counter_circuit" }\n'),
+    "old": ("CrampedRoom", 'options = { rules = "2019" }\n'),
+}
+
+
+@pytest.fixture(scope="module")
+def kitchens(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The trajectories of a study in four kitchens, by file."""
+    folder = tmp_path_factory.mktemp("kitchens")
+    toml = team_study(folder, world="KITCHEN", max_steps=80, blocks=tuple(KITCHENS)).read_text(encoding="utf-8")
+    for world, options in KITCHENS.values():
+        toml = toml.replace('"KITCHEN"\n', f'"minihuman/Team-{world}-v0"\n{options}', 1)
+    path = folder / "kitchen.toml"
     path.write_text(toml.replace('"left", "right", "stay"', '"up", "right", "interact"'), encoding="utf-8")
-    list(simulate(read_protocol(path), tmp_path / "data", participants=2, seed=3, player="random"))
-    result, _ = export_study("overcooked", tmp_path / "data" / "duet", tmp_path / "out", Selection())
-    found = json.loads((tmp_path / "out" / "cramped_room.json").read_text(encoding="utf-8"))
-    assert result.episodes == len(found["ep_lengths"]) == 2
-    assert [len(states) for states in found["ep_states"]] == found["ep_lengths"]
-    first = found["ep_states"][0][0]
+    list(simulate(read_protocol(path), folder / "data", participants=2, seed=3, player="random"))
+    result, _ = export_study("overcooked", folder / "data" / "duet", folder / "out", Selection())
+    assert result.episodes == 8
+    return {path.stem: path for path in (folder / "out").glob("*.json")}
+
+
+def test_a_kitchen_is_exported_in_the_words_of_overcooked_ai(kitchens: dict[str, Path]) -> None:
+    files = {name: json.loads(path.read_text(encoding="utf-8")) for name, path in kitchens.items()}
+    assert set(files) == {"cramped_room", "coordination_ring", "counter_circuit", "cramped_room_2019"}
+    for name, found in files.items():
+        assert len(found["ep_lengths"]) == 2
+        assert [len(states) for states in found["ep_states"]] == found["ep_lengths"]
+        assert {params["layout_name"] for params in found["mdp_params"]} == {name.removesuffix("_2019")}
+        assert set(found["rules"]) == {"2019" if name.endswith("2019") else "1.1.0"}
+    first = files["cramped_room"]["ep_states"][0][0]
     assert [player["held_object"] for player in first["players"]] == [None, None]
-    assert found["mdp_params"][0]["terrain"][0] == list("XXPXX")
+    assert files["cramped_room"]["mdp_params"][0]["terrain"][0] == list("XXPXX")
+    orders = files["counter_circuit"]["ep_states"][0][0]
+    assert [len(order["ingredients"]) for order in orders["all_orders"]] == [3, 3, 2]
+    assert orders["bonus_orders"] == [{"ingredients": ["onion", "tomato"]}]
+
+
+@needs_overcooked
+def test_overcooked_ai_reads_what_was_exported_and_steps_it_to_the_same_states(kitchens: dict[str, Path]) -> None:
+    gridworld = dynamics().OvercookedGridworld
+    from overcooked_ai_py.agents.benchmarking import AgentEvaluator
+
+    for name, path in kitchens.items():
+        mdp = gridworld.from_layout_name(name.removesuffix("_2019"))  # which tells it of recipes, before it reads any
+        found = AgentEvaluator.load_traj_from_json(str(path))
+        assert [len(states) for states in found["ep_states"]] == found["ep_lengths"] == [80, 80]
+        if name.endswith("2019"):  # the old rules are none of 1.1.0's
+            continue
+        [of_file, _], _ = AgentEvaluator.get_mdps_and_envs_from_trajectories(found)
+        assert (of_file.terrain_mtx, of_file.start_all_orders) == (mdp.terrain_mtx, mdp.start_all_orders)
+        assert of_file.get_standard_start_state().to_dict() == found["ep_states"][0][0].to_dict()
+        for states, actions, rewards in zip(found["ep_states"], found["ep_actions"], found["ep_rewards"], strict=True):
+            for step, state in enumerate(states[:-1]):
+                after, earned = of_file.get_state_transition(state, actions[step])
+                assert (after, sum(earned["sparse_reward_by_agent"])) == (states[step + 1], rewards[step])
 
 
 def test_people_who_would_not_meet_are_told_so_before_a_slot_is_taken(tmp_path: Path) -> None:

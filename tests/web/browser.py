@@ -2,9 +2,11 @@
 
 import os
 import shutil
+import signal
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -58,6 +60,48 @@ def browsing(
             yield lambda url, **options: Somebody(browser.new_context(**view, **options), url)
         finally:
             browser.close()
+
+
+@contextmanager
+def browsing_with_profile(profile: Path) -> "Iterator[tuple[Somebody, Callable[[], None]]]":
+    """A browser with a profile that outlives it; yields a participant on an empty page, and what kills the browser."""
+    where = chromium()
+    playwright = pytest.importorskip("playwright.sync_api")
+    with playwright.sync_playwright() as driver:
+        context = driver.chromium.launch_persistent_context(
+            str(profile), executable_path=where, headless=True, args=list(_ARGUMENTS)
+        )
+
+        def kill() -> None:
+            for pid in browser_processes(str(profile)):
+                with suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+
+        try:
+            yield Somebody(context, "about:blank"), kill
+        finally:
+            with suppress(playwright.Error):
+                context.close()
+
+
+def browser_processes(profile: str = "") -> list[int]:
+    """The processes of the browsers that this process started, or of the one with a profile."""
+    parents: dict[int, int] = {}
+    commands: dict[int, str] = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            pid = int(folder.name)
+            parents[pid] = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+            commands[pid] = (folder / "cmdline").read_text()
+
+    def is_own(pid: int) -> bool:
+        return pid == os.getpid() or (pid in parents and is_own(parents[pid]))
+
+    return [
+        pid
+        for pid, command in commands.items()
+        if "chrom" in command.split("\0")[0] and profile in command and is_own(pid)
+    ]
 
 
 class Somebody:

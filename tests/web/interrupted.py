@@ -1,6 +1,9 @@
 """A session in a browser that is interrupted at random: lines cut, pages loaded again, servers killed."""
 
+import os
 import random
+import signal
+import time
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,7 +12,8 @@ from minihuman.admin.verify.log import find_log_differences
 from minihuman.experiment.machine.events import KeyPressed, Stepped
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.worlds.adapters.world import World
-from tests.web.browser import Somebody, browsing
+from tests.counts import count
+from tests.web.browser import Somebody, browser_processes, browsing
 from tests.web.protocols import GRID, study
 from tests.web.serving import Line, Serving, line, serving
 
@@ -30,7 +34,7 @@ class Interrupted:
     notes: list[str] = field(default_factory=list)  # of the page's own: what was shown and was not so
 
 
-KINDS = "cut", "cut", "kill", "kill", "reload"
+KINDS = "cut", "cut", "kill", "kill", "reload", "sleep"
 
 
 def interrupt(
@@ -100,5 +104,18 @@ def _do(what: str, somebody: Somebody, served: Serving, wire: Line, chance: rand
         case "reload":
             somebody.page.reload()
             somebody.until("s.welcomed && s.kind !== ''")
+        case "sleep":  # a laptop that is closed: its browser stands still, and most often its network is gone
+            processes = browser_processes()
+            assert processes
+            for pid in processes:
+                os.kill(pid, signal.SIGSTOP)
+            if chance.random() < 0.7:
+                wire.cut()
+            time.sleep(
+                chance.choice((0.3, 1.5, count(2.5, 12.0)))
+            )  # over the server's patience with a silent page, too
+            wire.mend()
+            for pid in processes:
+                os.kill(pid, signal.SIGCONT)
     if chance.random() < 0.7:  # else the next comes while this is being got over
         somebody.until("s.welcomed")

@@ -3,7 +3,14 @@
 import numpy as np
 
 from minihuman.web.computed import PageWorld
-from minihuman.web.messages import EpisodeRules, FirstPersonState, GridState, WorldState
+from minihuman.web.messages import (
+    EpisodeRules,
+    FirstPersonPosition,
+    FirstPersonState,
+    GridPosition,
+    GridState,
+    WorldPosition,
+)
 from minihuman.worlds.first_person import rules as first_person
 
 
@@ -18,11 +25,12 @@ class PageSteps:
     def __init__(self, world_id: str, rules: EpisodeRules) -> None:
         assert rules.computed is not None
         self.rules = rules
-        self.start = rules.computed  # where the server said last that it was
-        self._inside = _GridSteps(world_id) if isinstance(rules.computed, GridState) else _FirstPersonSteps()
+        self.start: WorldPosition = rules.computed  # where the server said last that it was
+        first = rules.computed
+        self._inside = _GridSteps(world_id) if isinstance(first, GridState) else _FirstPersonSteps(first)
         self.place(rules.computed)
 
-    def place(self, state: WorldState) -> None:
+    def place(self, state: WorldPosition) -> None:
         """Go where the server is."""
         self._inside.place(state, np.array([int(word) for word in state.rng_state], np.uint64))
         self.start, self.step, self.ended = state, state.step, False
@@ -48,8 +56,8 @@ class _GridSteps:
         self._world = PageWorld(world_id)
         self._world.reset(0)
 
-    def place(self, state: WorldState, words: np.ndarray) -> None:
-        assert isinstance(state, GridState)
+    def place(self, state: WorldPosition, words: np.ndarray) -> None:
+        assert isinstance(state, GridPosition)
         env, runs = self._world.unwrapped, np.array(state.row)
         row = np.repeat(runs[::2], runs[1::2]).astype(np.int32)
         env.restore(env.save()._replace(row=row, rng_state=words))
@@ -63,12 +71,15 @@ class _GridSteps:
 
 
 class _FirstPersonSteps:
-    def place(self, state: WorldState, words: np.ndarray) -> None:
-        assert isinstance(state, FirstPersonState)
-        sent = (state.things, state.numbers, state.walls, state.rooms, state.edges)
-        things, self._numbers, walls, rooms, edges = (np.frombuffer(each).copy() for each in sent)
+    def __init__(self, first: FirstPersonState) -> None:
+        walls, rooms, edges = (np.frombuffer(each).copy() for each in (first.walls, first.rooms, first.edges))
+        self._walls, self._rooms = walls.reshape(-1, 4), (rooms.reshape(-1, 7), edges.reshape(-1, 4))
+
+    def place(self, state: WorldPosition, words: np.ndarray) -> None:
+        assert isinstance(state, FirstPersonPosition)
+        things, self._numbers = (np.frombuffer(each).copy() for each in (state.things, state.numbers))
         self._things, self._words = things.reshape(-1, first_person.COLUMNS), words
-        self._plan = walls.reshape(-1, 4), words, rooms.reshape(-1, 7), edges.reshape(-1, 4)
+        self._plan = self._walls, words, *self._rooms
 
     def step(self, action: int) -> tuple[float, bool, bool]:
         status = first_person.step(self._things, self._numbers, *self._plan, action)

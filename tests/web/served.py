@@ -27,11 +27,11 @@ name = "all"
 {parts}
 [[blocks]]
 name = "walk"
-world = "minihuman/MiniGrid-Empty-5x5-v0"
+world = "{world[0]}"
 episodes = {episodes}
 max_steps = 20
 final_frame_ms = 0
-actions = ["left", "right", "forward"]
+actions = {actions}
 {more}
 """
 
@@ -59,6 +59,7 @@ def served(
     more: str = "",
     parts: str = 'blocks = ["walk"]',
     episodes: int = 2,
+    world: tuple[str, tuple[str, ...]] = ("minihuman/MiniGrid-Empty-5x5-v0", ("left", "right", "forward")),
     options: tuple[str, ...] = (),
     before: tuple[str, ...] = (),
 ) -> Iterator[Served]:
@@ -68,7 +69,9 @@ def served(
     """
     folder.mkdir(parents=True, exist_ok=True)
     path, said = folder / "walk.toml", folder / "said.txt"
-    path.write_text(GRID.format(web=web, more=more, parts=parts, episodes=episodes))
+    path.write_text(
+        GRID.format(web=web, more=more, parts=parts, episodes=episodes, world=world, actions=list(world[1]))
+    )
     words = ("--data", str(folder / "data"), "--port", "0", "--links", str(links), *options)
     command = [*before, sys.executable, "-m", "minihuman", "serve", str(path), *words]
     with (

@@ -96,15 +96,21 @@ def serving(protocol: Path, data: Path, *, links: int = 1) -> Iterator[Serving]:
             served.kill()
 
 
+SEGMENT_BYTES, RETRANSMIT_S = 1448, 0.2  # of Ethernet; Linux's least timeout
+
+
 class Line:
     """A TCP proxy in front of a port: every byte takes ``one_way_s``, either way; it can be cut.
 
+    ``loss`` is the share of TCP segments that get lost: what such a segment carries, and all behind it, comes a round
+    trip and the shortest retransmission timeout later, as TCP hands nothing on out of order.
     Each direction of a connection has two threads, one that reads and one that writes when it is time.
     """
 
-    def __init__(self, port: int, *, one_way_s: float) -> None:
-        self.one_way_s = one_way_s
-        self.bytes_down = 0
+    def __init__(self, port: int, *, one_way_s: float, loss: float = 0.0) -> None:
+        self.one_way_s, self.loss = one_way_s, loss
+        self._chance = random.Random(port)
+        self.bytes_down = self.bytes_up = 0
         self.deaf = False  # nothing comes down; what goes up arrives
         self.stalled = False  # nothing arrives on either side, until it is again
         self._to = port
@@ -161,8 +167,11 @@ class Line:
                     data = source.recv(65536)
                 except OSError:
                     data = b""
+                due_s, segments = time.monotonic() + self.one_way_s, -(-len(data) // SEGMENT_BYTES)
+                if self._chance.random() < 1 - (1 - self.loss) ** segments:
+                    due_s += 2 * self.one_way_s + RETRANSMIT_S
                 with arrived:
-                    waiting.append((time.monotonic() + self.one_way_s, data))
+                    waiting.append((due_s, data))
                     arrived.notify()
 
         def write() -> None:
@@ -182,6 +191,8 @@ class Line:
                     target.sendall(data)
                     if down:
                         self.bytes_down += len(data)
+                    else:
+                        self.bytes_up += len(data)
                 except OSError:
                     break
             for one in (source, target):
@@ -196,9 +207,9 @@ class Line:
 
 
 @contextmanager
-def line(port: int, *, rtt_ms: float = 0.0) -> Iterator[Line]:
+def line(port: int, *, rtt_ms: float = 0.0, loss: float = 0.0) -> Iterator[Line]:
     """A line to a port of this machine."""
-    made = Line(port, one_way_s=rtt_ms / 2000)
+    made = Line(port, one_way_s=rtt_ms / 2000, loss=loss)
     try:
         yield made
     finally:

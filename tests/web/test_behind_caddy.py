@@ -1,6 +1,5 @@
-"""Behind Caddy with TLS, by the Caddyfile of docs/web.md: each page gets to its worker, and clocks are fine."""
+"""Behind Caddy with TLS, by the Caddyfile of `minihuman deploy`: each page gets to its worker, and clocks are fine."""
 
-import re
 import shutil
 import subprocess
 import time
@@ -11,6 +10,8 @@ from pathlib import Path
 import pytest
 
 from minihuman.admin.verify.log import find_log_differences
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.web.deployment import Deployment, write_deployment
 from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S
 from tests.web.browser import browsing
@@ -21,25 +22,28 @@ pytestmark = [
     pytest.mark.program,
     pytest.mark.skipif(shutil.which("caddy") is None, reason="Caddy is not installed; apt-get install caddy"),
 ]
-DOCS = Path(__file__).parents[2] / "docs" / "web.md"
+PROTOCOL = Path(__file__).parents[2] / "protocols" / "online.toml"
 HERE = """
-{{
 	admin off
 	auto_https disable_redirects
 	skip_install_trust
 	storage file_system {folder}
-}}
 """  # a certificate of its own, and nothing outside the folder
 
 
 def caddyfile(folder: Path, *, port: int, first: int) -> str:
-    """The docs' own for workers, for two of them and this machine's address."""
-    (block,) = re.findall(r"```\n(study\.example\.org \{\n[^`]*?lb_policy.*?\n\}\n)```", DOCS.read_text(), re.S)
-    workers = f"127.0.0.1:{first} 127.0.0.1:{first + 1}"
-    there, replaced = re.subn(r"127\.0\.0\.1:8000 .*127\.0\.0\.1:8003", workers, block)
-    assert replaced == 2, "sockets and pages"
-    site = there.replace("study.example.org {", f"https://localhost:{port} {{\n\ttls internal")
-    return HERE.format(folder=folder / "certificates") + site
+    """What `minihuman deploy` writes for two workers, with this machine's address."""
+    deployment = Deployment("https://study.example.org", workers=2)
+    write_deployment(decode_protocol(PROTOCOL.read_bytes()), folder / "deployment", deployment)
+    there = (folder / "deployment" / "Caddyfile").read_text()
+    for old, new, times in (
+        ("127.0.0.1:8000 127.0.0.1:8001", f"127.0.0.1:{first} 127.0.0.1:{first + 1}", 2),  # sockets and pages
+        ("\nstudy.example.org {", f"\nhttps://localhost:{port} {{\n\ttls internal", 1),
+        ("\n{\n", "\n{" + HERE.format(folder=folder / "certificates"), 1),
+    ):
+        assert there.count(old) == times, old
+        there = there.replace(old, new)
+    return there
 
 
 @contextmanager

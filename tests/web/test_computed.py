@@ -4,6 +4,7 @@ import asyncio
 import base64
 import random
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +20,12 @@ from minihuman.experiment.replay import BROWSER_NOTE, compare_replay
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.web import messages
-from minihuman.web.computed import PageWorld, kernels_digest
+from minihuman.web.computed import MOST_UNKNOWN, ComputedEpisode, PageWorld
 from minihuman.web.outbox import PageSettings
 from minihuman.web.session_host import SessionHost
 from minihuman.worlds.adapters.world import World
-from tests.counts import PATIENCE_S
+from minihuman.worlds.source_digest import kernels_digest
+from tests.counts import PATIENCE_S, count
 from tests.web.browser import Somebody, browsing
 from tests.web.page_model import PageModel
 from tests.web.page_steps import PageSteps
@@ -37,9 +39,16 @@ MS = 1_000_000
 WRONG = "0123456789abcdef"
 
 
-def playing(folder: Path, *, block: str = "", computes: bool = True) -> tuple[SessionHost, MemoryRecorder, PageModel]:
+def playing(
+    folder: Path,
+    *,
+    world: tuple[str, tuple[str, ...]] = GRID,
+    block: str = "",
+    computes: bool = True,
+    max_steps: int = 9,
+) -> tuple[SessionHost, MemoryRecorder, PageModel]:
     """A host in its first episode, and a page before it that computes."""
-    protocol = decode_protocol(study(folder, max_steps=9, block=block).read_bytes())
+    protocol = decode_protocol(study(folder, world, max_steps=max_steps, block=block).read_bytes())
     plan, recorder = expand_protocol(protocol, enrol_participant(protocol, 0)), MemoryRecorder()
     session = SessionMachine(plan, PageWorld, {"window": "web"}, picture_px=(84, 84), renders_steps=False)
     host = SessionHost(session, recorder, PageWorld, PageSettings(picture_px=(84, 84)))
@@ -138,6 +147,96 @@ def test_a_step_through_a_wall_that_the_page_claims_and_the_session_does_not_mak
     host.close()
 
 
+WORLDS = pytest.mark.parametrize("world", [GRID, FIRST_PERSON_WORLD], ids=["grid", "first person"])
+
+
+def of_another_seed(steps: PageSteps, world_id: str) -> str:
+    """The digest of the first step of an episode that nobody gave the page."""
+    other = PageWorld(world_id, {"trig": 1} if "MiniWorld" in world_id else {})
+    other.reset(123_456)
+    made = other.step(steps.rules.actions["1"])
+    return other.digest(made.reward, terminated=made.terminated, truncated=made.truncated)
+
+
+def with_a_reward(steps: PageSteps, world_id: str) -> str:
+    """The digest of the right step and a reward that nobody earned."""
+    inside = steps._inside
+    reward, terminated, truncated = inside.step(steps.rules.actions["1"])
+    return inside.digest(reward + 1.0, terminated, truncated)
+
+
+@WORLDS
+@pytest.mark.parametrize("lie", [of_another_seed, with_a_reward])
+def test_a_page_that_claims_rewards_or_another_seed_is_named_and_told_the_truth(
+    tmp_path: Path, world: tuple[str, tuple[str, ...]], lie: Callable[[PageSteps, str], str]
+) -> None:
+    host, recorder, page = playing(tmp_path, world=world)
+    assert page.steps is not None
+    t_ns, claimed = page.sent[-1].at + 100 * MS, lie(page.steps, world[0])
+    page.say(messages.KeyMessage("1", True, t_ns, digest=claimed))
+    [note] = notes(recorder)
+    assert note.startswith(f"step 1 of episode 1 was computed otherwise in the page: its digest is {claimed}, here ")
+    [told] = corrections(page)
+    assert [event.reward for event in recorder.events if isinstance(event, Stepped)] == [0.0]
+    press(page, "2")
+    assert (len(notes(recorder)), told.state.step) == (1, 1), "the page is right again from where it was told"
+    assert list(compare_replay(recorder.events, World)) == []
+    host.close()
+
+
+@WORLDS
+def test_a_page_that_lies_of_real_time_is_named_once_and_told_where_it_is_at_each_tick(
+    tmp_path: Path, world: tuple[str, tuple[str, ...]]
+) -> None:
+    noop = 'noop_action = "done"' if world is GRID else ""
+    block = f'pace = "real_time"\nstep_period_ms = 33.3\n{noop}\n'
+    host, recorder, page = playing(tmp_path, world=world, block=block, max_steps=30)
+    for number in range(12):
+        page.say(messages.KeyMessage("1", True, page.sent[-1].at + 5 * MS))
+        page._now_ns += 40 * MS
+        page.say(messages.TickMessage(WRONG))
+        assert host.session.play is not None
+        assert host.session.play.steps == len(corrections(page)) > number / 2
+    assert len(notes(recorder)) == 1
+    assert WRONG in notes(recorder)[0]
+    assert list(compare_replay(recorder.events, World)) == []
+    host.close()
+
+
+def test_to_correct_a_page_costs_little_beside_what_describing_its_scene_costs(tmp_path: Path) -> None:
+    host, _, page = playing(tmp_path, world=FIRST_PERSON_WORLD, max_steps=400)
+    play, told = host.session.play, len(page.told)
+    assert play is not None
+    ComputedEpisode(play, (84, 84))
+    began_s = time.process_time()
+    for _ in range(5):
+        ComputedEpisode(play, (84, 84))
+    described_s = (time.process_time() - began_s) / 5
+    began_s = time.process_time()
+    for _ in range(60):
+        press(page, "1", WRONG)
+    assert (time.process_time() - began_s) / 60 < described_s / 3
+    assert len(corrections(page)) == 60
+    assert not any(isinstance(message, messages.ArraysMessage) for message in page.told[told:])
+    assert all(type(told.state) is messages.FirstPersonPosition for told in corrections(page))
+    host.close()
+
+
+def test_a_page_that_never_says_what_it_computed_is_named_when_it_should_know(tmp_path: Path) -> None:
+    host, recorder, page = playing(tmp_path, max_steps=400)
+    for _ in range(MOST_UNKNOWN - 1):
+        press(page, "1", "")
+    assert notes(recorder) == []
+    press(page, "1")  # it knows again
+    for _ in range(MOST_UNKNOWN - 1):
+        press(page, "1", "")
+    assert notes(recorder) == []
+    for _ in range(MOST_UNKNOWN):
+        press(page, "1", "")
+    assert notes(recorder) == [f"the page said nothing of {MOST_UNKNOWN} steps in a row that it was to compute"]
+    host.close()
+
+
 def test_a_page_that_could_not_know_is_told_where_it_is_and_not_blamed(tmp_path: Path) -> None:
     host, recorder, page = playing(tmp_path)
     press(page, "1", "")
@@ -225,16 +324,16 @@ BLOCKS = [
     ("level", "BabyAI-GoToLocal-v0", [*TURNS, "pickup"], ""),
     ("words", "BabyAI-GoToLocal-v0", [*TURNS, "pickup"], 'view = "text"'),  # which the server draws
 ]
-PIXELS = """() => {
-  const canvas = document.querySelector("#screen canvas");
+PIXELS = """(selector) => {
+  const canvas = document.querySelector(selector);
   const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
   return [canvas.width, canvas.height, btoa(Array.from(data, (byte) => String.fromCharCode(byte)).join(""))];
 }"""
 
 
-def _picture_of(somebody: Somebody) -> np.ndarray:
-    """What the canvas shows, uint8[H, W, 3]."""
-    width, height, pixels = somebody.page.evaluate(PIXELS)
+def picture_of(somebody: Somebody, selector: str = "#screen canvas") -> np.ndarray:
+    """What a canvas shows, uint8[H, W, 3]."""
+    width, height, pixels = somebody.page.evaluate(PIXELS, selector)
     return np.frombuffer(base64.b64decode(pixels), np.uint8).reshape(height, width, 4)[..., :3]
 
 
@@ -259,11 +358,11 @@ def test_what_the_page_draws_is_the_worlds_picture_to_the_pixel(
                 if episode.view == "text":  # of which the server draws every picture
                     somebody.until(f"s.step >= {step}", patience_s=20)
                 right = world.frame(episode.view, (400, 300), episode.palette)
-                shown = _picture_of(somebody)
+                shown = picture_of(somebody)
                 by = time.monotonic() + PATIENCE_S
                 while not np.array_equal(shown, right) and time.monotonic() < by:
                     time.sleep(0.05)  # the first picture waits for textures, a key for the picture that it answers
-                    shown = _picture_of(somebody)
+                    shown = picture_of(somebody)
                 assert np.array_equal(shown, right), episode.block_name
                 drawn += 1
                 key = rng.choice(sorted(episode.key_map.keys))
@@ -361,24 +460,72 @@ def test_real_time_at_thirty_steps_a_second_is_stepped_in_the_page_over_a_long_l
     assert list(find_log_differences(log, World)) == []
 
 
+@pytest.mark.long
+@pytest.mark.program
+@pytest.mark.parametrize(
+    ("world", "noop"), [(GRID, 'noop_action = "done"'), (FIRST_PERSON_WORLD, "")], ids=["grid", "3d"]
+)
+def test_keys_with_holds_and_chords_in_real_time_make_the_steps_that_they_make_at_the_desk(
+    tmp_path: Path, world: tuple[str, tuple[str, ...]], noop: str
+) -> None:
+    """At 30 steps a second over 300 ms: 5,000 keys under MINIHUMAN_LONG=1. The desk's session gets the log's inputs."""
+    keys, pressed, chords = count(60, 5_000), 0, 0
+    block = f'pace = "real_time"\nstep_period_ms = 33.3\n{noop}\n'
+    rng = random.Random(27)
+    with (
+        serving(study(tmp_path, world, max_steps=600, episodes=keys // 20, block=block), tmp_path) as server,
+        line(server.port, rtt_ms=300) as wire,
+        browsing() as sit_down,
+    ):
+        somebody, held = sit_down(f"http://127.0.0.1:{wire.port}/#t={server.tokens[0]}"), set()
+        while pressed < keys:
+            somebody.to_play()
+            while pressed < keys and somebody.state["playing"] and not somebody.state["ended"]:
+                key = rng.choice("123")
+                (somebody.page.keyboard.up if key in held else somebody.page.keyboard.down)(key)
+                pressed += key not in held
+                held ^= {key}
+                chords += len(held) > 1
+                somebody.page.wait_for_timeout(rng.choice((5, 20, 60, 150)))
+            for key in held:
+                somebody.page.keyboard.up(key)
+            held.clear()
+            somebody.until(f"!s.playing || s.ended || {int(pressed >= keys)}")
+        somebody.until("s.unsafe === 0")
+        assert somebody.errors == []
+        server.stop()
+    [log] = tmp_path.rglob("*.mcap.part")
+    events = list(read_events(log))
+    steps = [event for event in events if isinstance(event, Stepped)]
+    presses = [event for event in events if isinstance(event, KeyPressed) and event.down and event.key in "123"]
+    assert len(presses) >= keys
+    assert chords > keys / 10
+    assert len(steps) > keys
+    assert [event.text for event in events if isinstance(event, Noted) and event.kind == BROWSER_NOTE] == []
+    assert list(compare_replay(events, World)) == [], "the session at the desk made other steps of the same inputs"
+    flips = {(event.episode, event.step): event.flip_ns for event in reversed(events) if isinstance(event, FrameShown)}
+    shown = [(flips[at] - step.t_ns) / MS for step in steps if (at := (step.episode, step.step)) in flips]
+    in_time = np.mean(np.array(shown) < 33.3) * len(shown) / len(steps)
+    print(f"{len(presses)} keys, {chords} chords, {len(steps)} steps, {100 * in_time:.1f} % of frames in their period")
+
+
 class LyingPage(TypedPage):
-    """A page whose every third step is said to have led elsewhere."""
+    """A page that presses as fast as it may, and says of all of its steps that they led elsewhere."""
 
     def lies(self, digest: str) -> str:
-        return WRONG if self.counts.presses % 3 == 2 else digest
+        return WRONG
 
 
 @pytest.mark.program
-def test_a_page_that_lies_of_its_steps_is_named_and_its_neighbour_notices_nothing(tmp_path: Path) -> None:
-    world = "minihuman/MiniGrid-Empty-5x5-v0"
-
+@pytest.mark.parametrize("world", ["minihuman/MiniGrid-Empty-5x5-v0", FIRST_PERSON_WORLD[0]], ids=["grid", "3d"])
+def test_a_page_that_lies_of_its_steps_is_named_and_its_neighbour_notices_nothing(tmp_path: Path, world: str) -> None:
     async def both(liar: TypedPage, honest: TypedPage) -> None:
         await asyncio.wait_for(asyncio.gather(liar.take_part(), honest.take_part()), PATIENCE_S)
 
-    with served(tmp_path, links=2, episodes=2) as server:
+    with served(tmp_path, links=2, episodes=2, **({} if "Grid" in world else {"world": FIRST_PERSON_WORLD})) as server:
         pages = [
-            kind(server.host, token, keys_per_s=12, rng=random.Random(3), computes=world)
-            for kind, token in zip((LyingPage, TypedPage), server.links, strict=True)
+            kind(server.host, token, keys_per_s=keys_hz, rng=random.Random(3), computes=world)
+            for kind, token, keys_hz in zip((LyingPage, TypedPage), server.links, (25, 6), strict=True)
         ]
         asyncio.run(both(*pages))
         assert [page.counts.over for page in pages] == ["complete", "complete"]

@@ -62,17 +62,38 @@ def test_the_page_lists_the_studies_of_a_folder_and_what_is_expected_of_whom(pag
     assert "Start the next participant" in study
 
 
-def test_a_button_starts_the_command_and_shows_what_it_printed(page: TestClient) -> None:
-    shown = page.post("start", data={"study": KEY, "action": "check"})
+def press(page: TestClient, action: str) -> str:
+    """Press a study's button, and wait until its command has ended; the page of the command."""
+    shown = page.post("start", data={"study": KEY, "action": action})
     deadline_s = time.monotonic() + PATIENCE_S
     while "data-running" in shown.text:
         assert time.monotonic() < deadline_s
         time.sleep(0.2)
         shown = page.get(str(shown.url))
-    assert '<strong class="done">done</strong>' in shown.text
-    assert "study        days" in shown.text
-    assert "minihuman check" in shown.text
+    return shown.text
+
+
+def test_a_button_starts_the_command_and_shows_what_it_printed(page: TestClient) -> None:
+    shown = press(page, "check")
+    assert '<strong class="done">done</strong>' in shown
+    assert "study        days" in shown
+    assert "minihuman check" in shown
     assert '<span class="done">done</span>' in page.get(f"study?key={quote(KEY)}").text
+
+
+def test_a_report_that_could_not_be_written_anew_says_why_beside_the_old_one(page: TestClient, lab: Path) -> None:
+    old = lab / "reports" / "days"
+    old.mkdir(parents=True)
+    (old / "report.html").write_text("<p>of yesterday</p>")
+    (old / "figures").touch()  # where a folder has to be
+    try:
+        assert '<strong class="refused">refused</strong>' in press(page, "report")
+        study = page.get(f"study?key={quote(KEY)}").text
+        assert "Open the report" in study
+        assert '<span class="refused">refused</span>' in study
+        assert "reports/days/figures" in study
+    finally:
+        shutil.rmtree(lab / "reports")
 
 
 def test_others_do_not_get_in(page: TestClient) -> None:

@@ -66,7 +66,10 @@ def test_a_pad_and_the_mouse_play_in_the_page_and_the_log_is_proven(tmp_path: Pa
     with serving(path, tmp_path) as served, browsing() as sit_down:
         person = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
         page = person.page
-        page.evaluate(_PAD)
+        person.page.get_by_text("This study is played with a gamepad.").wait_for()
+        page.screenshot(path=str(tmp_path / "no-pad.png"))
+        assert not list(tmp_path.rglob("*.mcap*")), "nobody is enrolled"
+        page.evaluate(_PAD + "dispatchEvent(new Event('gamepadconnected'));")
 
         def press(button: int, until: str) -> None:
             """Until it leads there: a press before "Ready?" is seen is not taken, nor is one between two frames."""

@@ -73,6 +73,11 @@ def test_who_does_not_fit_is_told_why(web, properties, why):
     assert check_eligibility(web, properties) == why
 
 
+def test_a_study_for_a_gamepad_takes_nobody_without_one():
+    assert check_eligibility(WebSpec(), BrowserProperties(), needs_gamepad=True) == "gamepad"
+    assert check_eligibility(WebSpec(), BrowserProperties(gamepad=True), needs_gamepad=True) == ""
+
+
 ONLINE = WebSpec(
     completion_codes=CompletionCodesSpec(complete="C1", declined="D2", failed_check="F3", timed_out="T4"),
     redirect="https://app.example/done?cc={code}&who={id}",

@@ -6,6 +6,8 @@ import random
 import socket as plain
 import threading
 import time
+import urllib.request
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -132,8 +134,12 @@ def spoilt(draw: st.DrawFn) -> str:
     return json.dumps(message)
 
 
+SHORT = st.tuples(
+    st.sampled_from(["k", "s", "t", "n"]), st.sampled_from([1, 2, 3, 0, -1]), st.sampled_from([1, 5, 10**6, 2**53])
+)
 MESSAGES = (
     spoilt()
+    | st.builds(lambda head, rest: json.dumps([*head, *rest]), SHORT, st.lists(NASTY, max_size=7))
     | st.text(max_size=60)
     | st.binary(max_size=60)
     | NASTY.map(json.dumps)
@@ -301,3 +307,34 @@ def test_every_answer_has_the_headers_that_keep_the_page_to_itself(server):
         for name in (b"content-security-policy", b"cross-origin-opener-policy", b"x-content-type-options"):
             assert head.count(name + b":") == 1, (path, head)
         assert b"cache-control: no-store" in head
+
+
+def answer(server: Served, stack: ExitStack, *, address: str, token: str = "", person: str = "") -> str:
+    """Come from an address, as a proxy says it, and stay: "welcome", or why not."""
+    socket = stack.enter_context(opened(server, additional_headers={"X-Forwarded-For": address}))
+    platform = {"PROLIFIC_PID": person} if person else {}
+    facts = {"browser": "simulated", "window_px": "1366 x 768", "mouse": True, "touch": False}
+    hello = {"t": "hello", "version": MESSAGE_VERSION, "token": token, "stream": "crowd", "platform": platform}
+    socket.send(json.dumps({**hello, "facts": facts}))
+    said = json.loads(socket.recv(timeout=PATIENCE_S))
+    return said["reason"] if said["t"] == "refused" else said["t"]
+
+
+@pytest.mark.parametrize("garbage", ["", "x"])  # as a link's token, which is none
+def test_two_hundred_invented_ids_from_one_address_cost_nobody_else_a_seat(tmp_path, garbage):
+    crowd = count(40, 200)
+    web = "max_concurrent_sessions = 30\nmax_unconsented_per_address = 10"
+    with served(tmp_path, links=1, web=web) as server, ExitStack() as stack:
+        invented = [
+            answer(server, stack, address=f"2001:db8::{n:x}", token=garbage, person=f"invented-{n}")
+            for n in range(crowd)
+        ]
+        assert Counter(invented) == {"welcome": 10, "busy": crowd - 10}
+        for number in range(15):
+            assert answer(server, stack, address=f"198.51.100.{number}", person=f"real-{number}") == "welcome"
+        assert answer(server, stack, address="2001:db8::1", token=server.links[0]) == "welcome", "who was invited"
+        metrics = urllib.request.urlopen(f"http://{server.host}/metrics", timeout=PATIENCE_S).read().decode()
+        assert "\nminihuman_sessions_before_consent 26\n" in metrics
+        assert urllib.request.urlopen(f"http://{server.host}/healthz", timeout=PATIENCE_S).read() == b"ok\n"
+    entries = (tmp_path / "data/walk/register.jsonl").read_text().splitlines()
+    assert len(entries) < 40, "an invented id that was refused took a slot"

@@ -5,11 +5,13 @@ from pathlib import Path
 
 import pytest
 
+from minihuman.admin.verify.log import find_log_differences
 from minihuman.experiment.machine.events import Noted, Stepped
 from minihuman.experiment.replay import BROWSER_NOTE
 from minihuman.log.read.session_reader import read_events
+from minihuman.worlds.adapters.world import World
 from tests.counts import count
-from tests.web.browser import PATIENCE_MS, browsing
+from tests.web.browser import PATIENCE_MS, browsing, browsing_with_profile
 from tests.web.interrupted import interrupt
 from tests.web.protocols import FIRST_PERSON, study
 from tests.web.serving import line, serving
@@ -47,6 +49,57 @@ def test_two_hundred_cuts_in_first_person_lose_no_press(tmp_path: Path) -> None:
     assert found.steps == found.accepted > 5 * times
     assert found.complaints == []
     assert found.notes == []
+
+
+@pytest.mark.long
+@pytest.mark.program
+def test_twenty_closed_laptops_with_keys_between_lose_no_press(tmp_path: Path) -> None:
+    times = count(3, 20)
+    found = interrupt(tmp_path, times=times, seed=5, kinds=("sleep",))
+    assert found.happened == {"sleep": times}
+    assert found.logged == [CODES[code] for code in found.heard]
+    assert found.steps == found.accepted > 5 * times
+    assert found.complaints == []
+    assert found.notes == []
+
+
+@pytest.mark.long
+@pytest.mark.program
+@pytest.mark.parametrize("waits_ms", [500, 0], ids=["at rest", "between keys"])
+def test_a_browser_that_is_killed_loses_no_press_that_it_had_committed(tmp_path: Path, waits_ms: int) -> None:
+    """The tab's own storage goes with the browser; what IndexedDB has is taken up when the link is opened again."""
+    lost = []
+    for number in range(count(1, 20)):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        with serving(study(folder, max_steps=60), folder) as served, line(served.port) as wire:
+            link = f"http://127.0.0.1:{wire.port}/#t={served.tokens[0]}"
+            with browsing_with_profile(folder / "profile") as (somebody, kill):
+                somebody.page.goto(link)
+                somebody.to_play()
+                somebody.press("1", "2")
+                somebody.until("s.unsafe === 0 && s.step === 2")
+                wire.cut()
+                somebody.press(*"1231231231")
+                somebody.page.wait_for_timeout(waits_ms)
+                kill()
+            wire.mend()
+            with browsing_with_profile(folder / "profile") as (somebody, _):
+                somebody.page.goto(link)
+                somebody.until("s.welcomed && s.playing && s.unsafe === 0 && s.confirmed === s.step")
+                lost.append(12 - somebody.state["step"])
+                assert somebody.errors == []
+            served.stop()
+        [part] = folder.rglob("*.mcap.part")
+        events = list(read_events(part))
+        steps = [event for event in events if isinstance(event, Stepped)]
+        assert [step.step for step in steps] == list(range(1, 13 - lost[-1]))
+        assert [event.text for event in events if isinstance(event, Noted) and event.kind == BROWSER_NOTE] == []
+        assert list(find_log_differences(part, World)) == []
+    print(
+        f"presses lost by killed browsers: {sum(lost)} of {10 * len(lost)} that no server had; most at once {max(lost)}"
+    )
+    assert all(0 <= one <= (0 if waits_ms else 3) for one in lost), lost
 
 
 @pytest.mark.program

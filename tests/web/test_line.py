@@ -1,5 +1,6 @@
 """Over a long line: no key is lost, and pictures are there before the server can have heard of the key."""
 
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,8 @@ def test_over_a_long_line_no_key_is_lost_and_pictures_do_not_wait_for_it(tmp_pat
     steps = [event for event in events if isinstance(event, Stepped)]
     assert len(steps) == 2 * keys
     flips = {(e.episode, e.step): e.flip_ns for e in reversed(events) if isinstance(e, FrameShown)}
+    shown = Counter((event.episode, event.step) for event in events if isinstance(event, FrameShown))
+    assert {at: times for at, times in shown.items() if times > 1} == {}, "the server's word of a step is no picture"
     waited_ms = [(flips[s.episode, s.step] - s.key_t_ns) / 1e6 for s in steps if (s.episode, s.step) in flips]
     assert np.median(waited_ms) < RTT_MS, "as long as the line takes: nothing was there before the key"
     assert [event.text for event in events if isinstance(event, Noted) and event.kind == "page"] == []

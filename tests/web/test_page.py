@@ -175,3 +175,83 @@ def test_who_is_turned_away_with_a_code_has_a_link_back(tmp_path: Path) -> None:
         somebody = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
         somebody.until("s.finished")
         assert somebody.page.get_attribute("#screen a", "href") == back.replace("{code}", "S3")
+
+
+EXAMPLE = """
+[[pages]]
+name = "how"
+text = "Find the green square."
+example = { world = "minihuman/MiniGrid-Empty-5x5-v0", marks = { agent = "this is you", goal = "go to this one" } }
+"""
+BOXES = """() => {
+  const box = (one) => { const { left, top, right, bottom } = one.getBoundingClientRect();
+    return [left, top, right, bottom]; };
+  const all = (what) => [...document.querySelectorAll(`.example ${what}`)].map(box);
+  return { picture: all('canvas')[0], points: all('.point'), labels: all('.label') };
+}"""
+NAMED = {"agent": (1, 1), "goal": (3, 3)}  # the cells, of five by five
+
+
+@pytest.mark.parametrize("size", [(1366, 768), (3840, 2160), (390, 844)], ids=["768-lines", "4K", "phone"])
+def test_the_marks_of_an_example_point_at_what_they_name_and_cover_none_of_it(
+    tmp_path: Path, size: tuple[int, int]
+) -> None:
+    path = study(tmp_path, more=EXAMPLE)
+    path.write_text(path.read_text().replace('blocks = ["tried"]', 'parts = ["how", "tried"]'))
+    with serving(path, tmp_path) as served, browsing(size=size) as sit_down:
+        somebody = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
+        somebody.page.locator(".example .label").nth(1).wait_for()
+        boxes = somebody.page.evaluate(BOXES)
+    left, top, right, bottom = boxes["picture"]
+    cell = (right - left) / 5
+    cells = [(left + x * cell, top + y * cell, left + (x + 1) * cell, top + (y + 1) * cell) for x, y in NAMED.values()]
+    for (x0, y0, x1, y1), (cell_x0, cell_y0, cell_x1, cell_y1) in zip(boxes["points"], cells, strict=True):
+        assert (x0 + x1) / 2 == pytest.approx((cell_x0 + cell_x1) / 2, abs=2)
+        assert (y0 + y1) / 2 == pytest.approx((cell_y0 + cell_y1) / 2, abs=2)
+        assert x1 - x0 < cell / 3, "the point covers what it marks"
+        assert left <= x0 < x1 <= right
+        assert top <= y0 < y1 <= bottom
+    for label, own in zip(boxes["labels"], cells, strict=True):
+        assert label[0] >= 0
+        assert label[2] <= size[0], "the words are cut off"
+        assert (label[1] + label[3]) / 2 == pytest.approx((own[1] + own[3]) / 2, abs=2)
+        covered = [
+            one for one in cells if label[0] < one[2] and one[0] < label[2] and label[1] < one[3] and one[1] < label[3]
+        ]
+        assert covered == []
+
+
+@pytest.mark.parametrize("was_welcomed", [False, True])
+def test_another_link_in_a_tab_that_waits_for_its_welcome_lets_the_next_participant_in(
+    tmp_path: Path, was_welcomed: bool
+) -> None:
+    """The tab's first link is left while its welcome is on the way, for the first time or again."""
+    with (
+        serving(study(tmp_path, max_steps=9), tmp_path, links=2) as served,
+        line(served.port, rtt_ms=0) as wire,
+        browsing() as sit_down,
+    ):
+        address = f"http://127.0.0.1:{wire.port}/#t="
+        somebody = sit_down(address + (served.tokens[0] if was_welcomed else "none"))
+        if was_welcomed:
+            somebody.to_play()
+            somebody.press("1", "2")
+            somebody.until("s.unsafe === 0 && s.step === 2")
+        wire.one_way_s = 2.0
+        if was_welcomed:
+            somebody.page.reload(wait_until="commit")
+        else:
+            somebody.page.goto(address + served.tokens[0], wait_until="commit")
+            somebody.page.reload(wait_until="commit")
+        somebody.page.wait_for_function("globalThis.minihuman !== undefined")
+        assert not somebody.state["welcomed"], "the welcome was not delayed"
+        with somebody.page.expect_event("load"):
+            somebody.page.evaluate(f"location.hash = 't={served.tokens[1]}'")
+        wire.one_way_s = 0.0
+        somebody.until("s.welcomed && s.kind === 'text'")
+        assert len(list(tmp_path.glob("tried/sub-*"))) >= 1 + was_welcomed
+        with somebody.page.expect_event("load"):
+            somebody.page.evaluate(f"location.hash = 't={served.tokens[0]}'")
+        somebody.until("s.welcomed && " + ("s.step === 2" if was_welcomed else "s.kind === 'text'"))
+        assert len(list(tmp_path.glob("tried/sub-*"))) == 2
+        assert somebody.errors == []

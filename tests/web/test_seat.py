@@ -1,5 +1,6 @@
 """A seat is a window: the same inputs give the same events; and killed anywhere, it goes on as if nothing had been."""
 
+import random
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -214,6 +215,27 @@ def test_the_line_is_measured_by_its_quickest_message(tmp_path: Path) -> None:
     assert (linked.least_rtt_ns, linked.rtt_ns, linked.error_ns) == (50 * MS, 80 * MS, 25 * MS)
     assert linked.offset_ns == 4995 * MS
     assert seat.rtt_ns == 50 * MS
+
+
+@pytest.mark.parametrize(("rate", "named"), [(1.0, 0), (1.0002, 0), (0.97, 5), (1.03, 5)])
+def test_a_page_whose_time_runs_otherwise_than_the_servers_is_named(tmp_path: Path, rate: float, named: int) -> None:
+    """Arrival decides, not what the page says of its pings; the first minute shows what the line is like."""
+    seat, recorder, page = playing(tmp_path)
+    number, zero_ns = len(page.sent), page.sent[-1].at
+    chance = random.Random(4)
+    for at_s in range(1, 111):
+        number += 1
+        at_ns = zero_ns + round(at_s * 1000 * MS * rate)
+        link = messages.RoundTripMessage(at_ns, at_ns, at_ns, at_ns + 40 * MS, 40 * MS)
+        what = link if at_s % 10 == 1 else messages.FocusMessage(at_s % 2 == 0)
+        arrival_ns = 7_000 * MS + at_s * 1000 * MS + 20 * MS + chance.choice((0, 5, 2_500)) * MS  # after an outage
+        seat.receive(number, at_ns, what, arrival_ns=arrival_ns)
+    notes = [event.text for event in recorder.events if isinstance(event, Noted)]
+    said = [text for text in notes if "the page's time moved" in text]
+    assert len(said) >= named if named else said == []
+    if named:
+        moved_ms = [int(text.split("by ")[1].split(" ")[0]) for text in said]
+        assert all((moved > 0) is (rate > 1) and abs(moved) > 200 for moved in moved_ms)
 
 
 def test_what_led_to_no_event_is_safe_with_what_follows(tmp_path: Path) -> None:

@@ -1,10 +1,49 @@
 """Two ends of the stream, over sockets that break whenever they like."""
 
+import json
 import random
 
 import pytest
 
-from minihuman.web.messages import IncomingStream, MessageError, OutgoingStream
+from minihuman.web.messages import IncomingStream, MessageError, OutgoingStream, decode_page_message
+
+WITH_EVERY_KEY = [
+    (
+        ["k", 7, 61_000_123, 1234, "left", 1, "0123456789abcdef", "a", True],
+        {"t": "key", "key": "left", "down": True, "stamp": 60_998_889_000, "symbol": "a", "repeat": True}
+        | {"digest": "0123456789abcdef"},
+    ),
+    (["k", 7, 61_000_123, 5, "left", 0], {"t": "key", "key": "left", "down": False, "stamp": 61_000_118_000}),
+    (
+        ["s", 7, 61_000_123, 60, 900, 12, 345],
+        {"t": "shown", "flip": 61_000_063_000, "submit": 60_999_223_000, "episode": 12, "step": 345},
+    ),
+    (["s", 7, 61_000_123, 0, 0, 12, 345, 2**52 - 1], None),
+    (["t", 7, 61_000_123], {"t": "tick"}),
+    (["t", 7, 61_000_123, "0123456789abcdef"], {"t": "tick", "digest": "0123456789abcdef"}),
+]
+
+
+@pytest.mark.parametrize(("short", "what"), WITH_EVERY_KEY)
+def test_what_comes_with_every_key_may_be_a_short_array_or_an_object_with_names(short, what) -> None:
+    what = what or {"t": "shown", "flip": 61_000_123_000, "submit": 61_000_123_000, "episode": 12, "step": 345} | {
+        "node": 2**52 - 1
+    }
+    full = {"t": "n", "n": 7, "at": 61_000_123_000, "what": what}
+    assert decode_page_message(json.dumps(short)) == decode_page_message(json.dumps(full))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("[]", "[[]]", '["k"]', '["k",1,2,3]', '["k",1,5,[],"1",1]', '["k",1,5,9,"1",1]', '["k",1,5,null,"1",1]'),
+        *('["k",1,1e300,1,"1",1]', '["s",1,5]', '["s",1,5,0,0,[],1]', "[{},1,2]", '["hello",1,2]', '["t",0,2]'),
+        *('["t",1,5,"zz"]', '["t",1,5,"",1]', '["k",1,"' + "9" * 9000 + '",1,"1",1]', "[" * 9000, '["t",1,0]'),
+    ],
+)
+def test_a_short_array_that_no_page_sends_is_refused(text: str) -> None:
+    with pytest.raises(MessageError, match="reload the page"):
+        decode_page_message(text)
 
 
 def test_what_is_said_over_lines_that_break_arrives_once_and_in_order() -> None:

@@ -15,8 +15,8 @@ from typing import Any
 import msgspec
 from websockets.asyncio.client import ClientConnection, connect
 
-from minihuman.web.computed import kernels_digest
-from minihuman.web.messages import MESSAGE_VERSION, EpisodeRules, WorldState
+from minihuman.web.messages import MESSAGE_VERSION, EpisodeRules, WorldPosition
+from minihuman.worlds.source_digest import kernels_digest
 from tests.counts import PATIENCE_S
 from tests.web.page_steps import PageSteps
 
@@ -211,7 +211,7 @@ class TypedPage:
                     self.steps = PageSteps(self._computes, rules)
             case "state":
                 assert self.steps is not None
-                self.steps.place(msgspec.convert(message["state"], WorldState))
+                self.steps.place(msgspec.convert(message["state"], WorldPosition))
                 for number, action in self._trail:
                     if number > message["through"]:
                         self.steps.act(action)

@@ -117,6 +117,40 @@ def test_elsewhere_neither_mouse_nor_text_is_told_of(desk: tuple[HostedWindow, T
     assert [one.key for one in heard if isinstance(one, KeyDown)] == ["b"]
 
 
+def test_a_click_while_the_window_is_busy_has_its_own_time(desk: tuple[HostedWindow, Typist]) -> None:
+    window, typist = desk
+    window.show(CHOICE)
+    typist.point(TITLE, *middle_of(CHOICE, "option:1"))
+    hear(window)
+    sent = []
+    for down in (True, False):
+        before_ns = time.monotonic_ns()
+        typist.button(down)
+        sent.append((before_ns, time.monotonic_ns()))
+        time.sleep(0.05)
+    time.sleep(0.2)  # as a picture takes that long
+    clicks = [one for one in hear(window) if isinstance(one, PointerPressed | PointerReleased)]
+    assert len(clicks) == 2
+    for click, (before_ns, after_ns) in zip(clicks, sent, strict=True):
+        assert before_ns <= click.t_ns <= after_ns + 2 * MS
+
+
+def test_a_press_that_led_to_a_world_leaves_it_open_to_the_next_click(desk: tuple[HostedWindow, Typist]) -> None:
+    window, typist = desk
+    window.show(CHOICE)
+    typist.point(TITLE, *middle_of(CHOICE, "option:1"))
+    hear(window)
+    typist.button(True)
+    hear(window)
+    window.show(PlayScreen(np.full((100, 200, 3), 90, np.uint8), "", "", accepts_pointer=True))
+    typist.point(TITLE, 0.5, 0.5)
+    typist.button(False)
+    typist.button(True)
+    typist.button(False)
+    clicks = [one for one in hear(window) if isinstance(one, PointerPressed)]
+    assert [one.target for one in clicks] == ["picture"]
+
+
 def test_a_click_in_the_worlds_picture_says_where_in_it(desk: tuple[HostedWindow, Typist]) -> None:
     window, typist = desk
     picture = np.full((100, 200, 3), 90, np.uint8)

@@ -1,4 +1,4 @@
-"""A session in a pygame window without a display, played with a gamepad that SDL makes up: `python -m ... FOLDER`.
+"""A session in a pygame window without a display, played with a gamepad of SDL's own: `python -m ... FOLDER [TOML]`.
 
 Prints, as JSON, when each button was pressed by the session's clock, ns.
 """
@@ -72,7 +72,7 @@ class VirtualGamepad:
         self._sdl.SDL_JoystickSetVirtualAxis(self._pad, axis, round(value * 32767))
 
 
-def main(data: Path) -> None:
+def main(data: Path, protocol: str = PROTOCOL) -> None:
     clock = SessionClock()
     window = PygameWindow(clock, size_px=(320, 240))
     pad, over, pressed_ns = VirtualGamepad(), threading.Event(), []
@@ -88,7 +88,7 @@ def main(data: Path) -> None:
                 pad.move(0, -0.05)
                 over.wait(0.017)
 
-    study = decode_protocol(PROTOCOL.encode())
+    study = decode_protocol(protocol.encode())
     plan = expand_protocol(study, enrol_participant(study, 0))
     player = threading.Thread(target=play)
     player.start()
@@ -102,4 +102,4 @@ def main(data: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), *(Path(name).read_text() for name in sys.argv[2:]))

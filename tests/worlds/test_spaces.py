@@ -40,6 +40,12 @@ def test_a_box_that_does_not_hold_zero_rests_at_its_nearest_end():
     assert VectorActions(spaces.Box(1.0, 3.0, (1,), np.float64)).rest == (1.0,)
 
 
+def test_an_axis_moves_a_component_of_whole_numbers_by_whole_numbers():
+    actions = VectorActions(spaces.Box(0, 8, (2,), np.int64))
+    assert actions.move(actions.rest, 0, 0.37) == (3.0, 0.0)
+    assert actions.move(actions.rest, 1, 1.0) == (0.0, 8.0)
+
+
 def test_a_space_that_keys_cannot_do_is_refused_by_name():
     class Words(gymnasium.Env):
         metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012

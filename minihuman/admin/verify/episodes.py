@@ -6,7 +6,7 @@ The logs of a team's members are compared with each other too; a member who with
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, permutations
 from pathlib import Path
 
 import numpy as np
@@ -178,21 +178,36 @@ def _read_episodes(study: Path, entry: TeamRecorded, seat: str) -> _Played:
 
 
 def _compare_members(found: dict[int, _Played]) -> Iterator[str]:
-    (first, reference), *others = found.items()
-    for seat, played in others:
+    """Where the logs of two seats differ: each pair's, as a member may have left, withdrawn, or come back.
+
+    The same joint steps can be the first attempt at an episode in one log and the second in another. So an attempt is
+    compared with that of the other seat which agrees longest, and with none where the other seat did not act in it.
+    """
+    lines = dict[str, None]()  # in order, each once
+    for (seat, played), (other_seat, others) in permutations(found.items(), 2):
         for (number, attempt), (episode, team) in played.items():
-            other = reference.get((number, attempt))
-            if other is None:
+            acted = any(sources[other_seat] != "agent" for sources in team.sources)
+            attempts = {at: one for (of, at), one in others.items() if of == number} if acted else {}
+            if not attempts:
                 continue
-            n = min(len(team.actions), len(other[1].actions))
-            same = (team.actions[:n] == other[1].actions[:n]).all(axis=1)
-            hashes = episode.state_hashes[: n + 1] == other[0].state_hashes[: n + 1]
-            where = f"episode {number + 1} of the block"
-            if not same.all():
-                step = int((~same).argmax())
-                logged = f"{other[1].actions[step].tolist()}, seat {seat} {team.actions[step].tolist()}"
-                yield f"{where} step {step + 1}: seat {first} logged {logged}"
+            same = {at: _count_same(team, one) for at, (_, one) in attempts.items()}
+            best = max(same, key=lambda at: (same[at], at == attempt))
+            other, theirs = attempts[best]
+            n = min(len(team.actions), len(theirs.actions))
+            both = sorted(((seat, episode, team), (other_seat, other, theirs)), key=lambda one: one[0])
+            seats, where = " and ".join(str(one[0]) for one in both), f"episode {number + 1} of the block"
+            hashes = episode.state_hashes[: n + 1] == other.state_hashes[: n + 1]
+            if same[best] < n:
+                logged = ", ".join(f"seat {one} logged {its.actions[same[best]].tolist()}" for one, _, its in both)
+                lines[f"{where} step {same[best] + 1}: {logged}"] = None
             elif not hashes.all():
-                yield f"{where} step {int((~hashes).argmax())}: seats {first} and {seat} logged different states"
-            elif len(team.actions) == len(other[1].actions) and team.digest != other[1].digest:
-                yield f"{where}: seats {first} and {seat} logged different digests"
+                lines[f"{where} step {int((~hashes).argmax())}: seats {seats} logged different states"] = None
+            elif len(team.actions) == len(theirs.actions) and team.digest != theirs.digest:
+                lines[f"{where}: seats {seats} logged different digests"] = None
+    yield from lines
+
+
+def _count_same(one: TeamRecord, other: TeamRecord) -> int:
+    """How many joint steps of two records agree before the first that differs."""
+    n = min(len(one.actions), len(other.actions))
+    return int((one.actions[:n] == other.actions[:n]).all(axis=1).cumprod().sum())

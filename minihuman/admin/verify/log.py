@@ -73,7 +73,7 @@ from minihuman.log.record.live_log import build_attachments, build_segment_metad
 from minihuman.log.salvage.records import ChunkMessages, LogMessage
 from minihuman.log.salvage.scan import LogScanner
 from minihuman.log.salvage.summary_section import read_summary
-from minihuman.simulation.model_seat import SeatRecord, find_picture_size
+from minihuman.simulation.model_conversation import ConversationRecord, find_picture_size
 from minihuman.trust import Trust, find_changed_sources, list_foreign_modules
 from minihuman.worlds.adapters.world import World
 
@@ -276,7 +276,7 @@ def _replay(segment: _LogSegment, make_world: WorldFactory) -> Iterator[str]:
         return
     spec = decode_logged_protocol(started.plan.protocol_toml).model
     picture_px = find_picture_size(spec)
-    yield from compare_replay(segment.events, make_world, follow=SeatRecord(spec).follow, picture_px=picture_px)
+    yield from compare_replay(segment.events, make_world, follow=ConversationRecord(spec).follow, picture_px=picture_px)
 
 
 def _read(path: Path) -> _LogContents:

@@ -199,19 +199,22 @@ class BlockingWindow(Window):
         printable = "".join(letter for letter in text if letter.isprintable())
         return [TextInput(self._clock(), printable)] if printable and self._accepts[0] else []
 
-    def _pointer(self, kind: type[PointerPressed | PointerMoved | PointerReleased], x: float, y: float) -> list[Input]:
+    def _pointer(
+        self, kind: type[PointerPressed | PointerMoved | PointerReleased], x: float, y: float, t_ns: int
+    ) -> list[Input]:
         """Convert an event of the main mouse button at (x, y), 0..1 of the picture from its top left."""
         if not self._accepts[1] or self._shown is None or (kind is PointerPressed) != (self._pressed_in is None):
             return []
         if isinstance(self._shown, PlayScreen):
             inside = locate_in_picture(self._shown, self.size_px, x, y)
-            return [kind(self._clock(), *inside, "picture")] if kind is PointerPressed and inside else []
+            self._pressed_in = self._pressed_in if kind is PointerMoved else None  # a press that led here is over
+            return [kind(t_ns, *inside, "picture")] if kind is PointerPressed and inside else []
         if self._pressed_in is None:
             target, along = find_spot(self._shown, self.size_px, x, y)
         else:
             target, along = self._pressed_in, measure_along_spot(self._shown, self.size_px, self._pressed_in, x)
         self._pressed_in = None if kind is PointerReleased else target
-        return [kind(self._clock(), x, y, target, along)]
+        return [kind(t_ns, x, y, target, along)]
 
     def _focus(self, t_ns: int, focused: bool) -> list[Input]:
         """Convert a focus event; toolkits repeat themselves, and report a loss before any gain."""

@@ -174,7 +174,8 @@ _OLDEST_MS = 60_000
 _EVENT_TIMEOUT_S = 0.002  # the server tells us and the toolkit at once
 _MAX_KEY_TIMES = 4096
 _PROPERTY_NOTIFY, _GENERIC_EVENT = 28, 35
-_RAW_KEY_PRESS, _RAW_KEY_RELEASE = 13, 14
+_RAW_PRESSES, _RAW_RELEASES = (13, 15), (14, 16)  # of a key, of a button
+MAIN_BUTTON = "main_button"  # the mouse's, among the keys whose times are recorded
 _ALL_MASTER_DEVICES = 1
 _KEY_REPEAT = 1 << 16
 _PROPERTY_CHANGE_MASK = 1 << 22
@@ -315,7 +316,7 @@ def has_shared_clock() -> bool:
 
 
 class X11KeyTimes(_Server):
-    """Records every key event of the X server; reports the times of those that a window received.
+    """Records each event of a key or the mouse's main button; reports the times of those that a window received.
 
     Args:
         clock: the session's.
@@ -366,7 +367,7 @@ class X11KeyTimes(_Server):
         if xi.XIQueryVersion(self._display, ctypes.byref(major), ctypes.byref(minor)) != 0:
             raise OSError("the X server does not support XInput 2")
         bits = (ctypes.c_ubyte * 4)()
-        for kind in (_RAW_KEY_PRESS, _RAW_KEY_RELEASE):
+        for kind in (*_RAW_PRESSES, *_RAW_RELEASES):
             bits[kind // 8] |= 1 << kind % 8
         mask = _Mask(_ALL_MASTER_DEVICES, len(bits), ctypes.cast(bits, ctypes.POINTER(ctypes.c_ubyte)))
         xi.XISelectEvents(self._display, self._root, ctypes.byref(mask), 1)
@@ -381,7 +382,8 @@ class X11KeyTimes(_Server):
             if event.type != _GENERIC_EVENT or not self._x.XGetEventData(self._display, ctypes.byref(cookie)):
                 continue
             raw = ctypes.cast(cookie.data, ctypes.POINTER(_Raw)).contents
-            if raw.kind in (_RAW_KEY_PRESS, _RAW_KEY_RELEASE) and not raw.flags & _KEY_REPEAT:
-                key = key_from_xkb(self._positions.get(raw.detail, ""), raw.detail)
-                self._moved.append((key, raw.kind == _RAW_KEY_PRESS, int(raw.time)))
+            is_key = raw.kind in (_RAW_PRESSES[0], _RAW_RELEASES[0])
+            if raw.detail == 1 if not is_key else not raw.flags & _KEY_REPEAT:
+                key = key_from_xkb(self._positions.get(raw.detail, ""), raw.detail) if is_key else MAIN_BUTTON
+                self._moved.append((key, raw.kind in _RAW_PRESSES, int(raw.time)))
             self._x.XFreeEventData(self._display, ctypes.byref(cookie))

@@ -16,7 +16,14 @@ from pygame._sdl2 import controller
 from minihuman.display.drawing.play_screens import Box
 from minihuman.display.drawing.sheet import Size
 from minihuman.display.windows.blocking_window import DEFAULT_SIZE_PX, TITLE, BlockingWindow
-from minihuman.display.windows.keyboard import ON_RECEIPT, SERVER_TIME, X11KeyTimes, key_from_scancode, key_to_scancode
+from minihuman.display.windows.keyboard import (
+    MAIN_BUTTON,
+    ON_RECEIPT,
+    SERVER_TIME,
+    X11KeyTimes,
+    key_from_scancode,
+    key_to_scancode,
+)
 from minihuman.display.windows.window import Clock
 from minihuman.errors import WindowError
 from minihuman.experiment.keys import PAD_AXES, PAD_DEAD_ZONE, PAD_LEVELS, PadAxes
@@ -199,12 +206,11 @@ class PygameWindow(BlockingWindow):
         return [arrived for event, at_ns in self._timed(events, t_ns) for arrived in self._inputs(event, at_ns)]
 
     def _timed(self, events: list[pygame.event.Event], now_ns: int) -> Iterator[tuple[pygame.event.Event, int]]:
-        """Events and when they came: SDL does not tell, so keys are looked up at the X server, where there is one."""
-        keys = [event for event in events if event.type in _KEYS and self._key_times is not None]
-        moves = [(key_from_scancode(event.scancode), event.type == pygame.KEYDOWN) for event in keys]
+        """Events and when they came: SDL does not tell, so keys and clicks are looked up at the X server, if any."""
+        moves = [move for event in events if (move := _name_move(event)) is not None]
         times = iter(self._key_times.of(moves) if self._key_times and moves else ())
         for event in events:
-            at_ns = next(times, None) if event.type in _KEYS else None
+            at_ns = next(times, None) if _name_move(event) is not None else None
             yield event, now_ns if at_ns is None else at_ns
 
     def _inputs(self, event: pygame.event.Event, t_ns: int) -> list[Input]:
@@ -220,11 +226,11 @@ class PygameWindow(BlockingWindow):
             case pygame.TEXTINPUT:
                 return self._typed(event.text)
             case pygame.MOUSEBUTTONDOWN if event.button == pygame.BUTTON_LEFT:
-                return self._pointer(PointerPressed, *self._along(event.pos))
+                return self._pointer(PointerPressed, *self._along(event.pos), t_ns)
             case pygame.MOUSEMOTION:
-                return self._pointer(PointerMoved, *self._along(event.pos))
+                return self._pointer(PointerMoved, *self._along(event.pos), t_ns)
             case pygame.MOUSEBUTTONUP if event.button == pygame.BUTTON_LEFT:
-                return self._pointer(PointerReleased, *self._along(event.pos))
+                return self._pointer(PointerReleased, *self._along(event.pos), t_ns)
             case pygame.QUIT:
                 return [Stop(t_ns, "window_closed")]
             case kind if self._gamepad is not None and kind in GAMEPAD_EVENTS:
@@ -300,6 +306,14 @@ def _surface() -> pygame.Surface:
     surface = pygame.display.get_surface()
     assert surface is not None, "the window is open"
     return surface
+
+
+def _name_move(event: pygame.event.Event) -> tuple[str, bool] | None:
+    """The key, or the mouse's main button, that an event is about, and whether it went down; None: neither."""
+    if event.type in _KEYS:
+        return key_from_scancode(event.scancode), event.type == pygame.KEYDOWN
+    is_click = event.type in (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP) and event.button == pygame.BUTTON_LEFT
+    return (MAIN_BUTTON, event.type == pygame.MOUSEBUTTONDOWN) if is_click else None
 
 
 def _symbol(event: pygame.event.Event) -> str:

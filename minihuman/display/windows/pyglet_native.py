@@ -43,6 +43,7 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         self._positions: dict[int, str] = {}
         self.accepts_text = False
         self._key_reported = False  # of the key event that pyglet looks at now
+        self.button_ms: int | None = None  # the server's time of the last event of a mouse button
         screen = find_screen()
         settings: dict[str, Any] = {"fullscreen": True, "screen": screen}
         if size_px is not None:
@@ -71,6 +72,8 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         self._key_reported = False
 
     def _key_of_x11(self, event: Any) -> bool:
+        if ON_X11 and event.type in (xlib.ButtonPress, xlib.ButtonRelease):
+            self.button_ms = event.xbutton.time
         if not ON_X11 or event.type not in (xlib.KeyPress, xlib.KeyRelease):
             return False
         keycode = event.xkey.keycode

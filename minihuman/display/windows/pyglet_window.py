@@ -79,9 +79,11 @@ class PygletWindow(BlockingWindow):
         return arrived
 
     def _on_key(self, down: bool, key: str, symbol: str, server_ms: int | None) -> None:
+        self._inputs += self._key(down, key, symbol, self._time(server_ms))
+
+    def _time(self, server_ms: int | None) -> int:
         event_ms = server_ms if self._server_time else None
-        t_ns = self._clock() if event_ms is None else convert_server_time(event_ms, self._clock)
-        self._inputs += self._key(down, key, symbol, t_ns)
+        return self._clock() if event_ms is None else convert_server_time(event_ms, self._clock)
 
     def _on_text(self, text: str) -> None:
         self._inputs += self._typed(text)
@@ -91,7 +93,8 @@ class PygletWindow(BlockingWindow):
     ) -> None:
         if buttons & _LEFT:
             width, height = self._window.get_size()  # pyglet counts from the bottom
-            self._inputs += self._pointer(kind, (x + 0.5) / width, 1 - (y + 0.5) / height)
+            t_ns = self._time(None if kind is PointerMoved else self._window.button_ms)
+            self._inputs += self._pointer(kind, (x + 0.5) / width, 1 - (y + 0.5) / height, t_ns)
 
     def _want(self, *, text: bool, pointer: bool) -> None:
         self._window.accepts_text = text

@@ -139,13 +139,14 @@ def check_agent(agent: AgentPlan, pool: tuple[str, ...]) -> list[tuple[str, str]
 
 
 PERSON = "person"
-SEAT_GRAMMAR = "'person', 'policy:FILE', 'scripted:NAME' or 'planner'"
+SIMULATED = "simulated"  # a seat that a simulated participant has, by the keys that it presses
+SEAT_GRAMMAR = "'person', 'policy:FILE', 'scripted:NAME', 'simulated:NAME' or 'planner'"
 
 
 class TeamPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """``[blocks.team]`` in the protocol: who sits where in a world with several bodies."""
 
-    seats: tuple[str, ...] = ()  # by body: "person", "policy:FILE", "scripted:NAME" or "planner"
+    seats: tuple[str, ...] = ()  # by body: "person", "policy:FILE", "scripted:NAME", "simulated:NAME" or "planner"
     roles: tuple[str, ...] = ()  # what each seat is called on its screen; none: no word
     pairing: Literal["drawn", "fixed", "same", "round_robin"] = "drawn"  # who plays with whom
     seat_keys: tuple[dict[str, str], ...] | msgspec.UnsetType = msgspec.UNSET  # key -> action, at one machine
@@ -170,8 +171,10 @@ class TeamPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def find_seat_agent(kind: str) -> str:
-    """The agent of a seat: a registered agent with its settings, or the name of a policy file."""
+    """The agent of a seat: a registered agent with its settings, a policy file's name, or a simulated participant."""
     what, _, name = kind.partition(":")
+    if what == SIMULATED:
+        return kind
     return "optimal" if what == "planner" and not name else name
 
 
@@ -189,7 +192,7 @@ def check_team(team: TeamPlan | None, pool: tuple[str, ...]) -> list[tuple[str, 
     found = []
     for kind in (*team.seats, team.stand_in):
         what, _, name = kind.partition(":")
-        if kind not in (PERSON, "planner") and not (what in ("policy", "scripted") and name):
+        if kind not in (PERSON, "planner") and not (what in ("policy", "scripted", SIMULATED) and name):
             found.append(("seats", f"has {kind!r}; a seat is {SEAT_GRAMMAR}"))
     if team.stand_in == PERSON:
         found.append(("stand_in", "is 'person'; name an agent, such as 'scripted:random'"))

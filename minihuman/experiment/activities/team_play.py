@@ -85,6 +85,7 @@ class JointRequest(TeamAnswerRequest):
     rules: TeamPlayPlan
     step: int  # that it makes, 1 for the first
     action: int | None  # of this seat; None: its person has given none yet
+    is_key: bool = True  # a key gave it; False: the world's idle action at a tick without one
 
 
 @dataclass(frozen=True, slots=True)
@@ -372,8 +373,8 @@ class TeamPlayActivity(PlayActivity):
             return ReadyRequest(self.formed, self.team_episode.plan, self.plan)
         if self.playing and self.formed is not None:
             play = self.team_episode
-            action = None if play.submitted is None else play.submitted.action
-            return JointRequest(self.formed, play.plan, self.plan, play.steps + 1, action)
+            action, is_key = (None, False) if (mine := play.submitted) is None else (mine.action, bool(mine.key))
+            return JointRequest(self.formed, play.plan, self.plan, play.steps + 1, action, is_key)
         return None
 
     def receive(self, happened: Input) -> None:

@@ -237,13 +237,14 @@ class TextTyped(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class PointerUsed(TimedEvent):
-    """A pointer went down, moved while down, or came up; x and y are 0..1 of the drawn picture."""
+    """A pointer went down, moved while down, or came up, at ``t_ns - waited_ns``; x and y are 0..1 of the picture."""
 
     what: Literal["pressed", "moved", "released"]
     x: float
     y: float
     target: str
     along: float
+    waited_ns: int = 0  # as a key's
 
 
 @dataclass(frozen=True, slots=True)

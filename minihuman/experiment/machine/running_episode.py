@@ -93,6 +93,7 @@ class RunningEpisode:
         self._flips_ns: list[int] = []  # of the pictures shown since play began or went on, the last two
         self._shown_step = -1
         with catch_world_errors():
+            world.name_actions(plan.actions)
             self._action_of = {key: _index(plan, world, name) for key, name in plan.key_map.keys.items()}
             self._noop = None if plan.noop is None else _index(plan, world, plan.noop)
             if bindings:

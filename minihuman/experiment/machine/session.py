@@ -317,7 +317,8 @@ class SessionMachine:
 
     def _pointer(self, what: str, used: PointerPressed | PointerMoved | PointerReleased) -> None:
         assert what in ("pressed", "moved", "released")
-        self._context.emit(PointerUsed(self._now_ns, what, used.x, used.y, used.target, used.along))  # type: ignore[arg-type]
+        waited_ns = self._now_ns - used.t_ns
+        self._context.emit(PointerUsed(self._now_ns, what, used.x, used.y, used.target, used.along, waited_ns))  # type: ignore[arg-type]
         self._to_part(used)
 
     def _focus_changed(self, focused: bool) -> None:

@@ -244,6 +244,7 @@ def try_world(block: BlockSpec) -> None:
     seeds = sorted(set(block.seeds)) if isinstance(block.seeds, tuple) else range(N_TRIED_SEEDS)
     world = World(block.world, block.options)
     try:
+        world.name_actions(block.actions)
         for seed in seeds:
             world.reset(seed)
         for action in (*block.actions, *block.distractors):
@@ -272,6 +273,7 @@ def _find_world_errors(block: BlockSpec) -> Iterator[tuple[str, str]]:
     except WorldError as error:
         yield "world", f"is {block.world!r}: {_explain_world_error(block, error)}"
         return
+    world.name_actions(block.actions)
     known, limit = world.action_names, world.step_limit
     if block.kind not in _PLAYED_KINDS and not world.actions.is_discrete:
         yield (

@@ -3,6 +3,7 @@
 import base64
 import csv
 import io
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -120,9 +121,12 @@ def _read_csv(content: bytes, name: str) -> list[Row]:
 
 
 def _value(cell: str) -> str | int | float:
+    """A cell as a number where it is written as one and no other way: "007", "1_0" and "nan" are texts."""
     for kind in (int, float):
         try:
-            return kind(cell)
+            value = kind(cell)
         except ValueError:
             continue
+        if str(value) == cell and math.isfinite(value):
+            return value
     return cell

@@ -353,6 +353,9 @@ class CompletionCodesSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
 ModelModality = Literal["picture", "text", "both"]
 
 
+RequestField = Literal["temperature", "max_tokens", "max_completion_tokens"]
+
+
 class ModelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a model that takes a participant's place is shown, and what it may cost."""
 
@@ -363,6 +366,8 @@ class ModelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     retries: int = 2  # invalid answers in a row, and requests without an answer, that may be followed by another
     temperature: float = 0.0
     max_tokens: int = 256  # of an answer
+    request_fields: tuple[RequestField, ...] = ("temperature", "max_tokens")  # settings that a request holds
+    unknown: Literal["repeat", "end"] = "repeat"  # after a kill, for a call without a stored answer
     timeout_s: float = 120.0  # of an answer
     provider: str = ""  # who runs it, in the study's words
     price_prompt: float = 0.0  # per million tokens
@@ -408,6 +413,7 @@ class WebSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     open_access: bool = False  # who comes without a link and from no platform gets a slot, too
     recruitment_platforms: tuple[RecruitmentPlatform, ...] = ()  # that people may come from; () asks for links
     max_concurrent_sessions: int = 200  # seats
+    max_unconsented_per_address: int = 20  # of people without a link; raise it for a lab behind one address
     completion_codes: CompletionCodesSpec = CompletionCodesSpec()
     redirect: str = ""  # where the page leads at the end; {code} and {id}, the platform's id, are filled in
 
@@ -422,11 +428,11 @@ def check_web(online: WebSpec) -> list[tuple[str, str]]:
         ("reconnect_timeout_s", 0, 86_400),
         ("idle_timeout_s", 0, 86_400),
         ("max_rtt_ms", 0, 60_000),
+        ("max_concurrent_sessions", 1, 10_000),
+        ("max_unconsented_per_address", 1, 10_000),
     ):
         if not least <= getattr(online, field) <= most:
             found.append((f"$.web.{field}", f"is {getattr(online, field):g}; use {least} to {most}"))
-    if not 1 <= online.max_concurrent_sessions <= 10_000:
-        found.append(("$.web.max_concurrent_sessions", f"is {online.max_concurrent_sessions}; use 1 to 10000"))
     for name in online.completion_codes.__struct_fields__:
         code = getattr(online.completion_codes, name)
         if not is_completion_code(code):

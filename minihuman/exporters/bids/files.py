@@ -19,7 +19,7 @@ import numpy as np
 
 from minihuman import __version__
 from minihuman.dataset.measures import response_ms
-from minihuman.dataset.rows import table_key_name
+from minihuman.dataset.table_columns import table_key_name
 from minihuman.errors import ExportError
 from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
 from minihuman.experiment.machine.events import Answered, Paused, Sampled

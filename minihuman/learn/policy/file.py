@@ -47,6 +47,12 @@ class PolicyCard:
     steps: int  # of training in the world; 0 for a pure clone
     seed: int
     notes: dict[str, Any] = field(default_factory=dict)
+    other_worlds: tuple[str, ...] = ()  # in which it was trained, too
+
+    @property
+    def worlds(self) -> tuple[str, ...]:
+        """Where it may play."""
+        return (self.world, *self.other_worlds)
 
     @property
     def observation_space(self) -> spaces.Dict:

@@ -1,5 +1,5 @@
 """A policy file as a player: the simulated participant `policy:FILE`, and the agent that advises or plays beside a
-person.
+person. `policy:FOLDER` plays each world with the folder's file that was trained in it.
 """
 
 from pathlib import Path
@@ -22,18 +22,17 @@ class PolicyPlayer(SimulatedParticipant):
     """Draws each action from the policy's probabilities, among the actions that have a key."""
 
     def __init__(self, argument: str, rng: np.random.Generator) -> None:
-        """Load the policy file that the argument names.
+        """Load the policy file that the argument names, or all of a folder.
 
         Raises:
             LearnError: if there is none.
         """
         if not argument:
             raise LearnError("player 'policy' needs a policy file; add it after a colon, as in policy:clone.pt")
-        self._path = Path(argument)
         torch.set_num_threads(1)  # one observation at a time: more threads only wait for each other
-        self._policy, self._card = load_policy(self._path)
+        paths = sorted(Path(argument).glob("*.pt")) or [Path(argument)]
+        self._files = [(path, *load_policy(path)) for path in paths]
         self._rng = rng
-        self._encoder = self._card.eyesight.episode_encoder()
         self._keys: list[tuple[int, str]] = []  # action of the policy, key
 
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
@@ -42,13 +41,14 @@ class PolicyPlayer(SimulatedParticipant):
         Raises:
             LearnError: if the policy was trained for another world, or none of its actions has a key.
         """
-        _require_world(self._path, self._card, plan, world)
+        path, self._policy, card = next((one for one in self._files if plan.world in one[2].worlds), self._files[0])
+        _require_world(path, card, plan, world)
+        self._encoder = card.eyesight.episode_encoder()
         key_of = {action: key for key, action in reversed(plan.key_map.keys.items())}
-        self._keys = [(n, key_of[name]) for n, name in enumerate(self._card.action_names) if name in key_of]
+        self._keys = [(n, key_of[name]) for n, name in enumerate(card.action_names) if name in key_of]
         if not self._keys:
             raise LearnError(
-                f"{self._path}: none of its actions has a key; assign a key to one of "
-                f"{', '.join(self._card.action_names)}"
+                f"{path}: none of its actions has a key; assign a key to one of {', '.join(card.action_names)}"
             )
 
     def press(self, world: World) -> KeyPress:
@@ -99,9 +99,10 @@ class PolicyAgent(BaseAgent):
 
 
 def _require_world(path: Path, card: PolicyCard, plan: EpisodePlan, world: World) -> None:
-    if plan.world != card.world:
+    if plan.world not in card.worlds:
         raise LearnError(
-            f"{path} was trained in {card.world}, but block {plan.block_name!r} plays {plan.world}; use another policy"
+            f"{path} was trained in {', '.join(card.worlds)}, but block {plan.block_name!r} plays {plan.world}; use "
+            "another policy"
         )
     if card.eyesight.space(world.unwrapped) != card.observation_space:
         raise LearnError(

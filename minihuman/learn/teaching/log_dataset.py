@@ -29,10 +29,10 @@ from minihuman.learn.teaching.dataset import (
     LessonRating,
     Source,
 )
-from minihuman.learn.teaching.provenance import hash_file
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 from minihuman.log.model.teaching_events import CorrectionRecord
 from minihuman.log.read.session_reader import read_log
+from minihuman.operating_system import hash_file
 from minihuman.worlds.adapters.world import World
 
 VIEW = ObservationEncoder(missions=False)

@@ -19,6 +19,7 @@ from minihuman.learn.policy.network import Policy
 from minihuman.learn.policy.observation import get_image_shape
 from minihuman.learn.teaching.dataset import Dataset
 from minihuman.learn.teaching.learner import LearningRequest, LearningResult, choose_encoder, make_learner
+from minihuman.operating_system import hash_file
 
 UNLIMITED_S = float("inf")
 PACKAGE = Path(minihuman.__file__).parent
@@ -104,19 +105,14 @@ def get_code_versions() -> dict[str, str]:
         assert sources, f"{folder} holds no source"
         for path in sources:
             digest.update(str(path.relative_to(PACKAGE)).encode() + b"\0" + path.read_bytes() + b"\0")
-    return {name: version(name) for name in ("minihuman", "torch", "numpy")} | {"sources_sha256": digest.hexdigest()}
+    made_by = {"minihuman": minihuman.__version__, **{name: version(name) for name in ("torch", "numpy")}}
+    return made_by | {"sources_sha256": digest.hexdigest()}
 
 
 def _other_code(made_by: dict[str, str]) -> list[str]:
     """List the versions that differ from those that made a policy."""
     here = get_code_versions()
     return [f"it was made by {name} {had}; here is {here[name]}" for name, had in made_by.items() if had != here[name]]
-
-
-def hash_file(path: Path) -> str:
-    """A file's fingerprint."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _started_from(start: Path, dataset: Dataset) -> Policy:

@@ -181,9 +181,9 @@ class Tamer(Learner):
     Knox and Stone (2009), K-CAP: a model of the person's rating of an action is fitted to the ratings, each shared
     among the steps it may be about by a density of delays, and the agent does what is expected to be rated best. The
     form is Deep TAMER's (Warnell, Waytowich, Lawhern and Stone, 2018, AAAI): a network, squared error weighted by that
-    density, minibatches of all ratings so far. Here the density is normal and its mean is found from the presses,
-    where TAMER takes 200 to 800 ms as given; and actions are drawn, not the best one taken, so that an agent whose
-    memory is its view leaves the corner it stands in.
+    density (of each press in a minibatch one step is drawn by it), minibatches of all ratings so far. Here the density
+    is normal and its mean is found from the presses, where TAMER takes 200 to 800 ms as given; and actions are drawn,
+    not the best one taken, so that an agent whose memory is its view leaves the corner it stands in.
     """
 
     name: ClassVar[str] = "tamer"
@@ -202,17 +202,18 @@ class Tamer(Learner):
         weights = torch.as_tensor(
             get_credit_weights(presses.after_ms, delay or UNKNOWN_DELAY_MS, settings.spread_ms), dtype=torch.float32
         )
-        about = torch.as_tensor(presses.steps).clamp(min=0)
-        said = torch.as_tensor(presses.values, dtype=torch.float32)
+        fits = weights.sum(dim=1) > 0  # the others are too far from any picture
+        weights, about = weights[fits], torch.as_tensor(presses.steps)[fits].clamp(min=0)
+        said = torch.as_tensor(presses.values, dtype=torch.float32)[fits]
         judge = ActionValues(fresh)
 
         def loss_of(generator: torch.Generator) -> torch.Tensor:
             drawn = torch.randint(len(said), (settings.batch_size,), generator=generator)
-            place = weights[drawn].argmax(dim=1, keepdim=True)  # nearly all of the weight, where steps are apart
+            # a step drawn by its share of the credit: on average the sum over steps, at one step's cost
+            place = torch.multinomial(weights[drawn], 1, generator=generator)
             rows = about[drawn].gather(1, place)[:, 0]
-            share = weights[drawn].gather(1, place)[:, 0]
             expected = judge(steps.pick(rows)).gather(1, steps.actions[rows, None])[:, 0]
-            error: torch.Tensor = (share * (expected - said[drawn]) ** 2).mean()
+            error: torch.Tensor = ((expected - said[drawn]) ** 2).mean()
             return error
 
         updates, loss = minimise_loss(

@@ -500,20 +500,22 @@ class TextTyped(_message.Message):
     def __init__(self, t_ns: _Optional[int] = ..., text: _Optional[str] = ...) -> None: ...
 
 class PointerUsed(_message.Message):
-    __slots__ = ("t_ns", "what", "x", "y", "target", "along")
+    __slots__ = ("t_ns", "what", "x", "y", "target", "along", "waited_ns")
     T_NS_FIELD_NUMBER: _ClassVar[int]
     WHAT_FIELD_NUMBER: _ClassVar[int]
     X_FIELD_NUMBER: _ClassVar[int]
     Y_FIELD_NUMBER: _ClassVar[int]
     TARGET_FIELD_NUMBER: _ClassVar[int]
     ALONG_FIELD_NUMBER: _ClassVar[int]
+    WAITED_NS_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     what: str
     x: float
     y: float
     target: str
     along: float
-    def __init__(self, t_ns: _Optional[int] = ..., what: _Optional[str] = ..., x: _Optional[float] = ..., y: _Optional[float] = ..., target: _Optional[str] = ..., along: _Optional[float] = ...) -> None: ...
+    waited_ns: int
+    def __init__(self, t_ns: _Optional[int] = ..., what: _Optional[str] = ..., x: _Optional[float] = ..., y: _Optional[float] = ..., target: _Optional[str] = ..., along: _Optional[float] = ..., waited_ns: _Optional[int] = ...) -> None: ...
 
 class AxisMoved(_message.Message):
     __slots__ = ("t_ns", "axis", "value")

@@ -27,6 +27,7 @@ from minihuman.log import integrity
 from minihuman.log.codec import encode_event, event_cause_ns, find_topic, list_activity_topics
 from minihuman.log.names import FACTS_METADATA, PROFILE, SCHEMA_VERSION, SEGMENT_METADATA
 from minihuman.log.topics import TOPICS, Topic, schema_bytes
+from minihuman.plugins import DISTRIBUTION
 
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, bytes that follow, channel, sequence, log time, publish time
 _OF_A_MESSAGE = 22  # of those bytes, before its data
@@ -264,7 +265,7 @@ def build_attachments(plan: SessionPlan) -> tuple[tuple[str, str, bytes], ...]:
 def _package_list() -> bytes:
     """minihuman's installed dependencies, optional ones included, one ``name==version`` per line."""
     found: dict[str, str] = {}
-    needed = ["minihuman"]
+    needed = [DISTRIBUTION]
     while needed:
         name = needed.pop()
         key = _SEPARATORS.sub("-", name).lower()

@@ -14,7 +14,7 @@ from typing import Any
 
 import msgspec
 
-from minihuman.dataset.rows import table_key_name
+from minihuman.dataset.table_columns import table_key_name
 from minihuman.display.windows.window import Clock
 from minihuman.errors import DeviceError
 from minihuman.experiment.machine.events import (

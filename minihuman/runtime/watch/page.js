@@ -88,7 +88,7 @@ function fill(box, name, one) {
   const sorted = [...times].sort((a, b) => a - b);
   put(".rt", times.length ? `reaction times, last ${times.length}: median ${sorted[times.length >> 1]} ms, longest ${sorted[times.length - 1]} ms; ${one.presses} presses` : "no reaction times yet");
   box.querySelector("ol").replaceChildren(...(one.notes || []).slice().reverse().map(note => {
-    const item = make("li");
+    const item = make("li", "", note.kind === "page" ? "deviates" : "");
     item.append(make("time", clock(note.s)), make("b", `${note.kind} `), note.text);
     return item;
   }));

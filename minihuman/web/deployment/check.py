@@ -248,7 +248,8 @@ def check_deployment(
         servers: at least two.
 
     Raises:
-        DeploymentCheckError: if there is no database or store, or a server does not start.
+        DeploymentCheckError: if there is no database or store, a server does not start, every participant is refused,
+            or they have not ended in half an hour.
     """
     for name in (URL_FILE_NAME, STORE_URL_FILE_NAME):
         if not (data / name).is_file():
@@ -289,6 +290,8 @@ async def _play(
     async def restart() -> None:
         nonlocal interrupted
         while 2 * sum(bool(page.acknowledged) for page in pages) < len(pages):
+            if all(page.end for page in pages):  # there is nobody left to interrupt
+                return
             await asyncio.sleep(_POLL_S)
         for number, kill in [*((number, False) for number in range(len(servers))), (0, True)]:
             present = sum(bool(page.acknowledged) and not page.end for page in pages)
@@ -298,11 +301,20 @@ async def _play(
             await asyncio.to_thread(servers[number].start)
             await asyncio.sleep(_PAUSE_S)
 
-    async with asyncio.timeout(_TIMEOUT_S), asyncio.TaskGroup() as group:
-        group.create_task(restart())
-        for page in pages:
-            group.create_task(page.take_part())
-            await asyncio.sleep(_POLL_S)
+    try:
+        async with asyncio.timeout(_TIMEOUT_S), asyncio.TaskGroup() as group:
+            group.create_task(restart())
+            for page in pages:
+                group.create_task(page.take_part())
+                await asyncio.sleep(_POLL_S)
+    except TimeoutError:
+        left = sum(not page.end for page in pages)
+        raise DeploymentCheckError(
+            f"{left} of {len(pages)} participants have not ended after {_TIMEOUT_S:g} s; try fewer with --participants"
+        ) from None
+    if not any(page.acknowledged for page in pages):
+        reasons = ", ".join(sorted({page.end for page in pages}))
+        raise DeploymentCheckError(f"every participant was refused: {reasons}; see the servers' messages above")
     return pages, interrupted
 
 

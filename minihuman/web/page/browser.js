@@ -1,5 +1,7 @@
 // What the page knows of its browser and its display, for the study's eligibility check and its log.
 
+import { findGamepad } from "./gamepad.js";
+
 /** @import { Facts } from "./messages" */
 /** @typedef {{ brands: { brand: string, version: string }[], platform: string }} UserAgentData */
 
@@ -23,6 +25,7 @@ export async function collectBrowserFacts() {
     display_px: `${screen.width} x ${screen.height}`,
     touch: navigator.maxTouchPoints > 0,
     mouse: matchMedia("(pointer: fine)").matches,
+    gamepad: findGamepad() !== undefined,
     language: navigator.language,
     utc_offset_min: -new Date().getTimezoneOffset(),
   };

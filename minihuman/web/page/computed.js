@@ -3,7 +3,7 @@
 
 import { FirstPersonWorld, GridWorld, Kernels, Scene } from "./world.js";
 
-/** @import { ArraysMessage, FirstPersonState, GridState, WorldState } from "./messages" */
+/** @import { ArraysMessage, FirstPersonState, GridState, WorldPosition, WorldState } from "./messages" */
 /** @typedef {Record<string, any>} Arrays by name */
 /**
  * What a state looks like: nothing until what it is drawn with is unpacked.
@@ -124,7 +124,7 @@ export class ComputedScenes {
     this.place(state);
   }
 
-  /** Go on from where the server is. @param {WorldState} state */
+  /** Go on from where the server is. @param {WorldPosition} state */
   place(state) {
     this.start = { step: state.step, scene: this.#add(decodeState(state), state.step, "") };
   }
@@ -178,7 +178,7 @@ export class ComputedScenes {
   }
 }
 
-/** What a world is restored from. @param {WorldState} state @returns {any} */
+/** What a world is restored from. @param {WorldPosition} state @returns {any} */
 function decodeState(state) {
   const words = BigUint64Array.from(state.rng_state, BigInt);
   if (state.world === "grid") return { row: decodeRow(state.row), words };

@@ -1,6 +1,7 @@
 // The network connection to the server: a socket that is opened again whenever it breaks, and its latency.
 // It knows how messages are framed and acknowledged, and nothing of what they mean to the screen.
 
+import { collectBrowserFacts } from "./browser.js";
 import { IncomingStream } from "./stream.js";
 
 /** @import { Control, Numbered, Pong, Refusal, Texts, Welcome } from "./messages" */
@@ -20,7 +21,7 @@ import { IncomingStream } from "./stream.js";
  * @property {(why: string, refusal: Refusal | null) => void} leave
  */
 
-const VERSION = 4;
+const VERSION = 5;
 const MIN_RETRY_MS = 200;
 const MAX_RETRY_MS = 3000;
 const RESIZE_PAUSE_MS = 500; // after the last change of size
@@ -61,7 +62,7 @@ export class Connection {
     if (this.finished) return;
     const { state } = this.outbox;
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const mine = new WebSocket(`${scheme}://${location.host}/socket?seat=${state.pin ??= this.#hashLink()}`);
+    const mine = new WebSocket(`${scheme}://${location.host}/socket?seat=${this.seat}`);
     this.#socket = mine;
     mine.binaryType = "arraybuffer";
     mine.onopen = () => {
@@ -76,11 +77,11 @@ export class Connection {
   }
 
   // Which of several servers a seat is on: a proxy goes by it. It says nothing of the link.
-  #hashLink() {
+  get seat() {
     const letters = [...JSON.stringify([this.link.token, this.link.platform])];
     const hash = (/** @type {number} */ sum, /** @type {string} */ letter) =>
       Math.imul(sum ^ (letter.codePointAt(0) ?? 0), 16777619) >>> 0;
-    return letters.reduce(hash, 2166136261).toString(16);
+    return this.outbox.state.pin ??= letters.reduce(hash, 2166136261).toString(16);
   }
 
   /** @param {number} code @param {string} reason */
@@ -112,6 +113,7 @@ export class Connection {
     this.listener.status("");
     this.listener.leave(why, this.#refusal);
     if (this.#refusal?.reason === "window") this.#awaitLargerWindow();
+    if (this.#refusal?.reason === "gamepad") this.#awaitGamepad();
   }
 
   // Whoever makes the window larger is looked at again.
@@ -121,6 +123,17 @@ export class Connection {
       clearTimeout(timer);
       timer = setTimeout(() => location.reload(), RESIZE_PAUSE_MS);
     });
+  }
+
+  // Without loading the page again: the new one would not see the gamepad before its next press.
+  #awaitGamepad() {
+    addEventListener("gamepadconnected", async () => {
+      this.#refusal = null;
+      this.finished = false;
+      this.outbox.state.facts = await collectBrowserFacts();
+      this.outbox.save();
+      this.open();
+    }, { once: true });
   }
 
   /** End it for good, from this side. */

@@ -11,6 +11,11 @@ const DEAD_ZONE = 0.1, LEVELS = 128;
 /** @type {Record<string, [minus: string, plus: string]>} */
 const WAYS = { pad_left_x: ["stick_left", "stick_right"], pad_left_y: ["stick_up", "stick_down"] };
 
+const NONE = { id: "", axes: [], buttons: [] };
+
+/** Whether one is there that the page can read: a browser shows none before a button of it is pressed. */
+export const findGamepad = () => navigator.getGamepads().find((one) => one?.connected && one.mapping === "standard");
+
 /** An axis as it is logged: beyond the dead zone, in steps. @param {number} raw */
 const levelOf = (raw) => (Math.sign(raw) * Math.round(
   (Math.max(0, Math.min(1, Math.abs(raw)) - DEAD_ZONE) / (1 - DEAD_ZONE)) * LEVELS)) / LEVELS || 0;
@@ -20,8 +25,9 @@ export class GamepadReader {
   /** @type {Set<string>} */ #down = new Set();
   /** @type {Map<string, number>} */ #levels = new Map();
   #name = "";
+  #readMs = 0; // when it was read last
 
-  /** @param {Keyboard} keyboard @param {() => boolean} hasFocus @param {(what: Input) => void} send */
+  /** @param {Keyboard} keyboard @param {() => boolean} hasFocus @param {(what: Input, ms?: number) => void} send */
   constructor(keyboard, hasFocus, send) {
     this.keyboard = keyboard;
     this.hasFocus = hasFocus;
@@ -36,23 +42,27 @@ export class GamepadReader {
 
   #read() {
     requestAnimationFrame(() => this.#read());
-    const pad = navigator.getGamepads().find((one) => one?.connected && one.mapping === "standard");
-    if (!this.hasFocus()) this.#down.clear(); // its presses were let go of by the session
-    else if (pad) this.#report(pad, performance.now());
+    const pad = findGamepad();
+    const now = performance.now();
+    // Unplugged: its buttons are up, its sticks at rest. Without the focus the session has let go of its presses.
+    if (!this.hasFocus()) this.#down.clear();
+    else if (pad ?? this.#name) this.#report(pad ?? NONE, Math.max(this.#readMs, Math.min(now, pad?.timestamp || now)));
+    this.#readMs = now;
   }
 
-  /** @param {Gamepad} pad @param {number} ms */
+  /** @param {Pick<Gamepad, "id" | "axes" | "buttons">} pad @param {number} ms when it changed: since it was read last */
   #report(pad, ms) {
     if (pad.id !== this.#name) {
       this.#name = pad.id;
-      this.send({ t: "pad", id: pad.id.slice(0, 64), axes: pad.axes.length, buttons: pad.buttons.length });
+      if (pad.id) this.send({ t: "pad", id: pad.id.slice(0, 64), axes: pad.axes.length, buttons: pad.buttons.length });
     }
-    pad.buttons.forEach((button, number) => this.#hold(BUTTONS[number], button.pressed, ms));
-    [...pad.axes.slice(0, 4), pad.buttons[6]?.value ?? 0, pad.buttons[7]?.value ?? 0].forEach((raw, number) => {
-      const axis = AXES[number], value = levelOf(raw);
-      if (value === (this.#levels.get(axis) ?? 0)) return;
-      this.#levels.set(axis, value);
-      this.send({ t: "axis", axis, value });
+    BUTTONS.forEach((name, number) => this.#hold(name, pad.buttons[number]?.pressed ?? false, ms));
+    AXES.forEach((axis, number) => {
+      const value = levelOf((number < 4 ? pad.axes[number] : pad.buttons[number + 2]?.value) ?? 0);
+      if (value !== (this.#levels.get(axis) ?? 0)) {
+        this.#levels.set(axis, value);
+        this.send({ t: "axis", axis, value }, ms);
+      }
       (WAYS[axis] ?? []).forEach((way, side) => {
         const reach = side ? value : -value;
         this.#hold(way, reach > (this.#down.has(way) ? 0.4 : 0.5), ms);

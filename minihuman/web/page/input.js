@@ -83,7 +83,7 @@ export class Keyboard {
   }
 }
 
-/** @typedef {{ what: "pressed" | "moved" | "released", target: string | undefined, along: number, x: number, y: number }} Point */
+/** @typedef {{ what: "pressed" | "moved" | "released", target: string | undefined, along: number, x: number, y: number, ms: number }} Point */
 
 /**
  * Hand on what the pointer does to elements that have a `data-target`. @param {HTMLElement} main
@@ -99,7 +99,7 @@ export function listenToPointer(main, listener) {
     const along = box.width ? unit((event.clientX - box.left) / box.width) : 0;
     const { direction } = getComputedStyle(element);
     listener.point({
-      what, target: element.dataset.target, along: direction === "rtl" ? 1 - along : along,
+      what, ms: event.timeStamp, target: element.dataset.target, along: direction === "rtl" ? 1 - along : along,
       ...(element.dataset.target === "picture" // where in the world's picture, not in the window
         ? { x: unit((event.clientX - box.left) / box.width), y: unit((event.clientY - box.top) / box.height) }
         : { x: unit(event.clientX / innerWidth), y: unit(event.clientY / innerHeight) }),

@@ -5,11 +5,11 @@ export type Input =
   | { t: "key"; key: string; down: boolean; stamp: number; trusted?: boolean; symbol?: string; repeat?: boolean; digest?: string }
   | { t: "typed" | "unheard"; text: string }
   | { t: "focus"; focused: boolean }
-  | { t: "axis"; axis: string; value: number }
+  | { t: "axis"; axis: string; value: number; stamp?: number }
   | { t: "pad"; id: string; axes: number; buttons: number }
   | { t: "asked"; number: number }
   | { t: "link"; sent: number; received: number; answered: number; back: number; latest: number }
-  | { t: "pointer"; what: string; target?: string; along: number; x: number; y: number }
+  | { t: "pointer"; what: string; target?: string; along: number; x: number; y: number; stamp?: number }
   | { t: "shown"; submit: number; flip: number; screen?: number; name?: number; episode?: number; step?: number; node?: number };
 export type Facts = Record<string, string | number | boolean>;
 export type Texts = Record<string, string>;
@@ -26,16 +26,16 @@ export interface Rules {
   t: "rules"; episode: number; keep: number; actions: Record<string, number>; most_steps: number; real_time: boolean;
   period: number; noop: number | null; auto_repeat: boolean; computed: WorldState | null; team?: "" | "turns" | "ticks";
 }
-export interface GridState {
-  world: "grid"; step: number; row: number[]; rng_state: string[]; view_size: number; full: boolean; in_view: boolean; atlas: string;
-}
-export interface FirstPersonState {
-  world: "first_person"; step: number; things: string; numbers: string; walls: string; rng_state: string[]; rooms: string;
-  edges: string; looks: number; scene: string; textures: string[]; size: [width: number, height: number];
+export interface GridPosition { world: "grid"; step: number; row: number[]; rng_state: string[] }
+export interface GridState extends GridPosition { view_size: number; full: boolean; in_view: boolean; atlas: string }
+export interface FirstPersonPosition { world: "first_person"; step: number; things: string; numbers: string; rng_state: string[] }
+export interface FirstPersonState extends FirstPersonPosition {
+  walls: string; rooms: string; edges: string; looks: number; scene: string; textures: string[]; size: [width: number, height: number];
 }
 export type WorldState = GridState | FirstPersonState;
+export type WorldPosition = GridPosition | FirstPersonPosition;
 export interface ArraysMessage { t: "arrays"; name: string; arrays: [name: string, kind: string, bytes: number][]; packed: string }
-export interface StateCorrection { t: "state"; through: number; episode: number; state: WorldState }
+export interface StateCorrection { t: "state"; through: number; episode: number; state: WorldPosition }
 export interface Ahead {
   t: "ahead"; episode: number; nodes: [scene: number, picture: number][];
   edges: [from: number, action: number, to: number, ends: boolean][];

@@ -11,7 +11,7 @@ import { FilmViewer, FlipReporter, ImageCache } from "./pictures.js";
 import { ScreenPrefetch } from "./prefetch.js";
 import { TextEntry } from "./questions.js";
 import { ScreenView } from "./screens.js";
-import { Outbox, randomBytes, UNTIMED } from "./stream.js";
+import { MessageStore, Outbox, randomBytes, UNTIMED } from "./stream.js";
 import { TouchKeys } from "./touch.js";
 
 /** @import { Input, Numbered, ScreenMessage } from "./messages" */
@@ -51,7 +51,9 @@ class Page {
   #touch = new TouchKeys(
     /** @type {HTMLElement} */ (document.getElementById("touch")), this.#keyboard,
     () => { this.#player.view.fit(); this.#films.fit(); });
-  #gamepad = new GamepadReader(this.#keyboard, () => this.#isListening && this.#focused !== false, (what) => this.#send(what));
+  #gamepad = new GamepadReader(this.#keyboard, () => this.#isListening && this.#focused !== false, (what, ms) => {
+    this.#send(ms === undefined || what.t !== "axis" ? what : { ...what, stamp: this.#outbox.timeOf(ms) });
+  });
   #connection = new Connection(this.#outbox, readLink(this.#outbox), {
     welcome: (m) => {
       this.#keyboard.codes = this.#outbox.keys = m.keys;
@@ -106,6 +108,7 @@ class Page {
 
   async start() {
     const loading = EpisodeComputer.load();
+    await this.#outbox.recover(await MessageStore.open(this.#connection.seat));
     this.#outbox.state.facts ??= await collectBrowserFacts();
     this.#outbox.save();
     this.#player.computer = await loading;
@@ -259,8 +262,8 @@ class Page {
   #type(text) { this.#prefetch.unknown(this.#send({ t: "typed", text })); }
 
   /** @param {Point} point */
-  #point(point) {
-    const n = this.#send({ t: "pointer", ...point });
+  #point({ ms, ...point }) {
+    const n = this.#send({ t: "pointer", ...point, stamp: this.#outbox.timeOf(ms) });
     if (this.#player.play) return; // the server alone knows what a click in the picture does
     if (point.what === "pressed") this.#advance(n, `point:${point.target}`, this.#outbox.state.last);
     else if (point.what === "moved") this.#prefetch.unknown(n);

@@ -69,6 +69,7 @@ async function decode({ encoding, width, height, bytes }) {
 export class FlipReporter {
   #channel = new MessageChannel();
   /** @type {Shown & { submit: number } | null} */ #pending = null;
+  /** @type {{ episode?: number, step?: number, flip: number } | null} the last report */ #last = null;
 
   /** @param {() => number} now @param {(what: Input) => void} send */
   constructor(now, send) {
@@ -80,6 +81,7 @@ export class FlipReporter {
       const flip = now();
       const { then, ...what } = shown;
       then?.(flip);
+      this.#last = { ...what, flip };
       send({ t: "shown", ...what, flip });
     };
   }
@@ -91,7 +93,15 @@ export class FlipReporter {
     if (!waits) requestAnimationFrame(() => this.#channel.port2.postMessage(0));
   }
 
-  cancel() { this.#pending = null; }
+  // A step's picture that was the last thing reported is not there anew when the server's word of it comes.
+  /** @param {number} episode @param {number} step @returns {number | null} when it was there */
+  takeStep(episode, step) {
+    const last = this.#pending ? null : this.#last;
+    this.#last = null;
+    return last && last.episode === episode && last.step === step ? last.flip : null;
+  }
+
+  cancel() { this.#pending = this.#last = null; }
 }
 
 /**

@@ -66,15 +66,16 @@ export class ScreenView {
     const canvas = el("canvas", { role: "img", "aria-label": s.marks.map((mark) => mark[2]).join(", ") || s.title });
     if (picture) {
       Object.assign(canvas, { width: picture.width, height: picture.height });
-      fit(canvas, 0.4);
+      fit(canvas, 0.4, s.marks.length ? 0.5 : undefined); // the words stand beside it
       this.parts.images.unpack(picture).then((bitmap) => paint(canvas, bitmap, true));
     }
     return el("div", { class: "example" }, canvas, s.marks.map(([x, y, label]) => {
-      const top = `${100 * y}%`;
-      /** @type {Record<string, string>} */
-      const beside = x >= 0.5 ? { left: `calc(${100 * x}% + .7rem)`, top } : { right: `calc(${100 - 100 * x}% + .7rem)`, top };
+      const top = `${100 * y}%`, side = x >= 0.5 ? "right" : "left";
+      const reach = `${100 * (x >= 0.5 ? 1 - x : x)}%`; // from the point to the picture's edge
       return [
-        el("span", { class: "point", style: { left: `${100 * x}%`, top } }), el("span", { class: "label", text: label, style: beside }),
+        el("span", { class: "lead", style: { [side]: "-.5rem", width: `calc(${reach} + .5rem)`, top } }),
+        el("span", { class: "point", style: { left: `${100 * x}%`, top } }),
+        el("span", { class: `label ${side}`, text: label, style: { top } }),
       ];
     }));
   }
@@ -109,7 +110,9 @@ export class ScreenView {
         episode.putPicture(picture);
         episode.reportHeld = () =>
           flips.report({ episode: s.episode, step: s.step, then: (flip) => this.page.entered(m, lasts, flip) });
-        episode.reportHeld();
+        const seen = flips.takeStep(s.episode, s.step);
+        if (seen === null) episode.reportHeld();
+        else this.page.entered(m, lasts, seen);
       });
     } else {
       const then = (/** @type {number} */ flip) => this.page.entered(m, s.kind === "blank" ? lasts : null, flip);

@@ -12,12 +12,99 @@ export const UNTIMED = new Set(["shown", "link", "unheard"]); // what does not t
 const BATCH_MS = 100;
 const MAX_UNREPORTED = 100; // the server looks less far ahead of a page that has more to report
 const RESTART_NS = 2e9;
+const OPEN_PATIENCE_MS = 1000;
+const US = 1000; // the session's times are whole microseconds, which no browser's clock is finer than, in ns
 /** @param {number} ms */
 const ns = (ms) => Math.round(ms * 1e6);
+
+/**
+ * A message as it is sent. What comes with every key is a short array, times in us and those of events before the
+ * message's own; `messages.py` reads both forms. @param {Message} message
+ */
+export function encodeMessage({ n, at, what }) {
+  const values = shorten(at, what);
+  if (!values || [at, ...values].some((value) => typeof value === "number" && !Number.isInteger(value))) {
+    return JSON.stringify({ t: "n", n, at, what });
+  }
+  while ([undefined, "", false].includes(/** @type {any} */ (values[values.length - 1]))) values.pop();
+  const [kind, ...rest] = values.map((value) => value ?? "");
+  return JSON.stringify([kind, n, at / US, ...rest]);
+}
+
+/** @param {number} at @param {Input} what @returns {(string | number | boolean | undefined)[] | null} */
+function shorten(at, what) {
+  const ago = (/** @type {number} */ t) => (at - t) / US;
+  if (at % US) return null;
+  if (what.t === "tick") return ["t", what.digest];
+  if (what.t === "shown" && what.step !== undefined && what.screen === undefined && what.name === undefined) {
+    return ["s", ago(what.flip), ago(what.submit), what.episode, what.step, what.node];
+  }
+  if (what.t !== "key" || what.trusted === false) return null;
+  return ["k", ago(what.stamp), what.key, what.down ? 1 : 0, what.digest, what.symbol, what.repeat];
+}
 
 /** @param {number} size */
 export function randomBytes(size) {
   return crypto.getRandomValues(new Uint8Array(size));
+}
+
+/**
+ * A link's messages where they outlive the tab, in IndexedDB. It commits one transaction after the other: a tab that is
+ * killed loses what came since the one that is under way began.
+ */
+export class MessageStore {
+  /** @type {Map<number, string | null>} by number; null: delete it */ #changes = new Map();
+  #isWriting = false;
+
+  /** @param {IDBDatabase} database @param {string} seat */
+  constructor(database, seat) {
+    this.database = database;
+    this.seat = seat;
+  }
+
+  /** @param {string} seat @returns {Promise<MessageStore | null>} null where the browser keeps nothing */
+  static open(seat) {
+    return new Promise((resolve) => {
+      setTimeout(() => resolve(null), OPEN_PATIENCE_MS);
+      try {
+        const request = indexedDB.open("minihuman", 1);
+        request.onupgradeneeded = () => request.result.createObjectStore("messages");
+        request.onsuccess = () => resolve(new MessageStore(request.result, seat));
+        request.onerror = () => resolve(null);
+      } catch { resolve(null); }
+    });
+  }
+
+  /** @returns {Promise<Map<number, string>>} what is kept, by number */
+  load() {
+    return new Promise((resolve) => {
+      const store = this.database.transaction("messages").objectStore("messages");
+      const mine = IDBKeyRange.bound([this.seat, 0], [this.seat, Infinity]);
+      const keys = store.getAllKeys(mine), texts = store.getAll(mine);
+      texts.onsuccess = () => resolve(new Map(keys.result.map((key, i) => [/** @type {any} */ (key)[1], texts.result[i]])));
+      texts.onerror = () => resolve(new Map());
+    });
+  }
+
+  /** @param {number} n 0 for the stream itself @param {string | null} text null: delete it */
+  set(n, text) {
+    this.#changes.set(n, text);
+    if (!this.#isWriting) this.#write();
+  }
+
+  #write() {
+    this.#isWriting = true;
+    const transaction = this.database.transaction("messages", "readwrite"), store = transaction.objectStore("messages");
+    for (const [n, text] of this.#changes) {
+      if (text === null) store.delete([this.seat, n]);
+      else store.put(text, [this.seat, n]);
+    }
+    this.#changes.clear();
+    transaction.oncomplete = transaction.onabort = () => {
+      this.#isWriting = false;
+      if (this.#changes.size) this.#write();
+    };
+  }
 }
 
 /** What the page has sent, numbered and stamped with the session's time, until it is on the server's disk. */
@@ -27,6 +114,7 @@ export class Outbox {
   /** @type {ReturnType<typeof setTimeout> | undefined} */ #timer;
   /** @type {number | null} performance time at the session's time 0, ns; null until it is known */ #zero = null;
   #discarded = false;
+  /** @type {MessageStore | null} behind the tab's own storage */ #store = null;
   /** @type {(texts: string[]) => void} sends what it can; the rest stays here */ transmit = () => {};
 
   /** @param {Storage} storage @param {{ now(): number, timeOrigin: number }} clock */
@@ -42,6 +130,28 @@ export class Outbox {
       if (name.startsWith("m")) this.#messages.set(Number(name.slice(1)), storage.getItem(name) ?? "");
     }
     if (this.state.segment) this.#zero = this.state.zero - ns(clock.timeOrigin);
+  }
+
+  /**
+   * Keep messages in this store too. A tab that has none of its own goes on with what one that was killed or closed left.
+   * @param {MessageStore | null} store
+   */
+  async recover(store) {
+    if (!store) return;
+    const kept = await store.load(), head = kept.get(0);
+    this.#store = store;
+    kept.delete(0);
+    if (head && kept.size && !this.state.segment) {
+      Object.assign(this.state, JSON.parse(head), { stream: this.state.stream });
+      for (const [n, text] of kept) {
+        this.#messages.set(n, text);
+        this.#keep(`m${n}`, text);
+      }
+      this.save(); // what time it is the server says
+      return;
+    }
+    for (const n of kept.keys()) if (!this.#messages.has(n)) store.set(n, null);
+    for (const [n, text] of this.#messages) store.set(n, text);
   }
 
   get size() { return this.#messages.size; }
@@ -62,14 +172,15 @@ export class Outbox {
 
   /** Forget everything and keep nothing from now on: what still happens before the page is left is nobody's. */
   discard() {
+    this.clear();
     this.#discarded = true;
+    this.#store = null;
     this.#zero = null;
-    this.#messages.clear();
     this.storage.clear();
   }
 
   /** The session's time, ns since the segment began, at a time of the clock. @param {number} ms */
-  timeOf(ms) { return Math.max(0, ns(ms) - (this.#zero ?? 0)); }
+  timeOf(ms) { return Math.max(0, US * Math.round((ns(ms) - (this.#zero ?? 0)) / US)); }
   now() { return this.timeOf(this.clock.now()); }
 
   /**
@@ -102,14 +213,16 @@ export class Outbox {
    */
   add(what, canWait = false) {
     if (this.#zero === null) return 0;
-    const at = Math.max(this.state.last + 1, this.now());
+    const at = Math.max(US * Math.floor(this.state.last / US + 1), this.now());
     const n = this.state.next++;
     this.state.last = at;
-    const text = JSON.stringify({ t: "n", n, at, what });
+    const message = { n, at, what }, text = JSON.stringify(message);
     this.#messages.set(n, text);
     this.#keep(`m${n}`, text);
     this.save();
-    this.#unsent.push(text);
+    this.#store?.set(0, JSON.stringify({ ...this.state, facts: null }));
+    this.#store?.set(n, text);
+    this.#unsent.push(encodeMessage(message));
     if (canWait) this.#timer ??= setTimeout(() => this.#flush(), BATCH_MS);
     else this.#flush();
     return n;
@@ -126,7 +239,7 @@ export class Outbox {
   /** The messages that a server lacks which has all up to `received`. @param {number} received */
   takeUnacknowledged(received) {
     this.#unsent = [];
-    return this.#numbers().filter((n) => n > received).map((n) => this.#messages.get(n) ?? "");
+    return this.list().filter(({ n }) => n > received).map(encodeMessage);
   }
 
   /** What happens from here on is later than what the session has, of this tab or of another. @param {number} taken */
@@ -149,7 +262,9 @@ export class Outbox {
       if (n > through) continue;
       this.#messages.delete(n);
       this.storage.removeItem(`m${n}`);
+      this.#store?.set(n, null);
     }
+    if (!this.#messages.size) this.#store?.set(0, null);
   }
 
   clear() { this.acknowledge(Infinity); }

@@ -27,7 +27,6 @@ from minihuman.log.system import monotonic_s
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts
 from minihuman.web import messages
 from minihuman.web.arrivals import Arrivals
-from minihuman.web.computed import kernels_digest
 from minihuman.web.connection import Connection, ConnectionFactory, TurnedAway
 from minihuman.web.eligibility import build_completion, classify_ending, get_page_texts, get_session_code
 from minihuman.web.messages import (
@@ -41,6 +40,7 @@ from minihuman.web.messages import (
     RateLimit,
     is_same_origin,
 )
+from minihuman.worlds.source_digest import kernels_digest
 
 _ENDS = (WebSocketDisconnect, RuntimeError)  # RuntimeError: something was sent after the end
 
@@ -199,6 +199,8 @@ class WebServer:
         routes = [
             *build_page_routes(),
             Route("/favicon.ico", _no_icon),
+            Route("/healthz", self._health),
+            Route("/metrics", self._metrics),
             WebSocketRoute("/socket", self._socket),
             *self._routes,
         ]
@@ -222,6 +224,22 @@ class WebServer:
             await asyncio.gather(*tasks, return_exceptions=True)
             await asyncio.gather(*(asyncio.to_thread(connection.leave) for connection in self.connections.values()))
 
+    async def _health(self, _: Request) -> Response:
+        """Answer; a server whose loop is stuck does not."""
+        return Response("ok\n", media_type="text/plain")
+
+    async def _metrics(self, _: Request) -> Response:
+        """What Prometheus reads; nothing that says who is there."""
+        there = self.connections.values()
+        gauges = {
+            "sessions": sum(not one.host.over for one in there),
+            "sessions_before_consent": sum(one.is_before_consent for one in there),
+            "pages_connected": sum(one.here for one in there),
+            "sockets_without_hello": len(self._silent),
+        }
+        lines = (f"# TYPE minihuman_{name} gauge\nminihuman_{name} {count}\n" for name, count in gauges.items())
+        return Response("".join(lines), media_type="text/plain; version=0.0.4")
+
     # A socket
 
     async def _socket(self, socket: WebSocket) -> None:
@@ -238,7 +256,7 @@ class WebServer:
                 oldest = next(iter(self._silent))
                 del self._silent[oldest]
                 await oldest.close(CLOSE_BUSY)
-            hello, connection = await self._receive_hello(page)
+            hello, connection = await self._receive_hello(page, socket.client.host if socket.client else "")
             if isinstance(connection, TurnedAway) and connection.reason == "wait":
                 await page.close(CLOSE_BUSY)
                 return
@@ -255,7 +273,7 @@ class WebServer:
         except messages.MessageError as error:
             await page.close(REFUSED, str(error))
 
-    async def _receive_hello(self, page: PageSocket) -> tuple[messages.Hello, Connection | TurnedAway]:
+    async def _receive_hello(self, page: PageSocket, address: str) -> tuple[messages.Hello, Connection | TurnedAway]:
         """Wait for the hello, and connect its page."""
         self._silent[page] = None
         try:
@@ -266,7 +284,7 @@ class WebServer:
             raise messages.MessageError("the page's first message must be a hello; reload the page")
         self._connecting += 1
         try:
-            return hello, await self._factory.connect(hello)
+            return hello, await self._factory.connect(hello, address)
         finally:
             self._connecting -= 1
 

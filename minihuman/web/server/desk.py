@@ -69,7 +69,7 @@ class StudyEntry:
 
     def due(self) -> tuple[DueSession, ...]:
         """Who is expected for a further session, or for the rest of one."""
-        return list_due_sessions(self.folder, datetime.now().astimezone().date()) if self.folder.is_dir() else ()
+        return list_due_sessions(self.folder) if self.folder.is_dir() else ()
 
     def running(self) -> set[str]:
         """The participants whose sessions are being recorded now."""

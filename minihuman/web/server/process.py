@@ -45,8 +45,8 @@ def require_browser_support(protocol: Protocol) -> None:
             )
 
 
-def open_listening_socket(port: int) -> socket.socket:
-    """Take a port of this machine; 0 takes a free one.
+def open_listening_socket(port: int, host: str = HOST) -> socket.socket:
+    """Take a port of this machine, or of another of its addresses than its loopback; port 0 takes a free one.
 
     Raises:
         ServeError: if it is taken.
@@ -54,10 +54,12 @@ def open_listening_socket(port: int) -> socket.socket:
     taken = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     claim_address(taken)
     try:
-        taken.bind((HOST, port))
+        taken.bind((host, port))
     except OSError as error:
         taken.close()
-        raise ServeError(f"port {port} is not available ({error.strerror}); choose another with --port") from error
+        raise ServeError(
+            f"port {port} of {host} is not available ({error.strerror}); choose another with --port"
+        ) from error
     taken.listen(_WAITING)  # early connections wait until the server is ready
     return taken
 
@@ -98,7 +100,7 @@ _AGAIN_S = 1.0  # before one that died is started again
 
 
 def list_process_commands(
-    protocol: Path, study_dir: Path, *, port: int, workers: int, watch: bool
+    protocol: Path, study_dir: Path, *, port: int, workers: int, watch: bool, host: str = HOST
 ) -> Iterator[tuple[str, ...]]:
     """The words of each process beside the first worker; each worker has a port of its own, one after the other."""
     if watch:
@@ -108,7 +110,7 @@ def list_process_commands(
         raise LogError("several workers use consecutive ports; set the first one with --port")
     for number in range(1, workers):
         data = str(study_dir.parent)
-        yield "serve", str(protocol), "--data", data, "--port", str(port + number), "--links", "0"
+        yield "serve", str(protocol), "--data", data, "--port", str(port + number), "--links", "0", "--host", host
 
 
 @contextmanager

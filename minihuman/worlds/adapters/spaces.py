@@ -157,6 +157,8 @@ class VectorActions:
     def move(self, vector: ActionVector, component: int, share: float) -> ActionVector:
         """A vector with one component moved from where it is: by -1..1 of the way from rest to an end.
 
+        One that takes whole numbers alone is rounded.
+
         Raises:
             WorldError: if there is no such component.
         """
@@ -164,7 +166,7 @@ class VectorActions:
         end = (self._high if share > 0 else self._low)[component]
         reach = abs(end - self.rest[component]) if np.isfinite(end) else 1.0
         moved = [*vector]
-        moved[component] += share * reach
+        moved[component] += round(share * reach) if self._whole[component] else share * reach
         return tuple(np.clip(moved, self._low, self._high).tolist())
 
     def point(self, vector: ActionVector, component: int, share: float) -> ActionVector:

@@ -5,10 +5,13 @@ other world plays too, without pose and map. Knows no keys and no time. A world 
 """
 
 import copy
+import tomllib
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import EnumMeta
+from functools import cache
+from importlib.resources import files
 from typing import Any, Literal
 
 import gymnasium
@@ -122,6 +125,12 @@ class World:
     def step_limit(self) -> int | None:
         """The environment's own limit on an episode's steps; None where it has none."""
         return step_limit_of(self._env)
+
+    def name_actions(self, chosen: Iterable[str]) -> None:
+        """Call the actions by number where a plan does, as it may be older than their names; else by name."""
+        numbers = tuple(str(number) for number in range(len(self.actions.names)))
+        named = set(chosen)
+        self.action_names = numbers if named and named <= set(numbers) else self.actions.names
 
     def reset(self, seed: int) -> ResetResult:
         """Begin an episode from a seed, with wrappers as they were made."""
@@ -368,7 +377,15 @@ def _action_names(env: Any, count: int, first: int) -> tuple[str, ...]:
     meanings = getattr(env, "get_action_meanings", None)  # the Atari worlds' way
     if callable(meanings):
         return tuple(str(name).lower() for name in meanings())[:count]
+    if type(env).__module__.startswith("gymnasium.envs.") and type(env).__name__ in _load_names():
+        return tuple(_load_names()[type(env).__name__])
     return tuple(str(action) for action in range(count))
+
+
+@cache
+def _load_names() -> dict[str, list[str]]:
+    """The names that Gymnasium's own environments do not have, by class."""
+    return tomllib.loads(files(__package__).joinpath("action_names.toml").read_text(encoding="utf-8"))
 
 
 _HOUSEKEEPING = (

@@ -2,6 +2,10 @@
 
 The wording is the one that BabyAI-Text (Carta et al., 2023) introduced and BALROG (Paglieri et al., 2025) evaluates
 with, composed here from the observation alone; ``tests/models/test_world_text.py`` holds it to BALROG's.
+
+The format is theirs, the code is ours. BabyAI-Text: Copyright (c) 2023 Flowers Team, MIT licence
+(github.com/flowersteam/Grounding_LLMs_with_online_RL); BALROG's copy of it: github.com/BartekCupial/Minigrid, Apache
+License 2.0.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

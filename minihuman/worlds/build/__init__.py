@@ -1,1 +1,1 @@
-"""Compiles the worlds' kernels ahead of time: to WebAssembly for the page, to native libraries for processes."""
+"""Compiles the worlds' kernels ahead of time, to WebAssembly for the page."""

@@ -25,7 +25,7 @@ import numba
 from minihuman.errors import MinihumanError
 from minihuman.worlds.build.exports import EXPORTS
 from minihuman.worlds.build.lowering import lower
-from minihuman.worlds.source_digest import module_digest
+from minihuman.worlds.source_digest import kernels_digest
 
 _STACK_BYTES = 1 << 18
 _RESHAPE = """
@@ -84,10 +84,6 @@ _PAGE_OPTIONS = (
 _PLAIN = "+bulk-memory,+sign-ext,+nontrapping-fptoint,+mutable-globals"
 PAGE = Target("wasm32-unknown-unknown", "", _PLAIN, "wasm-ld", _PAGE_OPTIONS, ".wasm")
 PAGE_SIMD = Target("wasm32-unknown-unknown", "", f"{_PLAIN},+simd128", "wasm-ld", _PAGE_OPTIONS, ".simd.wasm")
-_SHARED = ("-shared", "--gc-sections", "--strip-all", "-z", "noexecstack", "--build-id=none")
-LINUX_X86 = Target("x86_64-unknown-linux-gnu", "x86-64-v3", "", "ld.lld", _SHARED, ".x86_64.so")
-LINUX_X86_OLD = Target("x86_64-unknown-linux-gnu", "x86-64-v2", "", "ld.lld", _SHARED, ".x86_64_v2.so")
-LINUX_ARM = Target("aarch64-unknown-linux-gnu", "", "", "ld.lld", _SHARED, ".aarch64.so")
 
 
 def linker_version(target: Target) -> str | None:
@@ -160,11 +156,6 @@ PORTABLE = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "", "PYTHONHASHSE
 _TARGETS: dict[str, tuple[Target, ...]] = {"grid": (PAGE,), "first_person": (PAGE, PAGE_SIMD)}
 
 
-def sources_digest() -> str:
-    """Of all sources that modules are built from, 16 hexadecimal digits."""
-    return module_digest("minihuman.worlds.build.exports") or ""
-
-
 def build_page_modules(folder: Path) -> dict[str, Any]:
     """Write the modules and their manifest into a folder, and return the manifest.
 
@@ -205,7 +196,7 @@ def build_page_modules(folder: Path) -> dict[str, Any]:
             },
         }
     manifest = {
-        "sources": sources_digest(),
+        "sources": kernels_digest(),
         "numba": numba.__version__,
         "llvmlite": llvmlite.__version__,
         "linker": linker_version(PAGE),

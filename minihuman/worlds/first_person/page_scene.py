@@ -1,6 +1,7 @@
 """What a page needs of a first-person world: its state in flat arrays, and its scene, cut down to what is in it."""
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from minihuman.worlds.contract import Palette
 from minihuman.worlds.first_person import rules
+from minihuman.worlds.first_person.entities import Entity
 from minihuman.worlds.first_person.render.assets import join, pack, size_table
 from minihuman.worlds.first_person.render.drawing import half_view, turn
 from minihuman.worlds.first_person.render.kernel_tables import F64, FIRST, I32, LAST, FaceTable, TextureTable
@@ -32,6 +34,16 @@ class PageState(NamedTuple):
     looks: int
 
 
+class PageLook(NamedTuple):
+    """What no step changes: the things that the scene is made of, and the numbers of camera and shadows."""
+
+    shown: Sequence[Entity]
+    numbers: F64  # at `_OF_LOOK`
+
+
+_OF_LOOK = [rules.CAMERA_AHEAD, rules.COS_PITCH, rules.SIN_PITCH, rules.TAN_FOV, rules.SHADOWS]
+
+
 class PageScene(NamedTuple):
     """Arrays by the names of `cover`'s and `colour`'s parameters, and the pixels of each texture, uint8[h, w, 3]."""
 
@@ -51,24 +63,32 @@ def copy_state(env: "FirstPersonEnv") -> tuple[F64, F64, RngState]:
     return flat.things.copy(), numbers, rng_state
 
 
-def describe(env: "FirstPersonEnv", palette: Palette, size_px: tuple[int, int]) -> tuple[PageState, PageScene]:
+def locate(env: "FirstPersonEnv", look: PageLook) -> tuple[F64, F64, RngState]:
+    """What a step changes, as a page takes it that has the episode's scene."""
+    things, numbers, rng_state = copy_state(env)
+    places = {id(thing): number for number, thing in enumerate(look.shown)}
+    things[:, rules.LOOK] = [places.get(id(thing), -1) for thing in env.flat_state().listed]
+    numbers[_OF_LOOK] = look.numbers
+    return things, numbers, rng_state
+
+
+def describe(
+    env: "FirstPersonEnv", palette: Palette, size_px: tuple[int, int]
+) -> tuple[PageState, PageScene, PageLook]:
     """An episode's state and its scene as a page takes them; pictures of it may have any size."""
     shown, target = env.staged(palette, size_px)
-    things, numbers, rng_state = copy_state(env)
-    places = {id(thing): number for number, thing in enumerate(shown)}
-    things[:, rules.LOOK] = [places.get(id(thing), -1) for thing in env.flat_state().listed]
-    agent, floor = env.agent, env.stage.floor
-    numbers[rules.CAMERA_AHEAD] = agent.cam_fwd_disp
-    numbers[rules.COS_PITCH : rules.SIN_PITCH + 1] = turn(agent.cam_pitch * (math.pi / 180), agent.trig)
-    numbers[rules.TAN_FOV] = half_view(agent.cam_fov_y, agent.trig)
-    numbers[rules.SHADOWS] = len(shown) if target.layout.thing_count > len(shown) else 0
+    agent, floor, count = env.agent, env.stage.floor, target.layout.thing_count
+    pitch = turn(agent.cam_pitch * (math.pi / 180), agent.trig)
+    shadows = len(shown) if count > len(shown) else 0
+    look = PageLook(shown, np.array([agent.cam_fwd_disp, *pitch, half_view(agent.cam_fov_y, agent.trig), shadows]))
+    things, numbers, rng_state = locate(env, look)
     outlines = [
         (room.outline.min_x, room.outline.max_x, room.outline.min_z, room.outline.max_z) for room in floor.rooms
     ]
     rooms = np.column_stack((floor.room_weights, outlines, floor.first_edge[:-1], floor.first_edge[1:]))
     edges = np.ascontiguousarray(floor.edges[:, (0, 1, 5, 6)])
-    state = PageState(things, numbers, floor.walls, rng_state, rooms, edges, target.layout.thing_count)
-    return state, cut_scene(target.layout, target.view.copy())
+    state = PageState(things, numbers, floor.walls, rng_state, rooms, edges, count)
+    return state, cut_scene(target.layout, target.view.copy()), look
 
 
 def cut_scene(layout: SceneTables, view: F64) -> PageScene:

@@ -224,6 +224,8 @@ class Kitchen(TeamWorld):
         max_steps: Joint steps of an episode.
 
     Attributes:
+        layout: Floor plan and orders.
+        rules: As given.
         row: The state, int32; `core.kitchen_rules` names its numbers.
     """
 
@@ -236,6 +238,7 @@ class Kitchen(TeamWorld):
         if isinstance(layout, str):
             layout = KitchenLayout(layout) if "/" in layout else KITCHENS[check_one_of("layout", layout, KITCHENS)]
         old = check_one_of("rules", rules, ("2019", "1.1.0")) == "2019"
+        self.rules: KitchenRules = rules
         self.layout, self.bodies, self.max_steps = layout, layout.cooks, check_max_steps(max_steps)
         self._start = _start_row(layout, old, self.max_steps)
         self.mission = _mission(layout, old)

@@ -23,6 +23,26 @@ test("a second agent takes the place of the first", () => {
   assert.deepEqual([level.cells[1][1], level.cells[2][2]], ["  ", "vv"]);
 });
 
+test("an erased border is a wall, so that the file has every row and column of the page", () => {
+  const level = new Level(5, 4);
+  for (let y = 0; y < 4; y++) level.put(0, y, "  ");
+  for (let x = 0; x < 5; x++) level.put(x, 0, "  ");
+  level.put(4, 1, ">>");
+  level.put(1, 1, "<<"); // the agent leaves the border
+  const walled = new Level(5, 4);
+  walled.cells[1][1] = "<<";
+  assert.deepEqual(level.cells, walled.cells);
+  assert.deepEqual(Level.read(level.file).cells, level.cells);
+});
+
+test("common indentation and empty last rows of a file are left out, as Python leaves them out", () => {
+  const drawn = new Level(5, 4);
+  drawn.put(1, 1, "Gg");
+  const indented = drawn.file.replace(/^WW/gm, "    WW").replace("WW\n'".concat("''"), "WW\n\n'".concat("''"));
+  assert.notEqual(indented, drawn.file);
+  assert.deepEqual(Level.read(indented).cells, drawn.cells);
+});
+
 test("an agent that is not drawn stands in an empty cell", () => {
   for (const at of [0, 0.5, 0.999]) {
     const [x, y] = new Level(5, 4).row(at).slice(2, 4);

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
-import { IncomingStream, Outbox } from "../../../minihuman/web/page/stream.js";
+import { encodeMessage, IncomingStream, Outbox } from "../../../minihuman/web/page/stream.js";
 
 /** A tab's storage, as the browser keeps it over reloads. */
 class MemoryStorage {
@@ -17,7 +17,7 @@ class MemoryStorage {
 }
 
 const clock = { ms: 0, timeOrigin: 1000, now() { return this.ms; } };
-const numbersOf = (texts) => texts.map((text) => JSON.parse(text).n);
+const numbersOf = (texts) => texts.map((text) => JSON.parse(text)).map((sent) => (Array.isArray(sent) ? sent[1] : sent.n));
 
 function openOutbox(storage = new MemoryStorage()) {
   const outbox = new Outbox(storage, clock);
@@ -42,7 +42,7 @@ test("messages are numbered from one, with times that increase although the cloc
   const outbox = openOutbox();
   outbox.setTime("a", 5_000_000, true, 0);
   assert.deepEqual([1, 2, 3].map(() => outbox.add({ t: "tick" })), [1, 2, 3]);
-  assert.deepEqual(outbox.list().map(({ at }) => at), [5_000_000, 5_000_001, 5_000_002]);
+  assert.deepEqual(outbox.list().map(({ at }) => at), [5_000_000, 5_001_000, 5_002_000]);
 });
 
 test("a message that can wait goes with the next one, in order", () => {
@@ -62,6 +62,24 @@ test("a message that can wait is sent alone after 100 ms", () => {
   assert.deepEqual(outbox.sent, []);
   mock.timers.tick(1);
   assert.deepEqual(numbersOf(outbox.sent), [1]);
+});
+
+test("a key, its picture and its release are 150 bytes together, and what is no whole microsecond is sent in full", () => {
+  const at = 3_599_123_456_000;
+  const key = { t: "key", key: "arrow_left", down: true, stamp: at - 1_234_000, digest: "0123456789abcdef", symbol: undefined };
+  const shown = { t: "shown", submit: at - 900_000, flip: at - 60_000, episode: 12, step: 345, node: undefined, then: undefined };
+  const sent = [
+    { n: 12_345, at, what: key }, { n: 12_346, at, what: shown },
+    { n: 12_347, at, what: { t: "key", key: "arrow_left", down: false, stamp: at - 80_000, trusted: undefined } },
+  ].map(encodeMessage);
+  assert.deepEqual(sent.map((text) => JSON.parse(text)), [
+    ["k", 12345, 3599123456, 1234, "arrow_left", 1, "0123456789abcdef"], ["s", 12346, 3599123456, 60, 900, 12, 345],
+    ["k", 12347, 3599123456, 80, "arrow_left", 0],
+  ]);
+  assert.ok(sent.join("\n").length < 150, sent.join("\n"));
+  for (const what of [{ ...key, stamp: at - 7 }, { ...key, trusted: false }, { ...shown, screen: 3 }, { t: "focus", focused: true }]) {
+    assert.deepEqual(JSON.parse(encodeMessage({ n: 1, at, what })), JSON.parse(JSON.stringify({ t: "n", n: 1, at, what })));
+  }
 });
 
 test("what is acknowledged is forgotten, and the rest survives a reload with its numbers and the session's time", () => {
@@ -94,9 +112,9 @@ test("a tab that comes back goes on behind the time that another has reached", (
   const outbox = openOutbox();
   outbox.setTime("a", 0, true, 0);
   outbox.add({ t: "tick" });
-  outbox.catchUp(900);
+  outbox.catchUp(9_500);
   assert.equal(outbox.add({ t: "tick" }), 2);
-  assert.equal(outbox.list().at(-1)?.at, 901);
+  assert.equal(outbox.list().at(-1)?.at, 10_000, "in whole microseconds");
 });
 
 test("keys that a segment had not heard are reported to the next one, which hears nothing else of them", () => {

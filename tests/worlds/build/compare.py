@@ -13,12 +13,12 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, get_args
 
 import gymnasium
 
+import minihuman
 from minihuman.worlds.catalogue import WORLDS
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from tests.worlds.build.page_cases import LARGE, USUAL, Extent, Files, differing, page_case
@@ -96,7 +96,7 @@ def main() -> int:
     )
     print(f"not compiled, so not in a page: {', '.join(foreign) or 'none'}")
     took_s = time.process_time() - cpu_s
-    print(f"minihuman {version('minihuman')}, Python {sys.version.split()[0]}; {took_s:.0f} CPU-s in Python")
+    print(f"minihuman {minihuman.__version__}, Python {sys.version.split()[0]}; {took_s:.0f} CPU-s in Python")
     print(*wrong[:20], sep="\n")
     return int(bool(wrong))
 

@@ -103,7 +103,7 @@ def _first_person_case(
     env: FirstPersonEnv, seed: int, files: Files, name: str, extent: Extent
 ) -> tuple[dict[str, Any], str]:
     env.reset(seed=seed)
-    state, scene = describe(env, "classic", extent.size_px)
+    state, scene, _ = describe(env, "classic", extent.size_px)
     first, digest = env.save(), hashlib.sha256()
     actions = _seeking(env, seed, extent.steps)
     for at, action in enumerate(actions):

@@ -8,9 +8,10 @@ from pathlib import Path
 import gymnasium
 import pytest
 
-from minihuman.worlds.build.page_modules import MANIFEST, PAGE, linker_version, sources_digest
+from minihuman.worlds.build.page_modules import MANIFEST, PAGE, linker_version
 from minihuman.worlds.catalogue import WORLDS, is_compiled_grid
 from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.source_digest import kernels_digest
 from tests.worlds.build.page_cases import Files, differing, page_case
 from tests.worlds.build.player import PAGE_FOLDER, page_player
 
@@ -35,7 +36,7 @@ def test_the_committed_modules_are_those_of_the_manifest_and_small():
 
 
 def test_the_committed_modules_are_built_from_the_kernels_beside_them():
-    assert _manifest()["sources"] == sources_digest(), "run `python -m minihuman.worlds.build`"
+    assert _manifest()["sources"] == kernels_digest(), "run `python -m minihuman.worlds.build`"
 
 
 @pytest.mark.program

@@ -47,6 +47,7 @@ def dynamics():
     if "gym" not in sys.modules:  # it registers an environment with it as it is imported
         gym, envs, registration = (ModuleType(name) for name in ("gym", "gym.envs", "gym.envs.registration"))
         registration.register = lambda **_: None
+        gym.Env = object
         sys.modules |= {"gym": gym, "gym.envs": envs, "gym.envs.registration": registration}
     from overcooked_ai_py.mdp import overcooked_mdp
 

@@ -348,8 +348,8 @@ def count_price(spec: ModelSpec, prompt_tokens: int, completion_tokens: int) -> 
     return (prompt_tokens * spec.price_prompt + completion_tokens * spec.price_completion) / 1_000_000
 
 
-class SeatRecord:
-    """The conversation of a seat and its latest call, followed through a log or a running session."""
+class ConversationRecord:
+    """A conversation and its latest call, followed through a log or a running session."""
 
     def __init__(self, spec: ModelSpec) -> None:
         self.conversation = Conversation(spec)

@@ -1,0 +1,113 @@
+"""Two people in two Chromiums on long, lossy lines: from a key to its picture, and to the partner's; what cuts lose.
+
+    python -m benchmarks.team_latency [--episodes 20] [--steps 40] [--rtt 300] [--loss 0 0.02] [--ticks-ms 100]
+    python -m benchmarks.team_latency --kills 100 --cuts 100 --reloads 50
+
+Times are the logs': a key's of the page that heard it, a picture's of the page that showed it, both pages brought onto
+the server's clock by the links of each log. In turns a partner's step is counted where the partner's key came last, as
+before it there is nothing to show. A lost segment delays what is behind it by a round trip and 200 ms.
+"""
+
+import argparse
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+import minihuman
+from minihuman.experiment.activities.team_play import InputLate, JointStepped, PictureCorrected
+from minihuman.experiment.machine.events import FrameShown, Stepped
+from minihuman.log.read.reader import read_segment_starts
+from tests.teams.browsers import Played, play_together
+from tests.teams.study import FOUR_ROOMS, team_study
+
+PLACE = tuple[int, int]  # episode and step
+FRAME_MS = 1000 / 60
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--episodes", type=int, default=20)
+    parser.add_argument("--steps", type=int, default=40, help="per episode")
+    parser.add_argument("--rtt", type=float, default=300.0)
+    parser.add_argument("--loss", type=float, nargs="+", default=[0.0, 0.02], help="share of TCP segments")
+    parser.add_argument("--ticks-ms", type=int, default=100)
+    for what in ("kills", "cuts", "reloads"):
+        parser.add_argument(f"--{what}", type=int, default=0)
+    asked = parser.parse_args()
+    print(f"minihuman {minihuman.__version__}, load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+    interruptions = {"kill": asked.kills, "cut": asked.cuts, "reload": asked.reloads}
+    if any(interruptions.values()):
+        with tempfile.TemporaryDirectory() as name:
+            protocol = team_study(Path(name), world=FOUR_ROOMS, episodes=1 + sum(interruptions.values()) // 2)
+            played, happened = play_together(protocol, Path(name), interruptions=interruptions, seed=3)
+        print(dict(happened), describe(played))
+        return
+    for loss in asked.loss:
+        for pace in ("turns", "ticks"):
+            block = f'pace = "real_time"\nstep_period_ms = {asked.ticks_ms}' if pace == "ticks" else ""
+            with tempfile.TemporaryDirectory() as name:
+                study = {"episodes": asked.episodes, "max_steps": asked.steps, "block": block}
+                protocol = team_study(Path(name), world=FOUR_ROOMS, **study)
+                played, _ = play_together(protocol, Path(name), rtt_ms=asked.rtt, loss=loss)
+                found = measure(played, sorted((Path(name) / "duet").rglob("*.mcap")), in_turns=pace == "turns")
+            for what, times_ms in found.items():
+                at = "  ".join(f"{value:7.1f}" for value in np.percentile(times_ms, (50, 95, 99)))
+                at_once = np.mean(np.array(times_ms) <= FRAME_MS + 4)
+                print(
+                    f"{pace} {asked.rtt:.0f} ms loss {loss:<5} {what:16} n {len(times_ms):5}  50/95/99 %: {at} ms, ",
+                    end="",
+                )
+                print(f"{at_once:.0%} within a frame and 4 ms")
+            print(f"{'':6}{describe(played)}", flush=True)
+
+
+def describe(played: Played) -> str:
+    """What two people's logs prove."""
+    steps = [len(rows) for rows in played.joint]
+    pairs = zip(*played.joint, strict=False)
+    return (
+        f"joint steps {steps}, {sum(one != other for one, other in pairs)} differ; verify says "
+        f"{[*played.complaints, [text for text, good in played.teams if not good]]}; presses lost {played.lost}; "
+        f"late {played.count(InputLate)}; corrected pictures {played.count(PictureCorrected)}"
+    )
+
+
+def measure(played: Played, logs: list[Path], *, in_turns: bool) -> dict[str, list[float]]:
+    """Times in ms: from a key to the first picture of what it did, and to the partner's picture of it."""
+    starts_ns = [int(next(iter(read_segment_starts(log, first=True).values()))) for log in logs]
+    keys = [dict(list_keys(played, of, start)) for of, start in enumerate(starts_ns)]
+    true, first = zip(*(list_pictures(played, of, start) for of, start in enumerate(starts_ns)), strict=True)
+    own, partner = list[float](), list[float]()
+    for of, other in ((0, 1), (1, 0)):
+        for place, key_ns in keys[of].items():
+            if place in first[of]:
+                own.append((first[of][place] - key_ns) / 1e6)
+            if place in true[other] and (not in_turns or key_ns >= keys[other].get(place, key_ns)):
+                partner.append((true[other][place] - key_ns) / 1e6)
+    return {"key to picture": own, "partner's step": partner}
+
+
+def list_keys(played: Played, of: int, start_ns: int) -> Iterator[tuple[PLACE, int]]:
+    """When the key of each step was pressed, ns since 1970; none of a step without one."""
+    acted = {(event.episode, event.step) for event in played.events[of] if isinstance(event, JointStepped)}
+    for event in played.events[of]:
+        if isinstance(event, Stepped) and event.key and (event.episode, event.step) in acted:
+            yield (event.episode, event.step), start_ns + event.key_t_ns
+
+
+def list_pictures(played: Played, of: int, start_ns: int) -> tuple[dict[PLACE, int], dict[PLACE, int]]:
+    """When the true picture of each step was there, and its first one, which others' actions may have corrected."""
+    true, first = dict[PLACE, int](), dict[PLACE, int]()
+    for event in played.events[of]:
+        if isinstance(event, FrameShown):
+            true.setdefault((event.episode, event.step), start_ns + event.flip_ns)
+        elif isinstance(event, PictureCorrected):
+            first.setdefault((event.episode, event.step), start_ns + event.flip_ns)
+    return true, true | first
+
+
+if __name__ == "__main__":
+    main()

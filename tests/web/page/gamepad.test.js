@@ -1,0 +1,69 @@
+// A gamepad as the session hears of it: what is held stays true when it goes, or the focus does.
+
+import assert from "node:assert/strict";
+import { beforeEach, test } from "node:test";
+
+import { GamepadReader } from "../../../minihuman/web/page/gamepad.js";
+
+let frame, pad, heard, hasFocus, now;
+
+beforeEach(() => {
+  pad = {
+    id: "Stub pad", mapping: "standard", connected: true, axes: [0, 0, 0, 0], timestamp: 0,
+    buttons: Array.from({ length: 17 }, () => ({ pressed: false, value: 0 })),
+  };
+  heard = [];
+  hasFocus = true;
+  now = 100;
+  globalThis.requestAnimationFrame = (then) => { frame = then; };
+  Object.defineProperty(globalThis, "navigator", { configurable: true, value: { getGamepads: () => [null, pad] } });
+  Object.defineProperty(globalThis, "performance", { configurable: true, value: { now: () => now } });
+  const keyboard = {
+    press: (name, _symbol, ms) => heard.push(`press ${name} ${ms}`),
+    release: (name, ms) => heard.push(`release ${name} ${ms}`),
+  };
+  new GamepadReader(keyboard, () => hasFocus, (what, ms) => {
+    if (what.t === "axis") heard.push(`${what.axis} ${what.value} ${ms}`);
+  }).want(true);
+});
+
+function read(ms) {
+  now = ms;
+  frame();
+}
+
+test("a gamepad that is unplugged lets go of its buttons and sticks", () => {
+  pad.buttons[0] = { pressed: true, value: 1 };
+  pad.axes = [-1, 0, 0, 0];
+  read(110);
+  heard = [];
+  pad = null;
+  read(120);
+  read(130);
+  assert.deepEqual(heard, ["release pad_south 120", "pad_left_x 0 120", "release stick_left 120"]);
+});
+
+test("a stick that is still deflected when the focus comes back presses again", () => {
+  pad.axes = [1, 0, 0, 0];
+  read(110);
+  hasFocus = false;
+  read(120);
+  hasFocus = true;
+  heard = [];
+  read(130);
+  assert.deepEqual(heard, ["press stick_right 130"]);
+});
+
+test("what changed is stamped by the gamepad's own time, but never before the last reading", () => {
+  read(110);
+  pad.buttons[1] = { pressed: true, value: 1 };
+  pad.timestamp = 113;
+  read(126);
+  pad.buttons[1] = { pressed: false, value: 0 };
+  pad.timestamp = 90;
+  read(142);
+  pad.axes = [0, 1, 0, 0];
+  pad.timestamp = 147.5;
+  read(159);
+  assert.deepEqual(heard, ["press pad_east 113", "release pad_east 126", "pad_left_y 1 147.5", "press stick_down 147.5"]);
+});

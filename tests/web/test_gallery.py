@@ -1,0 +1,103 @@
+"""The live gallery in Chromium, from a static server: its pictures are those of Python, and axe finds nothing."""
+
+import functools
+import sys
+import threading
+from collections.abc import Iterator
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from importlib import import_module
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+
+import minihuman  # noqa: F401  # registers the worlds
+from minihuman.worlds.catalogue import WORLDS
+from tests.counts import PATIENCE_S, count
+from tests.web.browser import Somebody, browsing
+from tests.web.test_accessible import serious
+from tests.web.test_computed import picture_of
+
+pytestmark = pytest.mark.program
+ROOT = Path(__file__).parents[2]
+SEED, KEYS = 1, ["ArrowUp", "ArrowRight", "ArrowUp", "ArrowLeft", "ArrowUp"]
+ACTIONS = {
+    "ArrowUp": ("forward", "move_forward"),
+    "ArrowRight": ("right", "turn_right"),
+    "ArrowLeft": ("left", "turn_left"),
+}
+
+
+class _Quiet(SimpleHTTPRequestHandler):
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Of a static server of a gallery of two seeds a world."""
+    folder = tmp_path_factory.mktemp("play")
+    sys.path.insert(0, str(ROOT / "docs"))
+    try:
+        assert import_module("gallery_live").write_gallery(folder, seeds=2) >= 217
+    finally:
+        sys.path.pop(0)
+    server = ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(_Quiet, directory=str(folder)))
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_address[1]}/"
+    server.shutdown()
+
+
+def _choose(somebody: Somebody, address: str, name: str) -> None:
+    somebody.page.goto("about:blank")
+    somebody.page.goto(f"{address}index.html#{name}/{SEED}")
+    somebody.page.wait_for_selector("body[data-ready]", timeout=PATIENCE_S * 1000)
+
+
+def test_every_world_plays_from_static_files_as_in_python(address: str) -> None:
+    names = [entry for entry in WORLDS if entry.id.partition("/")[0] == "minihuman"]
+    played = 0
+    with browsing() as sit_down:
+        somebody = sit_down("about:blank")
+        _choose(somebody, address, "MiniGrid-FourRooms-v0")
+        known = set(somebody.page.evaluate("[...document.querySelectorAll('#world option')].map((one) => one.value)"))
+        listed = [entry for entry in names if entry.name in known]
+        assert len(listed) == len(known) >= 217
+        for entry in listed[:: count(11, 1)]:
+            first_person = "MiniWorld" in entry.id
+            env = gymnasium.make(entry.id, **({"trig": 1} if first_person else {})).unwrapped
+            env.reset(seed=SEED)
+            _choose(somebody, address, entry.name)
+            over = False
+            for key in KEYS:
+                somebody.page.keyboard.press(key)
+                action = next((one for one in ACTIONS[key] if one in env.action_names), None)
+                if action is not None and not over:
+                    *_, terminated, truncated, _ = env.step(env.action_names.index(action))
+                    over = terminated or truncated
+            if first_person:
+                right = env.picture(size_px=(640, 480))
+            else:
+                side = env.image_shape[0]
+                right = env.picture(view="partial", size_px=(32 * side, 32 * side))
+            assert np.array_equal(picture_of(somebody, "#view"), right), entry.id
+            played += 1
+        assert somebody.errors == []
+    assert played >= 19
+
+
+@pytest.mark.parametrize("size", [(1366, 768), (390, 844)], ids=["desk", "phone"])
+@pytest.mark.parametrize("name", ["MiniGrid-FourRooms-v0", "MiniWorld-FourRooms-v0"])
+def test_the_gallery_has_no_serious_finding_and_fits(address: str, name: str, size: tuple[int, int]) -> None:
+    with browsing(size=size) as sit_down:
+        somebody = sit_down("about:blank")
+        _choose(somebody, address, name)
+        assert serious(somebody.page) == []
+        assert not somebody.page.evaluate("document.documentElement.scrollWidth > innerWidth")
+        somebody.page.get_by_role("button", name="forward").click()
+        somebody.page.get_by_text("Show the state").click()
+        assert somebody.page.inner_text("#state").startswith("step 1")
+        somebody.page.get_by_role("button", name="New seed").click()
+        somebody.page.wait_for_function("location.hash.endsWith('/0')")
+        assert somebody.errors == []
