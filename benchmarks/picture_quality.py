@@ -19,7 +19,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-import minihuman  # noqa: F401  registers the worlds
+import minihuman
 from benchmarks.first_person_render import timed_ms
 
 LOOKS = ("classic", "display")
@@ -72,9 +72,9 @@ def main() -> None:
     parser.add_argument("--short", action="store_true")
     given = parser.parse_args()
     frames, repeats = (2, 1) if given.short else (given.frames, 10)
-    packages = ", ".join(f"{name} {version(name)}" for name in ("minihuman", "numpy", "numba"))
-    print(f"{packages}; Python {platform.python_version()}; {platform.machine()}, {os.cpu_count()} cores")
-    print(f"load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "")
+    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba"))
+    print(f"minihuman {minihuman.__version__}, {packages}; Python {platform.python_version()}; {platform.machine()}")
+    print(f"{os.cpu_count()} cores", f"load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "")
     print(f"{'':26}{'error':>8}{'flicker':>9}{'CPU ms':>9}{'wall ms':>9}")
     for name in given.worlds[:1] if given.short else given.worlds:
         for look in LOOKS:

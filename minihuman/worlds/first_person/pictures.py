@@ -299,8 +299,8 @@ def compile_shading() -> None:
     floats, wholes = size_of(0, 0, 0, 0, 0)
     nothing = np.zeros((1, 1, 3), np.uint8)
     memory, no_rooms = (np.zeros(floats), np.zeros(wholes, np.int32)), (np.zeros(0), np.zeros(3, np.int32))
-    scene = *no_rooms, np.zeros((0, THING_SIZE)), np.zeros((0, SAMPLES + 1)), np.zeros(VIEW_SIZE)
-    colour(*asset_library(None).textures, *scene, *memory, nothing)
+    things, places = np.zeros((0, THING_SIZE)), np.zeros((0, SAMPLES + 1))
+    colour(*asset_library(None).textures, *no_rooms, things, places, np.zeros(VIEW_SIZE), *memory, nothing)
 
 
 def compile_visibility() -> None:

@@ -19,6 +19,7 @@ from tests.worlds.build.player import PAGE_FOLDER, page_player
 
 MODULES = PAGE_FOLDER / "worlds"
 MOST_BYTES = 400_000
+LOOKS = ("classic", False), ("classic", True), ("display", False)  # and whether light, camera and shadows vary
 ROOT = Path(__file__).parents[3]
 FOREIGN = ["minihuman/MiniGrid-GoToObj-Transfer-v0"]  # grid worlds whose rules are Python
 
@@ -88,10 +89,12 @@ def test_every_first_person_world_plays_in_the_page_as_in_python(tmp_path, simd)
     for number, entry in enumerate(WORLDS):
         if not isinstance(gymnasium.make(entry.id).unwrapped, FirstPersonEnv):
             continue
-        for varied in (False, True) if simd and number % 4 == 0 else (False,):
-            env = gymnasium.make(entry.id, trig=1, domain_rand=varied, contact_shadows=varied).unwrapped
+        for look, varied in LOOKS if simd and number % 4 == 0 else LOOKS[:1]:
+            env = gymnasium.make(
+                entry.id, trig=1, domain_rand=varied, contact_shadows=varied and look == "classic", look=look
+            ).unwrapped
             assert env.is_compiled
-            name = f"{entry.id} {'varied' if varied else ''}"
+            name = f"{entry.id} {look} {'varied' if varied else ''}"
             case, expected[name] = page_case(env, 3, files, name)
             cases.append(case)
     assert differing(expected, _played(tmp_path, cases, simd=simd)) == []

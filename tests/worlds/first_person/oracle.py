@@ -6,14 +6,20 @@ several worlds may share the process, and 50,000 steps are affordable.
 
 import contextlib
 import io
+import math
 import os
 import pickle
 import subprocess
 import sys
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+
+from minihuman.worlds.trigonometry import cosine, sine
+
+OWN = SimpleNamespace(**vars(math) | {"sin": sine, "cos": cosine})
 
 
 @dataclass(frozen=True)
@@ -22,6 +28,7 @@ class Job:
     seed: int
     actions: tuple[int, ...]
     options: dict[str, Any] = field(default_factory=dict)
+    own_sine: bool = False  # miniworld with its math.sin and math.cos replaced by ours
 
 
 @dataclass(frozen=True)
@@ -48,11 +55,15 @@ def transcripts(jobs: list[Job]) -> list[Transcript]:
 
 def _play(job: Job, worlds: dict[Any, Any]) -> Transcript:
     import gymnasium
+    import miniworld.entity
+    import miniworld.math
 
     key = job.name, tuple(sorted(job.options.items()))
     if key not in worlds:
         worlds[key] = gymnasium.make(f"MiniWorld-{job.name}-v0", disable_env_checker=True, **job.options).unwrapped
     env = worlds[key]
+    for module in (miniworld.entity, miniworld.math):
+        module.math = OWN if job.own_sine else math
     env.reset(seed=job.seed)
     things = [(*map(float, e.pos), float(e.dir), float(e.radius), float(e.height)) for e in env.entities]
     agent = env.agent

@@ -1,6 +1,7 @@
 """The same seed and the same actions give what miniworld gives, bit for bit."""
 
 import math
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
@@ -44,8 +45,8 @@ def seeking_action(env: FirstPersonEnv, rng: np.random.Generator) -> int:
     return 2 if abs(off) < 0.3 else (0 if off > 0 else 1)
 
 
-def played(name: str, seed: int, policy, options):
-    env = make(name, **options)
+def played(name: str, seed: int, policy, options, trig: int = 0):
+    env = make(name, **options, trig=trig)
     env.reset(seed=seed)
     rng = np.random.default_rng(seed)
     agent, stage = env.agent, env.stage
@@ -63,7 +64,7 @@ def played(name: str, seed: int, policy, options):
         flags.append((terminated, truncated))
         if terminated or truncated:
             break
-    job = Job(name, seed, tuple(actions), options)
+    job = Job(name, seed, tuple(actions), options, own_sine=bool(trig))
     return job, (stage.floor.walls, things, camera, light, poses, others, rewards, flags)
 
 
@@ -80,7 +81,22 @@ def episodes(name: str):
 @pytest.mark.long
 @pytest.mark.parametrize("names", GROUPS, ids=lambda names: names[0] if len(names) == 1 else "all")
 def test_worlds_play_as_miniworlds_do(names):
-    ours = [episode for name in names for episode in episodes(name)]
+    _compare([episode for name in names for episode in episodes(name)], names)
+
+
+def test_worlds_play_as_miniworlds_do_with_their_sine_replaced_by_ours():
+    _compare([played(name, 5, random_action, {}, trig=1) for name in NAMES], NAMES)
+
+
+def test_with_our_sine_most_worlds_leave_miniworlds_own_path_by_a_last_bit_at_most():
+    """What differs is a sine that the host's library does not round correctly; see docs/speed.md for how often."""
+    ours = [played(name, 5, random_action, {}, trig=1) for name in NAMES]
+    theirs = transcripts([replace(job, own_sine=False) for job, _ in ours])
+    for (job, parts), other in zip(ours, theirs, strict=True):
+        assert np.allclose(np.array(parts[4]), other.poses, rtol=0, atol=1e-9), job.name
+
+
+def _compare(ours, names):
     compared = list(zip(ours, transcripts([job for job, _ in ours]), strict=True))
     assert {job.name for (job, _), _ in compared} == set(names)
     for (job, (walls, things, camera, light, poses, others, rewards, flags)), theirs in compared:

@@ -350,7 +350,7 @@ def colour(
         rows[2 * MAX_FRAGMENT_GROUPS :],
     )
     line = wholes[LINE:SPANS].view(np.uint32)
-    least, display, known = view[LEAST], view[LOOK] == 1.0, occluders.shape[0] > 0
+    least, display, dark = view[LEAST], view[LOOK] == 1.0, occluders.shape[0] > 0
     sky = int(view[SKY] * 255.0 + 0.5) | int(view[SKY + 1] * 255.0 + 0.5) << 8 | int(view[SKY + 2] * 255.0 + 0.5) << 16
     width = picture.shape[1]
     out = picture.reshape(picture.shape[0] * width * 3)
@@ -411,7 +411,7 @@ def colour(
                     even, of = (kind[face, 1] & 1) == 1, int64(kind[face, 1] >> 1)
                     look_up_run(runs[r], y, planes[face], kind[face, 0], even, texels, least, display, scanline)
                     segments = (
-                        occluders[first_occluder[of - 1] : first_occluder[of]] if of > 0 and known else occluders[:0]
+                        occluders[first_occluder[of - 1] : first_occluder[of]] if of > 0 and dark else occluders[:0]
                     )
                     if segments.shape[0] > 0:
                         shade_run(runs[r], y, planes[face], segments, things, places, least, scanline)

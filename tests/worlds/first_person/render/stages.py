@@ -7,8 +7,10 @@ import os
 import sys
 from concurrent.futures import ThreadPoolExecutor
 
+import gymnasium
 import numpy as np
 
+import minihuman  # noqa: F401  registers the worlds
 from minihuman.worlds.first_person.render.asset_files import own_library
 from minihuman.worlds.first_person.render.drawing import RenderTarget, render, render_depth, render_top
 from minihuman.worlds.first_person.render.render_pool import RenderPool
@@ -76,6 +78,16 @@ def digest(width: int, height: int) -> str:
     return total.hexdigest()
 
 
+def display_digest(width: int, height: int) -> str:
+    """One hash over a world's pictures in the look of a display: near its walls, and a thing."""
+    world = gymnasium.make("minihuman/MiniWorld-OneRoom-v0", look="display", trig=1).unwrapped
+    world.begin(seed=1)
+    total = hashlib.sha256()
+    for world.agent.dir in (0.7, 2.9, 5.0):
+        total.update(world.picture(size_px=(width, height)).tobytes())
+    return total.hexdigest()
+
+
 def apart(width: int, height: int, *, pictures: int = 5) -> str:
     """One hash over pictures of as many headings."""
     drawn = [render(two_rooms(), Camera(CAMERA.position, yaw), width, height) for yaw in range(pictures)]
@@ -102,4 +114,7 @@ if __name__ == "__main__":
     if sys.argv[3:] == ["alone"]:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     width, height = map(int, sys.argv[1:3])
-    print(digest(width, height), *([together(width, height, pictures=2)] if sys.argv[3:] == ["together"] else []))
+    if sys.argv[3:] == ["display"]:
+        print(display_digest(width, height))
+    else:
+        print(digest(width, height), *([together(width, height, pictures=2)] if sys.argv[3:] == ["together"] else []))

@@ -1,0 +1,86 @@
+"""The look of a display: nearer to the truth than the classic one, with joints and contact in shade."""
+
+import math
+import os
+import subprocess
+import sys
+
+import gymnasium
+import numpy as np
+import pytest
+
+import minihuman  # noqa: F401  registers the worlds
+from minihuman.errors import WorldError
+from tests.worlds.first_person.render.stages import display_digest
+
+LOOKS = "classic", "display"
+FINE = 4  # times as many pixels each way
+
+
+def seen(look, size_px=(320, 180), *, name="CollectHealth", yaw_rad=0.3, **options):
+    world = gymnasium.make(f"minihuman/MiniWorld-{name}-v0", look=look, **options).unwrapped
+    world.reset(seed=1)
+    world.agent.dir = yaw_rad
+    return world.picture(size_px=size_px).astype(np.float64)
+
+
+def error(look, yaw_rad):
+    """The difference of each channel from what sixteen times the samples show, float64[540, 960, 3]."""
+    fine = seen(look, (FINE * 960, FINE * 540), yaw_rad=yaw_rad)
+    return seen(look, (960, 540), yaw_rad=yaw_rad) - fine.reshape(540, FINE, 960, FINE, 3).mean(axis=(1, 3))
+
+
+def test_a_display_shows_less_error_and_less_flicker_in_a_turn():
+    errors = {look: [error(look, 0.3 + math.radians(0.3) * frame) for frame in range(3)] for look in LOOKS}
+    off = {look: np.abs(each).mean() for look, each in errors.items()}
+    flicker = {look: np.abs(np.diff(each, axis=0)).mean() for look, each in errors.items()}
+    assert off["display"] < 0.6 * off["classic"]
+    assert flicker["display"] < 0.6 * flicker["classic"]
+
+
+def test_a_world_without_a_look_is_drawn_as_the_classic_one():
+    world = gymnasium.make("minihuman/MiniWorld-CollectHealth-v0").unwrapped
+    world.reset(seed=1)
+    world.agent.dir = 0.3
+    assert np.array_equal(world.picture(size_px=(320, 180)), seen("classic"))
+    assert not np.array_equal(seen("display"), seen("classic"))
+
+
+def test_a_wall_is_darker_at_its_corner_and_the_floor_below_a_thing():
+    world = gymnasium.make("minihuman/MiniWorld-OneRoom-v0", look="display").unwrapped
+    world.reset(seed=1)
+    world.agent.pos, world.agent.dir = (5.0, 0.0, 5.0), math.pi / 4  # into the corner at x = 10, z = 0
+    world.entities[0].pos = (7.0, 0.0, 3.0)
+    ours = world.picture(size_px=(640, 480)).astype(np.float64).mean(axis=2)
+    classic = gymnasium.make("minihuman/MiniWorld-OneRoom-v0").unwrapped
+    classic.reset(seed=1)
+    classic.agent.pos, classic.agent.dir, classic.entities[0].pos = world.agent.pos, world.agent.dir, (7.0, 0.0, 3.0)
+    part = ours / np.maximum(classic.picture(size_px=(640, 480)).astype(np.float64).mean(axis=2), 1.0)
+    assert part[225:235, 316:324].mean() < 0.75 * part[225:235, 60:80].mean()  # a corner against the middle of a wall
+    kept = np.flatnonzero(np.abs(part[250:, 320] - 1.0) < 0.01)  # the box keeps its colours, the floor does not
+    below = 250 + int(kept[-1]) + 4
+    assert part[below, 320] < 0.85 * part[below + 80, 320]
+
+
+def test_other_looks_are_refused():
+    with pytest.raises(WorldError, match=r"look is 'photo'"):
+        gymnasium.make("minihuman/MiniWorld-OneRoom-v0", look="photo")
+
+
+def test_a_batch_and_a_copy_have_the_look():
+    worlds = gymnasium.make_vec(
+        "minihuman/MiniWorld-Hallway-v0", num_envs=2, vectorization_mode="vector_entry_point", look="display"
+    )
+    observed, _ = worlds.reset(seed=3)
+    alone = gymnasium.make("minihuman/MiniWorld-Hallway-v0", look="display").unwrapped
+    assert np.array_equal(observed[0], alone.reset(seed=3)[0])
+    assert not np.array_equal(observed[0], gymnasium.make("minihuman/MiniWorld-Hallway-v0").reset(seed=3)[0])
+
+
+@pytest.mark.program
+def test_the_kernels_run_as_plain_python_draw_the_same_display():
+    command = [sys.executable, "-m", "tests.worlds.first_person.render.stages", "12", "8", "display"]
+    plain = subprocess.run(
+        command, env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, check=True, capture_output=True, text=True
+    )
+    assert plain.stdout.strip() == display_digest(12, 8)
