@@ -120,12 +120,12 @@ def compare_pair(
     if max(spreads) == 0:
         return replace(one, reason="nobody in either group differs from the others")
     one = replace(one, interval=test.interval())
-    if min(n) < LEAST_ESTIMATED:
-        few = first_name if n[0] <= n[1] else second_name
-        return replace(one, reason=f"{min(n)} in {few}: an interval needs {LEAST_ESTIMATED} per group")
     if min(spreads) == 0:
         alike, at = (first_name, shown[0]) if spreads[0] == 0 else (second_name, shown[1])
         return replace(one, reason=f"everybody in {alike} is at {at:g}: no standardised difference")
+    if min(n) < LEAST_ESTIMATED:
+        few = first_name if n[0] <= n[1] else second_name
+        return replace(one, reason=f"{min(n)} in {few}: an interval needs {LEAST_ESTIMATED} per group")
     if min(n) < LEAST_PER_GROUP:
         return one
     g, interval = standardise(a, b, one.interval)

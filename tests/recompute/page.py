@@ -350,16 +350,16 @@ def compare(measure: str, groups: tuple[str, str], a: Any, b: Any, *, is_log: bo
         reason = "nobody in either group differs from the others"
         return Compared(*plain, None, p, least, math.nan, None, reason, is_log)
     bounds = test.interval()
-    if min(n) < 4:
-        few = groups[0] if n[0] <= n[1] else groups[1]
-        return Compared(
-            *plain, bounds, p, least, math.nan, None, f"{min(n)} in {few}: an interval needs 4 per group", is_log
-        )
     if min(spreads) == 0:
         at = 0 if spreads[0] == 0 else 1
         value = math.exp(means[at]) if is_log else means[at]
         reason = f"everybody in {groups[at]} is at {value:g}: no standardised difference"
         return Compared(*plain, bounds, p, least, math.nan, None, reason, is_log)
+    if min(n) < 4:
+        few = groups[0] if n[0] <= n[1] else groups[1]
+        return Compared(
+            *plain, bounds, p, least, math.nan, None, f"{min(n)} in {few}: an interval needs 4 per group", is_log
+        )
     if min(n) < 5:
         return Compared(*plain, bounds, p, least, math.nan, None, "", is_log)
     assert bounds is not None
