@@ -105,7 +105,7 @@ def list_process_commands(
         study_dir.mkdir(parents=True, exist_ok=True)
         yield "watch", str(study_dir)
     if workers > 1 and not port:
-        raise LogError("several workers use consecutive ports; set the first one with --port")
+        raise LogError("--port is 0, but several workers need consecutive ports; set the first port with --port")
     for number in range(1, workers):
         data = str(study_dir.parent)
         yield "serve", str(protocol), "--data", data, "--port", str(port + number), "--links", "0", "--host", host
