@@ -36,10 +36,11 @@ def require_browser_support(protocol: Protocol) -> None:
     Raises:
         ProtocolError: if it has one.
     """
-    for part in (*protocol.blocks, *protocol.activities):
-        if not find_kind(part.kind).browser:
+    blocks, activities = protocol.blocks, protocol.activities
+    for name, kind in [(block.name, block.kind) for block in blocks] + [(one.name, one.kind) for one in activities]:
+        if not find_kind(kind).browser:
             raise ProtocolError(
-                f"part {part.name!r} is of kind {part.kind!r}, which cannot be shown in a browser; use `minihuman run`"
+                f"part {name!r} is of kind {kind!r}, which cannot be shown in a browser; use `minihuman run`"
             )
 
 
