@@ -29,8 +29,10 @@ def draw_gallery(folder: Path, *, limit: int | None = None) -> list[Path]:
         "Each world at the start of an episode: what the agent sees, and the plan with the agent in red.",
         "Drawn by `python docs/gallery_first_person.py`.",
         "",
-        "| world | what one does in it | seen by the agent | from above |",
-        "|---|---|---|---|",
+        "A block of a protocol names `actions` out of the third column; its `max_steps` is no more than the fourth.",
+        "",
+        "| world | what one does in it | actions | longest episode | seen by the agent | from above |",
+        "|---|---|---|---|---|---|",
     ]
     written = []
     for entry in FIRST_PERSON_WORLDS[:limit]:
@@ -44,7 +46,9 @@ def draw_gallery(folder: Path, *, limit: int | None = None) -> list[Path]:
             written.append(file)
             cells.append(f"![{entry.name}, {view}]({pictures.name}/{file.name})")
         world.close()
-        lines.append(f"| `{entry.id}` | {entry.summary} | {cells[0]} | {cells[1]} |")
+        actions = ", ".join(f"`{name}`" for name in world.action_names)
+        longest = f"{world.max_steps} steps" if world.max_steps else "no limit"
+        lines.append(f"| `{entry.id}` | {entry.summary} | {actions} | {longest} | {cells[0]} | {cells[1]} |")
     page = folder / "gallery-first-person.md"
     page.write_text("\n".join(lines) + "\n")
     return [page, *written]

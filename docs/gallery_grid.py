@@ -17,11 +17,15 @@ SEED = 3
 WIDTH_PX = 176  # of a picture at most, which a page shows three abreast
 GRID = """# Grid worlds: the gallery
 
-Every grid world at seed 3, the agent's field of view lit. Drawn by `python docs/gallery_grid.py`.
+Every grid world at seed 3, the agent's field of view lit, and the most that a block's `max_steps` may be. The actions
+are `left`, `right`, `forward`, `pickup`, `drop`, `toggle` and `done`, in DynamicObstacles the first three.
+Drawn by `python docs/gallery_grid.py`.
 """
 LEVELS = """# Levels: the gallery
 
-Every level at seed 3 with what it says, the agent's field of view lit. Drawn by `python docs/gallery_grid.py`.
+Every level at seed 3 with what it says, the agent's field of view lit, and the most that a block's
+`max_steps` may be. The actions are `left`, `right`, `forward`, `pickup`, `drop`, `toggle` and `done`.
+Drawn by `python docs/gallery_grid.py`.
 """
 
 
@@ -39,11 +43,12 @@ def write_page(folder: Path, name: str, head: str, entries: tuple[CatalogueEntry
     cells = []
     for entry in entries:
         env = gymnasium.make(entry.id)
+        longest = f"at most {env.unwrapped.max_steps} steps"  # before an instruction with several clauses adds to it
         env.reset(seed=SEED)
         image = Image.fromarray(env.unwrapped.picture(view="full", size_px=(WIDTH_PX, WIDTH_PX)))
         image.quantize(64).save(pictures / f"{entry.name}.png", optimize=True)
         mission = env.unwrapped.mission or "no mission"
-        cells.append(f"![{entry.summary}]({name}/{entry.name}.png)<br>**{entry.name}**<br>{mission}")
+        cells.append(f"![{entry.summary}]({name}/{entry.name}.png)<br>**{entry.name}**<br>{mission}<br>{longest}")
     for start in range(0, len(cells), 3):
         lines.append("| " + " | ".join(cells[start : start + 3]) + " |")
     (folder / f"{name}.md").write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -151,7 +151,9 @@ class _Argument(click.Argument):
     """An argument with a help text, which Click's own lacks."""
 
     def __init__(self, name: str, declared: Argument, **settings: Any) -> None:
-        super().__init__([name], metavar=declared.metavar, **settings)
+        super().__init__(
+            [name], metavar=declared.metavar if settings["required"] else f"[{declared.metavar}]", **settings
+        )
         self.text = declared.help
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str]:

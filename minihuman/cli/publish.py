@@ -27,7 +27,7 @@ def export(
         Argument("csv, parquet, minari, lerobot, bids or another; `minihuman plugins` lists all.", "FORMAT"),
     ],
     study: StudyOrLog,
-    folder: Annotated[Path | None, Argument("The same as --out.", "[OUT]")] = None,
+    folder: Annotated[Path | None, Argument("The same as --out.", "OUT")] = None,
     out: Annotated[Path | None, Option(help="The folder to write the export to; it must be new or empty.")] = None,
     stored_frames: Annotated[
         bool, Option("--stored-frames", help="Use the observations stored in the logs instead of replaying episodes.")

@@ -95,7 +95,12 @@ STEPS = (
     TableColumn("key", "key", "", "The physical key that caused it; empty for a tick's no-op."),
     TableColumn("reward", "number", "", "The step's reward."),
     TableColumn(
-        "reaction_ms", "number", "ms", "Key press minus the flip of the latest picture; in real time, a tick's.", 1
+        "reaction_ms",
+        "number",
+        "ms",
+        "Milliseconds from when the latest picture was on the display to the key press; in real time that picture is "
+        "only the last tick's: use response_ms.",
+        1,
     ),
     TableColumn(
         "response_ms",
@@ -515,8 +520,8 @@ EPISODES = (
     TableColumn("log_steps_ratio", "number", "", "ln(steps / feasible_steps); max_steps without the goal."),
     TableColumn("spl", "number", "", "Success weighted by path length: feasible_steps / steps, 0 without the goal."),
     TableColumn("playing_s", "number", "s", "From the reset to the last step, without pauses."),
-    TableColumn("reaction_mean_ms", "number", "ms", "Mean of reaction_ms.", 1),
-    TableColumn("reaction_median_ms", "number", "ms", "Median of reaction_ms.", 1),
+    TableColumn("reaction_mean_ms", "number", "ms", "Mean of reaction_ms over the episode's steps.", 1),
+    TableColumn("reaction_median_ms", "number", "ms", "Median of reaction_ms over the episode's steps.", 1),
     TableColumn("response_mean_ms", "number", "ms", "Mean of response_ms.", 2),
     TableColumn("response_median_ms", "number", "ms", "Median of response_ms.", 2),
     TableColumn("path_length", "number", "cell or m", "Ground covered."),

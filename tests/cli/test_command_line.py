@@ -33,6 +33,14 @@ def study(tmp_path: Path) -> Path:
     return write_log(session(blocks=("grid",), episodes=1), tmp_path / "data").parents[2]
 
 
+@pytest.mark.parametrize(
+    ("command", "arguments"),
+    [("doctor", "[PROTOCOL]"), ("desk", "[FOLDER]"), ("export", "FORMAT STUDY [OUT]"), ("check", "PROTOCOL")],
+)
+def test_the_usage_of_a_command_brackets_the_arguments_that_may_be_left_out(command, arguments):
+    assert typed(command, "--help").output.splitlines()[0].endswith(f"{command} [OPTIONS] {arguments}")
+
+
 @pytest.mark.parametrize(("module", "name"), COMMANDS)
 def test_the_help_of_all_commands_has_each_ones_first_line(module, name):
     command = getattr(import_module(f"minihuman.cli.{module}"), name)
