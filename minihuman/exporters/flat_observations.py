@@ -58,9 +58,13 @@ def to_standard_space(space: gymnasium.Space[Any]) -> gymnasium.Space[Any]:
             return gymnasium.spaces.Dict({key: to_standard_space(part) for key, part in space.spaces.items()})
         case gymnasium.spaces.Tuple():
             return gymnasium.spaces.Tuple([to_standard_space(part) for part in space.spaces])
-        case gymnasium.spaces.Box() | gymnasium.spaces.Discrete() | gymnasium.spaces.MultiDiscrete():
-            return space
-        case gymnasium.spaces.MultiBinary() | gymnasium.spaces.Text():
+        case (
+            gymnasium.spaces.Box()
+            | gymnasium.spaces.Discrete()
+            | gymnasium.spaces.MultiDiscrete()
+            | gymnasium.spaces.MultiBinary()
+            | gymnasium.spaces.Text()
+        ):
             return space
     if isinstance(space.sample(), str):
         return gymnasium.spaces.Text(max_length=4096, min_length=0, charset=_CHARACTERS)

@@ -34,7 +34,7 @@ from minihuman.exporters.flat_observations import (
     name_actions,
     name_state,
 )
-from minihuman.exporters.study_metadata import get_plain_facts, get_study_facts
+from minihuman.exporters.study_metadata import get_plain_facts, get_plan_study_facts
 
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
@@ -239,7 +239,7 @@ class _Dataset:
         self.frames = 0
         self.rows: list[dict[str, Any]] = []  # one an episode
         self.features = build_features(item, first)
-        self._about = get_study_facts(item)
+        self._about = get_plan_study_facts(item.log.plan)
         self._world = item.episode.plan.world
         self._tasks: dict[str, int] = {}
         self._totals: dict[str, FeatureStatistics] = {}

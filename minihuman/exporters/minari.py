@@ -32,7 +32,7 @@ from minihuman.exporters.flat_observations import (
     stack_observations,
     to_standard_space,
 )
-from minihuman.exporters.study_metadata import get_action_names, get_plain_facts, get_study_facts
+from minihuman.exporters.study_metadata import get_action_names, get_plain_facts, get_plan_study_facts
 from minihuman.plugins import DISTRIBUTION
 
 NAMESPACE = "minihuman"
@@ -95,7 +95,7 @@ def _require_room(out: Path, needed_bytes: int) -> None:
 
 
 def _begin(out: Path, name: str, item: IncludedEpisode, demonstration: ReplayedEpisode) -> MinariStorage:
-    about, study = get_study_facts(item), item.log.plan.study
+    about, study = get_plan_study_facts(item.log.plan), item.log.plan.study
     _namespace(out / NAMESPACE, "exported by minihuman")
     _namespace(out / NAMESPACE / study, about.title or f"the study {study}")
     data = out / NAMESPACE / name / "data"

@@ -26,7 +26,7 @@ from minihuman.exporters.flat_observations import (
     build_actions,
     build_state,
 )
-from minihuman.exporters.study_metadata import get_plain_facts, get_study_facts
+from minihuman.exporters.study_metadata import get_plain_facts, get_plan_study_facts
 from minihuman.log.observations import encode_png
 
 DATASET_VERSION = "1.0.0"
@@ -45,7 +45,9 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     for marked, item, demonstration in replayed:
         name = marked.replace("-", "_")
         if name not in datasets:
-            datasets[name] = _Dataset(out / name / DATASET_VERSION, name, get_study_facts(item).description)
+            datasets[name] = _Dataset(
+                out / name / DATASET_VERSION, name, get_plan_study_facts(item.log.plan).description
+            )
         datasets[name].add(build_steps(item, demonstration), get_plain_facts(item))
     for dataset in datasets.values():
         dataset.finish()
@@ -92,8 +94,7 @@ class _Dataset:
             self._shards.append([0, 0])
         self._features = self._features or _features(steps, facts)
         columns = {f"steps/{name}": values for name, values in steps.items()}
-        columns |= {f"episode_metadata/{name}": [value] for name, value in facts.items()}
-        record = _frame(encode_example(columns))
+        record = _frame(encode_example(columns | {f"episode_metadata/{name}": [fact] for name, fact in facts.items()}))
         with self._path(len(self._shards) - 1).open("ab") as file:
             file.write(record)
         self._shards[-1] = [self._shards[-1][0] + 1, self._shards[-1][1] + len(record)]
@@ -177,12 +178,12 @@ message_type {
 }
 message_type { name: "Example" field { name: "features" number: 1 type: TYPE_MESSAGE type_name: ".Features" } }
 """
-_Example: Any = message_factory.GetMessages([text_format.Parse(_SCHEMA, FileDescriptorProto())])["Example"]
+_MESSAGES: dict[str, Any] = message_factory.GetMessages([text_format.Parse(_SCHEMA, FileDescriptorProto())])
 
 
 def encode_example(columns: Mapping[str, Any]) -> bytes:
     """A ``tf.train.Example``: texts and pictures as bytes, whole numbers and flags as int64, others as float."""
-    example = _Example()
+    example = _MESSAGES["Example"]()
     for name, values in columns.items():
         feature = example.features.entries.add(key=name).value
         if isinstance(values, list) and isinstance(values[0], str):
@@ -192,8 +193,7 @@ def encode_example(columns: Mapping[str, Any]) -> bytes:
         else:
             numbers, kind = (feature.floats, "f4") if array.dtype.kind == "f" else (feature.integers, "i8")
             numbers.value.extend(array.astype(kind).ravel().tolist())
-    encoded: bytes = example.SerializeToString()
-    return encoded
+    return bytes(example.SerializeToString())
 
 
 def _frame(record: bytes) -> bytes:

@@ -60,11 +60,10 @@ def _write(data: h5py.Group, item: IncludedEpisode, demonstration: ReplayedEpiso
     group = data.create_group(f"demo_{len(data)}")
     group.attrs["num_samples"] = len(episode.actions)
     group.attrs.update(get_plain_facts(item))
-    done = np.zeros(len(episode.actions), np.int64)
-    done[-1] = 1
+    done = np.append(np.zeros(len(episode.actions) - 1, np.int64), 1)
     seen = {"state": build_state(demonstration)}
     if demonstration.pictures:
-        seen |= {"image": np.stack(demonstration.pictures)}
+        seen["image"] = np.stack(demonstration.pictures)
     actions = build_actions(item, demonstration)
     columns = {
         "actions": actions.pop("action"),

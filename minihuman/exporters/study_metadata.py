@@ -22,13 +22,8 @@ from minihuman.experiment.protocol.specs import (
 )
 
 
-def get_study_facts(item: IncludedEpisode) -> AboutSpec:
-    """The facts about the study; empty where the log's protocol says none or cannot be read here."""
-    return get_plan_study_facts(item.log.plan)
-
-
 def get_plan_study_facts(plan: SessionPlan) -> AboutSpec:
-    """The same, of a session."""
+    """The facts about a session's study; empty where the log's protocol says none or cannot be read here."""
     protocol = _protocol(plan.protocol_toml)
     return AboutSpec() if protocol is None else protocol.about
 
@@ -137,15 +132,9 @@ def _check(column: ParticipantColumnSpec, value: str, where: str) -> None:
         "text": str,
         "integer": int,
         "number": float,
-        "boolean": _read_boolean,
+        "boolean": lambda word: ("false", "true").index(word.lower()),
     }
     try:
         readers[column.type](value)
     except ValueError:
         raise ExportError(f"{where}: {column.name} is {value!r}; use a value of type {column.type}") from None
-
-
-def _read_boolean(value: str) -> bool:
-    if value.lower() not in ("true", "false"):
-        raise ValueError(value)
-    return value.lower() == "true"

@@ -1,5 +1,6 @@
 """What robomimic, TensorFlow Datasets, Hugging Face, SPSS and Stata read of an export equals the log."""
 
+import functools
 import json
 import struct
 
@@ -67,6 +68,7 @@ def test_robomimic_has_pictures_before_and_after_every_action(items, tmp_path):
             assert demo["dones"][()].tolist() == [0] * (len(episode.actions) - 1) + [1]
 
 
+@functools.cache  # protobuf crashes where a message outlives its class
 def tensorflows_example():
     """`tf.train.Example`, from its definition."""
     file = descriptor_pb2.FileDescriptorProto(name="example.proto", package="tf", syntax="proto3")
