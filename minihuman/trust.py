@@ -183,7 +183,10 @@ def locate_world(world: str, options: Mapping[str, Any]) -> dict[str, Any]:
 
 def _locate_module(world: str, module: str) -> None:
     if not all(part.isidentifier() and not part.startswith("_") for part in module.split(".")):
-        raise WorldError(f"{world}: {module!r} is not a valid module name; write the world as my_worlds:My-World-v0")
+        raise WorldError(
+            f"{world}: {module!r} is not a valid module name; "
+            "write the world as module:ID, for example my_worlds:My-World-v0"
+        )
     trusted, spec = Trust.read(), _find_first_part(module)
     if spec is None and module not in trusted.modules:
         holders = {path.read_bytes(): folder for folder, path in _find_holders(module, trusted)}

@@ -184,7 +184,9 @@ class SessionLeases:
         began_s = self._clock()
         grant = self._table.acquire(session)
         if grant is None:
-            raise LeaseHeldError(f"{session} runs on another server, which was asked to hand it over; try again")
+            raise LeaseHeldError(
+                f"{session} is running on another server, which has been asked to hand it over; try again in a moment"
+            )
         return Lease(session, grant, began_s)
 
     def restore(self, lease: Lease, folder: Path) -> None:

@@ -71,7 +71,7 @@ class CookAgent(BaseAgent):
         """
         if not isinstance(getattr(world.unwrapped, "team", None), Kitchen):
             raise SimulationError(
-                f"{world.id} is not a kitchen, and the agent cook plays only kitchens; choose another agent"
+                f"{world.id} is not a kitchen, but the agent 'cook' plays only in kitchens; choose another agent"
             )
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:

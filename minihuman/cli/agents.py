@@ -57,7 +57,7 @@ def clone(
         int,
         Option(
             min=0,
-            help="Fine-tune the clone for this many PPO steps; to compare, train another from scratch for as many.",
+            help="Also fine-tune the clone for this many PPO steps, and train a policy from scratch for comparison.",
         ),
     ] = 0,
     finetune_runs: Annotated[
@@ -187,4 +187,4 @@ def run(
         print(path)
 
 
-bench = Subgroup("bench", help="Make baseline sets of levels and score players on them.", commands=(new, run))
+bench = Subgroup("bench", help="Make benchmark sets of levels and score players on them.", commands=(new, run))

@@ -60,7 +60,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {  # the commands of each module of 
     },
     "agents": {
         "learn": "Train agents on people's data.",
-        "bench": "Make baseline sets of levels and score players on them.",
+        "bench": "Make benchmark sets of levels and score players on them.",
     },
     "machine": {
         "plugins": "List the installed plug-ins.",

@@ -41,7 +41,7 @@ def verify(
     ] = False,
     report: Annotated[
         list[Path] | None,
-        Option(help="With --tables, also check this folder of a report or of a CSV or Parquet export; repeatable."),
+        Option(help="With --tables, also check the report or export in this folder; repeatable."),
     ] = None,
     json: Annotated[bool, Option("--json", help="Print one JSON object per line.")] = False,
 ) -> None:

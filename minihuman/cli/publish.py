@@ -85,7 +85,7 @@ def power(
         Option(
             "--drop-out",
             min=0,
-            help="The probability of missing a session and all later ones; needs --effect shift=VALUE.",
+            help="The probability, at each session, that a participant drops out; needs --effect shift=VALUE.",
         ),
     ] = 0.0,
     out: Annotated[Path | None, Option(help="The folder to write the table and the figure to.")] = None,

@@ -28,7 +28,7 @@ def run(
         str | None, Option(help="The participant's code, such as sub-07; by default, the code of the next free slot.")
     ] = None,
     group: Annotated[str | None, Option(help="Use this group instead of the allocated one.")] = None,
-    session: Annotated[int, Option(min=1, help="The session of the participant to run, such as 2.")] = 1,
+    session: Annotated[int, Option(min=1, help="The number of the participant's session to run, such as 2.")] = 1,
     any_day: Annotated[bool, Option(help="Ignore the days required between sessions.")] = False,
     next_slot: Annotated[
         bool, Option("--next-slot", help="Take the next slot, even if an interrupted session could be resumed.")
@@ -201,10 +201,10 @@ def deploy(
 ) -> None:
     """Write the files needed to deploy a study on a server.
 
-    The files are a container file, a Compose file with Caddy, a Caddyfile, a systemd unit and a README with
-    instructions. Nothing is started, unless --check is given: then as many servers as --workers says, at least two,
-    run on this machine. Each is restarted in turn and one is killed while simulated participants play. The exit status
-    is 1 if an acknowledged key press is lost or a session is recorded twice.
+    The files are a Containerfile, a Compose file that includes Caddy, a Caddyfile, a systemd unit and a README with
+    instructions. Nothing is started unless --check is given. --check runs the number of servers set by --workers (at
+    least two) on this machine and, while simulated participants play, restarts each server in turn and kills one. The
+    exit status is 1 if an acknowledged key press is lost or a session is recorded twice.
 
     Example: minihuman deploy protocols/online.toml --address https://study.example.org --out online
     """

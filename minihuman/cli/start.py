@@ -189,7 +189,7 @@ def doctor(
 ) -> None:
     """Check whether this machine can run sessions with participants.
 
-    The exit status is 1 if it cannot.
+    The exit status is 1 if any check fails.
 
     Example: minihuman doctor protocols/fourrooms-transfer.toml
     """

@@ -148,5 +148,5 @@ def replay_observations(
         hashes.append(world.step(int(action)).observation_hash)
     if not np.array_equal(np.array(hashes, dtype=np.uint64), episode.observation_hashes):
         raise LearnError(
-            f"{log.path}: {episode.name} does not replay as recorded; see where it differs with `minihuman verify`"
+            f"{log.path}: {episode.name} does not replay as recorded; run `minihuman verify` to see where it differs"
         )

@@ -57,7 +57,7 @@ def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Pat
     kind = out.suffix.lower().removeprefix(".")
     if kind not in FORMATS:
         raise LogError(
-            f"{out} does not have a film format's ending; use one of {', '.join('.' + name for name in FORMATS)}"
+            f"{out} does not have a video file extension; use one of {', '.join('.' + name for name in FORMATS)}"
         )
     numbers = sorted({one.number for one in log.episodes})
     if episode is not None and episode not in numbers:

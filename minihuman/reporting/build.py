@@ -93,7 +93,9 @@ def write_scripts(
     """
     block = found.target_block
     if block is None or len(block.groups) < 2:
-        raise ReportError("--r and --python compare groups, but no block is played by two groups; remove them")
+        raise ReportError(
+            "--r and --python compare groups, but no block is played by two groups; leave these options out"
+        )
     wanted = sorted(block.roles, key=lambda name: block.roles[name] != "primary")
     measure = next((name for name in wanted if name in _OF_EPISODE), None)
     if measure is None or episodes[episodes["block"] == block.block].empty:

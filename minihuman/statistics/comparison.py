@@ -468,7 +468,9 @@ def check_equivalence(a: Values, b: Values, bounds: tuple[float, float]) -> Equi
     """
     low, high = bounds
     if not low < 0 < high:
-        raise ValueError(f"equivalence bounds must be one below and one above 0, not {low:g} and {high:g}")
+        raise ValueError(
+            f"the lower equivalence bound must be below 0 and the upper one above 0, not {low:g} and {high:g}"
+        )
     if min(len(a), len(b)) < 2 or max(np.ptp(a), np.ptp(b)) == 0:
         return None
     found = compare_means(a, b)

@@ -248,7 +248,8 @@ def _own_attributes(world: World) -> dict[str, bytes]:
                 own[name] = pickle.dumps(value)
             except Exception as error:
                 raise ContractError(
-                    f"{world.id}: attribute {name} cannot be pickled ({error}); keep plain values"
+                    f"{world.id}: attribute {name} cannot be pickled ({error}); "
+                    "store only plain values in it, such as numbers and arrays"
                 ) from error
     return own
 

@@ -227,7 +227,7 @@ def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.
         def _client(self) -> ProgramClient | None:
             found = programs.clients.get(self.path.removeprefix("/sessions/"))
             if found is None:
-                self._reply(404, {"error": "there is no such session; begin one with POST /sessions"})
+                self._reply(404, {"error": "this session does not exist; begin a session with POST /sessions"})
             return found
 
         def _is_local(self) -> bool:
@@ -289,7 +289,7 @@ def make_mcp_server(programs: ProgramSessions) -> "MCPServer":
 
     def find(session: str) -> ProgramClient:
         if session not in programs.clients:
-            raise ValueError("there is no such session; begin one")
+            raise ValueError("this session does not exist; begin a session first")
         return programs.clients[session]
 
     @server.tool(structured_output=False)

@@ -256,7 +256,8 @@ def open_window(name: str, clock: Clock, *, fullscreen: bool = False, size_px: S
     if refusals:
         raise refusals[0]
     raise WindowError(
-        f"no window is registered under {WINDOW_GROUP!r}; install it with `pip install --force-reinstall`"
+        f"no window is registered under {WINDOW_GROUP!r}; "
+        "reinstall minihuman with `pip install --force-reinstall .` in its folder"
     )
 
 

@@ -259,7 +259,10 @@ class _Server:
         self._root = self._x.XDefaultRootWindow(self._display)
         if not self._same_clock():
             self.close()
-            raise OSError("the X server's clock differs from the system's monotonic clock")
+            raise OSError(
+                "the X server's clock is not this machine's, so it cannot time key presses; "
+                "use an X server on this machine"
+            )
 
     def close(self) -> None:
         """Hang up; a second call does nothing."""

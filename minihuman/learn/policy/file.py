@@ -148,7 +148,9 @@ def read_policy_file(path: Path) -> dict[str, Any]:
             f"{path} is not a policy file ({type(error).__name__}); make one with `minihuman learn`"
         ) from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise LearnError(f"{path} is not a policy file of format {FORMAT}; train the policy again with this version")
+        raise LearnError(
+            f"{path} is not a policy file of format {FORMAT}; train the policy again with this version of minihuman"
+        )
     return content
 
 
@@ -171,7 +173,7 @@ def _read_card(content: dict[str, Any], path: Path) -> PolicyCard:
         return msgspec.convert(content.get("card"), PolicyCard)
     except (msgspec.ValidationError, RecursionError) as error:
         raise LearnError(
-            f"{path}: its model card cannot be read ({error}); train the policy again with this version"
+            f"{path}: its model card cannot be read ({error}); train the policy again with this version of minihuman"
         ) from None
 
 

@@ -177,8 +177,8 @@ def _corrections(taken: Sequence[LoggedEpisode], world: World, encoder: EpisodeE
         name = make_lesson_name(_session(log), each.episode, each.attempt)
         if not np.array_equal(np.array([*hashes, world.state_hash()], np.uint64), each.state_hashes):
             raise LearnError(
-                f"{log.path}: a correction of {name} does not replay as recorded; see where it differs with `minihuman "
-                "verify`"
+                f"{log.path}: a correction of {name} does not replay as recorded; run `minihuman "
+                "verify` to see where it differs"
             )
         yield Lesson(
             name=f"{name}:corrected-{each.part}-{each.correction}",

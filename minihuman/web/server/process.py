@@ -36,10 +36,11 @@ def require_browser_support(protocol: Protocol) -> None:
     Raises:
         ProtocolError: if it has one.
     """
-    for part in (*protocol.blocks, *protocol.activities):
-        if not find_kind(part.kind).browser:
+    blocks, activities = protocol.blocks, protocol.activities
+    for name, kind in [(block.name, block.kind) for block in blocks] + [(one.name, one.kind) for one in activities]:
+        if not find_kind(kind).browser:
             raise ProtocolError(
-                f"part {part.name!r} is of kind {part.kind!r}, which cannot be shown in a browser; use `minihuman run`"
+                f"part {name!r} is of kind {kind!r}, which cannot be shown in a browser; use `minihuman run`"
             )
 
 
@@ -105,7 +106,7 @@ def list_process_commands(
         study_dir.mkdir(parents=True, exist_ok=True)
         yield "watch", str(study_dir)
     if workers > 1 and not port:
-        raise LogError("several workers use consecutive ports; set the first one with --port")
+        raise LogError("--port is 0, but several workers need consecutive ports; set the first port with --port")
     for number in range(1, workers):
         data = str(study_dir.parent)
         yield "serve", str(protocol), "--data", data, "--port", str(port + number), "--links", "0", "--host", host

@@ -131,7 +131,9 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         if options is not None and "reset_mask" in options:
             mask = np.asarray(options["reset_mask"])
             if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
-                raise WorldError(f"reset_mask is {mask.dtype}{mask.shape}; it must be bool({self.num_envs},)")
+                raise WorldError(
+                    f"reset_mask has dtype {mask.dtype} and shape {mask.shape}; use bool and ({self.num_envs},)"
+                )
         for i in np.flatnonzero(mask).tolist():
             row, rng_state = self._rows[i], self._rng_states[i]
             if seeds[i] is not None or not rng_state.any():

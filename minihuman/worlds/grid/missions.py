@@ -112,7 +112,7 @@ class MissionSpace(Sentences):
         if template.count("{}") != len(choices):
             raise WorldError(
                 f"mission {template!r} has {template.count('{}')} placeholders but {len(choices)} lists of choices; "
-                "give one list each"
+                "give one list for each placeholder"
             )
         self.template = template
         self.choices = tuple(dict(words) if isinstance(words, Mapping) else dict(enumerate(words)) for words in choices)

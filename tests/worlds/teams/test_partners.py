@@ -66,7 +66,7 @@ def test_two_in_a_corridor_pass_if_one_gives_way(one, other, passed):
 def test_a_partner_says_what_it_cannot_play():
     corridor, kitchen = (minihuman.make_team(f"minihuman/Team-{name}-v0") for name in ("SwapCorridor", "CrampedRoom"))
     for agent, team, why in (
-        (CookAgent(""), corridor, "plays only kitchens"),
+        (CookAgent(""), corridor, "plays only in kitchens"),
         (CorridorAgent(""), kitchen, "is not a swap corridor"),
         (CorridorAgent("push"), corridor, "unknown behaviour 'push'"),
     ):

@@ -288,7 +288,9 @@ class FolderAssets(Assets):
 
     def __init__(self, folder: Path) -> None:
         if not any((folder / part).is_dir() for part in ("textures", "meshes")):
-            raise WorldError(f"{folder} has neither a textures nor a meshes folder; name the folder above them")
+            raise WorldError(
+                f"{folder} has neither a textures nor a meshes folder; give the folder that contains one of them"
+            )
         self._folder = folder
         self._own = OwnAssets()
 
