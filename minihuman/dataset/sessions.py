@@ -210,7 +210,7 @@ class IncludedEpisode:
 
         ``session``, ``segment``, ``episode`` and ``attempt`` count from 1, as in the tables: they join with them.
         """
-        return build_episode_facts(self.log, self.episode)
+        return build_episode_facts(self.log, self.episode) | {"options": dict(self.episode.plan.options)}
 
 
 class IncludedEpisodes:

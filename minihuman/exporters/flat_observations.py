@@ -11,9 +11,10 @@ import logging
 import re
 import string
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -22,10 +23,11 @@ from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
 from minihuman import __version__
-from minihuman.dataset.sessions import IncludedEpisode
+from minihuman.dataset.sessions import IncludedEpisode, IncludedEpisodes
 from minihuman.errors import ExportError, LogError, WorldError
 from minihuman.experiment.replay import renders_same_images
-from minihuman.exporters.study_metadata import get_action_names, get_step_limit
+from minihuman.exporters.exporter import ExportResult
+from minihuman.exporters.study_metadata import describe_episode, get_action_names, get_shared_options, get_step_limit
 from minihuman.log.model.session_log import EpisodeLog
 from minihuman.log.model.teaching_events import NO_ADVICE
 from minihuman.log.observations import verify_observations
@@ -56,9 +58,13 @@ def to_standard_space(space: gymnasium.Space[Any]) -> gymnasium.Space[Any]:
             return gymnasium.spaces.Dict({key: to_standard_space(part) for key, part in space.spaces.items()})
         case gymnasium.spaces.Tuple():
             return gymnasium.spaces.Tuple([to_standard_space(part) for part in space.spaces])
-        case gymnasium.spaces.Box() | gymnasium.spaces.Discrete() | gymnasium.spaces.MultiDiscrete():
-            return space
-        case gymnasium.spaces.MultiBinary() | gymnasium.spaces.Text():
+        case (
+            gymnasium.spaces.Box()
+            | gymnasium.spaces.Discrete()
+            | gymnasium.spaces.MultiDiscrete()
+            | gymnasium.spaces.MultiBinary()
+            | gymnasium.spaces.Text()
+        ):
             return space
     if isinstance(space.sample(), str):
         return gymnasium.spaces.Text(max_length=4096, min_length=0, charset=_CHARACTERS)
@@ -144,15 +150,28 @@ def get_step_steering(episode: EpisodeLog, index: int) -> dict[str, Any]:
     }
 
 
-def dataset_name(chosen: IncludedEpisode) -> str:
-    """A folder name for the world an episode was played in: "minigrid-fourrooms-v0", other options another name."""
-    plan = chosen.episode.plan
-    name = re.sub(r"[^a-z0-9]+", "-", plan.world.rsplit("/", 1)[-1].rsplit(":", 1)[-1].lower()).strip("-")
-    if not plan.options:
+def name_dataset(chosen: IncludedEpisode) -> str:
+    """A folder name for the world an episode was played in: "minigrid-fourrooms-v0", other options another name.
+
+    Where the options differ by episode, as a design or a table of stimuli has it, the block's name is part of it.
+    """
+    name, options = _slug(chosen.episode.plan.world.rsplit("/", 1)[-1].rsplit(":", 1)[-1]), get_shared_options(chosen)
+    if not options:
         return name
-    options = json.dumps(plan.options, sort_keys=True, default=str)
+    return _mark(name, _slug(options) if isinstance(options, str) else _digest(options))
+
+
+def _slug(text: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
+
+
+def _digest(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()[:6]
+
+
+def _mark(name: str, mark: str) -> str:
+    """The name with a mark before its version."""
     stem, _, version = name.rpartition("-v")
-    mark = hashlib.sha256(options.encode()).hexdigest()[:6]
     return f"{stem}-{mark}-v{version}" if stem else f"{name}-{mark}"
 
 
@@ -297,6 +316,50 @@ class Resimulator:
             except WorldError as error:
                 raise ExportError(f"{chosen.log.path}: {episode.name}: {error}") from error
         return self._world
+
+
+class ReplayedStudy:
+    """Goes through the episodes that have a step, each with its dataset's name and what was observed; counts them.
+
+    Args:
+        chosen: the episodes.
+        reason: why the format leaves an episode without a step out.
+        picture_px: as ``Resimulator`` takes it.
+    """
+
+    def __init__(self, chosen: IncludedEpisodes, reason: str, *, picture_px: tuple[int, int] | None = None) -> None:
+        self._chosen, self._reason, self._resimulate = chosen, reason, Resimulator(picture_px=picture_px)
+        self._shapes: dict[str, Any] = {}  # of each dataset's first episode
+        self._left_out: list[str] = []
+        self._episodes = self._steps = 0
+
+    def __iter__(self) -> Iterator[tuple[str, IncludedEpisode, ReplayedEpisode]]:
+        """One episode in memory at a time. One that is shaped otherwise than its dataset's first gets another dataset.
+
+        Raises:
+            ExportError: if an episode does not replay.
+        """
+        for item in self._chosen:
+            if not len(item.episode.actions):
+                self._left_out.append(f"{describe_episode(item)} {self._reason}")
+                continue
+            demonstration, name = self._resimulate(item), name_dataset(item)
+            shape = [
+                demonstration.observation_space,
+                demonstration.action_space,
+                *(picture.shape for picture in demonstration.pictures[:1]),
+                name_actions(item),
+                item.episode.taught is None,
+                bool(np.isnan(item.episode.poses).any()),
+            ]
+            if self._shapes.setdefault(name, shape) != shape:
+                name = _mark(name, _digest(shape))
+            self._episodes, self._steps = self._episodes + 1, self._steps + len(item.episode.actions)
+            yield name, item, demonstration
+
+    def result(self, paths: Iterable[Path]) -> ExportResult:
+        """What was written to these files and folders."""
+        return ExportResult(tuple(paths), self._episodes, self._steps, tuple(self._left_out))
 
 
 def _played(chosen: IncludedEpisode, world: World, draw: Callable[[], None]) -> tuple[Any, ...]:

@@ -21,13 +21,11 @@ from minihuman.experiment.activities.preferences import EpisodeClip, PairAnswer
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (
     ReplayedEpisode,
-    Resimulator,
-    dataset_name,
+    ReplayedStudy,
     flatten_observation,
     get_step_steering,
     is_picture,
 )
-from minihuman.exporters.study_metadata import describe_episode
 from minihuman.log.model.session_log import SessionLog
 from minihuman.operating_system import hash_file
 
@@ -97,7 +95,6 @@ def _fragment(trajectory: dict[str, Any], first: int, last: int) -> dict[str, An
 
 
 _TOGETHER = 8  # trajectories written at once: of pictures, some tens of megabytes
-_NO_STEP = "has no step, and a trajectory needs one"
 
 
 def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
@@ -107,25 +104,17 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         ExportError: if an episode does not replay.
     """
     datasets.disable_progress_bars()  # our own command says how far it is
-    resimulate = Resimulator()
+    replayed = ReplayedStudy(chosen, "has no step, and a trajectory needs one")
     writers = _Writers(out)
     fragments = FragmentWriter()
-    episodes = steps = 0
-    left_out: list[str] = []
-    for item in chosen:
-        if not len(item.episode.actions):
-            left_out.append(f"{describe_episode(item)} {_NO_STEP}")
-            continue
-        name = dataset_name(item)
-        trajectory = _trajectory(item, resimulate(item))
-        features = _features(trajectory["obs"])
-        writers.write(name, features, trajectory)
+    for name, item, demonstration in replayed:
+        trajectory = _trajectory(item, demonstration)
+        writers.write(name, _features(trajectory["obs"]), trajectory)
         for world, pair in fragments.take(item, name, trajectory):
             writers.write_pair(world, pair)
-        episodes, steps = episodes + 1, steps + len(item.episode.actions)
     for world, pair in fragments.close():
         writers.write_pair(world, pair)
-    return ExportResult(writers.close(), episodes, steps, tuple(left_out))
+    return replayed.result(writers.close())
 
 
 class _Writers:

@@ -7,7 +7,6 @@ features: the observation where that is a picture, else the view that the partic
 and the card are those that LeRobot and the Hub read.
 """
 
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -28,15 +27,14 @@ from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (
     PICTURE_PX,
     ReplayedEpisode,
-    Resimulator,
+    ReplayedStudy,
     build_actions,
     build_state,
     build_steering_columns,
-    dataset_name,
     name_actions,
     name_state,
 )
-from minihuman.exporters.study_metadata import describe_episode, get_study_facts
+from minihuman.exporters.study_metadata import get_plain_facts, get_plan_study_facts
 
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
@@ -222,35 +220,15 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     Raises:
         ExportError: if an episode does not replay.
     """
-    resimulate = Resimulator(picture_px=PICTURE_PX)
+    replayed = ReplayedStudy(chosen, "has no step, and LeRobot keeps none without", picture_px=PICTURE_PX)
     datasets: dict[str, _Dataset] = {}
-    left_out: list[str] = []
-    for item in chosen:
-        if not len(item.episode.actions):
-            left_out.append(f"{describe_episode(item)} has no step, and LeRobot keeps none without")
-            continue
-        demonstration = resimulate(item)
-        name = _name(item, demonstration, datasets)
+    for name, item, demonstration in replayed:
         if name not in datasets:
             datasets[name] = _Dataset(out / name, item, demonstration)
         datasets[name].add(item, demonstration)
     for dataset in datasets.values():
         dataset.finish()
-    return ExportResult(
-        tuple(out / name for name in datasets),
-        sum(len(dataset.rows) for dataset in datasets.values()),
-        sum(dataset.frames for dataset in datasets.values()),
-        tuple(left_out),
-    )
-
-
-def _name(item: IncludedEpisode, demonstration: ReplayedEpisode, datasets: "dict[str, _Dataset]") -> str:
-    """The episode's dataset; where its vectors of actions or states have other numbers than the first's, another."""
-    name = dataset_name(item)
-    features = build_features(item, demonstration)
-    if name in datasets and datasets[name].features != features:
-        return f"{name}-{hashlib.sha256(json.dumps(features).encode()).hexdigest()[:6]}"
-    return name
+    return replayed.result(out / name for name in datasets)
 
 
 class _Dataset:
@@ -261,7 +239,7 @@ class _Dataset:
         self.frames = 0
         self.rows: list[dict[str, Any]] = []  # one an episode
         self.features = build_features(item, first)
-        self._about = get_study_facts(item)
+        self._about = get_plan_study_facts(item.log.plan)
         self._world = item.episode.plan.world
         self._tasks: dict[str, int] = {}
         self._totals: dict[str, FeatureStatistics] = {}
@@ -306,7 +284,7 @@ class _Dataset:
                 "dataset_to_index": self.frames + length,
                 "meta/episodes/chunk_index": 0,
                 "meta/episodes/file_index": 0,
-                **{f"minihuman/{name}": _plain(value) for name, value in item.facts.items()},
+                **{f"minihuman/{name}": value for name, value in get_plain_facts(item).items()},
                 **{
                     f"stats/{name}/{statistic}": value
                     for name, values in statistics.items()
@@ -393,7 +371,3 @@ def _table(columns: dict[str, NDArray[Any]], features: dict[str, Any]) -> pa.Tab
         else:
             arrays[name] = pa.array(values.reshape(-1))
     return pa.table(arrays)
-
-
-def _plain(value: Any) -> Any:
-    return value if isinstance(value, (str, int)) else json.dumps(value)

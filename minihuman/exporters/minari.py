@@ -15,7 +15,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
-from typing import Any
 
 import minari
 from minari.data_collector import EpisodeBuffer
@@ -27,14 +26,13 @@ from minihuman.experiment.protocol.specs import AboutSpec
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (
     ReplayedEpisode,
-    Resimulator,
+    ReplayedStudy,
     build_steering_columns,
-    dataset_name,
     env_spec,
     stack_observations,
     to_standard_space,
 )
-from minihuman.exporters.study_metadata import describe_episode, get_action_names, get_study_facts
+from minihuman.exporters.study_metadata import get_action_names, get_plain_facts, get_plan_study_facts
 from minihuman.plugins import DISTRIBUTION
 
 NAMESPACE = "minihuman"
@@ -69,17 +67,11 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 
 def _write(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    resimulate = Resimulator()
+    replayed = ReplayedStudy(chosen, "has no step, and Minari keeps none without")
     datasets: dict[str, MinariStorage] = {}
     players: defaultdict[str, set[str]] = defaultdict(set)  # of each dataset
-    episodes = steps = 0
-    left_out: list[str] = []
-    for item in chosen:
-        if not len(item.episode.actions):
-            left_out.append(f"{describe_episode(item)} has no step, and Minari keeps none without")
-            continue
-        demonstration = resimulate(item)
-        name = f"{item.log.plan.study}/{_versioned(dataset_name(item))}"
+    for world, item, demonstration in replayed:
+        name = f"{item.log.plan.study}/{_versioned(world)}"
         if name not in datasets:
             _require_room(out, _RESERVE_BYTES)
             datasets[name] = _begin(out, name, item, demonstration)
@@ -88,12 +80,12 @@ def _write(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         buffer = _buffer(demonstration)
         _require_room(out, 2 * len(pickle.dumps(buffer)) + _RESERVE_BYTES)
         storage.update_episodes([buffer])
-        storage.update_episode_metadata([_attributes(item)], [int(storage.total_episodes) - 1])
-        episodes += 1
-        steps += len(item.episode.actions)
+        facts = get_plain_facts(item)
+        del facts["seed"]  # Minari has its own place for it
+        storage.update_episode_metadata([facts], [int(storage.total_episodes) - 1])
     for name, storage in datasets.items():
         storage.update_metadata({"algorithm_name": f"minihuman sessions played by: {', '.join(sorted(players[name]))}"})
-    return ExportResult(tuple(out / NAMESPACE / name for name in datasets), episodes, steps, tuple(left_out))
+    return replayed.result(out / NAMESPACE / name for name in datasets)
 
 
 def _require_room(out: Path, needed_bytes: int) -> None:
@@ -103,7 +95,7 @@ def _require_room(out: Path, needed_bytes: int) -> None:
 
 
 def _begin(out: Path, name: str, item: IncludedEpisode, demonstration: ReplayedEpisode) -> MinariStorage:
-    about, study = get_study_facts(item), item.log.plan.study
+    about, study = get_plan_study_facts(item.log.plan), item.log.plan.study
     _namespace(out / NAMESPACE, "exported by minihuman")
     _namespace(out / NAMESPACE / study, about.title or f"the study {study}")
     data = out / NAMESPACE / name / "data"
@@ -180,12 +172,3 @@ def _buffer(demonstration: ReplayedEpisode) -> EpisodeBuffer:
             **build_steering_columns(episode, with_reset=True),
         },
     )
-
-
-def _attributes(item: IncludedEpisode) -> dict[str, Any]:
-    """The facts as HDF5 attributes: plain values, mappings and lists as JSON text."""
-    return {
-        name: value if isinstance(value, (str, int)) else json.dumps(value)
-        for name, value in item.facts.items()
-        if name != "seed"  # Minari has its own place for it
-    }

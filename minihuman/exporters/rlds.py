@@ -13,6 +13,8 @@ from typing import Any
 
 import google_crc32c
 import numpy as np
+from google.protobuf import message_factory, text_format
+from google.protobuf.descriptor_pb2 import FileDescriptorProto
 
 from minihuman import __version__
 from minihuman.dataset.sessions import IncludedEpisode, IncludedEpisodes
@@ -20,12 +22,11 @@ from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (
     PICTURE_PX,
     ReplayedEpisode,
-    Resimulator,
+    ReplayedStudy,
     build_actions,
     build_state,
-    dataset_name,
 )
-from minihuman.exporters.study_metadata import describe_episode, get_study_facts
+from minihuman.exporters.study_metadata import get_plain_facts, get_plan_study_facts
 from minihuman.log.observations import encode_png
 
 DATASET_VERSION = "1.0.0"
@@ -39,23 +40,18 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     Raises:
         ExportError: if an episode does not replay.
     """
-    resimulate = Resimulator(picture_px=PICTURE_PX)
+    replayed = ReplayedStudy(chosen, "has no step", picture_px=PICTURE_PX)
     datasets: dict[str, _Dataset] = {}
-    left_out: list[str] = []
-    episodes = steps = 0
-    for item in chosen:
-        if not len(item.episode.actions):
-            left_out.append(f"{describe_episode(item)} has no step")
-            continue
-        name = dataset_name(item).replace("-", "_")
-        columns = build_steps(item, resimulate(item))
+    for marked, item, demonstration in replayed:
+        name = marked.replace("-", "_")
         if name not in datasets:
-            datasets[name] = _Dataset(out / name / DATASET_VERSION, name, get_study_facts(item).description)
-        datasets[name].add(columns, {key: _plain(value) for key, value in item.facts.items()})
-        episodes, steps = episodes + 1, steps + len(item.episode.actions)
+            datasets[name] = _Dataset(
+                out / name / DATASET_VERSION, name, get_plan_study_facts(item.log.plan).description
+            )
+        datasets[name].add(build_steps(item, demonstration), get_plain_facts(item))
     for dataset in datasets.values():
         dataset.finish()
-    return ExportResult(tuple(dataset.root for dataset in datasets.values()), episodes, steps, tuple(left_out))
+    return replayed.result(dataset.root for dataset in datasets.values())
 
 
 def build_steps(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, Any]:
@@ -98,8 +94,7 @@ class _Dataset:
             self._shards.append([0, 0])
         self._features = self._features or _features(steps, facts)
         columns = {f"steps/{name}": values for name, values in steps.items()}
-        columns |= {f"episode_metadata/{name}": [value] for name, value in facts.items()}
-        record = _frame(encode_example(columns))
+        record = _frame(encode_example(columns | {f"episode_metadata/{name}": [fact] for name, fact in facts.items()}))
         with self._path(len(self._shards) - 1).open("ab") as file:
             file.write(record)
         self._shards[-1] = [self._shards[-1][0] + 1, self._shards[-1][1] + len(record)]
@@ -161,33 +156,44 @@ def _kind(values: Any) -> dict[str, Any]:
     return {"pythonClassName": f"{_PYTHON}{python}", "tensor": tensor}
 
 
+# tf.train.Example; "entries" are those of TensorFlow's map, which is the same on the wire.
+_SCHEMA = """
+name: "example.proto" syntax: "proto3"
+message_type { name: "Bytes" field { name: "value" number: 1 type: TYPE_BYTES label: LABEL_REPEATED } }
+message_type { name: "Floats" field { name: "value" number: 1 type: TYPE_FLOAT label: LABEL_REPEATED } }
+message_type { name: "Integers" field { name: "value" number: 1 type: TYPE_INT64 label: LABEL_REPEATED } }
+message_type {
+  name: "Feature"
+  field { name: "bytes" number: 1 type: TYPE_MESSAGE type_name: ".Bytes" }
+  field { name: "floats" number: 2 type: TYPE_MESSAGE type_name: ".Floats" }
+  field { name: "integers" number: 3 type: TYPE_MESSAGE type_name: ".Integers" }
+}
+message_type {
+  name: "Entry"
+  field { name: "key" number: 1 type: TYPE_STRING }
+  field { name: "value" number: 2 type: TYPE_MESSAGE type_name: ".Feature" }
+}
+message_type {
+  name: "Features" field { name: "entries" number: 1 type: TYPE_MESSAGE label: LABEL_REPEATED type_name: ".Entry" }
+}
+message_type { name: "Example" field { name: "features" number: 1 type: TYPE_MESSAGE type_name: ".Features" } }
+"""
+_MESSAGES: dict[str, Any] = message_factory.GetMessages([text_format.Parse(_SCHEMA, FileDescriptorProto())])
+
+
 def encode_example(columns: Mapping[str, Any]) -> bytes:
     """A ``tf.train.Example``: texts and pictures as bytes, whole numbers and flags as int64, others as float."""
-    entries = []
+    example = _MESSAGES["Example"]()
     for name, values in columns.items():
+        feature = example.features.entries.add(key=name).value
         if isinstance(values, list) and isinstance(values[0], str):
-            feature = _field(1, b"".join(_field(1, text.encode()) for text in values))
+            feature.bytes.value.extend(text.encode() for text in values)
         elif (array := np.asarray(values)).ndim == 4:
-            feature = _field(1, b"".join(_field(1, encode_png(picture)) for picture in array))
-        elif array.dtype.kind == "f":
-            feature = _field(2, _field(1, array.astype("<f4").tobytes()))
+            feature.bytes.value.extend(encode_png(picture) for picture in array)
         else:
-            feature = _field(3, _field(1, b"".join(map(_varint, array.ravel().tolist()))))
-        entries.append(_field(1, _field(1, name.encode()) + _field(2, feature)))
-    return _field(1, b"".join(entries))
-
-
-def _field(number: int, payload: bytes) -> bytes:
-    """A length-delimited field of a protobuf message."""
-    return _varint(number << 3 | 2) + _varint(len(payload)) + payload
-
-
-def _varint(number: int) -> bytes:
-    rest, found = int(number) & 0xFFFFFFFFFFFFFFFF, bytearray()
-    while rest > 0x7F:
-        found.append(rest & 0x7F | 0x80)
-        rest >>= 7
-    return bytes((*found, rest))
+            numbers, kind = (feature.floats, "f4") if array.dtype.kind == "f" else (feature.integers, "i8")
+            numbers.value.extend(array.astype(kind).ravel().tolist())
+    return bytes(example.SerializeToString())
 
 
 def _frame(record: bytes) -> bytes:
@@ -199,7 +205,3 @@ def _frame(record: bytes) -> bytes:
 def _checksum(content: bytes) -> bytes:
     crc = google_crc32c.value(content)
     return struct.pack("<I", ((crc >> 15 | crc << 17) + 0xA282EAD8) & 0xFFFFFFFF)
-
-
-def _plain(value: Any) -> Any:
-    return value if isinstance(value, str | int) else json.dumps(value)

@@ -17,15 +17,14 @@ from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (
     PICTURE_PX,
     ReplayedEpisode,
-    Resimulator,
+    ReplayedStudy,
     build_actions,
     build_state,
     build_steering_columns,
-    dataset_name,
     name_actions,
     name_state,
 )
-from minihuman.exporters.study_metadata import describe_episode
+from minihuman.exporters.study_metadata import get_plain_facts
 
 _GYMNASIUM = 2  # robomimic's EnvType.GYM_TYPE
 
@@ -36,24 +35,15 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     Raises:
         ExportError: if an episode does not replay.
     """
-    resimulate = Resimulator(picture_px=PICTURE_PX)
-    paths: list[Path] = []
-    left_out: list[str] = []
-    episodes = steps = 0
+    replayed = ReplayedStudy(chosen, "has no step, and robomimic keeps none without", picture_px=PICTURE_PX)
+    files: dict[str, h5py.File] = {}
     with ExitStack() as stack:
-        files: dict[str, h5py.File] = {}
-        for item in chosen:
-            if not len(item.episode.actions):
-                left_out.append(f"{describe_episode(item)} has no step, and robomimic keeps none without")
-                continue
-            demonstration, name = resimulate(item), dataset_name(item)
+        for name, item, demonstration in replayed:
             if name not in files:
-                paths.append(out / f"{name}.hdf5")
-                files[name] = stack.enter_context(h5py.File(paths[-1], "w"))
+                files[name] = stack.enter_context(h5py.File(out / f"{name}.hdf5", "w"))
                 _begin(files[name].create_group("data"), item, demonstration)
             _write(files[name]["data"], item, demonstration)
-            episodes, steps = episodes + 1, steps + len(item.episode.actions)
-    return ExportResult(tuple(paths), episodes, steps, tuple(left_out))
+    return replayed.result(out / f"{name}.hdf5" for name in files)
 
 
 def _begin(data: h5py.Group, item: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
@@ -69,13 +59,11 @@ def _write(data: h5py.Group, item: IncludedEpisode, demonstration: ReplayedEpiso
     episode = item.episode
     group = data.create_group(f"demo_{len(data)}")
     group.attrs["num_samples"] = len(episode.actions)
-    for name, value in item.facts.items():
-        group.attrs[name] = value if isinstance(value, str | int) else json.dumps(value)
-    done = np.zeros(len(episode.actions), np.int64)
-    done[-1] = 1
+    group.attrs.update(get_plain_facts(item))
+    done = np.append(np.zeros(len(episode.actions) - 1, np.int64), 1)
     seen = {"state": build_state(demonstration)}
     if demonstration.pictures:
-        seen |= {"image": np.stack(demonstration.pictures)}
+        seen["image"] = np.stack(demonstration.pictures)
     actions = build_actions(item, demonstration)
     columns = {
         "actions": actions.pop("action"),

@@ -3,24 +3,27 @@ lab's `participants.csv` says about people.
 """
 
 import csv
+import json
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from minihuman.dataset.sessions import IncludedEpisode
 from minihuman.errors import ExportError, ProtocolError
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol, decode_logged_protocol
-from minihuman.experiment.protocol.specs import AboutSpec, ColumnType, DeviceSpec, ParticipantColumnSpec
-
-
-def get_study_facts(item: IncludedEpisode) -> AboutSpec:
-    """The facts about the study; empty where the log's protocol says none or cannot be read here."""
-    return get_plan_study_facts(item.log.plan)
+from minihuman.experiment.protocol.specs import (
+    AboutSpec,
+    ColumnType,
+    DeviceSpec,
+    ParticipantColumnSpec,
+    apply_overrides,
+)
 
 
 def get_plan_study_facts(plan: SessionPlan) -> AboutSpec:
-    """The same, of a session."""
+    """The facts about a session's study; empty where the log's protocol says none or cannot be read here."""
     protocol = _protocol(plan.protocol_toml)
     return AboutSpec() if protocol is None else protocol.about
 
@@ -41,21 +44,43 @@ def get_action_names(item: IncludedEpisode) -> tuple[str, ...]:
     """The names of the actions that participants could take in the episode's world, in the world's own order."""
     plan = item.episode.plan
     asked = {*plan.key_map.keys.values(), *plan.actions} | ({plan.noop} if plan.noop else set())
-    for block in _blocks(item):
+    for block in _list_blocks(item):
         asked |= {*block.actions, *block.distractors} | ({block.noop_action} if block.noop_action else set())
     return tuple(name for name in item.episode.start.action_names if name in asked)
 
 
 def get_step_limit(item: IncludedEpisode) -> int:
     """The largest step limit that the protocol gives an episode in this world."""
-    return max([item.episode.plan.max_steps, *(block.max_steps for block in _blocks(item))])
+    return max([item.episode.plan.max_steps, *(block.max_steps for block in _list_blocks(item))])
 
 
-def _blocks(item: IncludedEpisode) -> tuple[BlockSpec, ...]:
+def get_plain_facts(item: IncludedEpisode) -> dict[str, str | int]:
+    """The episode's facts as a file's attributes can hold them: mappings and lists as JSON text."""
+    return {name: value if isinstance(value, str | int) else json.dumps(value) for name, value in item.facts.items()}
+
+
+def get_shared_options(item: IncludedEpisode) -> str | dict[str, Any]:
+    """The options of the world in all episodes of a dataset; the block's name where they differ by episode."""
     plan = item.episode.plan
+    block = next((block for block in _list_variants(item) if block.name == plan.block_name), None)
+    return plan.options if block is None or isinstance(_shared_options(block), dict) else block.name
+
+
+def _shared_options(block: BlockSpec) -> str | dict[str, Any]:
+    return block.options if block.design is None and block.stimuli is None else block.name
+
+
+def _list_blocks(item: IncludedEpisode) -> list[BlockSpec]:
+    """The blocks whose episodes share a dataset with this one, as each group has them."""
+    shared = item.episode.plan.world, get_shared_options(item)
+    return [block for block in _list_variants(item) if (block.world, _shared_options(block)) == shared]
+
+
+def _list_variants(item: IncludedEpisode) -> list[BlockSpec]:
     protocol = _protocol(item.log.plan.protocol_toml)
-    blocks = () if protocol is None else protocol.blocks
-    return tuple(block for block in blocks if (block.world, block.options) == (plan.world, plan.options))
+    if protocol is None:
+        return []
+    return [apply_overrides(block, group.name) for block in protocol.blocks for group in protocol.groups]
 
 
 @lru_cache(maxsize=8)
@@ -107,15 +132,9 @@ def _check(column: ParticipantColumnSpec, value: str, where: str) -> None:
         "text": str,
         "integer": int,
         "number": float,
-        "boolean": _read_boolean,
+        "boolean": lambda word: ("false", "true").index(word.lower()),
     }
     try:
         readers[column.type](value)
     except ValueError:
         raise ExportError(f"{where}: {column.name} is {value!r}; use a value of type {column.type}") from None
-
-
-def _read_boolean(value: str) -> bool:
-    if value.lower() not in ("true", "false"):
-        raise ValueError(value)
-    return value.lower() == "true"

@@ -103,10 +103,8 @@ def _write_labelled(chosen: IncludedEpisodes, out: Path, kind: Literal["sav", "d
             }
             answers = {flag: {0.0: "no", 1.0: "yes"} for flag in flags}
             paths.append(out / f"{name}.{kind}")
-            if kind == "sav":
-                pyreadstat.write_sav(frame, str(paths[-1]), column_labels=labels, variable_value_labels=answers)
-            else:
-                pyreadstat.write_dta(frame, str(paths[-1]), column_labels=labels, variable_value_labels=answers)
+            write = pyreadstat.write_sav if kind == "sav" else pyreadstat.write_dta
+            write(frame, str(paths[-1]), column_labels=labels, variable_value_labels=answers)
         return count_included(store).with_files(tuple(paths))
 
 
@@ -129,15 +127,15 @@ def export_hugging_face(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         result, first = count_included(store), find_first_log(store)
     meanings = build_data_dictionary(without=COLUMNS_NEEDING_WORLD)
     described = out / "dictionary.json"
-    text = json.dumps({name: meanings[name] for name in names}, indent=1) + "\n"
-    described.write_text(text, encoding="utf-8", newline="\n")
+    described.write_text(
+        json.dumps({name: meanings[name] for name in names}, indent=1) + "\n", encoding="utf-8", newline="\n"
+    )
     about = get_plan_study_facts(read_log(first).plan) if first else None
-    configs = [{"config_name": name, "data_files": f"{name}/*/*/*.parquet"} for name in names]
     front = {
         "license": about.licence.lower() if about and about.licence and "://" not in about.licence else "unknown",
         "pretty_name": about.title if about else "",
         "tags": ["minihuman", *(about.keywords if about else ())],
-        "configs": configs,
+        "configs": [{"config_name": name, "data_files": f"{name}/*/*/*.parquet"} for name in names],
     }
     card = "".join(f"{name}: {json.dumps(value)}\n" for name, value in front.items() if value)  # JSON is YAML
     return result.with_files((*(out / name for name in names), described), front_matter=f"---\n{card}---\n\n")

@@ -1,5 +1,6 @@
 """What robomimic, TensorFlow Datasets, Hugging Face, SPSS and Stata read of an export equals the log."""
 
+import functools
 import json
 import struct
 
@@ -13,11 +14,13 @@ import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from minihuman.dataset.selection import Selection
+from minihuman.dataset.sessions import IncludedEpisodes, StudySessions
 from minihuman.exporters import rlds, robomimic
 from minihuman.exporters.exporter import export_study
 from minihuman.worlds.adapters.world import World
 from tests.builders import session, write_log
 from tests.export.played import chosen, played
+from tests.export.study import recorded
 
 WORLDS = ["minihuman/MiniGrid-FourRooms-v0", "minihuman/MiniWorld-FourRooms-v0"]
 
@@ -65,6 +68,7 @@ def test_robomimic_has_pictures_before_and_after_every_action(items, tmp_path):
             assert demo["dones"][()].tolist() == [0] * (len(episode.actions) - 1) + [1]
 
 
+@functools.cache  # protobuf crashes where a message outlives its class
 def tensorflows_example():
     """`tf.train.Example`, from its definition."""
     file = descriptor_pb2.FileDescriptorProto(name="example.proto", package="tf", syntax="proto3")
@@ -134,3 +138,83 @@ def test_hugging_face_spss_and_stata_hold_the_rows_of_the_tables(study, tmp_path
             assert frame["participant"].tolist() == expected["participant"].tolist()
     folders = {path.name for path in (tmp_path / "hugging-face/steps/study=transfer").iterdir()}
     assert folders == {"participant=sub-01", "participant=sub-02"}
+
+
+TWO_GROUPS = """
+[study]
+name = "two-groups"
+version = "1.0"
+seed = 7
+[keys]
+pool = ["1", "2", "3", "4", "5"]
+keyboard_check = false
+[[groups]]
+name = "plain"
+blocks = ["grid"]
+[[groups]]
+name = "hands"
+blocks = ["grid"]
+[[blocks]]
+name = "grid"
+world = "minihuman/MiniGrid-FourRooms-v0"
+episodes = 1
+actions = ["left", "right", "forward"]
+max_steps = 20
+key_map = "shown"
+[blocks.group_overrides.hands]
+actions = ["left", "right", "forward", "pickup"]
+"""
+
+
+@pytest.fixture(scope="module")
+def two_groups(tmp_path_factory):
+    study = recorded(tmp_path_factory.mktemp("groups"), participants=2, player="random", toml=TWO_GROUPS.encode())
+    assert {item.log.plan.participant.group for item in IncludedEpisodes(StudySessions(study))} == {"plain", "hands"}
+    return study
+
+
+def test_groups_with_other_actions_share_columns_of_one_meaning(two_groups, tmp_path):
+    actions = ["left", "right", "forward", "pickup"]
+    result, _ = export_study("robomimic", two_groups, tmp_path / "robomimic", Selection())
+    with h5py.File(*result.paths) as file:
+        assert json.loads(file["data"].attrs["action_names"]) == actions
+        for demo in file["data"].values():
+            names = json.loads(demo.attrs["action_names"])
+            taken = [names[action] for action in demo["discrete_action"][()]]
+            assert [actions[place] for place in np.argmax(demo["actions"], axis=1)] == taken
+    result, _ = export_study("rlds", two_groups, tmp_path / "rlds", Selection())
+    (shard,) = result.paths[0].glob("*.tfrecord-*")
+    for record in records(shard):
+        features = tensorflows_example().FromString(record).features.feature
+        assert len(features["steps/action"].floatlist.value) == 4 * len(features["steps/reward"].floatlist.value)
+
+
+STAIRCASE = """
+[blocks.design]
+name = "staircase"
+settings = { option = "agent_view_size", values = [%s], down = 1, stop_reversals = 9 }
+"""
+
+
+@pytest.mark.parametrize(
+    ("option", "values", "datasets"), [("max_steps", "30, 25, 20", 1), ("agent_view_size", "7, 5", 2)]
+)
+@pytest.mark.parametrize("kind", ["robomimic", "rlds", "minari", "imitation", "lerobot"])
+def test_a_design_makes_one_dataset_and_one_more_where_the_observation_has_another_shape(
+    option, values, datasets, kind, tmp_path
+):
+    design = (STAIRCASE % values).replace("agent_view_size", option)
+    toml = TWO_GROUPS.replace("episodes = 1", "episodes = 4") + design
+    study = recorded(tmp_path / "data", participants=1, toml=toml.encode())
+    chosen_options = [item.episode.plan.options for item in IncludedEpisodes(StudySessions(study))]
+    assert len({str(options) for options in chosen_options}) > 1
+    result, _ = export_study(kind, study, tmp_path / kind, Selection())
+    assert len(result.paths) == datasets
+    assert result.episodes == len(chosen_options)
+    assert all("grid" in path.stem.replace("_", "-").split("-") for path in result.paths if kind != "rlds")
+    if kind == "robomimic":
+        found = []
+        for path in result.paths:
+            with h5py.File(path) as file:
+                found += [json.loads(demo.attrs["options"]) for demo in file["data"].values()]
+        assert sorted(map(str, found)) == sorted(map(str, chosen_options))
