@@ -65,7 +65,7 @@ def test_a_pixel_that_one_face_covers_has_the_colour_that_face_has_there(yaw: fl
         for x in range(WIDTH):
             faces = set(owner[4 * y : 4 * y + 4, x].tolist())
             face = faces.pop()
-            if faces or face < 0 or drawn.kind[face, 1] != 1:
+            if faces or face < 0 or not drawn.kind[face, 1] & 1:  # in other bits: which surface its shade is of
                 continue
             colours = exact(scene, drawn.planes[face], int(drawn.kind[face, 0]), x, y)
             away = min(float(np.abs(picture[y, x] - colour).max()) for colour in colours)
