@@ -4,7 +4,7 @@
     python analysis/baseline_policies.py ppo OUT [--steps 400000] [--only grid first-person] [--quick]
 
 Neither sees a level of the committed sets: the clone's people play another seed's (those of `baseline_difficulty.py`,
-kept in OUT/people), PPO's episodes have seeds of their own. Families that look alike share one file: eight grid worlds,
+kept in OUT/people), PPO's episodes have seeds of their own. Families that look alike share one file: seven grid worlds,
 two where the mission names what to go to, the door and its key (a smaller picture), and two in first person. Only the
 second reads the mission. What is there is kept, and PPO resumes after a break: the same command with fewer steps than
 were made writes what there is. Needs the extra `learn`.
@@ -159,7 +159,7 @@ if __name__ == "__main__":
     parser.add_argument("out", type=Path)
     parser.add_argument("--people", type=int, default=10)
     parser.add_argument("--levels", type=int, default=20, help="of each family, for people")
-    parser.add_argument("--steps", type=int, default=400_000, help="of PPO for the eight grid worlds; others get less")
+    parser.add_argument("--steps", type=int, default=400_000, help="of PPO for the seven grid worlds; others get less")
     parser.add_argument("--most", type=int, default=200, help="episodes of each world that the clone learns from")
     parser.add_argument("--only", nargs="*", default=[], help="files by name, so that several run side by side")
     parser.add_argument("--quick", action="store_true", help="tiny, to see that it runs")

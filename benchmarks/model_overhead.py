@@ -3,7 +3,8 @@
     python benchmarks/model_overhead.py [--sessions 32] [--latency-ms 300]
 
 The endpoint is scripted and runs in a process of its own, so its time is not counted. All sessions are in flight
-at once.
+at once. A call is made durable before its request is sent, and again before its answer has an effect: how many fsyncs
+that takes is counted.
 """
 
 import argparse
@@ -13,6 +14,8 @@ import os
 import platform
 import tempfile
 import time
+from collections import Counter
+from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
@@ -71,7 +74,10 @@ def serve(latency_s: float, port: "multiprocessing.SimpleQueue[int]") -> None:
 def measure(sessions: int, latency_ms: float, steps: int) -> None:
     """Print CPU and wall time per step."""
     import minihuman
-    from minihuman import simulate
+    from minihuman.admin.protocol_file import read_protocol
+    from minihuman.log.record.disk import GroupCommit
+    from minihuman.operating_system import sync_file, sync_file_system
+    from minihuman.runtime.model_sessions import ModelRun, simulate_models
 
     port: multiprocessing.SimpleQueue[int] = multiprocessing.SimpleQueue()
     endpoint = multiprocessing.Process(target=serve, args=(latency_ms / 1_000, port), daemon=True)
@@ -82,16 +88,21 @@ def measure(sessions: int, latency_ms: float, steps: int) -> None:
         for count in (1, sessions):  # the first compiles and imports
             protocol.write_text(STUDY.format(steps=steps if count > 1 else 2))
             began_s, cpu_s = time.perf_counter(), time.process_time()
-            list(
-                simulate(
-                    protocol, participants=count, data=f"{folder}/{count}", player="model:scripted", parallel=count
-                )
-            )
+            syncs = Counter[str]()
+
+            def count_call(name: str, sync: Callable[[int], None]) -> Callable[[int], None]:
+                return lambda fd: (syncs.update([name]), sync(fd))[1]  # noqa: B023 - read in this round only
+
+            group = GroupCommit(sync_one=count_call("file", sync_file), sync_all=count_call("system", sync_file_system))
+            run = ModelRun.of_model("model:scripted", group_commit=group)
+            study, data = read_protocol(protocol), Path(folder) / str(count)
+            list(simulate_models(study, data, participants=count, parallel=count, run=run))
             wall_s, cpu_s = time.perf_counter() - began_s, time.process_time() - cpu_s
     endpoint.terminate()
     total = sessions * steps
     print(f"minihuman {minihuman.__version__}, Python {platform.python_version()}, {os.cpu_count()} cores")
     print(f"{sessions} sessions in flight, {total} steps of 640 x 480: {1e3 * cpu_s / total:.2f} CPU-ms a step")
+    print(f"{2 * total} durable events by {syncs.total()} fsyncs ({dict(syncs)}): {syncs.total() / total:.2f} a call")
     print(f"{total / wall_s:.0f} steps/s; with answers of {latency_ms:g} ms at most {sessions * 1e3 / latency_ms:.0f}")
 
 

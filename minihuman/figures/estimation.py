@@ -6,7 +6,6 @@ Sources: Gardner and Altman (1986), Confidence intervals rather than P values; H
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from minihuman.figures.figure_data import Difference
 from minihuman.figures.style import MUTED, PAGE_CM, SERIES, figure_style, label_panel, new_figure
 from minihuman.statistics.comparison import compare_means
-from minihuman.statistics.scores import Estimate
+from minihuman.statistics.scores import Estimate, PlayerScore
 
 Values = NDArray[np.float64]
 _TICKS_MS = (50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000)
@@ -171,20 +170,12 @@ def reaction_time_figure(groups: Mapping[str, NDArray[np.float64]], edges_ms: Va
     return figure
 
 
-@dataclass(frozen=True, slots=True)
-class ScoreBar:
-    """One player's values."""
-
-    player: str
-    success: Estimate
-    normalised: Estimate
-    relative_efficiency: Estimate
-    success_by_episode: tuple[float, ...]  # share of successes, by episode
+ScoreBar = tuple[str, PlayerScore, tuple[float, ...]]  # player, score, and share of successes by episode of a block
 
 
 def score_figure(bars: Sequence[ScoreBar], *, reference: str) -> Figure:
     """Draw the scores of some players; the reference scores 1."""
-    learns = any(len(bar.success_by_episode) > 1 for bar in bars)
+    learns = any(len(shares) > 1 for _, _, shares in bars)
     with figure_style():
         figure = new_figure(width_cm=PAGE_CM, height_cm=max(5.0, 2.2 + 0.62 * len(bars)))
         figure.suptitle(f"reference: {reference}", fontsize=7.0, x=0.01, ha="left")
@@ -207,35 +198,33 @@ def draw_scores(
     label: str,
     mark: float | None = None,
     limits: tuple[float, float] | None = None,
-) -> Axes:
+) -> None:
     """Draw one score of each player, the first on top; ``mark`` is the reference's."""
     if mark is not None:
         ax.axvline(mark, color=MUTED, lw=0.8, ls="--")
-    for place, bar in enumerate(bars):
-        one: Estimate = getattr(bar, name)
+    for place, (_, score, _) in enumerate(bars):
+        one: Estimate = getattr(score, name)
         colour = SERIES[place % len(SERIES)]
         ax.plot([one.low, one.high], [place, place], color=colour, lw=1.6, solid_capstyle="butt")
         ax.plot([one.value], [place], "o", ms=4, color=colour)
-    ax.set_yticks(range(len(bars)), [bar.player for bar in bars])
+    ax.set_yticks(range(len(bars)), [player for player, _, _ in bars])
     ax.set_ylim(len(bars) - 0.5, -0.5)
     ax.set_xlabel(label)
     if limits is not None:
         ax.set_xlim(limits[0] - 0.03, limits[1] + 0.03)
-    return ax
 
 
-def draw_curves(ax: Axes, bars: Sequence[ScoreBar]) -> Axes:
+def draw_curves(ax: Axes, bars: Sequence[ScoreBar]) -> None:
     """Draw each player's share of successes over the episodes of a block."""
-    for place, bar in enumerate(bars):
+    for place, (_, _, shares) in enumerate(bars):
         size = 5.0 - 3.0 * place / max(1, len(bars))  # those behind another still show
         colour = SERIES[place % len(SERIES)]
         ax.plot(
-            np.arange(1, len(bar.success_by_episode) + 1),
-            bar.success_by_episode,
+            np.arange(1, len(shares) + 1),
+            shares,
             marker="os^DvPX"[place % 7],
             ms=size,
             color=colour,
         )
     ax.set(xlabel="episode in the block", ylabel="success", ylim=(-0.03, 1.03))
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    return ax

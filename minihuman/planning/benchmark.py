@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from minihuman.admin.protocol_file import read_protocol
-from minihuman.errors import PlayerFailedError, SimulationError
+from minihuman.errors import LearnError, PlayerFailedError, SimulationError
 from minihuman.log.paths import LOG_SUFFIX
 from minihuman.log.read.session_reader import read_log
 from minihuman.reporting.scorecard import Scorecard, build_scorecard
@@ -172,7 +172,7 @@ def run_baseline(
                 list(simulate(protocol, folder, participants=left, seed=seed, player=player) if left > 0 else ())
             except PlayerFailedError:
                 raise
-            except SimulationError as error:
+            except (SimulationError, LearnError) as error:
                 notes.append(f"{player} does not play {protocol.study.name}: {error}")
         studies.append(data / protocol.study.name)  # of people and models, by the ordinary commands
     card = build_scorecard(studies, seed=seed)

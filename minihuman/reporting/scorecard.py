@@ -5,6 +5,7 @@ unfinished is a failure. A score needs no person, but it says who its reference 
 """
 
 import csv
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -175,22 +176,26 @@ def _list_unfinished(logs: Iterable[SessionLog]) -> Iterator[dict[str, object]]:
         if log.player.startswith(_MODELS) and log.end_reason != "declined":
             left = find_remaining_episodes(log)
             for plan in (plan for plan in log.plan.episodes if plan.episode in left):
-                place = {"participant": log.plan.participant.id, "session": log.plan.session, "block": plan.block_name}
-                level = {"world": plan.world, "seed": plan.seed, "episode_in_block": plan.episode_in_block + 1}
-                limit = {"steps": plan.max_steps, "max_steps": plan.max_steps}
-                yield {**place, **level, **limit, "player": log.player, "outcome": UNFINISHED, "success": False}
+                yield {
+                    "participant": log.plan.participant.id,
+                    "session": log.plan.session,
+                    "player": log.player,
+                    "block": plan.block_name,
+                    "world": plan.world,
+                    "seed": plan.seed,
+                    "max_steps": plan.max_steps,
+                    "episode_in_block": plan.episode_in_block + 1,
+                    "steps": plan.max_steps,
+                    "outcome": UNFINISHED,
+                    "success": False,
+                }
 
 
 def _name_players(players: Iterable[str]) -> dict[str, str]:
-    """Names without the folder of a policy's file, as far as that tells them apart."""
-    found = {player: player.partition(":") for player in players}
-    files = {player: Path(rest).parts for player, (kind, _, rest) in found.items() if kind == "policy"}
-    names: dict[str, str] = {}
-    for depth in range(1, 1 + max(map(len, files.values()), default=0)):
-        names = {player: f"policy:{'/'.join(parts[-depth:])}" for player, parts in files.items()}
-        if len(set(names.values())) == len(names):
-            break
-    return {player: names.get(player, player) for player in found}
+    """Names without the folder of a policy's file, where that tells them apart."""
+    names = {one: f"policy:{Path(one).name}" if one.startswith("policy:") and "/" in one else one for one in players}
+    taken = Counter(names.values())
+    return {player: name if taken[name] == 1 else player for player, name in names.items()}
 
 
 def _score(rows: pd.DataFrame, name: str, reference: str, costs: Costs, seed: int, draws: int) -> ScoredPlayer | None:
@@ -269,18 +274,7 @@ def write_score_table(card: Scorecard, path: Path) -> Path:
 
 def draw_scorecard(card: Scorecard, stem: Path) -> tuple[Path, Path]:
     """Draw the scores with their intervals, and success over the episodes of a block; PNG and PDF."""
-    from minihuman.figures.estimation import ScoreBar  # with Matplotlib, which few reports need
-
-    bars = [
-        ScoreBar(
-            line.player,
-            line.score.success,
-            line.score.normalised,
-            line.score.relative_efficiency,
-            line.success_by_episode,
-        )
-        for line in card.players
-    ]
+    bars = [(line.player, line.score, line.success_by_episode) for line in card.players]
     return draw_figure_files(stem, "estimation.score_figure", bars, reference=card.reference)
 
 

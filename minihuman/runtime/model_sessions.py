@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +51,6 @@ from minihuman.simulation.model_conversation import (
     ConversationRecord,
     SpentTotals,
     count_price,
-    end_call,
     find_answer_rule,
     find_picture_size,
 )
@@ -90,7 +89,7 @@ class ModelRun:
 
         def make_client(spec: ModelSpec) -> ChatClient:
             known = {"temperature": spec.temperature, "max_tokens": spec.max_tokens}
-            settings = {one: known[one.replace("_completion", "")] for one in spec.request_fields}
+            settings: dict[str, float] = {one: known[one.replace("_completion", "")] for one in spec.request_fields}
             return ChatClient(name, settings=settings, timeout_s=spec.timeout_s)
 
         return cls(player, make_client, **settings)
@@ -154,7 +153,7 @@ class ModelWindow(Window):
             self._attempt = last.attempt + (last.verdict == "invalid")
         elif last is not None and last.state == "asked":
             price = count_price(spec, last.prompt_tokens, spec.max_tokens)
-            self._take(end_call(last, "unknown", completion_tokens=spec.max_tokens, price=price))
+            self._take(replace(last, state="unknown", completion_tokens=spec.max_tokens, price=price))
             if spec.unknown == "end":
                 self._stop("a call's answer was lost")
 
@@ -286,7 +285,7 @@ class ModelWindow(Window):
             try:
                 return self._read(asked, rule, self._client.ask(prompt))
             except ModelUnavailableError as error:
-                self._take(end_call(asked, "failed", prompt_tokens=0, error=error.reason))
+                self._take(replace(asked, state="failed", prompt_tokens=0, error=error.reason))
                 if failures == spec.retries or not error.temporary:
                     raise
             time.sleep(min(30.0, RETRY_WAIT_S * 2**failures))
@@ -294,9 +293,9 @@ class ModelWindow(Window):
 
     def _read(self, asked: ModelCall, rule: AnswerRule, answer: ChatAnswer) -> ModelCall:
         reading = rule.read(answer.text)
-        call = end_call(
+        call = replace(
             asked,
-            "answered",
+            state="answered",
             model=answer.model,
             prompt_tokens=answer.prompt_tokens,
             completion_tokens=answer.completion_tokens,
@@ -451,11 +450,13 @@ def play_participant(protocol: Protocol, data: Path, run: ModelRun) -> list[Path
     run.check()
     settings, left = RecorderSettings(group=run.group_commit), None
     log: McapRecorder | None = None
+    path: Path | None
     with _hold_slots(data):
         begun = next(_find_cut_off(data / protocol.study.name, run.name), None)
         if isinstance(begun, Path) and (ended := read_log(begun)).end_reason != CUT_OFF:
-            path: Path | None = _finish(begun)
-            plan, reason = ended.plan, ended.end_reason
+            finished = recover_log(begun).path
+            record_log_end(finished)
+            path, plan, reason = finished, ended.plan, ended.end_reason
         elif isinstance(begun, Path):
             left = resume_segment(begun)
             assert isinstance(left.events[0], SessionStarted)
@@ -474,13 +475,6 @@ def play_participant(protocol: Protocol, data: Path, run: ModelRun) -> list[Path
         path, reason = _play(plan, run, McapRecorder(data, plan, started_ns=time.time_ns(), settings=settings))
         logs += [path] if path else []
     return logs
-
-
-def _finish(part: Path) -> Path:
-    """Finish a live file whose session had ended when the program was killed; return the log."""
-    log = recover_log(part).path
-    record_log_end(log)
-    return log
 
 
 def _play(

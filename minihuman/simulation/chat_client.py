@@ -31,6 +31,7 @@ _PRIVATE = re.compile(
     r"|\b[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}\b|(?:[/\\][\w.~-]+){2,}"
 )
 
+_FOLDER = re.compile(r"^(?:[A-Za-z]:)?(?=[/\\~.]).*[/\\]")  # of a model's file, which local servers give in its name
 _NOT_A_COMPLETION = (ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError, RecursionError)
 
 
@@ -159,7 +160,7 @@ class ChatClient(ModelClient):
             return ChatAnswer(
                 text=self._clean(message.get("content")),
                 reasoning=self._clean(message.get("reasoning") or message.get("reasoning_content")),
-                model=_drop_folder(self._clean(found.get("model"))) or self.model,
+                model=_FOLDER.sub("", self._clean(found.get("model"))) or self.model,
                 finish_reason=self._clean(choice.get("finish_reason")),
                 prompt_tokens=min(MAX_TOKENS, max(0, int(usage.get("prompt_tokens") or 0))),
                 completion_tokens=min(MAX_TOKENS, max(0, int(usage.get("completion_tokens") or 0))),
@@ -180,8 +181,3 @@ class ChatClient(ModelClient):
         """A text without the key, whatever a server echoes."""
         cleaned = (text if isinstance(text, str) else "").encode("utf-8", "replace").decode()
         return cleaned.replace(self._key, "[key]") if len(self._key) >= MIN_SECRET else cleaned
-
-
-def _drop_folder(model: str) -> str:
-    """A model's name without the folder of its file, which local servers give."""
-    return re.split(r"[/\\]", model)[-1] if re.match(r"([A-Za-z]:)?[/\\~.]", model) else model

@@ -9,7 +9,7 @@ import hashlib
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -237,7 +237,8 @@ class Conversation:
             messages += [{"role": "user", "content": said}, {"role": "assistant", "content": answer}]
         picture = self._draw(screen)
         plain = [*messages, {"role": "user", "content": text}]
-        digest = "" if picture is None else _digest(picture)
+        drawn = b"" if picture is None else str(picture.shape).encode() + picture.tobytes()
+        digest = hashlib.sha256(drawn).hexdigest() if drawn else ""
         sha256 = hashlib.sha256(json.dumps([plain, digest], ensure_ascii=False).encode()).hexdigest()
         tokens = sum(len(one["content"].encode()) for one in plain) // 3 + TOKENS_PER_PICTURE * (picture is not None)
         content: Any = text
@@ -311,10 +312,6 @@ def _list_observation(session: SessionMachine) -> Any:
     if not isinstance(found, dict):
         return None
     return {name: one.tolist() if isinstance(one, np.ndarray | np.generic) else one for name, one in found.items()}
-
-
-def _digest(picture: NDArray[np.uint8]) -> str:
-    return hashlib.sha256(str(picture.shape).encode() + picture.tobytes()).hexdigest()
 
 
 @dataclass(frozen=True, slots=True)
@@ -409,8 +406,3 @@ def _leaves(happened: Input, event: Event) -> bool:
         case (PointerPressed() | PointerReleased(), PointerUsed(what="pressed" | "released")):
             return isinstance(happened, PointerPressed) == (event.what == "pressed") and happened.target == event.target
     return isinstance(happened, TextInput) and isinstance(event, TextTyped)
-
-
-def end_call(asked: ModelCall, state: Any, **ended: Any) -> ModelCall:
-    """What became of a call that was asked."""
-    return replace(asked, state=state, **ended)

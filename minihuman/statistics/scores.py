@@ -54,11 +54,6 @@ class Runs:
     efficiency: Array
     steps: Array
 
-    @property
-    def present(self) -> Array:
-        """Whether a run has a level, (runs, levels)."""
-        return (~np.isnan(self.success)).astype(float)
-
 
 @dataclass(frozen=True, slots=True)
 class PlayerScore:

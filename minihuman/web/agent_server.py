@@ -17,7 +17,7 @@ import time
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TYPE_CHECKING, Any
 
 from minihuman.errors import MinihumanError
 from minihuman.experiment.protocol.protocol import Protocol
@@ -39,11 +39,6 @@ MAX_THREADS = 512  # of sessions, and two of each connection
 ANSWER_WAIT_S = 60.0  # for the screen after an answer
 REQUEST_S = 120.0  # from one answer to the next, and for a client to take one
 LOCAL_HOSTS = ("127.0.0.1", "localhost", "[::1]")
-
-
-def is_valid_name(name: object) -> TypeGuard[str]:
-    """Whether a program may call itself that."""
-    return isinstance(name, str) and name.isprintable() and 0 < len(name) <= MAX_NAME
 
 
 class ProgramClient(ModelClient):
@@ -138,14 +133,21 @@ class ProgramSessions:
         """Refuse a study that programs cannot take part in."""
         require_playable(self.protocol)
 
-    def begin(self, name: str) -> tuple[str, ProgramClient] | None:
-        """Begin a program's session, or resume one of that name that was left; None if too many run."""
+    def begin(self, name: object) -> tuple[str, ProgramClient]:
+        """Begin a program's session, or resume one of that name that was left; return its secret and its client.
+
+        Raises:
+            ValueError: if the name is none.
+            BlockingIOError: if too many sessions run.
+        """
+        if not (isinstance(name, str) and name.isprintable() and 0 < len(name) <= MAX_NAME):
+            raise ValueError(f"name is a text of 1 to {MAX_NAME} characters")
         with self.lock:
             self.threads = [thread for thread in self.threads if thread.is_alive()]
             for ended in [secret for secret, client in self.clients.items() if client.over][:-MAX_SESSIONS]:
                 del self.clients[ended]
             if len(self.threads) >= MAX_SESSIONS:
-                return None
+                raise BlockingIOError(f"{MAX_SESSIONS} sessions run already; try again later")
             secret = secrets.token_urlsafe(16)
             client = self.clients[secret] = ProgramClient(name, self.protocol.model.timeout_s)
             self.threads.append(threading.Thread(target=self._play, args=(client,), daemon=True))
@@ -180,6 +182,11 @@ def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.
         protocol_version = "HTTP/1.1"
         timeout = REQUEST_S
 
+        def handle(self) -> None:
+            """Serve a connection; close one that is too many."""
+            if threading.active_count() < MAX_THREADS:
+                super().handle()
+
         def handle_one_request(self) -> None:
             """Give a request its time, however slowly its bytes come."""
             watchdog = threading.Timer(REQUEST_S, self.connection.shutdown, (socket.SHUT_RD,))
@@ -210,13 +217,11 @@ def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.
                     self._reply(200, client.read_screen())
 
         def _begin(self, body: dict[str, Any]) -> None:
-            name = body.get("name")
-            if not is_valid_name(name):
-                self._reply(400, {"error": f"name is a text of 1 to {MAX_NAME} characters"})
-            elif (begun := programs.begin(name)) is None:
-                self._reply(503, {"error": f"{MAX_SESSIONS} sessions run already; try again later"})
+            try:
+                secret, client = programs.begin(body.get("name"))
+            except (ValueError, BlockingIOError) as error:
+                self._reply(400 if isinstance(error, ValueError) else 503, {"error": str(error)})
             else:
-                secret, client = begun
                 self._reply(201, {"session": f"/sessions/{secret}", **client.read_screen()})
 
         def _client(self) -> ProgramClient | None:
@@ -265,21 +270,9 @@ def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.
         def log_message(self, format: str, *arguments: Any) -> None:
             """Say nothing: a line would hold an address and a secret."""
 
-    return _BoundedServer((host, port), Handler)
-
-
-class _BoundedServer(ThreadingHTTPServer):
-    """A thread for each connection, and no connection more than there may be threads."""
-
-    daemon_threads = True
-    request_queue_size = 64
-
-    def process_request(self, request: Any, client_address: Any) -> None:
-        """Serve a connection, or close one that is too many."""
-        if threading.active_count() >= MAX_THREADS:
-            self.shutdown_request(request)
-        else:
-            super().process_request(request, client_address)
+    server = ThreadingHTTPServer((host, port), Handler)
+    server.daemon_threads = True
+    return server
 
 
 _INSTRUCTIONS = (
@@ -302,12 +295,7 @@ def make_mcp_server(programs: ProgramSessions) -> "MCPServer":
     @server.tool(structured_output=False)
     def begin(name: str) -> list[Any]:
         """Begin a session, or resume one of that name that was left; return its secret and the first screen."""
-        if not is_valid_name(name):
-            raise ValueError(f"name is a text of 1 to {MAX_NAME} characters")
-        begun = programs.begin(name)
-        if begun is None:
-            raise ValueError(f"{MAX_SESSIONS} sessions run already; try again later")
-        secret, client = begun
+        secret, client = programs.begin(name)
         return _show_screen(client, session=secret)
 
     @server.tool(structured_output=False)

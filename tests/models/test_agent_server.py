@@ -212,8 +212,7 @@ def test_ended_sessions_are_remembered_up_to_a_number(
     monkeypatch.setattr(agent_server, "MAX_SESSIONS", 2)
     monkeypatch.setattr(ProgramSessions, "_play", lambda self, client: client.end("complete"))
     for _ in range(20):
-        while programs.begin("walker") is None:
-            time.sleep(0.01)
+        programs.begin("walker")
         for thread in programs.threads:
             thread.join()
     assert len(programs.clients) <= 3

@@ -188,20 +188,17 @@ def test_models_have_slots_of_their_own_and_the_keys_of_the_people_with_their_nu
 
 
 @pytest.mark.program
-@pytest.mark.parametrize("line_end", ["", "\r\n"])
-def test_nothing_written_holds_the_key_or_the_address(
-    tmp_path: Path, environment: pytest.MonkeyPatch, line_end: str
-) -> None:
+def test_nothing_written_holds_the_key_or_the_address(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
     """Neither files nor messages in them, nor what a report, an export, a scorecard and the terminal say."""
 
     def echo(messages: list[dict[str, Any]], number: int) -> str | int:
         return {2: 500, 20: 401}.get(number, f"{KEY}\n{play(messages, number)}")
 
     (tmp_path / "study.toml").write_text(study())
-    environment.setenv("OPENAI_API_KEY", KEY + line_end)
+    environment.setenv("OPENAI_API_KEY", KEY + "\r\n")
     command = [sys.executable, "-m", "minihuman", "simulate", "study.toml", "--data", "data", "--player", "model:x"]
     with serve_endpoint(echo) as endpoint:
-        environment.setenv("OPENAI_BASE_URL", endpoint.url + line_end)
+        environment.setenv("OPENAI_BASE_URL", endpoint.url + "\r\n")
         said = [
             subprocess.run([*command, "--participants", count], cwd=tmp_path, capture_output=True, check=False)
             for count in ("1", "2")

@@ -353,9 +353,6 @@ class CompletionCodesSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
 ModelModality = Literal["picture", "text", "both"]
 
 
-RequestField = Literal["temperature", "max_tokens", "max_completion_tokens"]
-
-
 class ModelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a model that takes a participant's place is shown, and what it may cost."""
 
@@ -366,7 +363,10 @@ class ModelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     retries: int = 2  # invalid answers in a row, and requests without an answer, that may be followed by another
     temperature: float = 0.0
     max_tokens: int = 256  # of an answer
-    request_fields: tuple[RequestField, ...] = ("temperature", "max_tokens")  # settings that a request holds
+    request_fields: tuple[Literal["temperature", "max_tokens", "max_completion_tokens"], ...] = (
+        "temperature",
+        "max_tokens",
+    )  # settings that a request holds
     unknown: Literal["repeat", "end"] = "repeat"  # after a kill, for a call without a stored answer
     timeout_s: float = 120.0  # of an answer
     provider: str = ""  # who runs it, in the study's words
