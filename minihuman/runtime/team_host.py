@@ -151,9 +151,7 @@ class _SimulatedAgent(BaseAgent):
         press, names = self._participant.press(world), world.action_names
         name = "" if press is None else self._keys.get(press.key, "")
         number: int = names.index(name) if name in names else world.unwrapped.team.idle_action
-        chances = np.zeros(len(names), np.float32)
-        chances[number] = 1.0
-        return chances
+        return np.array([action == number for action in range(len(names))], np.float32)
 
 
 @dataclass(slots=True)
