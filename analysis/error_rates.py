@@ -297,39 +297,29 @@ def measure_paired(name: str, studies: int, seed: int) -> dict[str, object]:
 
 @dataclass(frozen=True)
 class Teams:
-    """Two conditions of so many teams each; a person's value is their team's and their own.
+    """Two conditions of so many teams of two; a person's value is their team's and their own.
 
-    ``people`` are each condition's per team (1: with an agent), ``own`` the share of the variance within teams, and
-    ``as_people`` whether each person is counted as a unit, which no report does.
+    ``own`` is the share of the variance within teams.
     """
 
     teams: int = 20
-    people: tuple[int, int] = (2, 2)
     own: float = 0.5
-    as_people: bool = False
 
     def rows(self) -> tuple[pd.DataFrame, np.ndarray]:
         """Who was in which team, as the table "teams" says it, and each person's condition."""
-        of = [
-            (side, f"{side}-{team}") for side in (0, 1) for team in range(self.teams) for _ in range(self.people[side])
-        ]
-        names = [f"sub-{number:03d}" for number in range(len(of))]
-        return pd.DataFrame({"participant": names, "team": [team for _, team in of]}), np.array(
-            [side for side, _ in of]
-        )
+        names = [f"sub-{number:03d}" for number in range(4 * self.teams)]
+        team = [f"{side}-{team}" for side in (0, 1) for team in range(self.teams) for _ in range(2)]
+        return pd.DataFrame({"participant": names, "team": team}), np.repeat((0, 1), 2 * self.teams)
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """Everyone's values."""
-        team = rng.normal(0, math.sqrt(1 - self.own), 2 * self.teams)
-        common = np.repeat(team, np.repeat(self.people, self.teams))
+        common = np.repeat(rng.normal(0, math.sqrt(1 - self.own), 2 * self.teams), 2)
         return common + rng.normal(0, math.sqrt(self.own), len(common))
 
 
 TEAMS = {
     "20 v 20 teams of two, half the variance within": Teams(),
     "20 v 20 teams of two, a tenth of the variance within": Teams(own=0.1),
-    "20 teams of two v 20 people with an agent": Teams(people=(2, 1)),
-    "20 v 20 teams of two, a tenth of the variance within, people as units": Teams(own=0.1, as_people=True),
 }
 
 
@@ -337,14 +327,13 @@ def measure_teams(name: str, studies: int, seed: int) -> dict[str, object]:
     """Conditions that teams play in, by the report's way: the mean of each unit, regrouped whole."""
     rng, design = np.random.default_rng([20261126, seed]), TEAMS[name]
     rows, side = design.rows()
-    units = {} if design.as_people else find_units(rows)
-    number, unit = np.unique(name_units(rows, units)["participant"], return_inverse=True)
+    number, unit = np.unique(name_units(rows, find_units(rows))["participant"], return_inverse=True)
     sizes, sides = np.bincount(unit), np.zeros(len(number), int)
     sides[unit] = side
     rejected, held, contradictions = [], [], 0
-    for _ in range(studies):
-        means = np.bincount(unit, design.draw(rng)) / sizes
-        (test,) = permutation_tests([(means[sides == 0], means[sides == 1])])
+    means = [np.bincount(unit, design.draw(rng)) / sizes for _ in range(studies)]
+    pairs = [(values[sides == 0], values[sides == 1]) for values in means]
+    for test in (test for begin in range(0, studies, 100) for test in permutation_tests(pairs[begin : begin + 100])):
         assert test is not None
         rejected.append(test.p() < ALPHA)
         held.append(not rejected[-1])

@@ -99,14 +99,20 @@ def list_keys(played: Played, of: int, start_ns: int) -> Iterator[tuple[PLACE, i
 
 
 def list_pictures(played: Played, of: int, start_ns: int) -> tuple[dict[PLACE, int], dict[PLACE, int]]:
-    """When the true picture of each step was there, and its first one, which others' actions may have corrected."""
-    true, first = dict[PLACE, int](), dict[PLACE, int]()
+    """When the picture of each closed step was there, and when the first that showed it, perhaps before it was closed.
+
+    A step whose early picture needed no correction has none of the first kind: what others did is not to be seen.
+    """
+    closed, true, first = dict[PLACE, int](), dict[PLACE, int](), dict[PLACE, int]()
     for event in played.events[of]:
-        if isinstance(event, FrameShown):
-            true.setdefault((event.episode, event.step), start_ns + event.flip_ns)
-        elif isinstance(event, PictureCorrected):
-            first.setdefault((event.episode, event.step), start_ns + event.flip_ns)
-    return true, true | first
+        if isinstance(event, JointStepped):
+            closed[event.episode, event.step] = event.t_ns
+        elif isinstance(event, FrameShown | PictureCorrected):
+            place = event.episode, event.step
+            first[place] = min(first.get(place, event.flip_ns + start_ns), event.flip_ns + start_ns)
+            if isinstance(event, FrameShown) and event.flip_ns >= closed.get(place, event.flip_ns + 1):
+                true.setdefault(place, event.flip_ns + start_ns)
+    return true, first
 
 
 if __name__ == "__main__":

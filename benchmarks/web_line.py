@@ -7,6 +7,7 @@ the key's time stamp. Bytes are those of the TCP connection from one key to the 
 With ``--loss 0.01`` one chunk in a hundred is sent again after 200 ms or a round trip, and all behind it wait.
 
     python -m benchmarks.web_line [--keys 60] [--rtt 0 150 300] [--loss 0] [--px 400x300] [--world grid first-person]
+    python -m benchmarks.web_line --first 5     # with an empty cache: from the link to the first picture, and all bytes
 """
 
 import argparse
@@ -27,9 +28,9 @@ from minihuman.admin.verify.log import find_log_differences
 from minihuman.experiment.machine.events import FrameShown, KeyPressed, Stepped
 from minihuman.log.read.session_reader import read_events
 from minihuman.worlds.adapters.world import World
-from tests.web.browser import browsing, chromium
+from tests.web.browser import Somebody, browsing, chromium
 from tests.web.protocols import FIRST_PERSON, GRID, study
-from tests.web.serving import line
+from tests.web.serving import line, serving
 
 WORLDS = {"grid": (GRID, 6.0), "first-person": (FIRST_PERSON, 4.0)}
 LOOKS_AHEAD = {"page": True, "ahead": True, "one-step": True, "none": False}
@@ -72,6 +73,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--keys", type=int, default=60)
     parser.add_argument("--rtt", type=float, nargs="+", default=[0.0, 150.0, 300.0])
+    parser.add_argument("--first", type=int, default=0, help="Open the link so often, and measure the first picture.")
     parser.add_argument("--loss", type=float, default=0.0)
     parser.add_argument("--px", default="400x300", help="The picture's size.")
     parser.add_argument("--world", nargs="+", default=list(WORLDS), choices=WORLDS)
@@ -82,6 +84,10 @@ def main() -> None:
         return serve(Path(asked.serve[0]), Path(asked.serve[1]), bool(int(asked.serve[2])))
     version = subprocess.run([chromium(), "--version"], capture_output=True, text=True).stdout.strip()
     print(f"minihuman {minihuman.__version__}, {version}, load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+    if asked.first:
+        for name in asked.world:
+            print(f"{name:12} {asked.px} {first_picture(WORLDS[name][0], asked.first, asked.px)}", flush=True)
+        return None
     print(" " * 32, " keys  lost  < 50 ms  median    95 %    99 % B up/key    down  kB/step   CPU ms")
     for name in asked.world:
         world, keys_hz = WORLDS[name]
@@ -162,6 +168,35 @@ def measure(
             1000 * cpu_s / count,
             list(find_log_differences(log, World)),
         )
+
+
+def first_picture(world: tuple[str, tuple[str, ...]], times: int, px: str) -> str:
+    """From a link that a browser with an empty cache opens to the first screen, and on to the world's picture."""
+    screens_s, pictures_s, down = [], [], []
+    for _ in range(times):
+        with tempfile.TemporaryDirectory() as name:
+            web = f"image_size_px = {[int(side) for side in px.split('x')]}"
+            served = serving(study(Path(name), world, web=web), Path(name))
+            with served as server, line(server.port) as wire, browsing() as sit_down:
+                somebody = sit_down("about:blank")
+                somebody.page.goto(f"http://127.0.0.1:{wire.port}/#t={server.tokens[0]}", wait_until="commit")
+                _poll(somebody, "globalThis.minihuman?.state.kind")
+                screens_s.append(somebody.page.evaluate("performance.now()") / 1000)
+                while not somebody.state["playing"]:
+                    somebody.press("enter")
+                    began_s = time.monotonic()
+                    while not somebody.state["playing"] and time.monotonic() < began_s + 0.3:
+                        somebody.page.wait_for_timeout(10)
+                _poll(somebody, "minihuman.state.known && document.querySelector('#screen canvas')?.width > 100")
+                pictures_s.append(time.monotonic() - began_s)
+                down.append(wire.bytes_down)
+    screen_s, picture_s, kb = np.median(screens_s), np.median(pictures_s), np.median(down) / 1000
+    return f"first screen {screen_s:.2f} s, Enter to picture {picture_s:.2f} s, {kb:.0f} kB in all, median of {times}"
+
+
+def _poll(somebody: Somebody, condition: str) -> None:
+    while not somebody.page.evaluate(condition):
+        somebody.page.wait_for_timeout(5)
 
 
 def cpu_of(pid: int) -> float:

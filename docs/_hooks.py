@@ -217,4 +217,4 @@ def on_post_build(*, config: MkDocsConfig) -> None:
         write_gallery = import_module("gallery_live").write_gallery
     finally:
         sys.path.pop(0)
-    write_gallery(Path(config.site_dir) / "play", seeds=20)
+    write_gallery(Path(config.site_dir) / "play")

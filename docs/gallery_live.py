@@ -5,6 +5,7 @@ import hashlib
 import json
 import shutil
 import zlib
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,11 @@ TILE_PX = 32
 SIZE_PX = (640, 480)  # of a first-person picture
 
 
-def write_gallery(folder: Path, seeds: int = 100) -> int:
-    """Write the gallery into a folder, the first states of so many seeds per world; how many worlds it has."""
+def write_gallery(folder: Path, seeds: int = 100, names: Collection[str] = ()) -> int:
+    """Write the gallery into a folder, the first states of so many seeds per world; how many worlds it has.
+
+    ``names`` are the worlds to write; none: all that a page can compute.
+    """
     (folder / "starts").mkdir(parents=True, exist_ok=True)
     shutil.copytree(Path(__file__).parent / "gallery-live", folder, dirs_exist_ok=True)
     shutil.copytree(PAGE / "worlds", folder / "worlds", dirs_exist_ok=True)
@@ -32,6 +36,8 @@ def write_gallery(folder: Path, seeds: int = 100) -> int:
     worlds = []
     for kind, entries in (("Grid", GRID_WORLDS), ("BabyAI", BABYAI_WORLDS), ("First person", FIRST_PERSON_WORLDS)):
         for entry in entries:
+            if names and entry.name not in names:
+                continue
             env = gymnasium.make(entry.id, **({"trig": 1} if kind == "First person" else {})).unwrapped
             if not env.is_compiled:
                 continue  # its rules are Python
@@ -116,7 +122,8 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path, nargs="?", default=Path("site"))
     parser.add_argument("--seeds", type=int, default=100)
+    parser.add_argument("--worlds", nargs="+", default=(), help="Only these.")
     given = parser.parse_args()
-    count = write_gallery(given.folder, given.seeds)
+    count = write_gallery(given.folder, given.seeds, given.worlds)
     size = sum(path.stat().st_size for path in given.folder.rglob("*") if path.is_file())
     print(f"{count} worlds, {size / 1e6:.1f} MB in {given.folder}")

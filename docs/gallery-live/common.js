@@ -25,6 +25,13 @@ export async function loadIndex() {
   return { index, atlas };
 }
 
+/** Put a picture onto a canvas, which takes its size. */
+export function show(picture, canvas) {
+  const { width, height } = picture;
+  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+  picture.paint(canvas);
+}
+
 /** Buttons for those of the actions that have a key. */
 export function actionButtons(actions, act) {
   return Object.entries(KEYS).flatMap(([key, known]) => {

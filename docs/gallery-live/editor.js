@@ -1,6 +1,6 @@
 // The level editor: draw a grid, play it by the worlds' own rules, save it as a file for protocols and training.
 
-import { $, actionButtons, loadIndex, onActionKeys, outcomeOf, ROW_STEP } from "./common.js";
+import { $, actionButtons, loadIndex, onActionKeys, outcomeOf, ROW_STEP, show } from "./common.js";
 import { AGENTS, Level } from "./level.js";
 import { GridWorld, Kernels } from "./world.js";
 
@@ -44,9 +44,9 @@ function update() {
 }
 
 function draw() {
-  world.draw("full", atlas, playing).paint($("whole"));
+  show(world.draw("full", atlas, playing), $("whole"));
   $("view").hidden = !playing;
-  if (playing) return world.draw("partial", atlas).paint($("view"));
+  if (playing) return show(world.draw("partial", atlas), $("view"));
   const px = atlas.tile_px, context = $("whole").getContext("2d");
   if (!level.cells.flat().some((cell) => AGENTS.includes(cell))) hideAgent(context, px);
   context.strokeStyle = "#ffd24a";

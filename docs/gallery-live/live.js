@@ -1,6 +1,6 @@
 // The gallery: worlds played in the page from packed first states, without a server.
 
-import { $, actionButtons, loadIndex, MAX_STEPS, onActionKeys, outcomeOf, ROW_STEP, unpack } from "./common.js";
+import { $, actionButtons, loadIndex, MAX_STEPS, onActionKeys, outcomeOf, ROW_STEP, show, unpack } from "./common.js";
 import { FirstPersonWorld, GridWorld, Kernels, Scene } from "./world.js";
 
 const TYPES = { float64: Float64Array, int32: Int32Array, uint32: Uint32Array, uint64: BigUint64Array };
@@ -37,8 +37,8 @@ class GridGame {
 
   draw() {
     $("whole").hidden = !$("full").checked;
-    this.world.draw("partial", atlas).paint($("view"));
-    if ($("full").checked) this.world.draw("full", atlas).paint($("whole"));
+    show(this.world.draw("partial", atlas), $("view"));
+    if ($("full").checked) show(this.world.draw("full", atlas), $("whole"));
   }
 }
 
@@ -93,7 +93,7 @@ class FirstPersonGame {
   draw() {
     $("whole").hidden = true;
     this.world.look(this.scene);
-    this.scene.draw(this.world.view.data, this.world.places.data).paint($("view"));
+    show(this.scene.draw(this.world.view.data, this.world.places.data), $("view"));
   }
 }
 

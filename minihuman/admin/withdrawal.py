@@ -108,7 +108,7 @@ def _archive_files(files: list[Path], archive: Path | None, study_dir: Path) -> 
     with name_output_when_full(archive):
         file = archive.open("xb")  # one that another program made since stays
     try:
-        with file, name_output_when_full(archive):
+        with name_output_when_full(archive), file:
             with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as sealed:
                 for path in files:
                     sealed.write(path, path.relative_to(study_dir))

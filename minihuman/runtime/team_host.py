@@ -37,12 +37,12 @@ from minihuman.experiment.activities.team_play import (
     TeamLost,
     TeamRequest,
 )
-from minihuman.experiment.machine.events import FINAL_END_REASONS, SessionEnded, SessionStarted
+from minihuman.experiment.machine.events import FINAL_END_REASONS, EpisodeStarted, SessionEnded
 from minihuman.experiment.machine.inputs import ActivityInput
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.plan.random_streams import draw_permutation, draw_words
-from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart, SessionPlan
+from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.log.paths import PART_SUFFIX, session_folder
 from minihuman.log.read.reader import read_segment_starts
@@ -151,7 +151,9 @@ class _SimulatedAgent(BaseAgent):
         press, names = self._participant.press(world), world.action_names
         name = "" if press is None else self._keys.get(press.key, "")
         number: int = names.index(name) if name in names else world.unwrapped.team.idle_action
-        return np.eye(len(names), dtype=np.float32)[number]
+        chances = np.zeros(len(names), np.float32)
+        chances[number] = 1.0
+        return chances
 
 
 @dataclass(slots=True)
@@ -368,15 +370,14 @@ class TeamTable:
                 state.left = False
             if path is None:
                 break
-            parts: tuple[PlannedPart, ...] = ()
-            ours, end_ns = False, start_ns
+            joined, ours, end_ns = False, False, start_ns
             for event in read_events(path):
                 end_ns = start_ns + event.t_ns
                 match event:
-                    case SessionStarted():
-                        parts = event.plan.parts
                     case TeamFormed():
-                        ours = (event.team, parts[event.part].name) == (key[0], key[2])
+                        joined = event.team == key[0]
+                    case EpisodeStarted():
+                        ours = joined and event.plan.block_name == key[2]
                     case JointStepped() if ours:
                         rows = state.rows.setdefault(event.episode, [])
                         if event.step == len(rows) + 1:

@@ -108,9 +108,11 @@ class ComputedEpisode:
         self.is_elsewhere, self.sent_step = False, self.play.steps
         if self._look is None:
             saved = self._env.save()
-            return GridPosition(self.play.steps, _run_lengths(saved.row), _words(saved.rng_state))
+            return GridPosition(self.play.steps, _run_lengths(saved.row), list(map(str, saved.rng_state.tolist())))
         things, numbers, rng_state = locate(self._env, self._look)
-        return FirstPersonPosition(self.play.steps, things.tobytes(), numbers.tobytes(), _words(rng_state))
+        return FirstPersonPosition(
+            self.play.steps, things.tobytes(), numbers.tobytes(), list(map(str, rng_state.tolist()))
+        )
 
     def compare(self, message: KeyMessage | TickMessage, events: Sequence[Event]) -> str:
         """Compare a message's step in the page with the session's; how they differ, "" if known or they do not."""
@@ -168,10 +170,6 @@ def _describe_first_person(
         size=picture_px,
     )
     return fixed, [tables, *textures], look
-
-
-def _words(rng_state: NDArray[np.uint64]) -> list[str]:
-    return [str(word) for word in rng_state.tolist()]
 
 
 def _run_lengths(row: NDArray[np.int32]) -> list[int]:

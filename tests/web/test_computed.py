@@ -470,10 +470,10 @@ def test_keys_with_holds_and_chords_in_real_time_make_the_steps_that_they_make_a
 ) -> None:
     """At 30 steps a second over 300 ms: 5,000 keys under MINIHUMAN_LONG=1. The desk's session gets the log's inputs."""
     keys, pressed, chords = count(60, 5_000), 0, 0
-    block = f'pace = "real_time"\nstep_period_ms = 33.3\n{noop}\n'
+    block = f'pace = "real_time"\nstep_period_ms = 33.3\noptions = {{ max_steps = 1000 }}\n{noop}\n'
     rng = random.Random(27)
     with (
-        serving(study(tmp_path, world, max_steps=600, episodes=keys // 20, block=block), tmp_path) as server,
+        serving(study(tmp_path, world, max_steps=1000, episodes=max(4, keys // 10), block=block), tmp_path) as server,
         line(server.port, rtt_ms=300) as wire,
         browsing() as sit_down,
     ):
@@ -500,7 +500,7 @@ def test_keys_with_holds_and_chords_in_real_time_make_the_steps_that_they_make_a
     presses = [event for event in events if isinstance(event, KeyPressed) and event.down and event.key in "123"]
     assert len(presses) >= keys
     assert chords > keys / 10
-    assert len(steps) > keys
+    assert len(steps) > keys / 2
     assert [event.text for event in events if isinstance(event, Noted) and event.kind == BROWSER_NOTE] == []
     assert list(compare_replay(events, World)) == [], "the session at the desk made other steps of the same inputs"
     flips = {(event.episode, event.step): event.flip_ns for event in reversed(events) if isinstance(event, FrameShown)}

@@ -12,11 +12,14 @@ from minihuman.worlds.build.page_modules import MANIFEST, PAGE, linker_version
 from minihuman.worlds.catalogue import WORLDS, is_compiled_grid
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.source_digest import kernels_digest
+from tests.counts import PATIENCE_S, count
+from tests.web.browser import chromium
 from tests.worlds.build.page_cases import Files, differing, page_case
 from tests.worlds.build.player import PAGE_FOLDER, page_player
 
 MODULES = PAGE_FOLDER / "worlds"
 MOST_BYTES = 400_000
+ROOT = Path(__file__).parents[3]
 FOREIGN = ["minihuman/MiniGrid-GoToObj-Transfer-v0"]  # grid worlds whose rules are Python
 
 needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="Node.js runs the page's modules here")
@@ -93,3 +96,15 @@ def test_every_first_person_world_plays_in_the_page_as_in_python(tmp_path, simd)
             cases.append(case)
     assert differing(expected, _played(tmp_path, cases, simd=simd)) == []
     assert len(expected) >= 24
+
+
+@pytest.mark.long
+@pytest.mark.program
+def test_chromium_plays_as_python_does_for_three_minutes():
+    """Two worlds of each kind, a few seeds; every world for three minutes under MINIHUMAN_LONG=1."""
+    chromium()  # or this is skipped
+    extent = count(("--only", "FourRooms", "--seeds", "2"), ("--seeds", "200", "--minutes", "3"))
+    command = [sys.executable, "-m", "tests.worlds.build.compare", "--engine", "chromium", *extent]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, cwd=ROOT)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "0 differ" in done.stdout
