@@ -18,7 +18,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 DEMO = ROOT / "protocols/demo.toml"
-PATIENCE_S = 120
+PATIENCE_S = 300
 STUDY = "data/demo"
 LOG = f"{STUDY}/sub-01/ses-01"
 REFUSAL = re.compile(r"minihuman: .* (needs|need) .*; run: pip install .*")
@@ -157,7 +157,7 @@ def main() -> None:
             words = (*command.split(), *(word.replace("|", " ") for word in WORDS[command].split()))
             if command in ("serve", "watch", "desk"):
                 found[command] = trial.answers(*words)
-            elif command in ("run", "play"):
+            elif command in ("run", "play", "demo"):
                 found[command] = trial.opens(*words) if os.environ.get("DISPLAY") else "no display"
             else:
                 done = trial.run(*words)

@@ -104,7 +104,8 @@ def main() -> None:
         for folder in folders:
             folder.mkdir()
             (folder / URL_FILE_NAME).write_text(f"{address}\n")
-        tokens = Recruitment(folders[0] / protocol.study.name).issue(slots)
+        recruits = Recruitment(folders[0] / protocol.study.name)
+        tokens = [token for begin in range(0, slots, 500) for token in recruits.issue(min(500, slots - begin))]
         fill(folders[0], protocol, asked.taken, tokens)
         people = tokens[asked.taken :]
         for number, folder in enumerate(folders):

@@ -5,6 +5,7 @@ and brings it up to date there; a session is read again if the size, time, begin
 its row does not have the digest that was stored with it. The file is open only while rows are loaded or stored; where
 it is in use or cannot be written, the index is made for this once. Rows are yielded one by one, so that ten thousand
 sessions take no more memory than ten. What reads messages is imported only where a log's end does not say enough.
+Without DuckDB, as on a station, every log is read each time.
 """
 
 import logging
@@ -19,8 +20,6 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-import duckdb
-
 import minihuman
 from minihuman.dataset.caches import (
     CACHE_SETTINGS,
@@ -29,6 +28,7 @@ from minihuman.dataset.caches import (
     connect_cache,
     describe_file,
     digest_sources,
+    duckdb,
     is_in_use,
     remove_cache,
     transaction,
@@ -89,6 +89,11 @@ def read_session_index(study: Path) -> Iterator[SessionRow]:
         LogError: if the folder does not exist.
     """
     require_folder(study, instead="a study's folder, or a session log's own")
+    if duckdb is None:
+        for _, files in sorted(_sessions_below(study)):
+            problem, *values = _summary_or_problem(files, study)
+            yield SessionRow(files[0], None if problem else SessionSummary(*values), problem)
+        return
     with closing(_open_index(study)) as index:
         found = index.execute(f"SELECT {_ROW} FROM sessions ORDER BY log")
         while page := found.fetchmany(_BATCH):
@@ -101,7 +106,7 @@ def compare_index(study: Path) -> Iterator[str]:
 
     Sessions that the next command would read again, since their logs changed, are not compared.
     """
-    if not (study / TABLE_CACHE).is_file():
+    if duckdb is None or not (study / TABLE_CACHE).is_file():
         return
     below = len(os.fspath(study / "_")) - 1
     try:
@@ -123,7 +128,7 @@ def compare_index(study: Path) -> Iterator[str]:
                 yield f"{TABLE_CACHE}: session index, {key}, {name} is {cell!r}; the logs say {expected!r}"
 
 
-def _open_index(study: Path) -> duckdb.DuckDBPyConnection:
+def _open_index(study: Path) -> "duckdb.DuckDBPyConnection":
     """Load the index into memory, bring it up to date, and store it if anything was new."""
     own = study / TABLE_CACHE
     index = duckdb.connect(config=dict(CACHE_SETTINGS))
@@ -142,7 +147,7 @@ def _open_index(study: Path) -> duckdb.DuckDBPyConnection:
     return index
 
 
-def _load(index: duckdb.DuckDBPyConnection, own: Path) -> tuple[bool, int]:
+def _load(index: "duckdb.DuckDBPyConnection", own: Path) -> tuple[bool, int]:
     """Load the rows that are as they were stored; return whether the file can be written, and how many are not."""
     try:
         with closing(connect_cache(own, read_only=True, wait_s=LOCK_WAIT_S)) as kept:
@@ -167,7 +172,7 @@ def _load(index: duckdb.DuckDBPyConnection, own: Path) -> tuple[bool, int]:
         return not own.exists(), 0
 
 
-def _refresh(index: duckdb.DuckDBPyConnection, study: Path) -> bool:
+def _refresh(index: "duckdb.DuckDBPyConnection", study: Path) -> bool:
     """Read the sessions again whose row is missing or stale, forget those that are gone; return whether any was."""
     below = len(os.fspath(study / "_")) - 1  # what every path there begins with
     changed, sessions = False, _sessions_below(study)
@@ -191,7 +196,7 @@ def _refresh(index: duckdb.DuckDBPyConnection, study: Path) -> bool:
     return changed or gone > 0
 
 
-def _store(index: duckdb.DuckDBPyConnection, own: Path) -> None:
+def _store(index: "duckdb.DuckDBPyConnection", own: Path) -> None:
     """Put the index in place of that of the study's file, in one transaction, where nothing has the file open."""
     path = str(own).replace("'", "''")
     try:
@@ -207,7 +212,7 @@ def _store(index: duckdb.DuckDBPyConnection, own: Path) -> None:
         LOGGER.info("%s: the session index was not stored: %s", own, error)
 
 
-def _insert(index: duckdb.DuckDBPyConnection, rows: Sequence[_Row]) -> None:
+def _insert(index: "duckdb.DuckDBPyConnection", rows: Sequence[_Row]) -> None:
     if rows:
         values = ", ".join(f"unnest(?::{kind}[])" for kind in (*_COLUMNS.values(), "TEXT"))
         columns = zip(*((*row, _digest(row)) for row in rows), strict=True)
@@ -227,7 +232,7 @@ def _fingerprint(files: list[Path]) -> str:
     return "\n".join([f"{minihuman.__version__} {digest_sources(*_MAKERS)}", *map(describe_file, files)])
 
 
-def _summary_or_problem(files: list[Path], study: Path) -> tuple[object, ...]:
+def _summary_or_problem(files: list[Path], study: Path) -> tuple[Any, ...]:
     try:
         return ("", *_VALUES(summarize_session(files)))
     except LogError as error:

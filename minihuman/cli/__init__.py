@@ -7,6 +7,7 @@ import re
 import sys
 import warnings
 from collections import defaultdict
+from contextlib import suppress
 from importlib.metadata import requires
 from importlib.util import find_spec
 
@@ -23,7 +24,6 @@ _DISTRIBUTIONS = {  # by module
     "fontTools": "fonttools",
     "google": "protobuf",
 }
-_ALONE = ("jinja2",)  # what uses it first needs no more
 _INTERRUPTED = 130  # as shells say it of a program that Ctrl-C ended
 
 
@@ -94,7 +94,7 @@ def find_missing_requirements(module: str) -> list[str]:
         if found == name:
             extras[extra].insert(0, requirement.strip())
         elif (
-            name not in _ALONE
+            name != "jinja2"  # what asks for it first needs no more
             and "sys_platform" not in marker
             and (extra or found != "rerun-sdk")
             and not _can_import(found)
@@ -109,11 +109,10 @@ def _name_requirement(requirement: str) -> str:
 
 
 def _can_import(distribution: str) -> bool:
-    modules = {name: module for module, name in _DISTRIBUTIONS.items()}
-    try:
-        return find_spec(modules.get(distribution, distribution.replace("-", "_"))) is not None
-    except ModuleNotFoundError:
-        return False
+    with suppress(ModuleNotFoundError):
+        modules = [module for module, name in _DISTRIBUTIONS.items() if name == distribution]
+        return find_spec(*modules or [distribution.replace("-", "_")]) is not None
+    return False
 
 
 def _usage_line(error: click.UsageError) -> str:

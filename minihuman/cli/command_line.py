@@ -108,22 +108,14 @@ class CommandLine(_Group):
 
 def make_command_line() -> CommandLine:
     """Make the group of all commands."""
-    return CommandLine(
+    group = CommandLine(
         "minihuman",
         help="Run experiments with people and agents in grid and first-person worlds; record every key press and "
         "verify every log.",
         context_settings=_HELP_NAMES,
-        params=[
-            click.Option(
-                ["--version"],
-                help="Print the version and exit.",
-                is_flag=True,
-                is_eager=True,
-                expose_value=False,
-                callback=_print_version,
-            )
-        ],
     )
+    about = {"message": "%(prog)s %(version)s", "help": "Print the version and exit."}
+    return click.version_option(__version__, prog_name="minihuman", **about)(group)
 
 
 class Subgroup(_Group):
@@ -246,9 +238,3 @@ def _typed_value(annotation: Any, value: Any) -> Any:
 def _keep_example(text: str) -> str:
     """Mark the paragraphs of examples, which Click is not to wrap."""
     return "\n\n".join(f"\b\n{one}" if one.startswith("Example:") else one for one in text.split("\n\n"))
-
-
-def _print_version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
-    if wanted and not ctx.resilient_parsing:
-        click.echo(f"minihuman {__version__}")
-        ctx.exit()

@@ -13,13 +13,16 @@ from functools import cache
 from hashlib import blake2b
 from pathlib import Path
 
-import duckdb
-
 import minihuman
+
+try:
+    import duckdb as duckdb
+except ModuleNotFoundError:  # a station does without a cache, and reads its logs
+    duckdb = None  # type: ignore[assignment]
 
 TABLE_CACHE = "tables.duckdb"  # every table's rows, and the session index
 INDEX_SCHEMA = "session_index"  # which has a digest per row, and none of its definition
-IN_USE_ERRORS = (duckdb.ConnectionException, duckdb.ResourceInUseException)  # it is open in this process
+IN_USE_ERRORS = (duckdb.ConnectionException, duckdb.ResourceInUseException) if duckdb else ()  # open in this process
 CACHE_SETTINGS = {"threads": "2", "memory_limit": "128MB"}  # one process cannot open it with two kinds
 LOCK_WAIT_S = 2.0  # how long another process may hold it before a command does without it
 _LOCK_POLL_S = 0.02
@@ -42,7 +45,7 @@ def list_caches(study: Path) -> Iterator[Path]:
 
 def connect_cache(
     file: Path, *, read_only: bool = False, wait_s: float = LOCK_WAIT_S, settings: dict[str, str] = CACHE_SETTINGS
-) -> duckdb.DuckDBPyConnection:
+) -> "duckdb.DuckDBPyConnection":
     """Open a cache, once no other process has it open for writing, or at all if it is to be written.
 
     Raises:
@@ -59,7 +62,7 @@ def connect_cache(
 
 
 @contextmanager
-def transaction(connection: duckdb.DuckDBPyConnection) -> Iterator[None]:
+def transaction(connection: "duckdb.DuckDBPyConnection") -> Iterator[None]:
     """Keep all changes that are made inside, or none of them."""
     connection.execute("BEGIN")
     try:

@@ -260,7 +260,7 @@ def _find_input(event: Event, session: SessionMachine) -> Input | None:
             used_ns = event.t_ns - event.waited_ns
             return _POINTER_INPUTS[event.what](used_ns, event.x, event.y, event.target, event.along)
         case AxisMoved():
-            return AxisChanged(event.t_ns, event.axis, event.value)
+            return AxisChanged(event.t_ns - event.waited_ns, event.axis, event.value)
         case Noted(kind="focus"):
             return FocusChanged(event.t_ns, event.text == "found")
         case Noted(kind="experimenter"):

@@ -455,7 +455,7 @@ def event_cause_ns(event: events.Event) -> int:
     match event:
         case events.Stepped():
             return event.key_t_ns
-        case events.KeyPressed() | events.PointerUsed():
+        case events.KeyPressed() | events.PointerUsed() | events.AxisMoved():
             return event.t_ns - event.waited_ns
         case events.FrameShown():
             return event.submit_ns

@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from ipaddress import ip_network
+from ipaddress import ip_address
 from pathlib import Path
 from weakref import WeakValueDictionary
 
@@ -253,11 +253,6 @@ class Connection:
         """Whether anything is recorded."""
         return self._hosted.agreed
 
-    @property
-    def is_before_consent(self) -> bool:
-        """Whether it takes a slot, although nothing is recorded yet."""
-        return not self.agreed and not self.host.over
-
     def gone(self, number: int) -> None:
         """A socket is closed."""
         self.here = self.here and number != self.sockets
@@ -491,13 +486,6 @@ class TurnedAway:
     url: str = ""  # to where they were recruited
 
 
-def _find_network(address: str) -> str:
-    """An address as it is counted: an IPv6 one by the /64 network that a household has."""
-    with suppress(ValueError):
-        return str(ip_network((address, 64 if ":" in address else 32), strict=False))
-    return address
-
-
 class ConnectionFactory:
     """Makes the connections of a study.
 
@@ -536,7 +524,9 @@ class ConnectionFactory:
             return self._turned(reason, person=who.id if who is not None else "")
         came_with = hashlib.sha256(repr((hello.token, sorted(hello.platform.items()))).encode()).digest()
         turn = self._turns.setdefault(came_with, asyncio.Lock())
-        network = _find_network(address)
+        network = address
+        with suppress(ValueError):  # of IPv6 the /64 network, which is what a household has
+            network = ip_address(address).exploded[:19]
         invited = is_token(hello.token) and not self._web.open_access  # if they invented it, they are turned away
         crowd = self._turns.setdefault(came_with if invited else network.encode(), asyncio.Lock())
         async with turn, crowd if crowd is not turn else contextlib.nullcontext():
@@ -545,8 +535,8 @@ class ConnectionFactory:
                 return there
             if len(self._connections) >= self._web.max_concurrent_sessions:
                 return self._turned("busy")
-            waiting = sum(one.network == network and one.is_before_consent for one in self._connections.values())
-            if not invited and waiting >= self._web.max_unconsented_per_address:
+            crowded = [one for one in self._connections.values() if one.network == network and not one.agreed]
+            if not invited and sum(not one.host.over for one in crowded) >= self._web.max_unconsented_per_address:
                 return self._turned("busy")
             connection = await self._admit_page(hello)
             if isinstance(connection, Connection):

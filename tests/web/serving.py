@@ -87,8 +87,8 @@ def listens(port: int) -> bool:
 
 
 @contextmanager
-def serving(protocol: Path, data: Path, *, links: int = 1) -> Iterator[Serving]:
-    served = Serving(protocol, data, links=links)
+def serving(protocol: Path, data: Path, *, links: int = 1, options: tuple[str, ...] = ()) -> Iterator[Serving]:
+    served = Serving(protocol, data, links=links, options=options)
     try:
         yield served
     finally:

@@ -334,7 +334,7 @@ def test_two_hundred_invented_ids_from_one_address_cost_nobody_else_a_seat(tmp_p
             assert answer(server, stack, address=f"198.51.100.{number}", person=f"real-{number}") == "welcome"
         assert answer(server, stack, address="2001:db8::1", token=server.links[0]) == "welcome", "who was invited"
         metrics = urllib.request.urlopen(f"http://{server.host}/metrics", timeout=PATIENCE_S).read().decode()
-        assert "\nminihuman_sessions_before_consent 26\n" in metrics
+        assert "\nminihuman_sessions 26\n" in metrics
         assert urllib.request.urlopen(f"http://{server.host}/healthz", timeout=PATIENCE_S).read() == b"ok\n"
     entries = (tmp_path / "data/walk/register.jsonl").read_text().splitlines()
     assert len(entries) < 40, "an invented id that was refused took a slot"

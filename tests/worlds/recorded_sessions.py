@@ -114,6 +114,7 @@ RECORDINGS = (
         "docs.other_worlds",
         "other/ArcLights-v0",
         {"1": "axis_0_plus"},
+        period_ms=200.0,
         steps=20,
         more="spot = { x = 0, y = 1 }\n",
         player="clicks",

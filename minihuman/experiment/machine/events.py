@@ -249,10 +249,11 @@ class PointerUsed(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class AxisMoved(TimedEvent):
-    """An axis of a gamepad moved: -1 to 1, 0 in its dead zone; right and down are positive."""
+    """An axis of a gamepad moved, at ``t_ns - waited_ns``: -1 to 1, 0 in its dead zone; right and down are positive."""
 
     axis: str
     value: float
+    waited_ns: int = 0  # as a key's
 
 
 @dataclass(frozen=True, slots=True)

@@ -518,14 +518,16 @@ class PointerUsed(_message.Message):
     def __init__(self, t_ns: _Optional[int] = ..., what: _Optional[str] = ..., x: _Optional[float] = ..., y: _Optional[float] = ..., target: _Optional[str] = ..., along: _Optional[float] = ..., waited_ns: _Optional[int] = ...) -> None: ...
 
 class AxisMoved(_message.Message):
-    __slots__ = ("t_ns", "axis", "value")
+    __slots__ = ("t_ns", "axis", "value", "waited_ns")
     T_NS_FIELD_NUMBER: _ClassVar[int]
     AXIS_FIELD_NUMBER: _ClassVar[int]
     VALUE_FIELD_NUMBER: _ClassVar[int]
+    WAITED_NS_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     axis: str
     value: float
-    def __init__(self, t_ns: _Optional[int] = ..., axis: _Optional[str] = ..., value: _Optional[float] = ...) -> None: ...
+    waited_ns: int
+    def __init__(self, t_ns: _Optional[int] = ..., axis: _Optional[str] = ..., value: _Optional[float] = ..., waited_ns: _Optional[int] = ...) -> None: ...
 
 class AnswerChanged(_message.Message):
     __slots__ = ("t_ns", "part", "item", "value")

@@ -48,11 +48,6 @@ class Deployment:
         if self.bucket and not self.bucket.startswith("s3://"):
             raise ProtocolError(f"--bucket {self.bucket!r} is not valid; use s3:// and a bucket, as in s3://logs/study")
 
-    @property
-    def host(self) -> str:
-        """The host name of the address."""
-        return str(urlsplit(self.address).hostname)
-
 
 def write_deployment(protocol: Protocol, out: Path, deployment: Deployment) -> list[Path]:
     """Write the folder; passwords that are there are kept, everything else is written anew.
@@ -77,6 +72,7 @@ def write_deployment(protocol: Protocol, out: Path, deployment: Deployment) -> l
         template = files(__package__).joinpath("templates", f"{name}.j2").read_text(encoding="utf-8")
         text = jinja.from_string(template).render(
             deployment=deployment,
+            host=urlsplit(deployment.address).hostname,
             study=protocol.study.name,
             extras=",".join(name for name in wanted if wanted[name]),
             files=sorted(contents),

@@ -301,20 +301,15 @@ async def _play(
             await asyncio.to_thread(servers[number].start)
             await asyncio.sleep(_PAUSE_S)
 
-    try:
+    with suppress(TimeoutError):
         async with asyncio.timeout(_TIMEOUT_S), asyncio.TaskGroup() as group:
             group.create_task(restart())
             for page in pages:
                 group.create_task(page.take_part())
                 await asyncio.sleep(_POLL_S)
-    except TimeoutError:
-        left = sum(not page.end for page in pages)
-        raise DeploymentCheckError(
-            f"{left} of {len(pages)} participants have not ended after {_TIMEOUT_S:g} s; try fewer with --participants"
-        ) from None
-    if not any(page.acknowledged for page in pages):
-        reasons = ", ".join(sorted({page.end for page in pages}))
-        raise DeploymentCheckError(f"every participant was refused: {reasons}; see the servers' messages above")
+    if not all(page.end for page in pages) or not any(page.acknowledged for page in pages):
+        ends = Counter(page.end or f"not within {_TIMEOUT_S:g} s" for page in pages)
+        raise DeploymentCheckError(f"participants could not take part; how many ended how: {dict(ends)}")
     return pages, interrupted
 
 

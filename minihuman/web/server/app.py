@@ -230,11 +230,9 @@ class WebServer:
 
     async def _metrics(self, _: Request) -> Response:
         """What Prometheus reads; nothing that says who is there."""
-        there = self.connections.values()
         gauges = {
-            "sessions": sum(not one.host.over for one in there),
-            "sessions_before_consent": sum(one.is_before_consent for one in there),
-            "pages_connected": sum(one.here for one in there),
+            "sessions": sum(not one.host.over for one in self.connections.values()),
+            "pages_connected": sum(one.here for one in self.connections.values()),
             "sockets_without_hello": len(self._silent),
         }
         lines = (f"# TYPE minihuman_{name} gauge\nminihuman_{name} {count}\n" for name, count in gauges.items())

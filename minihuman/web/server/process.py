@@ -36,12 +36,10 @@ def require_browser_support(protocol: Protocol) -> None:
     Raises:
         ProtocolError: if it has one.
     """
-    parts = [*((block.name, block.kind) for block in protocol.blocks)]
-    parts += [(other.name, other.kind) for other in protocol.activities]
-    for name, kind in parts:
-        if not find_kind(kind).browser:
+    for part in (*protocol.blocks, *protocol.activities):
+        if not find_kind(part.kind).browser:
             raise ProtocolError(
-                f"part {name!r} is of kind {kind!r}, which cannot be shown in a browser; use `minihuman run`"
+                f"part {part.name!r} is of kind {part.kind!r}, which cannot be shown in a browser; use `minihuman run`"
             )
 
 
