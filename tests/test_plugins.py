@@ -51,7 +51,7 @@ def test_a_labs_player_is_found_and_listed_with_its_package(lab):
 
 
 def test_ours_are_listed_as_minihumans():
-    ours = {(one.group, one.name) for one in list_plugins() if one.package.startswith("minihuman ")}
+    ours = {(one.group, one.name) for one in list_plugins() if one.package.startswith("minihuman-lab ")}
     assert {("players", "optimal"), ("windows", "pygame"), ("exporters", "csv")} <= ours
 
 

@@ -23,7 +23,7 @@ def test_two_large_groups_are_shown_to_be_alike_and_two_small_ones_are_not():
 
 
 def test_bounds_lie_around_zero():
-    with pytest.raises(ValueError, match="one below and one above 0"):
+    with pytest.raises(ValueError, match="the lower equivalence bound must be below 0 and the upper one above 0"):
         check_equivalence(np.zeros(3), np.ones(3), (0.1, 0.3))
 
 

@@ -1,7 +1,9 @@
 import math
 
+import gymnasium
 import numpy as np
 import pytest
+from gymnasium.envs.classic_control import CartPoleEnv
 
 from minihuman.errors import WorldError
 from minihuman.worlds.adapters.world import World
@@ -80,8 +82,14 @@ def test_drawing_changes_no_state():
     assert world.state_hash() == before
 
 
-def test_a_world_without_names_counts_its_actions_and_has_neither_pose_nor_map():
-    world = World("CartPole-v1")
+class Unnamed(CartPoleEnv):
+    """A world whose actions have no names."""
+
+
+def test_a_world_without_names_counts_its_actions_and_has_neither_pose_nor_map(monkeypatch):
+    monkeypatch.setattr(gymnasium.envs.registration, "registry", dict(gymnasium.registry))
+    gymnasium.register("Unnamed-v0", Unnamed)
+    world = World("Unnamed-v0")
     world.reset(1)
     assert world.action_names == ("0", "1")
     assert world.pose() is None
