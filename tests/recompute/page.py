@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import statsmodels.api as sm
-import statsmodels.formula.api as smf
 from scipy import special, stats
+from statsmodels.regression.mixed_linear_model import MixedLM
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.power import TTestIndPower
 from statsmodels.stats.weightstats import CompareMeans, DescrStatsW
@@ -1143,37 +1143,38 @@ def expected_growth(episodes: Sequence[Row], order: Sequence[str]) -> Iterator[t
 
 
 def mixed_model(rows: pd.DataFrame, terms: Sequence[str], groups: Sequence[str]) -> tuple[str, Any]:
-    """The table of statsmodels' linear mixed model by its formula, or the line that none converged."""
-    *_, reference = groups
-    levels = {group: f"{len(groups) - at:02}" for at, group in enumerate((*groups[:-1], reference), 1)}
-    rows = rows.assign(level=rows["group"].map(levels), at=rows["episode_in_block"] - rows["episode_in_block"].mean())
+    """The table of statsmodels' linear mixed model, or the line that none converged.
+
+    Whether it converges with slopes turns on the last digits where there are few people, so its columns stand in the
+    order of the table.
+    """
+    *others, _ = groups
     people = rows["participant"].nunique()
-    for slopes in ("~at", "~1"):
+    at = (rows["episode_in_block"] - rows["episode_in_block"].mean()).to_numpy(float)
+    shares = np.column_stack([np.ones(len(rows)), *((rows["group"] == group).to_numpy(float) for group in others)])
+    fixed = np.column_stack([shares, shares * at[:, None]])
+    for random in (np.column_stack([np.ones(len(rows)), at]), np.ones((len(rows), 1))):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             try:
-                model = smf.mixedlm("value ~ level * at", rows, groups=rows["participant"], re_formula=slopes)
+                model = MixedLM(rows["value"].to_numpy(float), fixed, rows["participant"].to_numpy(), random)
                 found = model.fit(reml=True, method=["lbfgs", "bfgs"])
                 if np.linalg.eigvalsh(found.cov_re / found.scale).min() < 1e-4:
                     continue
             except (np.linalg.LinAlgError, ZeroDivisionError):
                 continue
-        if not found.converged or found.bse_fe.isna().any() or any("onverge" in str(one.message) for one in caught):
+        errors = np.asarray(found.bse_fe)
+        if not found.converged or np.isnan(errors).any() or any("onverge" in str(one.message) for one in caught):
             continue
-        names = [
-            *("Intercept", *(f"level[T.{levels[group]}]" for group in groups[:-1])),
-            *("at", *(f"level[T.{levels[group]}]:at" for group in groups[:-1])),
-        ]
         freedom = people - len(groups)
         table: list[list[Any]] = [["term", "participants", "estimate", "95 % interval", "p"]]
-        for at, (term, name) in enumerate(zip(terms, names, strict=True)):
-            estimate, error = float(found.fe_params[name]), float(found.bse_fe[name])
+        for number, (term, estimate, error) in enumerate(zip(terms, np.asarray(found.fe_params), errors, strict=True)):
             half = float(stats.t.ppf(0.975, freedom)) * error
             p = float(2 * stats.t.sf(abs(estimate / error), freedom))
             low, high, same = estimate - half, estimate + half, 2e-3 * error  # optimisers stop a little apart
             bounds = (Near(low, same), " to ", Near(high, same))
             table.append(
-                [term, str(people), (Near(estimate, same),), bounds, (Near(p, 2e-3),) if at else p_value(math.nan)]
+                [term, str(people), (Near(estimate, same),), bounds, (Near(p, 2e-3),) if number else p_value(math.nan)]
             )
         return "table", table
     return "p", "A linear mixed model of the same did not converge."
