@@ -36,7 +36,6 @@ from minihuman.dataset.caches import (
 from minihuman.errors import LogError
 from minihuman.log.names import CHAIN_KEY, SCHEMA_VERSION, STEP
 from minihuman.log.paths import find_log_folders, group_sessions, raise_as_log_error, require_folder
-from minihuman.log.salvage.summary_section import all_ended_cleanly, read_summary
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,6 +261,8 @@ def _summarize_finished(log: Path) -> SessionSummary | None:
 
     Also None where all episodes were played and the session ended otherwise: what else was left messages alone say.
     """
+    from minihuman.log.salvage.summary_section import all_ended_cleanly, read_summary
+
     found = read_summary(log)
     if found is None or not found.starts or not len(found.starts) == len(found.facts) == len(found.ends):
         return None
@@ -294,6 +295,8 @@ def find_double_sessions(study: Path) -> Iterator[str]:
 
     Copies of one log are none.
     """
+    from minihuman.log.salvage.summary_section import read_summary
+
     for folder, names in find_log_folders(study):
         logs = [log for log, files in group_sessions(folder, names).items() if log in files]
         complete: dict[tuple[str, int], dict[str, Path]] = {}  # by how the log ends

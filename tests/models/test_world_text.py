@@ -81,6 +81,7 @@ def test_a_text_of_many_lines_fits_its_picture() -> None:
 
 
 @pytest.mark.program
+@pytest.mark.filterwarnings("ignore:.*Overriding environment")  # Gymnasium's, where another test registered them
 def test_actions_make_the_progress_that_they_make_in_minigrid() -> None:
     minigrid = pytest.importorskip("minigrid")
     minigrid.register_minigrid_envs()

@@ -95,7 +95,7 @@ def test_the_gallery_has_no_serious_finding_and_fits(address: str, name: str, si
         assert not somebody.page.evaluate("document.documentElement.scrollWidth > innerWidth")
         somebody.page.get_by_role("button", name="forward").click()
         somebody.page.get_by_text("Show the state").click()
-        assert somebody.page.inner_text("#state").startswith("step 1")
+        somebody.page.wait_for_function("document.querySelector('#state').innerText.startsWith('step 1')")
         somebody.page.get_by_role("button", name="New seed").click()
         somebody.page.wait_for_function("location.hash.endsWith('/0')")
         assert somebody.errors == []
