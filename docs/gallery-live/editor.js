@@ -26,7 +26,7 @@ function read() {
   }
 }
 
-async function show() {
+async function showLevel() {
   world = new GridWorld(await kernels(), start());
   $("words").value = level.mission;
   [$("columns").value, $("rows").value] = [level.width, level.height];
@@ -118,7 +118,7 @@ function resize() {
   const [width, height] = [$("columns"), $("rows")].map((field) => Math.min(25, Math.max(3, Math.round(field.valueAsNumber) || 3)));
   if (playing) play();
   level = level.resized(width, height);
-  show();
+  showLevel();
 }
 
 $("kinds").append(...Object.entries(KINDS).map(([kind, word]) => option(kind, word, () => choose(kind))));
@@ -152,8 +152,8 @@ $("save").addEventListener("click", () => {
 $("open").addEventListener("change", async () => {
   const found = Level.read(await $("open").files[0].text());
   if (!found) $("outcome").textContent = "This file is not a level; open one that was saved here.";
-  else [level, cursor] = [found, null], show();
+  else [level, cursor] = [found, null], showLevel();
 });
 onActionKeys(act, () => level.actions);
 choose("WW");
-await show();
+await showLevel();
