@@ -1,4 +1,4 @@
-"""Digests of the sources that a compiled function, or all worlds together, were made of.
+"""Digests of the sources that compiled functions, or all worlds together, were made of.
 
 What a function computes is decided by its own module, by the modules that this one imports, and so on. Does not import
 Numba, so that a log can be verified without it.
@@ -26,24 +26,29 @@ def rules_digest() -> str:
 
 
 @cache
-def module_digest(module: str) -> str | None:
-    """Of a module and of all it imports from its own package and from ours; None where its source is not to be had.
+def kernels_digest() -> str:
+    """Of all sources that the page's modules are built from: a page with modules of others does not compute."""
+    names = _reached(f"{_OURS}.worlds.build.exports", f"{_OURS}.worlds.build.compilation")
+    return _digest([(name, _source(name) or "") for name in sorted(names)])
+
+
+def import_closure(*modules: str) -> list[str]:
+    """The files of modules of ours and of all they import from us, by their paths in the package, in order."""
+    paths = [name.replace(".", "/") + ("/__init__.py" if _is_package(name) else ".py") for name in _reached(*modules)]
+    return sorted(path.removeprefix(f"{_OURS}/") for path in paths)
+
+
+def _reached(*modules: str) -> set[str]:
+    """Modules and all they import from us, but for what only loads what was compiled.
 
     Each source is read once a process, when it first counts: an edit made later is not part of what runs now.
     """
-    if _source(module) is None:
-        return None
-    seen, new = {module}, [module]
+    seen, new = set(modules), list(modules)
     while new:
-        found = _imports(new.pop()) - seen
+        found = _imports(new.pop()) - seen - {f"{_OURS}.worlds.kernels"}
         seen |= found
         new += found
-    return _digest([(name, _source(name) or "") for name in sorted(seen)])
-
-
-def kernels_digest() -> str:
-    """Of all sources that the page's modules are built from: a page with modules of others does not compute."""
-    return module_digest(f"{_OURS}.worlds.build.exports") or ""
+    return seen
 
 
 def _digest(sources: list[tuple[str, str]]) -> str:

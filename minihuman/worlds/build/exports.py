@@ -31,7 +31,7 @@ _F64, _I32, _U32 = "float64[::1]", "int32[::1]", "uint32[::1]"
 _MATRIX = "float64[:,::1]"
 
 
-@kernel(hold_gil=True)
+@kernel("(uint8[::1], uint8[::1])", hold_gil=True)
 def write_rgba(picture: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
     """Write bytes of red, green and blue as a canvas takes them: with a fourth that says opaque."""
     for pixel in range(len(out) // 4):
@@ -58,7 +58,7 @@ class Export:
     @property
     def parameters(self) -> tuple[str, ...]:
         """The names of the kernel's parameters."""
-        return tuple(inspect.signature(getattr(self.kernel, "py_func", self.kernel)).parameters)
+        return tuple(inspect.signature(self.kernel.py_func).parameters)  # type: ignore[attr-defined] # Numba's
 
 
 _RGBA = Export("write_rgba", write_rgba, ("uint8[::1]", "uint8[::1]"))

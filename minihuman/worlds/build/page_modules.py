@@ -28,6 +28,7 @@ from minihuman.worlds.build.lowering import lower
 from minihuman.worlds.source_digest import kernels_digest
 
 _STACK_BYTES = 1 << 18
+_EXPORT = {"wasm-ld": "--export=", "lld-link": "/export:"}  # other linkers export whatever is not internal
 _RESHAPE = """
 define internal i32 @numba_attempt_nocopy_reshape(
     i64, ptr, ptr, i64 %count, ptr %extents, ptr %strides, i64 %size, i32) {
@@ -100,37 +101,55 @@ def link(codes: Sequence[str], names: Sequence[str], target: Target) -> bytes:
     Raises:
         BuildError: if there is no linker, or it refuses.
     """
+    return link_objects([_object(code, target) for code in codes], names, target)
+
+
+def link_objects(objects: Sequence[bytes], names: Sequence[str], target: Target) -> bytes:
+    """The same, of machine code.
+
+    Raises:
+        BuildError: if there is no linker, or it refuses.
+    """
     command = _linker(target.linker)
     if command is None:
         raise BuildError(f"{target.linker} was not found on the PATH; install lld, or ziglang from PyPI")
     with tempfile.TemporaryDirectory() as folder:
-        objects = []
-        for number, code in enumerate(codes):
-            objects.append(Path(folder, f"{number}.o"))
-            objects[-1].write_bytes(_object(code, target))
+        paths = [Path(folder, f"{number}.o") for number in range(len(objects))]
+        for path, code in zip(paths, objects, strict=True):
+            path.write_bytes(code)
         out = Path(folder, "out")
-        exported = [f"--export={name}" for name in names] if target.linker == "wasm-ld" else []
-        arguments = [*command, *target.options, *exported, "-o", str(out), *map(str, objects)]
+        exported = [f"{_EXPORT[target.linker]}{name}" for name in names if target.linker in _EXPORT]
+        output = [f"/out:{out}"] if target.linker == "lld-link" else ["-o", str(out)]
+        arguments = [*command, *target.options, *exported, *output, *map(str, paths)]
         done = subprocess.run(arguments, capture_output=True, text=True)
         if done.returncode:
-            raise BuildError(f"{target.linker} refused: {done.stderr.strip()[:2000]}")
+            raise BuildError(f"{target.linker} refused: {(done.stderr or done.stdout).strip()[:2000]}")
         return out.read_bytes()
 
 
-def _object(code: str, target: Target) -> bytes:
+def machine_for(target: Target) -> Any:
+    """LLVM's back end for a target."""
     _initialize()
-    machine = llvm.Target.from_triple(target.triple).create_target_machine(
+    return llvm.Target.from_triple(target.triple).create_target_machine(
         cpu=target.cpu,
         features=target.features,
         opt=3,
         reloc="static" if "wasm" in target.triple else "pic",
         codemodel="default",
     )
+
+
+def retarget(code: str, target: Target, machine: Any) -> str:
+    """LLVM code of the machine that compiled it, for a target."""
     code = re.sub(r'target datalayout = ".*"', f'target datalayout = "{machine.target_data}"', code)
     code = re.sub(r'target triple = ".*"', f'target triple = "{target.triple}"', code)
     code = re.sub(r'"(target-cpu|target-features|tune-cpu)"="[^"]*"', "", code)
-    code = re.sub(r"^declare [^@]*@numba_attempt_nocopy_reshape\(.*$", lambda _: _RESHAPE, code, flags=re.M)
-    module = llvm.parse_assembly(code)
+    return re.sub(r"^declare [^@]*@numba_attempt_nocopy_reshape\(.*$", lambda _: _RESHAPE, code, flags=re.M)
+
+
+def _object(code: str, target: Target) -> bytes:
+    machine = machine_for(target)
+    module = llvm.parse_assembly(retarget(code, target, machine))
     module.verify()
     return bytes(machine.emit_object(module))
 
@@ -139,6 +158,7 @@ def _object(code: str, target: Target) -> bytes:
 def _initialize() -> None:
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
+    llvm.initialize_native_asmparser()
 
 
 @cache
@@ -160,13 +180,10 @@ def build_page_modules(folder: Path) -> dict[str, Any]:
     """Write the modules and their manifest into a folder, and return the manifest.
 
     Raises:
-        MinihumanError: if Numba compiles for this machine's own processor, not as in `PORTABLE`.
-        BuildError: if there is no linker.
+        BuildError: if Numba compiles for this machine's own processor, not as in `PORTABLE`, or there is no linker.
     """
     if any(os.environ.get(name) != value for name, value in PORTABLE.items()):
-        raise MinihumanError(
-            "build the page modules with `python -m minihuman.worlds.build`, which sets Numba's target"
-        )
+        raise BuildError("build the page modules with `python -m minihuman.worlds.build`, which sets Numba's target")
     folder.mkdir(parents=True, exist_ok=True)
     modules: dict[str, Any] = {}
     for name, exports in EXPORTS.items():
@@ -204,3 +221,9 @@ def build_page_modules(folder: Path) -> dict[str, Any]:
     }
     (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8", newline="\n")
     return manifest
+
+
+if __name__ == "__main__":
+    for _module in build_page_modules(Path(sys.argv[1]))["modules"].values():
+        for _file in _module["files"]:
+            print(f"{_file['file']}: {_file['bytes'] / 1000:.1f} kB")

@@ -57,38 +57,6 @@ def floor_plan(state: State, palette: GridPalette = "classic", kinds: Sequence[O
     return Map("cell", bounds, walls, tuple(things))
 
 
-def compile_rules() -> None:
-    """Ask for an action where no episode has begun."""
-    act(_floor(), 0, np.zeros(6, np.uint64))
-
-
-def compile_step() -> None:
-    """Look around, and then ask for a step, which is a look and what `moves` compiles: by now that is there."""
-    row, image = _floor(), np.empty((3, 3, 3), np.uint8)
-    see(row, image)
-    step(row, 0, np.zeros(6, np.uint64), image)
-
-
-def compile_drawing() -> None:
-    """Draw a floor from above."""
-    draw_grid(_floor(), view="full", view_size=3, tile_px=1, palette="classic", lit=False, by_bytes=True)
-
-
-COMPILE_PIECES = (
-    compile_rules,
-    compile_drawing,
-    compile_step,
-)  # one process begins here, a second one at the end: each has half of it
-
-
-def _floor() -> Row:
-    row = np.zeros(row_length(3, 3), np.int32)
-    row[[fields.WIDTH, fields.HEIGHT]] = 3
-    clear(row)
-    row[[fields.X, fields.Y, fields.DIRECTION]] = 1, 1, 0
-    return row
-
-
 MOST_LINES = 32 * MAX_CELLS  # of pixels that `render` draws
 _COMPILED = ("step", "advance", "observation", "look", "frame", "picture", "tiles")  # by kernels, unless overridden
 YAWS_RAD = (0.0, -np.pi / 2, np.pi, np.pi / 2)  # by direction
@@ -130,7 +98,6 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's name and type
-    compile_pieces = COMPILE_PIECES
     kinds: ClassVar[tuple[ObjectKind, ...]] = ()  # things of its own, at most five kinds
     kept: ClassVar[tuple[str, ...]] = ()  # own attributes that change in an episode: saved and hashed with the state
 

@@ -157,7 +157,12 @@ def lay_over(figures: Pixels, figure: int, left: int, top: int, out: Pixels) -> 
                     out[top + v, byte] = (over * alpha + under * (255 - alpha) + 127) // 255
 
 
-@kernel()
+@kernel(
+    "(int32[::1], uint8[:, :, ::1], boolean, boolean, int64[:, ::1], int64[::1], int64[:, ::1], uint8[:, :, :, "
+    "::1], uint8[:, :, :, ::1], uint8[:, :, :, ::1], uint8[:, ::1], uint8[:, ::1])",
+    "(int32[::1], uint8[:, :, ::1], boolean, boolean, int64[:, ::1], int64[::1], int64[:, ::1], uint64[:, :, "
+    ":, ::1], uint8[:, :, :, ::1], uint8[:, :, :, ::1], uint64[:, ::1], uint8[:, ::1])",
+)
 def draw_cells(
     row: Row,
     image: NDArray[np.uint8],
