@@ -4,7 +4,6 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 from packaging.tags import platform_tags
@@ -13,7 +12,7 @@ LIBRARY = "minihuman/worlds/compiled"
 LINKERS = {"linux": ("ld.lld", "ld"), "darwin": ("ld64.lld", "ld"), "win32": ("lld-link",)}
 
 
-class LibraryHook(BuildHookInterface):
+class LibraryHook(BuildHookInterface):  # type: ignore[type-arg]
     """Whatever installs minihuman compiles its worlds, unless the library beside them is theirs already."""
 
     def dependencies(self) -> list[str]:
@@ -23,7 +22,9 @@ class LibraryHook(BuildHookInterface):
     def initialize(self, version: str, build_data: dict[str, object]) -> None:
         """Build, and say for which machines the wheel is."""
         environment = os.environ | {"PYTHONPATH": self.root}
-        subprocess.run([sys.executable, "-m", "minihuman.worlds.build", "--native", "--stale"], env=environment, check=True)
+        subprocess.run(
+            [sys.executable, "-m", "minihuman.worlds.build", "--native", "--stale"], env=environment, check=True
+        )
         build_data["artifacts"] = [f"{LIBRARY}/*"]
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{_platform(list(platform_tags()))}"

@@ -1,10 +1,10 @@
 """Kernels: functions that run as machine code from a library that was compiled when minihuman was built.
 
 ``python -m minihuman.worlds.build --native`` makes the library, in the folder ``compiled`` beside this module; so does
-an installation. It is loaded only where all sources that it was made of are as they were then; after an edit, Numba
-compiles what is called, in each process anew. Nothing is fused or reordered, so a kernel computes the same on every
-machine and either way. With NUMBA_DISABLE_JIT=1 kernels run as the plain Python in which they are written, and with
-MINIHUMAN_KERNELS=jit Numba compiles them even where there is a library.
+an installation. A kernel is taken from it only where all sources that its module is made of are as they were then;
+after an edit, Numba compiles it when it is called, in each process anew. Nothing is fused or reordered, so a kernel
+computes the same on every machine and either way. With NUMBA_DISABLE_JIT=1 kernels run as the plain Python in which
+they are written, and with MINIHUMAN_KERNELS=jit Numba compiles them even where there is a library.
 
 Only ``minihuman.worlds.build`` imports Numba and llvmlite, and this module imports that only to compile.
 """
@@ -16,7 +16,7 @@ import logging
 import os
 import platform
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
@@ -33,12 +33,13 @@ PACKAGE = Path(__file__).parents[1]
 LIBRARY_FOLDER = Path(__file__).parent / "compiled"
 MANIFEST = "manifest.json"
 REBUILD = "python -m minihuman.worlds.build --native"
-COMPILE_NOTICE = f"no library has the worlds as they are now, so each process compiles them anew; `{REBUILD}` makes one"
+COMPILE_NOTICE = f"the worlds are not compiled as they are now; each process compiles them anew until `{REBUILD}`"
 NO_COMPILER = (
     "kernels of {} are in no library that fits them, and Numba, which would compile them, is not installed: "
     "pip install 'minihuman-lab[dev]'"
 )
-MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}  # where Python's name of a machine is not LLVM's
+_MACHINE = platform.machine().lower()
+HERE = [sys.platform, {"amd64": "x86_64", "arm64": "aarch64"}.get(_MACHINE, _MACHINE)]  # with LLVM's name of a machine
 
 int64: Any = np.int64  # for variables whose first values say too little, and constants that are to be as any number
 
@@ -181,7 +182,7 @@ def _compiler(wanted: Any) -> Any:
         from minihuman.worlds.build import compilation
     except ImportError as error:
         raise MinihumanError(NO_COMPILER.format(getattr(wanted, "__module__", "the worlds"))) from error
-    if _library() is None and "MINIHUMAN_KERNELS" not in os.environ:
+    if str(getattr(wanted, "__module__", "")).startswith("minihuman.") and "MINIHUMAN_KERNELS" not in os.environ:
         _announce()
     return compilation
 
@@ -209,30 +210,21 @@ class LateKernel:
 
 # What a library calls and compares with, in this order: functions of Python, then objects.
 API_FUNCTIONS = (
-    *("PyLong_AsLongLong", "PyLong_AsUnsignedLongLong", "PyLong_FromLongLong", "PyLong_FromUnsignedLongLong"),
-    *("PyNumber_Index", "PyFloat_AsDouble", "PyFloat_FromDouble", "PyTuple_New", "PyTuple_SetItem"),
-    *(
-        "PyType_GetFlags",
-        "PyTuple_Size",
-        "PyTuple_GetItem",
-        "PyErr_Occurred",
-        "PyErr_Clear",
-        "PyObject_Vectorcall",
-        "PyByteArray_FromStringAndSize",
-        "Py_IncRef",
-    ),
-    *("Py_DecRef", "PyEval_SaveThread", "PyEval_RestoreThread", "PyMem_RawMalloc", "PyMem_RawFree"),
+    *("PyLong_AsLongLong", "PyLong_FromLongLong", "PyLong_FromUnsignedLongLong"),
+    *("PyFloat_AsDouble", "PyFloat_FromDouble", "PyTuple_New", "PyTuple_SetItem", "PyTuple_GetItem", "PyTuple_Size"),
+    *("PyType_GetFlags", "PyErr_Occurred", "PyErr_Clear", "PyObject_Vectorcall", "PyByteArray_FromStringAndSize"),
+    *("Py_IncRef", "Py_DecRef", "PyEval_SaveThread", "PyEval_RestoreThread", "PyMem_RawMalloc", "PyMem_RawFree"),
 )
 KINDS = ("bool", "int8", "uint8", "int32", "uint32", "int64", "uint64", "float32", "float64")  # of arrays
 
 
-def _make_array(kind: int, data: bytearray, *shape: int) -> NDArray[Any]:
+def _make_array(data: bytearray, kind: int, *shape: int) -> NDArray[Any]:
     return np.ndarray(shape, KINDS[kind], data)
 
 
 API = [*API_FUNCTIONS, *KINDS]  # what a library has to agree on
 API_OBJECTS: tuple[Any, ...] = (
-    *(None, True, False, int, np.ndarray, _make_array),
+    *(None, True, False, np.ndarray, _make_array),
     *(np.dtype(kind) for kind in KINDS),
 )
 
@@ -251,8 +243,8 @@ class Library:
     Python's or NumPy's but finds in a table where that is.
     """
 
-    def __init__(self, path: Path, numbers: Mapping[str, int]) -> None:
-        """Load it.
+    def __init__(self, path: Path, numbers: Mapping[str, int], count: int) -> None:
+        """Load it, for some kernels by their numbers, of so many that it has.
 
         Raises:
             OSError: if it is not for this machine, or cannot be read.
@@ -260,18 +252,18 @@ class Library:
         self._code = ctypes.PyDLL(str(path))
         if not self._code.runs_here():
             raise OSError(f"{path.name} is for newer processors")
-        self._numbers, self._kept = numbers, list[Any]()
+        self.numbers, self.is_complete, self._kept = numbers, len(numbers) == count, list[Any]()
         functions = [ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value for name in API_FUNCTIONS]
-        table = [*functions, *(id(each) for each in API_OBJECTS)]
+        table: Any = [*functions, *(id(each) for each in API_OBJECTS)]
         (ctypes.c_void_p * len(table)).in_dll(self._code, "api")[:] = table
-        self._refusals = (ctypes.c_void_p * len(numbers)).in_dll(self._code, "refusals")
+        self._refusals = (ctypes.c_void_p * count).in_dll(self._code, "refusals")
         self._new = ctypes.pythonapi.PyCFunction_NewEx
         self._new.argtypes = ctypes.c_void_p, ctypes.c_void_p, ctypes.py_object
         self._new.restype = ctypes.py_object
 
     def entry(self, written: Written) -> Callable[..., Any] | None:
         """The function that Python calls for a kernel; None where it is not in the library."""
-        number = self._numbers.get(written.name)
+        number = self.numbers.get(written.name)
         if number is None:
             return None
         function = written.function
@@ -319,26 +311,28 @@ def _library() -> Library | None:
 
 
 def load_library(folder: Path) -> Library | None:
-    """The library in a folder; None where there is none of the sources as they are, or none that runs here."""
+    """The library in a folder, with the kernels whose sources are as they were; None without any for this machine."""
     try:
         manifest = json.loads((folder / MANIFEST).read_bytes())
-        if manifest["api"] != API or manifest["digest"] != sources_digest(manifest["sources"]):
-            return None
     except OSError:
         return None
-    name = platform.machine().lower()
-    here = [sys.platform, MACHINES.get(name, name)]
-    for file in manifest["files"]:
-        if file["runs on"] == here:
+    changed = {number for number, (path, digest) in enumerate(manifest["sources"]) if source_digest(path) != digest}
+    names = manifest["kernels"] if manifest["api"] == API else ()
+    fitting = {
+        name: number
+        for number, name in enumerate(names)
+        if changed.isdisjoint(manifest["modules"][name.rpartition(".")[0]])
+    }
+    for file in manifest["files"] if fitting else ():
+        if file["runs on"] == HERE:
             with suppress(OSError):
-                return Library(folder / file["file"], manifest["kernels"])
+                return Library(folder / file["file"], fitting, len(names))
     return None
 
 
-def sources_digest(paths: Iterable[str]) -> str:
-    """Of sources, by their paths in the package, 16 hexadecimal digits."""
-    digest = hashlib.sha256()
-    for path in paths:
-        text = (PACKAGE / path).read_bytes().replace(b"\r\n", b"\n")
-        digest.update(f"{path} {len(text)}\n".encode() + text)
-    return digest.hexdigest()[:16]
+def source_digest(path: str) -> str:
+    """Of a source, by its path in the package, 16 hexadecimal digits; "" where there is none."""
+    try:
+        return hashlib.sha256((PACKAGE / path).read_bytes().replace(b"\r\n", b"\n")).hexdigest()[:16]
+    except OSError:
+        return ""

@@ -5,7 +5,6 @@
 
 import argparse
 import os
-import platform
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +12,7 @@ from pathlib import Path
 import llvmlite.binding as llvm
 
 import minihuman
-from minihuman.worlds.kernels import LIBRARY_FOLDER, MACHINES, load_library
+from minihuman.worlds.kernels import HERE, LIBRARY_FOLDER, load_library
 
 # Numba compiles for the oldest of the processors, and as any process with this seed
 _NUMBA = {"NUMBA_CPU_FEATURES": "", "PYTHONHASHSEED": "0", "MINIHUMAN_KERNELS": "jit", "MINIHUMAN_BUILDING": "1"}
@@ -28,7 +27,7 @@ def main() -> None:
     parser.add_argument("folder", nargs="?", type=Path, help="The folder to write to.")
     read = parser.parse_args()
     folder = read.folder or (LIBRARY_FOLDER if read.native else Path(minihuman.__file__).parent / "web/page/worlds")
-    if read.stale and load_library(folder) is not None:
+    if read.stale and (there := load_library(folder)) is not None and there.is_complete:
         return
     module = f"minihuman.worlds.build.{'native_library' if read.native else 'page_modules'}"
     levels = ["generic"] if not read.native else ["x86-64-v3", "x86-64-v2", "generic"] if read.all else [_level()]
@@ -41,7 +40,7 @@ def main() -> None:
 
 def _level() -> str:
     """The newest level of processors that this one is of."""
-    if MACHINES.get(name := platform.machine().lower(), name) != "x86_64":
+    if HERE[1] != "x86_64":
         return "generic"
     features = llvm.get_host_cpu_features()
     return "x86-64-v3" if all(features.get(name) for name in ("avx2", "bmi2", "fma", "movbe")) else "x86-64-v2"

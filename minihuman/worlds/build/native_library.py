@@ -1,22 +1,28 @@
 """The library of all kernels that Python calls: machine code for several processors, and a manifest of its sources."""
 
 import json
-import platform
-import re
+import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import llvmlite.binding as llvm
-from numba.core import config, types
 from numba.core.registry import cpu_target
 
 from minihuman.worlds.build import compilation, entries
 from minihuman.worlds.build.page_modules import Target, link_objects, machine_for, retarget
-from minihuman.worlds.kernels import API, API_FUNCTIONS, KERNELS, MACHINES, MANIFEST, PACKAGE, Written, sources_digest
+from minihuman.worlds.kernels import (
+    API,
+    API_FUNCTIONS,
+    HERE,
+    KERNELS,
+    MANIFEST,
+    PACKAGE,
+    Written,
+    source_digest,
+)
 from minihuman.worlds.source_digest import import_closure
 
 # Memory for kernels that make arrays: Python's, behind a header that Numba's code reads; and how a processor is asked
@@ -76,57 +82,76 @@ end:
   ret void
 }
 """
-_CPUID = (
-    '{ i32, i32, i32, i32 } asm "cpuid", "={ax},={bx},={cx},={dx},{ax},{cx},~{dirflag},~{fpsr},~{flags}"(i32 %s, i32 0)'
-)
-# Of a processor from 2009 on, of one from 2013 on: which bits are set of what cpuid says of 1 in ecx, of 7 in ebx, and
-# of 0x80000001 in ecx
-_V2_BITS, _V3_BITS = (0x982201, 0, 0), (0x38D83201 | 1 << 27, 0x128, 0x20)
+# Whether a library is for this processor: which bits cpuid sets says what instructions there are, and xgetbv that the
+# system keeps the wide registers. v2 is of 2009, v3 of 2013.
+_CPUID = 'call { i32, i32, i32, i32 } asm "cpuid", "={ax},={bx},={cx},={dx},{ax},{cx},~{dirflag},~{fpsr},~{flags}"'
+_RUNS_HERE = {
+    "generic": """
+define i32 @runs_here() {
+  ret i32 1
+}
+""",
+    "x86-64-v2": """
+define i32 @runs_here() #0 {
+  %basic = CPUID(i32 1, i32 0)
+  %basic_said = extractvalue { i32, i32, i32, i32 } %basic, 2
+  %basic_set = and i32 %basic_said, 9970177
+  %basic_fits = icmp eq i32 %basic_set, 9970177
+  br i1 %basic_fits, label %yes, label %no
+yes:
+  ret i32 1
+no:
+  ret i32 0
+}
+attributes #0 = { "target-cpu"="x86-64" "target-features"="" }
+""",
+    "x86-64-v3": """
+define i32 @runs_here() #0 {
+  %basic = CPUID(i32 1, i32 0)
+  %basic_said = extractvalue { i32, i32, i32, i32 } %basic, 2
+  %basic_set = and i32 %basic_said, 953692673
+  %basic_fits = icmp eq i32 %basic_set, 953692673
+  br i1 %basic_fits, label %newer, label %no
+newer:
+  %newer_set = CPUID(i32 7, i32 0)
+  %newer_set_said = extractvalue { i32, i32, i32, i32 } %newer_set, 1
+  %newer_set_set = and i32 %newer_set_said, 296
+  %newer_set_fits = icmp eq i32 %newer_set_set, 296
+  br i1 %newer_set_fits, label %more, label %no
+more:
+  %more_set = CPUID(i32 -2147483647, i32 0)
+  %more_set_said = extractvalue { i32, i32, i32, i32 } %more_set, 2
+  %more_set_set = and i32 %more_set_said, 32
+  %more_set_fits = icmp eq i32 %more_set_set, 32
+  br i1 %more_set_fits, label %kept, label %no
+kept:
+  %kept_set = call { i32, i32 } asm "xgetbv", "={ax},={dx},{cx},~{dirflag},~{fpsr},~{flags}"(i32 0)
+  %kept_said = extractvalue { i32, i32 } %kept_set, 0
+  %kept_wide = and i32 %kept_said, 6
+  %kept_fits = icmp eq i32 %kept_wide, 6
+  br i1 %kept_fits, label %yes, label %no
+yes:
+  ret i32 1
+no:
+  ret i32 0
+}
+attributes #0 = { "target-cpu"="x86-64" "target-features"="" }
+""",
+}
 
 
-@dataclass(frozen=True, slots=True)
-class Processor:
-    """What a library is for.
-
-    Args:
-        system: Python's name of the operating system, as in ``sys.platform``.
-        machine: LLVM's name of the kind of processor.
-        level: Numba's name of the oldest processor of that kind.
-        target: LLVM's, and the linker.
-        bits: what an x86-64 processor must say of itself.
-    """
-
-    system: str
-    machine: str
-    level: str
-    target: Target
-    bits: tuple[int, int, int] | None = None
-
-    @property
-    def file(self) -> str:
-        """The library's name."""
-        return f"kernels-{self.system}-{self.level}{self.target.suffix}"
-
-
-_ELF = ("-shared", "--no-undefined-version", "-z", "noexecstack", "--strip-all", "--hash-style=gnu")
-_DLL = ("/dll", "/noentry", "/nodefaultlib", "/opt:ref")
-_MACHO = ("-dylib", "-arch", "arm64", "-platform_version", "macos", "11.0", "11.0", "-undefined", "dynamic_lookup")
-
-
-def _x86(system: str, triple: str, linker: str, options: tuple[str, ...], suffix: str) -> tuple[Processor, ...]:
-    return tuple(
-        Processor(system, "x86_64", level, Target(triple, level, "", linker, options, suffix), bits)
-        for level, bits in (("x86-64-v3", _V3_BITS), ("x86-64-v2", _V2_BITS))
-    )
-
-
-PROCESSORS = (  # of one kind the newest first
-    *_x86("linux", "x86_64-unknown-linux-gnu", "ld.lld", _ELF, ".so"),
-    *_x86("win32", "x86_64-pc-windows-msvc", "lld-link", _DLL, ".dll"),
-    Processor(
-        *("linux", "aarch64", "generic"), Target("aarch64-unknown-linux-gnu", "generic", "", "ld.lld", _ELF, ".so")
-    ),
-    Processor(*("darwin", "aarch64", "generic"), Target("arm64-apple-macosx", "", "", "ld64.lld", _MACHO, ".dylib")),
+_ELF = "ld.lld", ("-shared", "-z", "noexecstack", "--strip-all", "--hash-style=gnu"), ".so"
+_DLL = "lld-link", ("/dll", "/noentry", "/nodefaultlib", "/opt:ref"), ".dll"
+_MACOS = "-dylib", "-arch", "arm64", "-platform_version", "macos", "11.0", "11.0", "-undefined", "dynamic_lookup"
+_MACHO = "ld64.lld", _MACOS, ".dylib"
+# for Python's name of the system and LLVM's of the machine; the newest processors first
+LIBRARIES: tuple[tuple[str, str, Target], ...] = (
+    ("linux", "x86_64", Target("x86_64-unknown-linux-gnu", "x86-64-v3", "", *_ELF)),
+    ("linux", "x86_64", Target("x86_64-unknown-linux-gnu", "x86-64-v2", "", *_ELF)),
+    ("linux", "aarch64", Target("aarch64-unknown-linux-gnu", "generic", "", *_ELF)),
+    ("win32", "x86_64", Target("x86_64-pc-windows-msvc", "x86-64-v3", "", *_DLL)),
+    ("win32", "x86_64", Target("x86_64-pc-windows-msvc", "x86-64-v2", "", *_DLL)),
+    ("darwin", "aarch64", Target("arm64-apple-macosx", "generic", "", *_MACHO)),
 )
 
 
@@ -138,50 +163,36 @@ def import_kernels() -> dict[str, tuple[Any, Written]]:
     return {name: KERNELS[name] for name in sorted(KERNELS) if KERNELS[name][1].signatures}
 
 
+def _link_only(library: Any, description: Any, environment: Any) -> Any:
+    """Do without machine code for this process: link and optimise, and let something new stand for what is called."""
+    library._ensure_finalized()
+    return list[Any]().append
+
+
 def lower_kernels() -> tuple[list[str], list[str]]:
     """The names of the kernels, and LLVM codes of all that is in a library."""
-    # What is called by its address here would have to be compiled for this process too; a new one stands for each
-    cpu_target.target_context.get_executable = lambda library, description, environment: list[Any]().append
+    cpu_target.target_context.get_executable = _link_only
     kernels = import_kernels()
-    codes, called = [], []
-    for dispatcher, written in kernels.values():
-        overloads = []
-        for text in written.signatures:
-            arguments = _arguments(text, written)
-            if arguments not in dispatcher.overloads:
-                dispatcher.compile(arguments)
-            compiled = dispatcher.overloads[arguments]
-            codes.append(_without_counting(compiled.library.get_llvm_str()))
-            overloads.append(entries.Overload(compiled.fndesc, arguments, compiled.signature.return_type))
-        called.append((overloads, bool(written.options.get("nogil"))))
-    return list(kernels), [entries.write_entries(cpu_target.target_context, called), *codes]
+    called = [
+        ([entries.compile_for(found, written, text) for text in written.signatures], bool(written.options.get("nogil")))
+        for found, written in kernels.values()
+    ]
+    codes = [overload.code for overloads, _ in called for overload in overloads]
+    return list(kernels), [entries.write_python_entries(called), *codes]
 
 
-def _arguments(text: str, written: Written) -> tuple[Any, ...]:
-    """Numba's types of a signature's arguments; it may name classes of the kernel's module."""
-    found = eval(text, {**written.function.__globals__, **vars(types)})
-    return found if isinstance(found, tuple) else found.args
+def link_library(target: Target, codes: Sequence[str], count: int) -> bytes:
+    """A library of so many lowered kernels.
 
-
-def _without_counting(code: str) -> str:
-    """Without Numba's own counting of references, which is for the processor that compiled it."""
-    code = re.sub(r"= common (local_unnamed_addr )?global", "= internal global", code)
-    counting = r"^define linkonce_odr void @(NRT_(?:inc|dec)ref)\([^)]*\)[^{]*\{.*?\n\}$"
-    return re.sub(
-        counting,
-        r"declare void @\1(ptr)",
-        re.sub(counting, r"declare void @\1(ptr)", code, flags=re.M | re.S),
-        flags=re.M | re.S,
-    )
-
-
-def build(processor: Processor, names: Sequence[str], codes: Sequence[str]) -> bytes:
-    """A library of lowered kernels for a processor."""
-    machine = machine_for(processor.target)
-    exported = ["api", "refusals", "runs_here", *(f"kernel_{number}" for number in range(len(names)))]
-    runtime = _RUNTIME.replace("MALLOC", str(API_FUNCTIONS.index("PyMem_RawMalloc")))
-    runtime = runtime.replace("FREE", str(API_FUNCTIONS.index("PyMem_RawFree"))) + _runs_here(processor.bits)
-    first, *others = (retarget(code, processor.target, machine) for code in codes)
+    Raises:
+        BuildError: if there is no linker, or it refuses.
+    """
+    machine = machine_for(target)
+    exported = ["api", "refusals", "runs_here", *(f"kernel_{number}" for number in range(count))]
+    runtime = _RUNTIME + _RUNS_HERE[target.cpu].replace("CPUID", _CPUID)
+    for name, function in (("MALLOC", "PyMem_RawMalloc"), ("FREE", "PyMem_RawFree")):
+        runtime = runtime.replace(name, str(API_FUNCTIONS.index(function)))
+    first, *others = (retarget(code, target, machine) for code in codes)
     whole = llvm.parse_assembly(first)
     for code in (*others, runtime):
         whole.link_in(llvm.parse_assembly(code))
@@ -192,41 +203,7 @@ def build(processor: Processor, names: Sequence[str], codes: Sequence[str]) -> b
     passes.add_global_dead_code_eliminate_pass()
     passes.run(whole, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options()))
     whole.verify()
-    return link_objects([machine.emit_object(whole)], exported, processor.target)
-
-
-def _runs_here(bits: tuple[int, int, int] | None) -> str:
-    """LLVM code of a function that says whether the library is for this processor."""
-    if bits is None:
-        return "define i32 @runs_here() {\n  ret i32 1\n}\n"
-    lines = ["define i32 @runs_here() #0 {"]
-    for name, leaf, part, wanted in zip("abc", (1, 7, -0x7FFFFFFF), (2, 1, 2), bits, strict=True):
-        if wanted:
-            lines += [
-                f"  %{name} = call {_CPUID % leaf}",
-                f"  %{name}_bits = extractvalue {{ i32, i32, i32, i32 }} %{name}, {part}",
-                f"  %{name}_set = and i32 %{name}_bits, {wanted}",
-                f"  %{name}_fits = icmp eq i32 %{name}_set, {wanted}",
-                f"  br i1 %{name}_fits, label %after_{name}, label %no",
-                f"after_{name}:",
-            ]
-    if bits[1]:  # the system keeps the wide registers
-        lines += [
-            '  %kept = call { i32, i32 } asm "xgetbv", "={ax},={dx},{cx},~{dirflag},~{fpsr},~{flags}"(i32 0)',
-            "  %kept_bits = extractvalue { i32, i32 } %kept, 0",
-            "  %kept_set = and i32 %kept_bits, 6",
-            "  %kept_fits = icmp eq i32 %kept_set, 6",
-            "  br i1 %kept_fits, label %yes, label %no",
-            "yes:",
-        ]
-    lines += [
-        "  ret i32 1",
-        "no:",
-        "  ret i32 0",
-        "}",
-        'attributes #0 = { "target-cpu"="x86-64" "target-features"="" }',
-    ]
-    return "\n".join(lines)
+    return link_objects([machine.emit_object(whole)], exported, target)
 
 
 def build_library(folder: Path, *, everywhere: bool = False) -> None:
@@ -236,24 +213,26 @@ def build_library(folder: Path, *, everywhere: bool = False) -> None:
         BuildError: if there is no linker, or it refuses.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    machine = platform.machine().lower()
-    here = sys.platform, MACHINES.get(machine, machine)
     names, codes = lower_kernels()
-    for each in PROCESSORS:
-        if each.level == config.CPU_NAME and (everywhere or here == (each.system, each.machine)):
-            (folder / each.file).write_bytes(build(each, names, codes))
-            print(f"{folder / each.file}: {(folder / each.file).stat().st_size / 1000:.0f} kB")
-    modules = {written.function.__module__ for _, written in KERNELS.values()}
-    paths = import_closure(*modules, compilation.__name__, entries.__name__)
-    there = [each for each in PROCESSORS if (folder / each.file).exists()]
+    files = []
+    for system, machine, target in LIBRARIES:
+        path = folder / f"kernels-{system}-{target.cpu}{target.suffix}"
+        if target.cpu == os.environ["NUMBA_CPU_NAME"] and (everywhere or [system, machine] == HERE):
+            path.write_bytes(link_library(target, codes, len(names)))
+            print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
+        if path.exists():
+            files.append({"file": path.name, "runs on": [system, machine]})
+    modules = sorted({name.rpartition(".")[0] for name in names})
+    needed = {module: import_closure(module, compilation.__name__, entries.__name__) for module in modules}
+    paths = sorted({path for each in needed.values() for path in each})
     manifest = {
-        "digest": sources_digest(paths),
-        "sources": paths,
         "api": API,
-        "files": [{"file": each.file, "runs on": [each.system, each.machine]} for each in there],
-        "kernels": {name: number for number, name in enumerate(names)},
+        "files": files,
+        "kernels": names,
+        "sources": [[path, source_digest(path)] for path in paths],
+        "modules": {module: [paths.index(path) for path in each] for module, each in needed.items()},
     }
-    (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8", newline="\n")
+    (folder / MANIFEST).write_text(json.dumps(manifest) + "\n", encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ From LLVM code to modules and libraries: LLVM's back ends come with llvmlite, th
 """
 
 import hashlib
+import inspect
 import json
 import os
 import re
@@ -23,8 +24,9 @@ import llvmlite.binding as llvm
 import numba
 
 from minihuman.errors import MinihumanError
-from minihuman.worlds.build.exports import EXPORTS
-from minihuman.worlds.build.lowering import lower
+from minihuman.worlds.build.entries import compile_for, results_of, write_table_entry
+from minihuman.worlds.build.exports import EXPORTS, NUMBER
+from minihuman.worlds.kernels import KERNELS
 from minihuman.worlds.source_digest import kernels_digest
 
 _STACK_BYTES = 1 << 18
@@ -51,6 +53,16 @@ end:
   ret i32 1
 }
 """  # of a contiguous array, as all in kernels are
+
+
+_COUNTING = """
+define void @NRT_incref(ptr %.1) {
+  ret void
+}
+define void @NRT_decref(ptr %.1) {
+  ret void
+}
+"""  # of references: kernels of the page own nothing
 
 
 class BuildError(MinihumanError, RuntimeError):
@@ -187,31 +199,15 @@ def build_page_modules(folder: Path) -> dict[str, Any]:
     folder.mkdir(parents=True, exist_ok=True)
     modules: dict[str, Any] = {}
     for name, exports in EXPORTS.items():
-        functions = [lower(export) for export in exports]
+        lowered = {name: _lower(name, kernel) for name, kernel in exports.items()}
+        codes = [code for _, both in lowered.values() for code in both]
         files = []
         for target in _TARGETS[name]:
-            code = link([each.code for each in functions], [each.name for each in functions], target)
+            code = link([_COUNTING, *codes], list(lowered), target)
             (folder / f"{name}{target.suffix}").write_bytes(code)
-            files.append(
-                {
-                    "file": f"{name}{target.suffix}",
-                    "simd": target is PAGE_SIMD,
-                    "bytes": len(code),
-                    "sha256": hashlib.sha256(code).hexdigest(),
-                }
-            )
-        modules[name] = {
-            "files": files,
-            "functions": {
-                each.name: {
-                    "arguments": [
-                        {"name": one.name, "kind": one.kind, "dimensions": one.dimensions} for one in each.arguments
-                    ],
-                    "results": list(each.results),
-                }
-                for each in functions
-            },
-        }
+            file = {"file": f"{name}{target.suffix}", "simd": target is PAGE_SIMD, "bytes": len(code)}
+            files.append(file | {"sha256": hashlib.sha256(code).hexdigest()})
+        modules[name] = {"files": files, "functions": {name: about for name, (about, _) in lowered.items()}}
     manifest = {
         "sources": kernels_digest(),
         "numba": numba.__version__,
@@ -221,6 +217,28 @@ def build_page_modules(folder: Path) -> dict[str, Any]:
     }
     (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8", newline="\n")
     return manifest
+
+
+def _lower(name: str, kernel: Any) -> tuple[dict[str, Any], tuple[str, str]]:
+    """What callers of a kernel have to know of its table; and LLVM codes, of the kernel and of the way into it."""
+    written = next(each for found, each in KERNELS.values() if found is kernel)
+    overload = compile_for(kernel, written, written.signatures[0])
+    arguments = list(zip(inspect.signature(written.function).parameters, overload.arguments, strict=True))
+    entry = write_table_entry(name, overload, [parameter == NUMBER for parameter, _ in arguments])
+    about = {
+        "arguments": [
+            {"name": name, "kind": _kind(kind), "dimensions": getattr(kind, "ndim", 0)}
+            for name, kind in arguments
+            if name != NUMBER
+        ],
+        "results": [_kind(kind) for kind in results_of(overload)],
+    }
+    return about, (overload.code, entry)
+
+
+def _kind(numba_type: Any) -> str:
+    """NumPy's name of what an array is made of; of a number whether it is whole."""
+    return str(getattr(numba_type, "dtype", "float64" if str(numba_type) == "float64" else "int64"))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Pictures of a first-person state: what the agent sees, how far away it is, the world from above.
 
-Turns the state into the scene that the renderer draws. Also the pieces of compilation that processes can share.
+Turns the state into the scene that the renderer draws.
 """
 
 import math

@@ -1,7 +1,7 @@
 """GridEngine: the Gymnasium environment that every grid world is.
 
 Holds one row of state and its random stream; `core.rules` says what an action does, subclasses how an episode is laid
-out. Also the map of a state, and the pieces of compilation that processes can share.
+out. Also the map of a state.
 """
 
 import abc
@@ -308,12 +308,10 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         """A picture with tiles of this size: of the whole world, or of what the agent sees."""
         return self._draw(view, tile_px, self.palette, lit=lit)
 
-    def _draw(
-        self, view: View, tile_px: int, palette: GridPalette, *, lit: bool = True, by_bytes: bool = False
-    ) -> NDArray[np.uint8]:
+    def _draw(self, view: View, tile_px: int, palette: GridPalette, *, lit: bool = True) -> NDArray[np.uint8]:
         row, size = self._in_world().row, self.image_shape[0]
         looks: dict[str, Any] = {"tile_px": tile_px, "palette": palette, "kinds": self.kinds}
-        picture = draw_grid(row, view=view, view_size=size, lit=lit, by_bytes=by_bytes, **looks)
+        picture = draw_grid(row, view=view, view_size=size, lit=lit, **looks)
         for place, (colour, opacity) in self.cell_marks.items():
             if colour not in COLOURS or not (0 <= opacity <= 1 and self._has_cell(*place)):
                 raise WorldError(
@@ -392,8 +390,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
     ) -> NDArray[np.uint8]:
         """The largest picture with whole-numbered tiles that fits, uint8[H, W, 3]."""
         tile_px, palette_ = self.tiles(view, size_px, palette)
-        # by bytes: a window has any size, and nothing is to be compiled once a participant sits before it
-        return self._draw(view, tile_px, palette_, by_bytes=True)
+        return self._draw(view, tile_px, palette_)
 
     def tiles(self, view: View, size_px: tuple[int, int], palette: Palette) -> tuple[int, GridPalette]:
         """The size of the tiles that `picture` is drawn of, in pixels, and their palette."""
