@@ -9,7 +9,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 from packaging.tags import platform_tags
 
 LIBRARY = "minihuman/worlds/compiled"
-LINKERS = {"linux": ("ld.lld", "ld"), "darwin": ("ld64.lld", "ld"), "win32": ("lld-link",)}
+LINKERS = {"linux": ("ld.lld", "ld"), "darwin": ("ld64.lld", "cc"), "win32": ("lld-link",)}
 
 
 class LibraryHook(BuildHookInterface):  # type: ignore[type-arg]

@@ -19,7 +19,7 @@ import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cache, cached_property, partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast
 
@@ -32,14 +32,15 @@ LOG = logging.getLogger("minihuman")
 PACKAGE = Path(__file__).parents[1]
 LIBRARY_FOLDER = Path(__file__).parent / "compiled"
 MANIFEST = "manifest.json"
-REBUILD = "python -m minihuman.worlds.build --native"
-COMPILE_NOTICE = f"the worlds are not compiled as they are now; each process compiles them anew until `{REBUILD}`"
+COMPILE_NOTICE = (
+    "the worlds are not compiled as they are now; each process compiles them anew until "
+    "`python -m minihuman.worlds.build --native`"
+)
 NO_COMPILER = (
     "kernels of {} are in no library that fits them, and Numba, which would compile them, is not installed: "
     "pip install 'minihuman-lab[dev]'"
 )
-_MACHINE = platform.machine().lower()
-HERE = [sys.platform, {"amd64": "x86_64", "arm64": "aarch64"}.get(_MACHINE, _MACHINE)]  # with LLVM's name of a machine
+HERE = [sys.platform, platform.machine().lower().replace("amd", "x86_").replace("arm64", "aarch64")]  # as LLVM has it
 
 int64: Any = np.int64  # for variables whose first values say too little, and constants that are to be as any number
 
@@ -49,8 +50,8 @@ _HOLD_GIL: dict[str, Any] = {"_nrt": False}
 _NOGIL: dict[str, Any] = _HOLD_GIL | {"nogil": True}
 
 
-@dataclass(frozen=True, slots=True)
-class Written:
+@dataclass(frozen=True, slots=True, eq=False)
+class KernelSource:
     """A function as it is written, and how it is to be compiled.
 
     Args:
@@ -75,7 +76,7 @@ class Written:
 
 # What stands in modules for a kernel, or for what kernels call, by its `id`; and what Numba makes of it, for others
 COMPILERS: dict[int, tuple[Any, Callable[[], Any]]] = {}
-KERNELS: dict[str, tuple[Any, Written]] = {}  # what Python calls, by name
+KERNELS: dict[str, tuple[Any, KernelSource]] = {}  # what Python calls, by name
 
 
 def kernel(
@@ -94,13 +95,10 @@ def kernel(
     options = _NOGIL if nogil else _HOLD_GIL if hold_gil else {}
 
     def made(function: F) -> F:
-        written = Written(function, options, variables, signatures, only)
+        written = KernelSource(function, options, variables, signatures, only)
         library = _library()
-        if library is None:
-            found = _compiled(written)
-        else:
-            found = library.entry(written) or LateKernel(written)
-            COMPILERS[id(found)] = found, partial(_compiled, written)
+        stands = function if library is None else library.entry(written) or LateKernel(written)
+        found = _or_plain(stands, partial(_compiled, written))
         KERNELS[written.name] = found, written
         return cast(F, found)
 
@@ -117,12 +115,14 @@ def device_function(
     """
     options = {"no_cpython_wrapper": True, "forceinline": force_inline} | (_NOGIL if nogil else {})
     signatures = (signature,) if signature else ()
-    return lambda function: _for_kernels(Written(function, options, variables, signatures, only=bool(signature)))
+    return lambda function: _or_plain(
+        function, partial(_compiled, KernelSource(function, options, variables, signatures, only=bool(signature)))
+    )
 
 
 def inline(function: F) -> F:
     """Compile what is a line or two, as if it were written out in each kernel that calls it."""
-    return cast(F, _for_kernels(Written(function, {"inline": "always"})))
+    return cast(F, _or_plain(function, partial(_compiled, KernelSource(function, {"inline": "always"}))))
 
 
 def llvm_function(write: Callable[..., Any], plain: F, *, counts: bool) -> F:
@@ -149,28 +149,25 @@ def array_at(kind: type[np.generic]) -> Callable[[int, int], NDArray[Any]]:
 
     So one table of whole numbers can say where any number of arrays are; its writer keeps them alive.
     """
-    size = np.dtype(kind).itemsize
 
     def plain(address: int, count: int) -> NDArray[Any]:
-        return np.ndarray((count,), kind, memoryview((ctypes.c_byte * (size * int(count))).from_address(int(address))))
+        size = np.dtype(kind).itemsize * int(count)
+        return np.ndarray((count,), kind, memoryview((ctypes.c_byte * size).from_address(int(address))))
 
     return cast(Callable[[int, int], NDArray[Any]], _or_plain(plain, lambda: _compiler(plain).array_at(kind)))
 
 
-def _for_kernels(written: Written) -> Any:
-    return _or_plain(written.function, partial(_compiled, written))
-
-
 def _or_plain(plain: Any, compile_it: Callable[[], Any]) -> Any:
-    """What kernels call: in Python where a library has all kernels, and made for Numba where it compiles them."""
+    """What stands for a function: itself where a library has the kernels, or what Numba makes of it."""
     if _library() is None:
         return compile_it() if _is_compiling() else plain
     COMPILERS[id(plain)] = plain, compile_it
     return plain
 
 
-def _compiled(written: Written) -> Any:
-    return _compiler(written.function).compiled(written) if _is_compiling() else written.function
+@cache
+def _compiled(written: KernelSource) -> Any:
+    return _compiler(written.function).compiled(written)
 
 
 def _is_compiling() -> bool:
@@ -187,25 +184,18 @@ def _compiler(wanted: Any) -> Any:
     return compilation
 
 
-@cache
-def _announce() -> None:
-    LOG.warning(COMPILE_NOTICE)  # once; Python shows that on stderr without any logging set up
+_announce = cache(lambda: LOG.warning(COMPILE_NOTICE))  # once; Python shows it on stderr without any logging set up
 
 
 class LateKernel:
     """A kernel of others, which no library has: Numba compiles it when it is first called."""
 
-    def __init__(self, written: Written) -> None:
+    def __init__(self, written: KernelSource) -> None:
         self.written = written
-
-    @cached_property
-    def compiled(self) -> Any:
-        """What Numba makes of it."""
-        return _compiled(self.written)
 
     def __call__(self, *arguments: Any) -> Any:
         """Call it, from Python."""
-        return self.compiled(*arguments)
+        return _compiled(self.written)(*arguments)
 
 
 # What a library calls and compares with, in this order: functions of Python, then objects.
@@ -233,10 +223,7 @@ class _Method(ctypes.Structure):
     _fields_ = (("name", ctypes.c_char_p), ("call", ctypes.c_void_p), ("flags", ctypes.c_int), ("doc", ctypes.c_char_p))
 
 
-_FASTCALL = 0x80  # METH_FASTCALL: an array of arguments and how many they are
-
-
-class Library:
+class KernelLibrary:
     """A shared library of kernels, made by ``minihuman.worlds.build``.
 
     Each kernel is a C function that Python calls as it calls functions of its own; the library imports nothing of
@@ -252,24 +239,23 @@ class Library:
         self._code = ctypes.PyDLL(str(path))
         if not self._code.runs_here():
             raise OSError(f"{path.name} is for newer processors")
-        self.numbers, self.is_complete, self._kept = numbers, len(numbers) == count, list[Any]()
-        functions = [ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value for name in API_FUNCTIONS]
-        table: Any = [*functions, *(id(each) for each in API_OBJECTS)]
+        self.numbers, self.has_all, self._kept = numbers, len(numbers) == count, list[Any]()
+        table: Any = [ctypes.cast(getattr(ctypes.pythonapi, each), ctypes.c_void_p).value for each in API_FUNCTIONS]
+        table += map(id, API_OBJECTS)
         (ctypes.c_void_p * len(table)).in_dll(self._code, "api")[:] = table
         self._refusals = (ctypes.c_void_p * count).in_dll(self._code, "refusals")
         self._new = ctypes.pythonapi.PyCFunction_NewEx
         self._new.argtypes = ctypes.c_void_p, ctypes.c_void_p, ctypes.py_object
         self._new.restype = ctypes.py_object
 
-    def entry(self, written: Written) -> Callable[..., Any] | None:
+    def entry(self, written: KernelSource) -> Callable[..., Any] | None:
         """The function that Python calls for a kernel; None where it is not in the library."""
         number = self.numbers.get(written.name)
         if number is None:
             return None
         function = written.function
         address = ctypes.cast(getattr(self._code, f"kernel_{number}"), ctypes.c_void_p).value
-        doc = (function.__doc__ or "").encode()
-        method = _Method(function.__name__.encode(), address, _FASTCALL, doc)
+        method = _Method(function.__name__.encode(), address, 0x80, (function.__doc__ or "").encode())  # METH_FASTCALL
         found: Callable[..., Any] = self._new(ctypes.addressof(method), None, function.__module__)
         refuse = partial(_refuse, written, found)
         self._refusals[number] = id(refuse)
@@ -277,7 +263,7 @@ class Library:
         return found
 
 
-def _refuse(written: Written, entry: Callable[..., Any], *given: Any) -> Any:
+def _refuse(written: KernelSource, entry: Callable[..., Any], *given: Any) -> Any:
     """Call it again with what the library takes in place of its like, such as NumPy's numbers for Python's.
 
     Raises:
@@ -296,28 +282,25 @@ def _fitting(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         usual = np.dtype(value.dtype.name)
         return value if value.dtype is usual and type(value) is np.ndarray else np.asarray(value).view(usual)
-    if isinstance(value, tuple):
-        items = tuple(_fitting(each) for each in value)
-        return value if all(one is other for one, other in zip(value, items, strict=True)) else items
     return value
 
 
 @cache
-def _library() -> Library | None:
+def _library() -> KernelLibrary | None:
     """The library beside this module; None where none is of these kernels and for this machine, or none is wanted."""
     if not _is_compiling() or os.environ.get("MINIHUMAN_KERNELS") == "jit":
         return None
     return load_library(LIBRARY_FOLDER)
 
 
-def load_library(folder: Path) -> Library | None:
+def load_library(folder: Path) -> KernelLibrary | None:
     """The library in a folder, with the kernels whose sources are as they were; None without any for this machine."""
     try:
         manifest = json.loads((folder / MANIFEST).read_bytes())
     except OSError:
         return None
-    changed = {number for number, (path, digest) in enumerate(manifest["sources"]) if source_digest(path) != digest}
-    names = manifest["kernels"] if manifest["api"] == API else ()
+    names, sources = (manifest["kernels"], manifest["sources"]) if manifest["api"] == API else ((), ())
+    changed = {number for number, (path, digest) in enumerate(sources) if source_digest(path) != digest}
     fitting = {
         name: number
         for number, name in enumerate(names)
@@ -326,7 +309,7 @@ def load_library(folder: Path) -> Library | None:
     for file in manifest["files"] if fitting else ():
         if file["runs on"] == HERE:
             with suppress(OSError):
-                return Library(folder / file["file"], fitting, len(names))
+                return KernelLibrary(folder / file["file"], fitting, len(names))
     return None
 
 

@@ -6,13 +6,11 @@ Numba, so that a log can be verified without it.
 
 import hashlib
 import re
-import sys
 from collections.abc import Iterator
 from functools import cache
-from importlib.machinery import ModuleSpec
 from importlib.resources import files
 from importlib.resources.abc import Traversable
-from importlib.util import find_spec, resolve_name
+from importlib.util import resolve_name
 
 _OURS = "minihuman"
 # wherever in a line; a string that reads like an import only adds a module
@@ -34,8 +32,9 @@ def kernels_digest() -> str:
 
 def import_closure(*modules: str) -> list[str]:
     """The files of modules of ours and of all they import from us, by their paths in the package, in order."""
-    paths = [name.replace(".", "/") + ("/__init__.py" if _is_package(name) else ".py") for name in _reached(*modules)]
-    return sorted(path.removeprefix(f"{_OURS}/") for path in paths)
+    named = [name.removeprefix(f"{_OURS}.").replace(".", "/") for name in _reached(*modules) - {_OURS}]
+    packages = {way for way in named if files(_OURS).joinpath(way).is_dir()}
+    return sorted(f"{way}/__init__.py" if way in packages else f"{way}.py" for way in named)
 
 
 def _reached(*modules: str) -> set[str]:
@@ -68,34 +67,24 @@ def _below(folder: Traversable, path: str) -> Iterator[tuple[str, str]]:
 
 @cache
 def _source(module: str) -> str | None:
-    loader = getattr(sys.modules.get(module), "__loader__", None)
-    if loader is None and (spec := _spec(module)) is not None:
-        loader = spec.loader
-    text: str | None = getattr(loader, "get_source", lambda _: None)(module)
-    return text
+    """What is written in a module of ours; None where there is none of that name."""
+    for path in (_path(module, "/__init__.py"), _path(module)):
+        if path.is_file():
+            return path.read_text(encoding="utf-8")
+    return None
+
+
+def _path(module: str, suffix: str = ".py") -> Traversable:
+    return files(_OURS).joinpath(f"{module.removeprefix(_OURS).replace('.', '/').lstrip('/')}{suffix}".lstrip("/"))
 
 
 @cache
 def _imports(module: str) -> frozenset[str]:
-    """The modules of its own package and of ours that a module's source imports; those it only seems to do no harm."""
-    package = module if _is_package(module) else module.rpartition(".")[0]
+    """The modules of ours that a module's source imports; those it only seems to do no harm."""
+    package = module if _path(module, "/__init__.py").is_file() else module.rpartition(".")[0]
     found: set[str] = set()
     for source, names, plain in _IMPORT.findall((_source(module) or "").replace("\\\n", " ")):
         bases = [source] if source else plain.split(",")
         for base in (resolve_name(each.split()[0], package) for each in bases if each.strip()):
-            if base.partition(".")[0] in (_OURS, module.partition(".")[0]):
-                inside = re.findall(r"\w+", names) if _is_package(base) else ()
-                found |= {base, *(f"{base}.{name}" for name in inside)}
-    return frozenset(name for name in found if _source(name) is not None)
-
-
-def _is_package(module: str) -> bool:
-    known = sys.modules.get(module) or _spec(module)
-    return hasattr(known, "__path__") or getattr(known, "submodule_search_locations", None) is not None
-
-
-def _spec(module: str) -> ModuleSpec | None:
-    try:
-        return find_spec(module)
-    except (ImportError, ValueError):
-        return None
+            found |= {base, *(f"{base}.{name}" for name in re.findall(r"\w+", names))}
+    return frozenset(name for name in found if name.partition(".")[0] == _OURS and _source(name) is not None)

@@ -27,23 +27,17 @@ def main() -> None:
     parser.add_argument("folder", nargs="?", type=Path, help="The folder to write to.")
     read = parser.parse_args()
     folder = read.folder or (LIBRARY_FOLDER if read.native else Path(minihuman.__file__).parent / "web/page/worlds")
-    if read.stale and (there := load_library(folder)) is not None and there.is_complete:
+    if read.stale and (there := load_library(folder)) is not None and there.has_all:
         return
     module = f"minihuman.worlds.build.{'native_library' if read.native else 'page_modules'}"
-    levels = ["generic"] if not read.native else ["x86-64-v3", "x86-64-v2", "generic"] if read.all else [_level()]
+    features = llvm.get_host_cpu_features()
+    newer = all(features.get(name) for name in ("avx2", "bmi2", "fma", "movbe"))
+    levels = ["generic"]
+    if read.native and (read.all or HERE[1] == "x86_64"):
+        levels = ["x86-64-v3", "x86-64-v2", "generic"] if read.all else ["x86-64-v3" if newer else "x86-64-v2"]
     for level in levels:
         command = [sys.executable, "-m", module, str(folder), *(["--all"] if read.all else [])]
-        done = subprocess.run(command, env=os.environ | _NUMBA | {"NUMBA_CPU_NAME": level})
-        if done.returncode:
-            sys.exit(done.returncode)
-
-
-def _level() -> str:
-    """The newest level of processors that this one is of."""
-    if HERE[1] != "x86_64":
-        return "generic"
-    features = llvm.get_host_cpu_features()
-    return "x86-64-v3" if all(features.get(name) for name in ("avx2", "bmi2", "fma", "movbe")) else "x86-64-v2"
+        subprocess.run(command, env=os.environ | _NUMBA | {"NUMBA_CPU_NAME": level}, check=True)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from numba import float64, int64, types
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
-from minihuman.worlds.kernels import COMPILERS, ArrayStart, Written
+from minihuman.worlds.kernels import COMPILERS, ArrayStart, KernelSource
 
 # A division by zero is infinite, as in NumPy: nothing is made to raise it. C calls no kernel.
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
@@ -30,7 +30,7 @@ _FOR_NUMBA: dict[int, dict[str, Any]] = {}  # what a module's kernels find by na
 BUILDING = "MINIHUMAN_BUILDING"  # in the environment: Python calls no kernel of this process
 
 
-def compiled(written: Written) -> Any:
+def compiled(written: KernelSource) -> Any:
     """What Numba compiles: a dispatcher, for what it is called with or for the one signature."""
     options = _OPTIONS | dict(written.options) | ({"no_cpython_wrapper": True} if BUILDING in os.environ else {})
     variables = {name: numba.from_dtype(np.dtype(kind)) for name, kind in written.variables.items()}

@@ -1,9 +1,9 @@
 """The ways into compiled kernels, in LLVM code: functions that Python calls, and functions of a table for others.
 
 What Python calls reads the arguments of a call and makes an object of the result. It finds what it needs of Python in a
-table (`minihuman.worlds.kernels.Library`), so a library is for every version of Python and NumPy. What it reads of an
-array is what every extension module reads, which NumPy keeps where it is: the data's address, the number of dimensions,
-their extents, the kind of item, and flags.
+table (`minihuman.worlds.kernels.KernelLibrary`), so a library is for every version of Python and NumPy. What it reads
+of an array is what every extension module reads, which NumPy keeps where it is: the data's address, the number of
+dimensions, their extents, the kind of item, and flags.
 """
 
 import re
@@ -17,7 +17,7 @@ from numba.core import cgutils, sigutils, types
 from numba.core.registry import cpu_target
 from numba.np.arrayobj import populate_array
 
-from minihuman.worlds.kernels import API_FUNCTIONS, API_OBJECTS, KINDS, Written
+from minihuman.worlds.kernels import API_FUNCTIONS, API_OBJECTS, KINDS, KernelSource
 
 _OBJECT, _WORD, _INT, _DOUBLE = cgutils.voidptr_t, ir.IntType(64), ir.IntType(32), ir.DoubleType()
 _NOTHING, _MANY = ir.VoidType(), _OBJECT.as_pointer()
@@ -64,7 +64,7 @@ class Overload:
     result: Any
 
 
-def compile_for(dispatcher: Any, written: Written, text: str) -> Overload:
+def compile_for(dispatcher: Any, written: KernelSource, text: str) -> Overload:
     """Compile a kernel for a signature, in Numba's words, which may name classes of the kernel's module."""
     arguments = sigutils.normalize_signature(eval(text, {**written.function.__globals__, **vars(types)}))[0]
     if arguments not in dispatcher.overloads:

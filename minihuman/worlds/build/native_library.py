@@ -20,7 +20,7 @@ from minihuman.worlds.kernels import (
     KERNELS,
     MANIFEST,
     PACKAGE,
-    Written,
+    KernelSource,
     source_digest,
 )
 from minihuman.worlds.source_digest import import_closure
@@ -29,6 +29,7 @@ from minihuman.worlds.source_digest import import_closure
 # what it can
 _RUNTIME = """
 @api = external global [64 x ptr]
+@_fltused = global i32 0
 define ptr @NRT_Allocate(i64 %size) {
   %place = getelementptr [64 x ptr], ptr @api, i64 0, i64 MALLOC
   %allocate = load ptr, ptr %place
@@ -155,7 +156,7 @@ LIBRARIES: tuple[tuple[str, str, Target], ...] = (
 )
 
 
-def import_kernels() -> dict[str, tuple[Any, Written]]:
+def import_kernels() -> dict[str, tuple[Any, KernelSource]]:
     """Every kernel of minihuman that Python calls, by name."""
     for path in sorted((PACKAGE / "worlds").rglob("*.py")):
         if "\n@kernel(" in path.read_text(encoding="utf-8") and path.parent.name != "build":
@@ -173,12 +174,12 @@ def lower_kernels() -> tuple[list[str], list[str]]:
     """The names of the kernels, and LLVM codes of all that is in a library."""
     cpu_target.target_context.get_executable = _link_only
     kernels = import_kernels()
-    called = [
+    compiled = [
         ([entries.compile_for(found, written, text) for text in written.signatures], bool(written.options.get("nogil")))
         for found, written in kernels.values()
     ]
-    codes = [overload.code for overloads, _ in called for overload in overloads]
-    return list(kernels), [entries.write_python_entries(called), *codes]
+    codes = [overload.code for overloads, _ in compiled for overload in overloads]
+    return list(kernels), [entries.write_python_entries(compiled), *codes]
 
 
 def link_library(target: Target, codes: Sequence[str], count: int) -> bytes:
@@ -199,9 +200,9 @@ def link_library(target: Target, codes: Sequence[str], count: int) -> bytes:
     for thing in (*whole.functions, *whole.global_variables):
         if not thing.is_declaration and thing.name not in exported:
             thing.linkage = "internal"
-    passes = llvm.create_new_module_pass_manager()
-    passes.add_global_dead_code_eliminate_pass()
-    passes.run(whole, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options()))
+    pipeline = llvm.create_new_module_pass_manager()
+    pipeline.add_global_dead_code_eliminate_pass()
+    pipeline.run(whole, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options()))
     whole.verify()
     return link_objects([machine.emit_object(whole)], exported, target)
 

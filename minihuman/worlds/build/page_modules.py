@@ -30,6 +30,10 @@ from minihuman.worlds.kernels import KERNELS
 from minihuman.worlds.source_digest import kernels_digest
 
 _STACK_BYTES = 1 << 18
+_INSTEAD = {  # the system's own linkers
+    "ld.lld": ("ld", "-shared", "-z", "noexecstack", "--strip-all"),
+    "ld64.lld": ("cc", "-dynamiclib", "-Wl,-undefined,dynamic_lookup"),
+}
 _EXPORT = {"wasm-ld": "--export=", "lld-link": "/export:"}  # other linkers export whatever is not internal
 _RESHAPE = """
 define internal i32 @numba_attempt_nocopy_reshape(
@@ -101,7 +105,7 @@ PAGE_SIMD = Target("wasm32-unknown-unknown", "", f"{_PLAIN},+simd128", "wasm-ld"
 
 def linker_version(target: Target) -> str | None:
     """What the linker calls itself; None where there is none."""
-    command = _linker(target.linker)
+    command = _linker(target)
     if command is None:
         return None
     return subprocess.run([*command, "--version"], capture_output=True, text=True, check=True).stdout.strip()
@@ -122,7 +126,7 @@ def link_objects(objects: Sequence[bytes], names: Sequence[str], target: Target)
     Raises:
         BuildError: if there is no linker, or it refuses.
     """
-    command = _linker(target.linker)
+    command = _linker(target)
     if command is None:
         raise BuildError(f"{target.linker} was not found on the PATH; install lld, or ziglang from PyPI")
     with tempfile.TemporaryDirectory() as folder:
@@ -132,8 +136,7 @@ def link_objects(objects: Sequence[bytes], names: Sequence[str], target: Target)
         out = Path(folder, "out")
         exported = [f"{_EXPORT[target.linker]}{name}" for name in names if target.linker in _EXPORT]
         output = [f"/out:{out}"] if target.linker == "lld-link" else ["-o", str(out)]
-        arguments = [*command, *target.options, *exported, *output, *map(str, paths)]
-        done = subprocess.run(arguments, capture_output=True, text=True)
+        done = subprocess.run([*command, *exported, *output, *map(str, paths)], capture_output=True, text=True)
         if done.returncode:
             raise BuildError(f"{target.linker} refused: {(done.stderr or done.stdout).strip()[:2000]}")
         return out.read_bytes()
@@ -141,7 +144,9 @@ def link_objects(objects: Sequence[bytes], names: Sequence[str], target: Target)
 
 def machine_for(target: Target) -> Any:
     """LLVM's back end for a target."""
-    _initialize()
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    llvm.initialize_native_asmparser()
     return llvm.Target.from_triple(target.triple).create_target_machine(
         cpu=target.cpu,
         features=target.features,
@@ -161,25 +166,18 @@ def retarget(code: str, target: Target, machine: Any) -> str:
 
 def _object(code: str, target: Target) -> bytes:
     machine = machine_for(target)
-    module = llvm.parse_assembly(retarget(code, target, machine))
-    module.verify()
-    return bytes(machine.emit_object(module))
+    return bytes(machine.emit_object(llvm.parse_assembly(retarget(code, target, machine))))
 
 
 @cache
-def _initialize() -> None:
-    llvm.initialize_all_targets()
-    llvm.initialize_all_asmprinters()
-    llvm.initialize_native_asmparser()
-
-
-@cache
-def _linker(name: str) -> tuple[str, ...] | None:
-    if path := shutil.which(name):
-        return (path,)
-    if find_spec("ziglang") is not None:
-        return sys.executable, "-m", "ziglang", name
-    return None
+def _linker(target: Target) -> tuple[str, ...] | None:
+    """The command that links for a target, but for names and files."""
+    if path := shutil.which(target.linker):
+        return path, *target.options
+    if find_spec("ziglang") is not None and target.linker != "ld64.lld":
+        return sys.executable, "-m", "ziglang", target.linker, *target.options
+    first, *options = _INSTEAD.get(target.linker, ("",))
+    return (path, *options) if (path := shutil.which(first)) else None
 
 
 MANIFEST = "manifest.json"
