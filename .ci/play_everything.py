@@ -1,7 +1,9 @@
-"""Do once whatever worlds, batches, wrappers, planners and players do, so that every kernel is compiled or found."""
+"""Do once whatever worlds, batches, wrappers, planners and players do; every kernel must be in the library."""
 
+import inspect
 import os
 import random
+import sys
 import warnings
 from contextlib import suppress
 from itertools import product
@@ -14,13 +16,14 @@ from minihuman.admin.protocol_file import find_shipped_protocol, read_protocol
 from minihuman.admin.verify.episodes import verify_episodes
 from minihuman.dataset.measures import layout_path_bounds, world_options_json
 from minihuman.errors import WorldError
+from minihuman.experiment.plan.dry_run import check_worlds
 from minihuman.log.read.session_reader import read_log
 from minihuman.runtime.simulated_session import simulate
-from minihuman.runtime.warm_up import warm_up
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.catalogue import WORLDS
 from minihuman.worlds.grid import wrappers
 from minihuman.worlds.grid.babyai.exploring_expert import Explorer
+from minihuman.worlds.kernels import KERNELS
 
 STEPS = 40
 
@@ -91,7 +94,7 @@ def studies() -> None:
     with TemporaryDirectory() as data:
         for name in ("demo", "fourrooms-transfer", "instructions"):
             protocol = read_protocol(find_shipped_protocol(name))
-            warm_up(protocol)
+            check_worlds(protocol)
             for log in simulate(protocol, Path(data), participants=1, seed=0, player="human-like"):
                 read = read_log(log)
                 assert not verify_episodes(read).difference
@@ -111,6 +114,10 @@ def main() -> None:
     batches()
     wrapped()
     studies()
+    late = [name for name, (found, _) in KERNELS.items() if not inspect.isbuiltin(found)]
+    assert KERNELS, "the worlds have kernels"
+    assert not late, f"in no library: {late}"
+    assert not {"numba", "llvmlite"} & sys.modules.keys()
 
 
 if __name__ == "__main__":

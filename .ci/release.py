@@ -3,7 +3,7 @@
     python .ci/release.py DIST            # a dry run, as CI makes it
     python .ci/release.py DIST --final    # refuses as long as the changelog says Unreleased or the tree is not clean
 
-DIST is a folder with one sdist and one wheel for every platform, as `python -m build --outdir DIST` writes them.
+DIST is a folder with one sdist and a wheel for each platform, as `python -m build --outdir DIST` writes them.
 """
 
 import argparse
@@ -23,6 +23,7 @@ SHIPPED = (  # what a wheel has beside Python files
     "minihuman/py.typed",
     "minihuman/web/page/page.html",
     "minihuman/web/deployment/templates/Caddyfile.j2",
+    "minihuman/worlds/compiled/manifest.json",
 )
 
 
@@ -31,13 +32,14 @@ def find_problems(dist: Path, *, final: bool) -> list[str]:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     version = read_version()
     stem = f"{project['name'].replace('-', '_')}-{version}"
-    wheel, sdist = dist / f"{stem}-py3-none-any.whl", dist / f"{stem}.tar.gz"
-    found = [f"{path} does not exist; run: python -m build" for path in (wheel, sdist) if not path.is_file()]
+    wheels, sdist = sorted(dist.glob(f"{stem}-py3-none-*.whl")), dist / f"{stem}.tar.gz"
+    found = [] if wheels else [f"there is no wheel {dist / stem}-py3-none-*.whl; run: python -m build"]
+    found += [] if sdist.is_file() else [f"{sdist} does not exist; run: python -m build"]
     if not SEMANTIC.fullmatch(version):
         found.append(f"minihuman/__init__.py: {version!r} is no semantic version; use major.minor.patch")
     if f"\nversion: {version}\n" not in (ROOT / "CITATION.cff").read_text(encoding="utf-8"):
         found.append(f"CITATION.cff: its version is not {version}")
-    if wheel.is_file():
+    for wheel in wheels:
         found += find_wheel_problems(wheel, project, version)
     if sdist.is_file():
         with tarfile.open(sdist) as archive:

@@ -210,14 +210,14 @@ def serve(protocol: Path, data: Path, looks_ahead: bool) -> None:
     from dataclasses import replace
 
     from minihuman.admin.protocol_file import read_protocol
-    from minihuman.runtime.warm_up import warm_up
+    from minihuman.experiment.plan.dry_run import check_worlds
     from minihuman.web import connection
     from minihuman.web.server.process import open_listening_socket, run_server
 
     made = connection.PageSettings
     connection.PageSettings = lambda *parts: replace(made(*parts), looks_ahead=looks_ahead)  # type: ignore[misc,assignment]
     read = read_protocol(protocol)
-    warm_up(read)
+    check_worlds(read)
     run_server(read, data, open_listening_socket(0), links=1, say=lambda said: print(said, flush=True))
 
 

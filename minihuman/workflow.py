@@ -119,12 +119,12 @@ def run(
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.display.windows.blocking_window import open_window
     from minihuman.errors import AllocationError
+    from minihuman.experiment.plan.dry_run import check_worlds
     from minihuman.runtime.agent_host import make_agent_host
     from minihuman.runtime.host import host_session
     from minihuman.runtime.machine import SessionClock
     from minihuman.runtime.shared_window import SharedWindow, host_team
     from minihuman.runtime.team_host import count_seats_at_machine, require_one_process
-    from minihuman.runtime.warm_up import warm_up
 
     protocol, data = Path(protocol), Path(data)
     study = read_protocol(protocol, trust=trust)
@@ -143,7 +143,7 @@ def run(
     if len(codes) != seats:
         raise AllocationError(f"{participant!r} names {len(codes)} of {seats} people; give {seats} codes, with commas")
     on_progress(f"preparing the worlds of {study.study.name}")
-    warm_up(study, str(protocol))
+    check_worlds(study, str(protocol))
     require_legible(study, str(protocol))
     on_progress("")
     clock = SessionClock()
@@ -218,8 +218,8 @@ def simulate(
         SimulationError: if there is no such player, or it cannot play a block's world.
     """
     from minihuman.admin.protocol_file import read_protocol
+    from minihuman.experiment.plan.dry_run import check_worlds
     from minihuman.runtime.simulated_session import simulate as play
-    from minihuman.runtime.warm_up import share_compilation, warm_up
 
     protocol, data = Path(protocol), Path(data)
     study = read_protocol(protocol, trust=trust)
@@ -227,13 +227,10 @@ def simulate(
     if player.startswith("model:"):
         yield from _simulate_models(study, data, participants, player, parallel, max_price, on_progress)
         return
-    with share_compilation(study.blocks, plans=not player.startswith("random")) as process:
-        warm_up(study, str(protocol), process)
-        for block in study.blocks:
-            process.compile_plan(block)
-        for number, path in enumerate(play(study, data, participants=participants, seed=seed, player=player), 1):
-            yield path
-            on_progress(f"{player} plays {study.study.name}: {number} of {participants} participants done")
+    check_worlds(study, str(protocol))
+    for number, path in enumerate(play(study, data, participants=participants, seed=seed, player=player), 1):
+        yield path
+        on_progress(f"{player} plays {study.study.name}: {number} of {participants} participants done")
 
 
 def _simulate_models(

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.built_worlds import build_worlds
 from tests.xserver import xvfb
 
 # How fast this machine is just now is no property of the code. Examples are the same each time in CI, as Hypothesis has
@@ -17,13 +18,17 @@ settings.register_profile(
 settings.load_profile("minihuman")
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Before any world is imported, in each process that runs tests."""
+    build_worlds()
+
+
 @pytest.fixture(scope="session", autouse=True)
 def configuration(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The folder of the user's configuration, for this process and those it starts; our test worlds are trusted."""
     folder = tmp_path_factory.mktemp("configuration")
     named = (
         "worlds.corridor",
-        "worlds.compiled_corridor",
         "worlds.duet",
         "worlds.levers",
         "worlds.paddle",

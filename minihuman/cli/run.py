@@ -137,7 +137,7 @@ def serve(
         return
     from minihuman.admin.legibility import require_legible
     from minihuman.admin.protocol_file import read_protocol
-    from minihuman.runtime.warm_up import warm_up
+    from minihuman.experiment.plan.dry_run import check_worlds
     from minihuman.web.server.process import (
         keep_processes_running,
         list_process_commands,
@@ -149,7 +149,7 @@ def serve(
     study = read_protocol(protocol, trust=ask_trust(trust))
     require_browser_support(study)
     with show_progress(f"getting the worlds of {study.study.name} ready"):
-        warm_up(study, str(protocol))
+        check_worlds(study, str(protocol))
         require_legible(study, str(protocol))
     socket = open_listening_socket(port, host)
     if workers > 1:

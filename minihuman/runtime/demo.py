@@ -7,8 +7,6 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from msgspec.structs import replace
-
 from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.protocol_file import find_shipped_protocol, read_protocol
 from minihuman.admin.verify.episodes import verify_episodes
@@ -18,13 +16,13 @@ from minihuman.errors import WindowError
 from minihuman.experiment.keys import assign_usual_keys
 from minihuman.experiment.machine.inputs import KeyDown, Stop
 from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
+from minihuman.experiment.plan.dry_run import check_worlds
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.read.session_reader import read_log
 from minihuman.runtime.host import host_session
 from minihuman.runtime.machine import SessionClock
 from minihuman.runtime.simulated_session import simulate
-from minihuman.runtime.warm_up import share_compilation, warm_up
 from minihuman.worlds.adapters.world import StepResult, World
 from minihuman.worlds.contract import Palette, View
 
@@ -57,24 +55,18 @@ def run_demo(data: Path, *, window: str, fullscreen: bool, say: PrintLine) -> It
 
 
 def _play(protocol: Protocol, data: Path, *, window: str, fullscreen: bool, say: PrintLine) -> Path:
-    """The window opens when its first world is there; what the others take is compiled behind it."""
-    first, *others = protocol.blocks
-    with share_compilation([first], others, plans=True) as process:
-        warm_up(replace(protocol, blocks=(first,)), process=process)
-        clock = SessionClock()
-        try:
-            opened = open_window(window, clock, fullscreen=fullscreen)
-        except WindowError:
-            if window != AUTO_WINDOW:
-                raise
-            say("There is no display here: a simulated participant plays.")
-            warm_up(protocol, process=process)
-            for block in protocol.blocks:
-                process.compile_plan(block)
-            (log,) = simulate(protocol, data, participants=1, seed=_SEED, player=_PLAYER)
-            return log
-        with closing(opened):
-            played = host_session(plan_next_session(protocol, data), opened, clock, data)
+    check_worlds(protocol)
+    clock = SessionClock()
+    try:
+        opened = open_window(window, clock, fullscreen=fullscreen)
+    except WindowError:
+        if window != AUTO_WINDOW:
+            raise
+        say("There is no display here: a simulated participant plays.")
+        (log,) = simulate(protocol, data, participants=1, seed=_SEED, player=_PLAYER)
+        return log
+    with closing(opened):
+        played = host_session(plan_next_session(protocol, data), opened, clock, data)
     assert played is not None, "a session with a recorder on disk has a log"
     return played
 

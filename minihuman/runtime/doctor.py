@@ -55,7 +55,7 @@ _SLOWEST_FRAME_MS = 50.0  # 99 of 100 frames; longer is seen as a stutter
 _SLOWEST_SYNC_MS = 250.0  # 99 of 100; the writer's queue rides out less
 _LEAST_FREE_BYTES = 2 * 10**9
 _UNKNOWN_PERIOD_MS = 1000 / 60  # where no display refreshes
-_PACKAGES = ("numpy", "numba", "gymnasium", "mcap", "pygame-ce", "pyglet", "rerun-sdk")
+_PACKAGES = ("numpy", "gymnasium", "mcap", "pygame-ce", "pyglet", "rerun-sdk")
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ from minihuman.trust import SOURCE_FACT, list_world_sources
 from minihuman.worlds.contract import CLAUSES_VERSION, PICTURES_VERSION
 from minihuman.worlds.source_digest import rules_digest
 
-_PACKAGES = ("numpy", "numba", "gymnasium", "mcap", "pygame-ce", "pyglet", "minigrid", "miniworld")
+_PACKAGES = ("numpy", "gymnasium", "mcap", "pygame-ce", "pyglet", "minigrid", "miniworld")
 
 
 class SessionClock:

@@ -81,8 +81,6 @@ class NativeWorld(abc.ABC):
     drawn: ClassVar[bool] = False  # whether observations are pictures that a later version may draw otherwise
 
     action_names: tuple[str, ...]  # one per discrete action, snake case: "left", "move_forward"
-    # Where compiling takes long, calls that each compile a piece of it, so that processes can share them.
-    compile_pieces: ClassVar[tuple[Callable[[], None], ...]] = ()
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         """Withdraw the inherited shortest path from a class with rules of its own, and accept methods' old names.

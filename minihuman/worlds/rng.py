@@ -94,7 +94,7 @@ def next32(rng_state: RngState) -> np.uint64:
     return whole & _LOW
 
 
-@kernel("int64(uint64[::1], int64, int64)")
+@kernel("int64(uint64[::1], int64, int64)", only=True)
 def integer(rng_state: RngState, low: int, high: int) -> int:
     """A whole number in [low, high), as ``Generator.integers(low, high)`` draws it. At most 2**32 - 1 apart."""
     if high - low <= 1:
@@ -113,7 +113,7 @@ def unit(rng_state: RngState) -> int:
     return int(next64(rng_state) >> _11)
 
 
-@kernel()
+@kernel("(uint64[::1], int64[::1])")
 def shuffle(rng_state: RngState, values: NDArray[np.int64]) -> None:
     """Shuffle in place, as ``Generator.shuffle`` shuffles a list: masked draws, drawn again while too large."""
     for i in range(len(values) - 1, 0, -1):

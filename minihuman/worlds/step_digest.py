@@ -21,7 +21,7 @@ def stir(half: np.uint64, value: np.uint64, factor: np.uint64, shift: np.uint64)
     return mixed ^ mixed >> shift
 
 
-@kernel("uint64(int32[::1], uint8[:, :, ::1], uint64[::1])", hold_gil=True)
+@kernel("uint64(int32[::1], uint8[:, :, ::1], uint64[::1])", only=True, hold_gil=True)
 def digest_step(row: NDArray[np.int32], image: NDArray[np.uint8], outcome: NDArray[np.uint64]) -> np.uint64:
     """Digest what a step led to.
 

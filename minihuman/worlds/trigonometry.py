@@ -108,13 +108,13 @@ def wave(angle_rad: float, quarters: int) -> float:
     return -total if quarter & 2 else total
 
 
-@kernel("float64(float64)", hold_gil=True)
+@kernel("float64(float64)", only=True, hold_gil=True)
 def sine(angle_rad: float) -> float:
     """The sine, correctly rounded; not a number beyond `LARGEST_RAD`."""
     return wave(angle_rad, 0)
 
 
-@kernel("float64(float64)", hold_gil=True)
+@kernel("float64(float64)", only=True, hold_gil=True)
 def cosine(angle_rad: float) -> float:
     """The cosine, correctly rounded; not a number beyond `LARGEST_RAD`."""
     return wave(angle_rad, 1)

@@ -27,7 +27,6 @@ import matplotlib
 
 from minihuman import cli
 from minihuman.admin.protocol_file import find_shipped_protocol
-from minihuman.worlds.kernels import cache_folder
 from tests.promises.sessions import TOML
 
 PATIENCE_S = 60
@@ -482,7 +481,7 @@ def main() -> None:
             Path("/proc/cpuinfo"),
             Path("/dev/null"),
         ),
-        *(Path(name) for name in (os.environ["MINIHUMAN_CONFIG"], cache_folder()) if name),
+        Path(os.environ["MINIHUMAN_CONFIG"]),
     ]
     watch = Watch(allowed)
     sys.addaudithook(watch)

@@ -82,7 +82,6 @@ def test_calls_of_the_operating_system_stand_in_one_module():
 
 EXCEPTIONS = {
     "cli/__init__.py": {"open"},  # the null device
-    "worlds/kernels.py": {"replace"},  # a kernel's compiled code, which is compiled again where it cannot be kept
 }
 
 

@@ -1,24 +1,32 @@
-"""Compiled code is never older than its sources, and a person who waits for the compiler reads why."""
+"""Kernels run from a library that was compiled before, which is never older than its sources; and without one."""
 
-import ast
+import importlib
 import inspect
 import os
+import pickle
+import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from minihuman.errors import MinihumanError
 from minihuman.worlds import kernels
-from minihuman.worlds.kernels import COMPILE_NOTICE
+from minihuman.worlds.grid.core.rules import step
+from minihuman.worlds.grid.core.search import distances
+from minihuman.worlds.grid.core.state import HEIGHT, WIDTH, clear, row_length
+from minihuman.worlds.kernels import COMPILE_NOTICE, KERNELS, LIBRARY_FOLDER, PACKAGE, LateKernel, load_library
 
 ROOT = Path(__file__).parents[2]
-compiles = pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled then")
+native = pytest.mark.skipif(
+    bool({"NUMBA_DISABLE_JIT", "MINIHUMAN_KERNELS"} & os.environ.keys()), reason="the library is not used then"
+)
 
-CODE = "from minihuman.worlds.grid.core.cells import kind_of, lets_pass; kind_of(5), lets_pass(5)"
 PLAY = """
-import gymnasium, minihuman
+import gymnasium, minihuman, sys
 from minihuman.worlds.hashing import hash64
 env = gymnasium.make("minihuman/MiniGrid-Empty-5x5-v0").unwrapped
 env.reset(seed=0)
@@ -28,33 +36,37 @@ for action in (2, 2, 1, 2, 2):
     pictures.append(env.picture(size_px=(160, 160)))
     if ended:
         break
-print(reward, hash64(pictures), env.state_hash())
+print(reward, hash64(pictures), env.state_hash(), {"numba", "llvmlite"} & sys.modules.keys())
+"""
+WITHOUT = """
+import sys
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("numba", "llvmlite"):
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+sys.meta_path.insert(0, Blocked())
 """
 # by an edit in this one file, that the kernels of others are compiled from, a step down is two cells
-EDITED = "minihuman/worlds/grid/core/cells.py"
+CELLS = "worlds/grid/core/cells.py"
+EDITED = f"minihuman/{CELLS}"
 BEFORE, AFTER = "y + (2 - direction) * (direction % 2)", "y + 2 * (2 - direction) * (direction % 2)"
 REWARDS = "0.955", "0.964"  # for the fifth and for the fourth step of 100
 
 
-def run(code: str, cache: Path, *, python: str = sys.executable, path: Path | None = None) -> tuple[str, str]:
+def run(code: str, *, python: str = sys.executable, path: Path = ROOT, **more: str) -> tuple[str, str]:
     """What it prints, and what it says beside."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    environment |= {"NUMBA_CACHE_DIR": str(cache)} | ({"PYTHONPATH": str(path)} if path else {})
-    ran = subprocess.run([python, "-c", code], env=environment, capture_output=True, text=True, check=True, cwd=cache)
+    environment |= {"PYTHONPATH": str(path)} | more
+    ran = subprocess.run([python, "-c", code], env=environment, capture_output=True, text=True, check=False, cwd=path)
+    assert ran.returncode == 0, ran.stderr
     return ran.stdout.strip(), ran.stderr
-
-
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One for all: what one copy of minihuman leaves behind, the next finds."""
-    return tmp_path_factory.mktemp("cache")
 
 
 def copied(folder: Path) -> Path:
     folder.mkdir()
     for name in ("minihuman", "protocols"):
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "hatch_build.py", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, folder)
     return folder
 
@@ -65,167 +77,155 @@ def edit(checkout: Path) -> None:
     (checkout / EDITED).write_text(source.replace(BEFORE, AFTER))
 
 
-def assert_follows(before: str, after: str) -> None:
-    assert (before.split()[0], after.split()[0]) == REWARDS
-    assert all(old != new for old, new in zip(before.split(), after.split(), strict=True))  # picture and hash too
-
-
+@native
 @pytest.mark.program
-def test_worlds_follow_an_edit_in_a_checkout(tmp_path: Path, cache: Path) -> None:
+def test_worlds_follow_an_edit_in_a_checkout_and_somebody_who_waits_for_the_compiler_reads_why(tmp_path):
     checkout = copied(tmp_path / "checkout")
-    before, _ = run(PLAY, cache, path=checkout)
+    before, said = run(PLAY, path=checkout)
+    assert before.endswith("set()")
+    assert said == ""
     edit(checkout)
-    after, _ = run(PLAY, cache, path=checkout)
-    assert_follows(before, after)
+    after, said = run(PLAY, path=checkout)
+    assert (before.split()[0], after.split()[0]) == REWARDS
+    assert all(old != new for old, new in zip(before.split()[:3], after.split()[:3], strict=True))  # picture, hash too
+    assert said.splitlines() == [COMPILE_NOTICE]
 
 
+@native
 @pytest.mark.program
-def test_worlds_follow_a_wheel_installed_over_another(tmp_path: Path, cache: Path) -> None:
+def test_numba_computes_what_the_library_does():
+    library, by_numba = run(PLAY)[0], run(PLAY, MINIHUMAN_KERNELS="jit")[0]
+    assert library.split()[:3] == by_numba.split()[:3]
+    assert by_numba.endswith(("{'numba', 'llvmlite'}", "{'llvmlite', 'numba'}"))
+
+
+@native
+@pytest.mark.program
+def test_a_wheel_brings_the_library_and_needs_no_compiler(tmp_path):
     checkout, wheels, venv = copied(tmp_path / "checkout"), tmp_path / "wheels", tmp_path / "venv"
+    build = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "--no-index"]
+    subprocess.run([*build, "-w", wheels, checkout], check=True)
+    (wheel,) = wheels.glob("*.whl")
+    assert re.search(r"-py3-none-(?!any)\w+\.whl$", wheel.name)
     python = str(venv / "bin" / "python")
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", venv], check=True)
     (site,) = venv.glob("lib/*/site-packages")
     (site / "others.pth").write_text("\n".join(path for path in sys.path if path.endswith("site-packages")))
     pip = [sys.executable, "-m", "pip", "--python", python, "-q", "--no-input", "--disable-pip-version-check"]
-    said = []
-    for name in ("first", "second"):
-        build = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "--no-index"]
-        subprocess.run([*build, "-w", wheels / name, checkout], check=True)
-        (wheel,) = (wheels / name).glob("*.whl")
-        subprocess.run([*pip, "install", "--no-deps", "--no-index", "--force-reinstall", wheel], check=True)
-        where, _ = run("import minihuman; print(minihuman.__file__)", cache, python=python)
-        assert where.startswith(str(site))
-        said.append(run(PLAY, cache, python=python)[0])
-        edit(checkout) if name == "first" else None
-    assert_follows(*said)
+    subprocess.run([*pip, "install", "--no-deps", "--no-index", "--force-reinstall", wheel], check=True)
+    said, _ = run(f"import minihuman; print(minihuman.__file__)\n{WITHOUT}\n{PLAY}", python=python, path=tmp_path)
+    where, played = said.splitlines()
+    assert where.startswith(str(site))
+    assert played == run(PLAY)[0]
 
 
-@compiles
+@native
+def test_what_an_edit_may_have_changed_is_not_taken_from_the_library(monkeypatch):
+    fitting = load_library(LIBRARY_FOLDER)
+    assert fitting is not None
+    assert fitting.has_all
+    known = kernels.source_digest
+    monkeypatch.setattr(kernels, "source_digest", lambda path: "" if path == CELLS else known(path))
+    left = load_library(LIBRARY_FOLDER)
+    assert left is not None
+    assert not left.has_all
+    gone = fitting.numbers.keys() - left.numbers.keys()
+    assert "minihuman.worlds.grid.core.rules.step" in gone
+    assert "minihuman.worlds.first_person.render.visibility.cover" in left.numbers
+    monkeypatch.setattr(kernels, "source_digest", lambda path: "")
+    assert load_library(LIBRARY_FOLDER) is None
+    monkeypatch.undo()
+    monkeypatch.setattr(kernels, "API", ["another"])
+    assert load_library(LIBRARY_FOLDER) is None
+    monkeypatch.undo()
+    monkeypatch.setattr(kernels, "HERE", ["linux", "riscv64"])
+    assert load_library(LIBRARY_FOLDER) is None
+
+
+@native
+def test_every_kernel_that_python_calls_is_in_the_library():
+    for path in (PACKAGE / "worlds").rglob("*.py"):
+        if "\n@kernel(" in path.read_text(encoding="utf-8") and path.parent.name != "build":
+            importlib.import_module(".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts))
+    ours = {name: found for name, (found, _) in KERNELS.items() if name.startswith("minihuman.")}
+    assert [name for name, found in ours.items() if isinstance(found, LateKernel)] == []
+    assert len(ours) > 100
+
+
+@native
+def test_what_a_kernel_is_given_is_what_it_is_written_for_or_an_error_that_names_it():
+    row, words, image = np.zeros(row_length(3, 3), np.int32), np.zeros(6, np.uint64), np.zeros((3, 3, 3), np.uint8)
+    clear(row)
+    assert step(row, 0, words, image) == step(row, np.int8(0), words, image) == step(row, False, words, image)
+    assert step(row.view(np.dtype(np.int32).newbyteorder("=")), 0, words, image) == step(row, 0, words, image)
+    for wrong in (
+        (row.astype(np.int64), 0, words, image),
+        (row[::2], 0, words, image),
+        (row, 0.5, words, image),
+        (row, 2**70, words, image),
+        (row, "left", words, image),
+        (row, 0, words, image[0]),
+        (row, 0, words),
+        (row.tolist(), 0, words, image),
+    ):
+        with pytest.raises((TypeError, OverflowError), match=r"grid\.core\.rules\.step takes"):
+            step(*wrong)
+    row.flags.writeable = False
+    with pytest.raises(TypeError, match="takes"):
+        clear(row)
+
+
+@native
+def test_an_array_that_a_kernel_returns_is_pythons_own():
+    row = np.zeros(row_length(3, 3), np.int32)
+    row[[WIDTH, HEIGHT]] = 3
+    found = distances(row, np.array([0], np.int64), True)
+    found[:] = 7
+    assert (found.shape, found.dtype, found.flags.writeable) == ((3, 3, 4), np.int32, True)
+
+
+@native
+def test_a_kernel_is_pickled_by_its_name():
+    assert pickle.loads(pickle.dumps(step)) is step
+    assert inspect.isroutine(step)
+
+
+LAB = """
+from minihuman.worlds.grid.core.cells import ahead
+from minihuman.worlds.grid.core.state import Row, cell_at
+from minihuman.worlds.kernels import device_function, kernel
+
+@kernel()
+def is_wall_ahead(row: Row, x: int, y: int) -> bool:
+    return beside(row, x, y) & 15 == STILL_TO_COME
+
+@device_function()
+def beside(row: Row, x: int, y: int) -> int:
+    i, j = ahead(x, y, 0)
+    return cell_at(row, i, j)
+
+STILL_TO_COME = 2
+import numpy as np
+row = np.zeros(200, np.int32)
+row[:2] = 3
+print(is_wall_ahead(row, 0, 0))
+row[:] = np.where(row == 0, 2, row)
+print(is_wall_ahead(row, 0, 0))
+"""
+
+
+@native
 @pytest.mark.program
-def test_compiling_is_announced_once_and_never_again_on_this_machine(tmp_path: Path) -> None:
-    assert run(CODE, tmp_path)[1].splitlines() == [COMPILE_NOTICE]
-    assert run(CODE, tmp_path)[1] == ""
+def test_a_labs_own_kernels_are_compiled_by_numba_and_call_ours(tmp_path):
+    (tmp_path / "lab.py").write_text(LAB)
+    code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import lab"
+    assert run(code)[0].split() == ["False", "True"]
+    with pytest.raises(AssertionError, match=re.escape(kernels.NO_COMPILER.format("lab"))):
+        run(WITHOUT + code)
+    assert run(WITHOUT + code, NUMBA_DISABLE_JIT="1")[0].split() == ["False", "True"]
 
 
-@compiles
-@pytest.mark.program
-def test_damaged_code_is_compiled_anew(tmp_path: Path) -> None:
-    run(CODE, tmp_path)
-    (one, *_) = (tmp_path / "minihuman" / "kernels").iterdir()
-    one.write_bytes(one.read_bytes()[:-100])
-    assert run(CODE, tmp_path)[1].splitlines() == [COMPILE_NOTICE]
-    assert run(CODE, tmp_path)[1] == ""
-
-
-@compiles
-@pytest.mark.program
-def test_others_compile_functions_of_no_module_beside_us(tmp_path: Path) -> None:
-    code = "import numba, minihuman.worlds.grid.env; made = {}; exec('def f(x): return x + 1', made)"
-    assert run(f"{code}; made['f'].__module__ = None; print(numba.njit(made['f'])(1))", tmp_path)[0] == "2"
-
-
-@pytest.mark.program
-def test_a_digest_follows_whatever_a_module_imports_and_nothing_else(tmp_path: Path) -> None:
-    lab = tmp_path / "lab"
-    lab.mkdir()
-    (lab / "__init__.py").touch()
-    (lab / "rules.py").write_text("import os, sys; from .between import numbers\n")
-    (lab / "between.py").write_text("if True:\n    from . import (  # a reason\n        numbers,\n    )\n")
-
-    def digest() -> str:
-        said = "from minihuman.worlds.source_digest import module_digest; print(module_digest('lab.rules'))"
-        return run(said, tmp_path, path=tmp_path)[0]
-
-    (lab / "numbers.py").write_text("STEP = 1\n")
-    first = digest()
-    (lab / "beside.py").write_text("STEP = 1\n")
-    assert digest() == first
-    (lab / "numbers.py").write_text("STEP = 2\n")
-    assert digest() != first
-
-
-SHIPPED = {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": ""}
-ANOTHER = "import llvmlite.binding as machine; machine.get_host_cpu_name = lambda: 'some-other-cpu'; "
-OLD = (
-    "features = machine.get_host_cpu_features(); features['avx2'] = False; "
-    "machine.get_host_cpu_features = lambda: features; "
-)
-NEWER = "import numba; numba.__version__ += '.1'; "
-
-
-@pytest.fixture(scope="module")
-def with_code(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of minihuman with the code of what CODE runs beside it, as a platform's wheel has it."""
-    folder = tmp_path_factory.mktemp("shipped")
-    checkout, cache = copied(folder / "checkout"), folder / "cache"
-    cache.mkdir()
-    made = subprocess.run(
-        [sys.executable, "-c", CODE],
-        env=os.environ | SHIPPED | {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(checkout)},
-        cwd=cache,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert COMPILE_NOTICE in made.stderr
-    shutil.copytree(cache / "minihuman" / "kernels", checkout / "minihuman" / "worlds" / "compiled")
-    return checkout
-
-
-def runs_v3() -> bool:
-    from llvmlite import binding
-
-    from minihuman.worlds.kernels import shipped_target
-
-    return shipped_target(binding.get_process_triple(), binding.get_host_cpu_features()) is not None
-
-
-@compiles
-@pytest.mark.program
-@pytest.mark.skipif(not runs_v3(), reason="code is shipped for x86-64-v3")
-@pytest.mark.parametrize(
-    ("before", "found"), [("", True), (ANOTHER, True), (ANOTHER + OLD, False), (NEWER, False)], ids=str
-)
-def test_shipped_code_is_found_on_any_processor_that_runs_it_and_by_its_own_versions_alone(
-    tmp_path: Path, with_code: Path, before: str, found: bool
-) -> None:
-    assert (COMPILE_NOTICE not in run(before + CODE, tmp_path, path=with_code)[1]) == found
-
-
-@compiles
-@pytest.mark.program
-@pytest.mark.skipif(not runs_v3(), reason="code is shipped for x86-64-v3")
-def test_shipped_code_is_refused_after_one_changed_line_and_where_another_processor_is_asked_for(
-    tmp_path: Path, with_code: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("NUMBA_CPU_NAME", "generic")
-    assert COMPILE_NOTICE in run(CODE, tmp_path, path=with_code)[1]
-    monkeypatch.delenv("NUMBA_CPU_NAME")
-    edited = tmp_path / "edited"
-    shutil.copytree(with_code, edited)
-    source = edited / "minihuman/worlds/grid/core/cells.py"
-    source.write_text(source.read_text().replace("\n\n\n", "\n\n\n# one line more\n", 1))
-    (cache := tmp_path / "empty").mkdir()
-    assert COMPILE_NOTICE not in run(CODE, cache, path=with_code)[1]
-    assert COMPILE_NOTICE in run(CODE, cache, path=edited)[1]
-
-
-def test_the_docstring_lists_all_that_is_used_of_the_inside_of_numba():
-    tree = ast.parse(inspect.getsource(kernels))
-    inside = [
-        name.name
-        for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(("numba.core", "numba.misc", "numba.np"))
-        for name in node.names
-    ]
-    private = [
-        node.attr
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Attribute)
-        and node.attr.startswith("_")
-        and not node.attr.startswith("__")
-        and not (isinstance(node.value, ast.Name) and node.value.id == "self")
-    ]
-    assert len(inside) > 5
-    assert len(private) > 2
-    assert [name for name in (*inside, *private) if name not in kernels.__doc__] == []
+def test_an_error_says_that_numba_is_missing(monkeypatch):
+    monkeypatch.setitem(sys.modules, "minihuman.worlds.build.compilation", None)
+    with pytest.raises(MinihumanError, match=re.escape("pip install 'minihuman-lab[dev]'")):
+        kernels._compiler(step)

@@ -651,7 +651,7 @@ class PlayActivity(Activity):
     def _prepare(self) -> None:
         """Reset the world behind a text, so that play starts at once."""
         self._play = self._make_episode(self.next_plan)
-        self._play.picture()  # a world's first picture may have to be compiled: not after the key that starts play
+        self._play.picture()  # a world's first picture takes longer: not after the key that starts play
         self.next_play = self._play
 
     def _make_episode(self, plan: EpisodePlan) -> RunningEpisode:

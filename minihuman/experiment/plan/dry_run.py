@@ -3,7 +3,7 @@
 import difflib
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, suppress
 
 import msgspec
@@ -157,12 +157,8 @@ _PLAYED_KINDS = ("play", "trials")  # by a person alone
 N_TRIED_SEEDS = 5  # that are laid out where a block does not say which
 
 
-def check_worlds(
-    protocol: Protocol, source: str = "protocol", *, before: Callable[[BlockSpec], None] = lambda block: None
-) -> None:
+def check_worlds(protocol: Protocol, source: str = "protocol") -> None:
     """Make every block's world, look its actions up, and play it; ``source`` names the file in errors.
-
-    ``before`` is called with each block before its world is played.
 
     Raises:
         ProtocolError: of every block whose world is not as it says, or at the first whose world cannot be played.
@@ -170,7 +166,6 @@ def check_worlds(
     _check_actions(protocol, source)
     for number, block in enumerate(protocol.blocks):
         try:
-            before(block)
             try_world(block)
         except Exception as error:  # whatever a lab's world may raise
             reason = str(error) if isinstance(error, WorldError) else f"{type(error).__name__}: {error}"

@@ -65,7 +65,7 @@ class PolicyCard:
 
 def get_versions() -> dict[str, str]:
     """The versions that numbers here depend on."""
-    packages = ("torch", "stable-baselines3", "gymnasium", "numpy", "numba")
+    packages = ("torch", "stable-baselines3", "gymnasium", "numpy")
     ours = {"python": platform.python_version(), "minihuman": __version__}  # a checkout need not be installed
     return ours | {name: version(name) for name in packages}
 

@@ -7,7 +7,7 @@ other world plays too, without pose and map. Knows no keys and no time. A world 
 import copy
 import tomllib
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import EnumMeta
 from functools import cache
@@ -93,12 +93,6 @@ class World:
     def env(self) -> gymnasium.Env[Any, Any]:
         """The environment with its wrappers: for checks of what they change."""
         return self._env
-
-    @property
-    def compile_pieces(self) -> tuple[Callable[[], None], ...]:
-        """Calls that each compile a piece of its code; none where compiling is quick or cannot be split."""
-        env = self._env.unwrapped
-        return env.compile_pieces if isinstance(env, NativeWorld) else ()
 
     @property
     def is_compiled(self) -> bool:

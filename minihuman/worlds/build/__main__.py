@@ -1,39 +1,44 @@
-"""Build the page's modules: ``python -m minihuman.worlds.build [FOLDER]``; without one, where the page finds them."""
+"""Build what the worlds are compiled to: the page's modules, or with ``--native`` the library that Python calls.
+
+``python -m minihuman.worlds.build [--native [--all] [--stale]] [FOLDER]``; without a folder, where they are looked for.
+"""
 
 import argparse
 import os
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
+import llvmlite.binding as llvm
+
 import minihuman
-from minihuman.worlds.build.page_modules import PORTABLE, build_page_modules
+from minihuman.worlds.kernels import HERE, LIBRARY_FOLDER, load_library
+
+# Numba compiles for the oldest of the processors, and as any process with this seed
+_NUMBA = {"NUMBA_CPU_FEATURES": "", "PYTHONHASHSEED": "0", "MINIHUMAN_KERNELS": "jit", "MINIHUMAN_BUILDING": "1"}
 
 
 def main() -> None:
-    """Build, and say how large each module is."""
-    folder = _read_folder()
-    manifest = build_page_modules(folder)
-    for module in manifest["modules"].values():
-        for file in module["files"]:
-            print(f"{folder / file['file']}: {file['bytes'] / 1000:.1f} kB")
-
-
-def _read_folder() -> Path:
-    parser = argparse.ArgumentParser("python -m minihuman.worlds.build", description="Compile the worlds for the page.")
-    beside_page = Path(minihuman.__file__).parent / "web/page/worlds"
-    parser.add_argument("folder", nargs="?", type=Path, default=beside_page, help="The folder of the modules.")
-    folder: Path = parser.parse_args().folder
-    return folder
+    """Build, each level of processors in a process of its own: Numba is told the level before it is imported."""
+    parser = argparse.ArgumentParser("python -m minihuman.worlds.build", description="Compile the worlds.")
+    parser.add_argument("--native", action="store_true", help="The library that Python calls, for this machine.")
+    parser.add_argument("--all", action="store_true", help="With --native: for every machine it can be built for.")
+    parser.add_argument("--stale", action="store_true", help="With --native: only if what is there does not fit.")
+    parser.add_argument("folder", nargs="?", type=Path, help="The folder to write to.")
+    read = parser.parse_args()
+    folder = read.folder or (LIBRARY_FOLDER if read.native else Path(minihuman.__file__).parent / "web/page/worlds")
+    if read.stale and (there := load_library(folder)) is not None and there.has_all:
+        return
+    module = f"minihuman.worlds.build.{'native_library' if read.native else 'page_modules'}"
+    features = llvm.get_host_cpu_features()
+    newer = all(features.get(name) for name in ("avx2", "bmi2", "fma", "movbe"))
+    levels = ["generic"]
+    if read.native and (read.all or HERE[1] == "x86_64"):
+        levels = ["x86-64-v3", "x86-64-v2", "generic"] if read.all else ["x86-64-v3" if newer else "x86-64-v2"]
+    for level in levels:
+        command = [sys.executable, "-m", module, str(folder), *(["--all"] if read.all else [])]
+        subprocess.run(command, env=os.environ | _NUMBA | {"NUMBA_CPU_NAME": level}, check=True)
 
 
 if __name__ == "__main__":
-    _read_folder()  # a mistake on the command line is reported before anything is compiled
-    if any(os.environ.get(name) != value for name, value in PORTABLE.items()):
-        # Numba reads them when it is imported, which was just now; and code from its cache is not to the byte what is
-        # compiled anew
-        with tempfile.TemporaryDirectory() as cache:
-            command = [sys.executable, "-m", "minihuman.worlds.build", *sys.argv[1:]]
-            sys.exit(subprocess.run(command, env=os.environ | PORTABLE | {"NUMBA_CACHE_DIR": cache}).returncode)
     main()

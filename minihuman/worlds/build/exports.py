@@ -6,9 +6,7 @@ whose name is `NUMBER` is not in the table; it is the second argument. Results c
 each, whole numbers as int64 and others as float64; the first is returned too if it is whole.
 """
 
-import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,12 +24,8 @@ from minihuman.worlds.step_digest import digest_step
 
 NUMBER = "action"  # the parameter that is passed beside the table
 
-_ROW, _WORDS, _VIEW = "int32[::1]", "uint64[::1]", "uint8[:,:,::1]"
-_F64, _I32, _U32 = "float64[::1]", "int32[::1]", "uint32[::1]"
-_MATRIX = "float64[:,::1]"
 
-
-@kernel(hold_gil=True)
+@kernel("(uint8[::1], uint8[::1])", hold_gil=True)
 def write_rgba(picture: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
     """Write bytes of red, green and blue as a canvas takes them: with a fourth that says opaque."""
     for pixel in range(len(out) // 4):
@@ -41,52 +35,23 @@ def write_rgba(picture: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
         out[4 * pixel + 3] = int64(255)
 
 
-@dataclass(frozen=True, slots=True)
-class Export:
-    """A kernel that is built ahead of time.
-
-    Args:
-        name: of the function in the library.
-        kernel: what Numba compiles.
-        arguments: Numba's types of the kernel's parameters, in order; arrays are contiguous.
-    """
-
-    name: str
-    kernel: Callable[..., Any]
-    arguments: tuple[str, ...]
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """The names of the kernel's parameters."""
-        return tuple(inspect.signature(getattr(self.kernel, "py_func", self.kernel)).parameters)
-
-
-_RGBA = Export("write_rgba", write_rgba, ("uint8[::1]", "uint8[::1]"))
-
-# by module: a page loads the modules that its worlds need
-EXPORTS: Mapping[str, tuple[Export, ...]] = {
-    "grid": (
-        Export("step", step_instructed, (_ROW, "int64", _WORDS, _VIEW)),  # which steps the others too
-        Export("see", see, (_ROW, _VIEW)),
-        Export("digest_step", digest_step, (_ROW, _VIEW, _WORDS)),
-        Export(
-            "draw_cells",
-            draw_cells,
-            (
-                *(_ROW, _VIEW, "boolean", "boolean", "int64[:,::1]", "int64[::1]", "int64[:,::1]"),
-                *("uint8[:,:,:,::1]", "uint8[:,:,:,::1]", "uint8[:,:,:,::1]", "uint8[:,::1]", "uint8[:,::1]"),
-            ),
-        ),
-        _RGBA,
-    ),
-    "first_person": (
-        Export("step", step, (_MATRIX, _F64, _MATRIX, _WORDS, _MATRIX, _MATRIX, "int64")),
-        Export("look", look, (_MATRIX, _F64, _MATRIX, _F64, "int64", "int64")),
-        Export("digest_state", digest_state, (_MATRIX, _F64, _WORDS, _WORDS)),
-        Export("fill_sizes", fill_sizes, (_VIEW, _U32, _U32)),
-        Export("size_of", size_of, ("int64",) * 5),
-        Export("cover", cover, (_F64, _I32, _F64, _I32, _MATRIX, _MATRIX, _F64, _F64, _I32)),
-        Export("colour", colour, (_U32, _U32, _F64, _I32, _MATRIX, _MATRIX, _F64, _F64, _I32, _VIEW)),
-        _RGBA,
-    ),
+# by module, for a page loads the modules that its worlds need: kernels by the names that they have there
+EXPORTS: Mapping[str, Mapping[str, Callable[..., Any]]] = {
+    "grid": {
+        "step": step_instructed,  # which steps the others too
+        "see": see,
+        "digest_step": digest_step,
+        "draw_cells": draw_cells,
+        "write_rgba": write_rgba,
+    },
+    "first_person": {
+        "step": step,
+        "look": look,
+        "digest_state": digest_state,
+        "fill_sizes": fill_sizes,
+        "size_of": size_of,
+        "cover": cover,
+        "colour": colour,
+        "write_rgba": write_rgba,
+    },
 }

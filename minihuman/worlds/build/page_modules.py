@@ -4,6 +4,7 @@ From LLVM code to modules and libraries: LLVM's back ends come with llvmlite, th
 """
 
 import hashlib
+import inspect
 import json
 import os
 import re
@@ -23,11 +24,17 @@ import llvmlite.binding as llvm
 import numba
 
 from minihuman.errors import MinihumanError
-from minihuman.worlds.build.exports import EXPORTS
-from minihuman.worlds.build.lowering import lower
+from minihuman.worlds.build.entries import compile_for, results_of, write_table_entry
+from minihuman.worlds.build.exports import EXPORTS, NUMBER
+from minihuman.worlds.kernels import KERNELS
 from minihuman.worlds.source_digest import kernels_digest
 
 _STACK_BYTES = 1 << 18
+_INSTEAD = {  # the system's own linkers
+    "ld.lld": ("ld", "-shared", "-z", "noexecstack", "--strip-all"),
+    "ld64.lld": ("cc", "-dynamiclib", "-Wl,-undefined,dynamic_lookup"),
+}
+_EXPORT = {"wasm-ld": "--export=", "lld-link": "/export:"}  # other linkers export whatever is not internal
 _RESHAPE = """
 define internal i32 @numba_attempt_nocopy_reshape(
     i64, ptr, ptr, i64 %count, ptr %extents, ptr %strides, i64 %size, i32) {
@@ -50,6 +57,16 @@ end:
   ret i32 1
 }
 """  # of a contiguous array, as all in kernels are
+
+
+_COUNTING = """
+define void @NRT_incref(ptr %.1) {
+  ret void
+}
+define void @NRT_decref(ptr %.1) {
+  ret void
+}
+"""  # of references: kernels of the page own nothing
 
 
 class BuildError(MinihumanError, RuntimeError):
@@ -88,7 +105,7 @@ PAGE_SIMD = Target("wasm32-unknown-unknown", "", f"{_PLAIN},+simd128", "wasm-ld"
 
 def linker_version(target: Target) -> str | None:
     """What the linker calls itself; None where there is none."""
-    command = _linker(target.linker)
+    command = _linker(target)
     if command is None:
         return None
     return subprocess.run([*command, "--version"], capture_output=True, text=True, check=True).stdout.strip()
@@ -100,54 +117,67 @@ def link(codes: Sequence[str], names: Sequence[str], target: Target) -> bytes:
     Raises:
         BuildError: if there is no linker, or it refuses.
     """
-    command = _linker(target.linker)
+    return link_objects([_object(code, target) for code in codes], names, target)
+
+
+def link_objects(objects: Sequence[bytes], names: Sequence[str], target: Target) -> bytes:
+    """The same, of machine code.
+
+    Raises:
+        BuildError: if there is no linker, or it refuses.
+    """
+    command = _linker(target)
     if command is None:
         raise BuildError(f"{target.linker} was not found on the PATH; install lld, or ziglang from PyPI")
     with tempfile.TemporaryDirectory() as folder:
-        objects = []
-        for number, code in enumerate(codes):
-            objects.append(Path(folder, f"{number}.o"))
-            objects[-1].write_bytes(_object(code, target))
+        paths = [Path(folder, f"{number}.o") for number in range(len(objects))]
+        for path, code in zip(paths, objects, strict=True):
+            path.write_bytes(code)
         out = Path(folder, "out")
-        exported = [f"--export={name}" for name in names] if target.linker == "wasm-ld" else []
-        arguments = [*command, *target.options, *exported, "-o", str(out), *map(str, objects)]
-        done = subprocess.run(arguments, capture_output=True, text=True)
+        exported = [f"{_EXPORT[target.linker]}{name}" for name in names if target.linker in _EXPORT]
+        output = [f"/out:{out}"] if target.linker == "lld-link" else ["-o", str(out)]
+        done = subprocess.run([*command, *exported, *output, *map(str, paths)], capture_output=True, text=True)
         if done.returncode:
-            raise BuildError(f"{target.linker} refused: {done.stderr.strip()[:2000]}")
+            raise BuildError(f"{target.linker} refused: {(done.stderr or done.stdout).strip()[:2000]}")
         return out.read_bytes()
 
 
-def _object(code: str, target: Target) -> bytes:
-    _initialize()
-    machine = llvm.Target.from_triple(target.triple).create_target_machine(
+def machine_for(target: Target) -> Any:
+    """LLVM's back end for a target."""
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    llvm.initialize_native_asmparser()
+    return llvm.Target.from_triple(target.triple).create_target_machine(
         cpu=target.cpu,
         features=target.features,
         opt=3,
         reloc="static" if "wasm" in target.triple else "pic",
         codemodel="default",
     )
+
+
+def retarget(code: str, target: Target, machine: Any) -> str:
+    """LLVM code of the machine that compiled it, for a target."""
     code = re.sub(r'target datalayout = ".*"', f'target datalayout = "{machine.target_data}"', code)
     code = re.sub(r'target triple = ".*"', f'target triple = "{target.triple}"', code)
     code = re.sub(r'"(target-cpu|target-features|tune-cpu)"="[^"]*"', "", code)
-    code = re.sub(r"^declare [^@]*@numba_attempt_nocopy_reshape\(.*$", lambda _: _RESHAPE, code, flags=re.M)
-    module = llvm.parse_assembly(code)
-    module.verify()
-    return bytes(machine.emit_object(module))
+    return re.sub(r"^declare [^@]*@numba_attempt_nocopy_reshape\(.*$", lambda _: _RESHAPE, code, flags=re.M)
+
+
+def _object(code: str, target: Target) -> bytes:
+    machine = machine_for(target)
+    return bytes(machine.emit_object(llvm.parse_assembly(retarget(code, target, machine))))
 
 
 @cache
-def _initialize() -> None:
-    llvm.initialize_all_targets()
-    llvm.initialize_all_asmprinters()
-
-
-@cache
-def _linker(name: str) -> tuple[str, ...] | None:
-    if path := shutil.which(name):
-        return (path,)
-    if find_spec("ziglang") is not None:
-        return sys.executable, "-m", "ziglang", name
-    return None
+def _linker(target: Target) -> tuple[str, ...] | None:
+    """The command that links for a target, but for names and files."""
+    if path := shutil.which(target.linker):
+        return path, *target.options
+    if find_spec("ziglang") is not None and target.linker != "ld64.lld":
+        return sys.executable, "-m", "ziglang", target.linker, *target.options
+    first, *options = _INSTEAD.get(target.linker, ("",))
+    return (path, *options) if (path := shutil.which(first)) else None
 
 
 MANIFEST = "manifest.json"
@@ -160,41 +190,22 @@ def build_page_modules(folder: Path) -> dict[str, Any]:
     """Write the modules and their manifest into a folder, and return the manifest.
 
     Raises:
-        MinihumanError: if Numba compiles for this machine's own processor, not as in `PORTABLE`.
-        BuildError: if there is no linker.
+        BuildError: if Numba compiles for this machine's own processor, not as in `PORTABLE`, or there is no linker.
     """
     if any(os.environ.get(name) != value for name, value in PORTABLE.items()):
-        raise MinihumanError(
-            "build the page modules with `python -m minihuman.worlds.build`, which sets Numba's target"
-        )
+        raise BuildError("build the page modules with `python -m minihuman.worlds.build`, which sets Numba's target")
     folder.mkdir(parents=True, exist_ok=True)
     modules: dict[str, Any] = {}
     for name, exports in EXPORTS.items():
-        functions = [lower(export) for export in exports]
+        lowered = {name: _lower(name, kernel) for name, kernel in exports.items()}
+        codes = [code for _, both in lowered.values() for code in both]
         files = []
         for target in _TARGETS[name]:
-            code = link([each.code for each in functions], [each.name for each in functions], target)
+            code = link([_COUNTING, *codes], list(lowered), target)
             (folder / f"{name}{target.suffix}").write_bytes(code)
-            files.append(
-                {
-                    "file": f"{name}{target.suffix}",
-                    "simd": target is PAGE_SIMD,
-                    "bytes": len(code),
-                    "sha256": hashlib.sha256(code).hexdigest(),
-                }
-            )
-        modules[name] = {
-            "files": files,
-            "functions": {
-                each.name: {
-                    "arguments": [
-                        {"name": one.name, "kind": one.kind, "dimensions": one.dimensions} for one in each.arguments
-                    ],
-                    "results": list(each.results),
-                }
-                for each in functions
-            },
-        }
+            file = {"file": f"{name}{target.suffix}", "simd": target is PAGE_SIMD, "bytes": len(code)}
+            files.append(file | {"sha256": hashlib.sha256(code).hexdigest()})
+        modules[name] = {"files": files, "functions": {name: about for name, (about, _) in lowered.items()}}
     manifest = {
         "sources": kernels_digest(),
         "numba": numba.__version__,
@@ -204,3 +215,31 @@ def build_page_modules(folder: Path) -> dict[str, Any]:
     }
     (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8", newline="\n")
     return manifest
+
+
+def _lower(name: str, kernel: Any) -> tuple[dict[str, Any], tuple[str, str]]:
+    """What callers of a kernel have to know of its table; and LLVM codes, of the kernel and of the way into it."""
+    written = next(each for found, each in KERNELS.values() if found is kernel)
+    overload = compile_for(kernel, written, written.signatures[0])
+    arguments = list(zip(inspect.signature(written.function).parameters, overload.arguments, strict=True))
+    entry = write_table_entry(name, overload, [parameter == NUMBER for parameter, _ in arguments])
+    about = {
+        "arguments": [
+            {"name": name, "kind": _kind(kind), "dimensions": getattr(kind, "ndim", 0)}
+            for name, kind in arguments
+            if name != NUMBER
+        ],
+        "results": [_kind(kind) for kind in results_of(overload)],
+    }
+    return about, (overload.code, entry)
+
+
+def _kind(numba_type: Any) -> str:
+    """NumPy's name of what an array is made of; of a number whether it is whole."""
+    return str(getattr(numba_type, "dtype", "float64" if str(numba_type) == "float64" else "int64"))
+
+
+if __name__ == "__main__":
+    for _module in build_page_modules(Path(sys.argv[1]))["modules"].values():
+        for _file in _module["files"]:
+            print(f"{_file['file']}: {_file['bytes'] / 1000:.1f} kB")

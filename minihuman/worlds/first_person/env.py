@@ -18,7 +18,7 @@ from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.entities import Agent, Entity, ImageFrame, Position, TextFrame
 from minihuman.worlds.first_person.miniworld_compat import MiniworldCompat
 from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters
-from minihuman.worlds.first_person.pictures import COMPILE_PIECES, WorldRenderer
+from minihuman.worlds.first_person.pictures import WorldRenderer
 from minihuman.worlds.first_person.render.drawing import RenderTarget
 from minihuman.worlds.first_person.rooms import (
     WALL_HEIGHT,
@@ -122,7 +122,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012 (Gymnasium's own way to declare it)
-    compile_pieces = COMPILE_PIECES
     drawn = True
     assets: ClassVar[str | Path | None] = None  # a world's own textures and meshes
     motions: ClassVar[Mapping[str, str]] = {}  # which of rules.ACTIONS an action does, where its name does not say

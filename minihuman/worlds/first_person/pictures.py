@@ -1,6 +1,6 @@
 """Pictures of a first-person state: what the agent sees, how far away it is, the world from above.
 
-Turns the state into the scene that the renderer draws. Also the pieces of compilation that processes can share.
+Turns the state into the scene that the renderer draws.
 """
 
 import math
@@ -14,13 +14,11 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.colours import rgb_of
 from minihuman.worlds.contract import Palette, View
-from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.entities import Box, ColouredMesh, Entity, ImageFrame, Mesh, Position, TextFrame
 from minihuman.worlds.first_person.render.asset_files import asset_library, library_lock
 from minihuman.worlds.first_person.render.assets import Library
 from minihuman.worlds.first_person.render.drawing import RenderTarget, render_depth, render_top, turn, visible_things
-from minihuman.worlds.first_person.render.kernel_tables import F64, I64, THING_SIZE, FaceTable, RoomTable
-from minihuman.worlds.first_person.render.rasterisation import VIEW_SIZE
+from minihuman.worlds.first_person.render.kernel_tables import F64, I64, FaceTable, RoomTable
 from minihuman.worlds.first_person.render.scene import (
     FAR_M,
     NEAR_M,
@@ -31,17 +29,13 @@ from minihuman.worlds.first_person.render.scene import (
     Look,
     MeshLook,
     Scene,
-    SceneRoom,
     ShadowLook,
-    Surface,
     add_things,
-    build_scene,
 )
-from minihuman.worlds.first_person.render.shading import JOINT_M, colour
-from minihuman.worlds.first_person.render.visibility import SAMPLES, size_of
-from minihuman.worlds.first_person.rooms import FloorPlan, Room, RoomPlan, finish_floor_plan, rectangle
+from minihuman.worlds.first_person.render.shading import JOINT_M
+from minihuman.worlds.first_person.rooms import FloorPlan, RoomPlan
 from minihuman.worlds.first_person.state import WorldState
-from minihuman.worlds.first_person.walls import CEILING, corners_of, room_faces, room_occluders, touches_wall
+from minihuman.worlds.first_person.walls import CEILING, corners_of, room_faces, room_occluders
 from minihuman.worlds.pose import Pose
 
 GONE = (np.nan,) * 4
@@ -285,35 +279,3 @@ def camera(stage: WorldState, pos: Position | None = None, yaw_rad: float | None
     yaw = agent.dir if yaw_rad is None else yaw_rad
     position = (x + agent.cam_fwd_disp * math.cos(yaw), y + agent.cam_height, z - agent.cam_fwd_disp * math.sin(yaw))
     return Camera(position, yaw, agent.cam_pitch * (math.pi / 180), agent.cam_fov_y)
-
-
-def compile_walls() -> None:
-    """Build a room and walk into nothing."""
-    floor = finish_floor_plan([Room(rectangle(0.0, 1.0, 0.0, 1.0))], None)
-    room_tables(floor, asset_library(None))
-    touches_wall(floor.walls, 0.5, 0.5, 0.1)
-
-
-def compile_shading() -> None:
-    """Colour a picture without rows."""
-    floats, wholes = size_of(0, 0, 0, 0, 0)
-    nothing = np.zeros((1, 1, 3), np.uint8)
-    memory, no_rooms = (np.zeros(floats), np.zeros(wholes, np.int32)), (np.zeros(0), np.zeros(3, np.int32))
-    things, places = np.zeros((0, THING_SIZE)), np.zeros((0, SAMPLES + 1))
-    colour(*asset_library(None).textures, *no_rooms, things, places, np.zeros(VIEW_SIZE), *memory, nothing)
-
-
-def compile_visibility() -> None:
-    """Look at a room of a single wall, without colouring it."""
-    corners = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    room = SceneRoom(corners[::-1, ::2], [Surface(corners, corners[:, 1:], "concrete_1")])
-    visible_things(build_scene([room], library=asset_library(None)), Camera((-1.0, 0.5, 0.0), 0.0), 1, 1)
-
-
-def compile_digest() -> None:
-    """Digest a state without things."""
-    words = np.zeros(6, np.uint64)
-    rules.digest_state(np.zeros((1, rules.COLUMNS)), np.zeros(rules.ARGUMENTS), words, words)
-
-
-COMPILE_PIECES = compile_digest, compile_walls, compile_shading, compile_visibility

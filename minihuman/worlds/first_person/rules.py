@@ -244,6 +244,7 @@ def _judge(things: Things, numbers: Numbers, ahead_x: float, ahead_z: float, act
 
 @kernel(
     "int64(float64[:, ::1], float64[::1], float64[:, ::1], float64, float64, float64, float64, int64, int64)",
+    only=True,
     hold_gil=True,
 )
 def act(
@@ -316,7 +317,10 @@ def _place(
             return
 
 
-@kernel(hold_gil=True)
+@kernel(
+    "(float64[:, ::1], float64[::1], float64[:, ::1], uint64[::1], float64[:, ::1], float64[:, ::1], int64)",
+    hold_gil=True,
+)
 def step(
     things: Things,
     numbers: Numbers,
@@ -348,7 +352,7 @@ def step(
     return status
 
 
-@kernel(hold_gil=True)
+@kernel("(float64[:, ::1], float64[::1], float64[:, ::1], float64[::1], int64, int64)", hold_gil=True)
 def look(
     things: Things, numbers: Numbers, places: NDArray[np.float64], view: NDArray[np.float64], width: int, height: int
 ) -> None:
@@ -381,7 +385,7 @@ def look(
     view[TOP], view[BOTTOM], view[HEIGHT], view[WIDTH] = 0.0, height, height, width
 
 
-@kernel(hold_gil=True)
+@kernel("(float64[:, ::1], float64[::1], uint64[::1], uint64[::1])", hold_gil=True)
 def digest_state(things: Things, numbers: Numbers, rng_state: RngState, outcome: NDArray[np.uint64]) -> np.uint64:
     """Digest what a step led to; ``outcome`` as in the grid's `digest_step`."""
     one, other = _A, _B

@@ -16,7 +16,7 @@ from minihuman.worlds.kernels import kernel
 SLIVER_M = 0.05  # a piece of wall no wider than that is what two rooms that meet at an angle leave, and joins nothing
 
 
-@kernel()
+@kernel("(float64[:, ::1], float64, float64, float64)")
 def touches_wall(walls: NDArray[np.float64], x: float, z: float, radius: float) -> bool:
     """Does a circle reach a wall? ``walls`` is (n, 4): x0, z0, x1, z1; all metres. Just touching does not count."""
     for index in range(walls.shape[0]):
@@ -39,7 +39,7 @@ def wall_pieces(first_edge: I64, edges: F64, heights: F64, portals: F64) -> F64:
     return pieces[: _cut(first_edge, edges, heights, portals, pieces)].copy()
 
 
-@kernel(nogil=True)
+@kernel("(int64[::1], float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1])", nogil=True)
 def _cut(first_edge: I64, edges: F64, heights: F64, portals: F64, pieces: F64) -> int:
     """Into ``pieces``, all 0 before; how many there are."""
     count, portal = 0, 0
@@ -72,7 +72,7 @@ def corners_of(edges: F64, parts: F64) -> F64:
     return corners
 
 
-@kernel(nogil=True)
+@kernel("(float64[:, ::1], float64[:, ::1], float64[:, :, ::1])", nogil=True)
 def _turn(edges: F64, parts: F64, corners: F64) -> None:
     for part in range(len(parts)):
         edge = int(parts[part, 0])
@@ -104,7 +104,11 @@ def room_faces(
     return FaceTable(start, position, places, normals, np.ones((len(at), 3)), texture[:-1].copy(), plane), first_face
 
 
-@kernel(nogil=True)
+@kernel(
+    "(int64[::1], float64[:, ::1], float64[::1], float64[:, ::1], float64[:, :, ::1], int64[:, ::1], "
+    "float64[:, :, ::1], float64[:, ::1], int32[:, ::1], int32[::1])",
+    nogil=True,
+)
 def _fill(
     first_edge: I64,
     edges: F64,

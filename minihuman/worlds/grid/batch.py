@@ -238,7 +238,11 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         return {"final_obs": observations, "_final_obs": over, "final_info": {}, "_final_info": over.copy()}
 
 
-@kernel(nogil=True)
+@kernel(
+    "(int32[:, ::1], int64[::1], uint64[:, ::1], uint8[:, :, :, ::1], int64[::1], float64[::1], boolean[:, "
+    "::1], int64[::1], int64, int64, int64)",
+    nogil=True,
+)
 def step_many(
     rows: Row,
     actions: NDArray[np.int64],
@@ -273,7 +277,11 @@ def step_many(
     return count
 
 
-@kernel(nogil=True)
+@kernel(
+    "(int32[:, ::1], int64[::1], uint64[:, ::1], uint8[:, :, :, ::1], int64[::1], float64[::1], boolean[:, "
+    "::1], int64[::1], int64, int64, int64)",
+    nogil=True,
+)
 def step_many_instructed(
     rows: Row,
     actions: NDArray[np.int64],
@@ -311,7 +319,7 @@ def fetch(rows: Row, i: int) -> None:
 STEPS = step_many, step_many_instructed  # by whether there may be an instruction
 
 
-@kernel(hold_gil=True)
+@kernel("(int32[:, ::1], int64[::1], int64, int64, int64)", hold_gil=True)
 def first_refusal(rows: Row, actions: NDArray[np.int64], mode: int, first: int, last: int) -> int:
     """The complement (~) of the first world that refuses its action or is not to be stepped now; 0 for none."""
     for i in range(first, last):
@@ -346,7 +354,7 @@ def finish(
     return 1 if over else 0
 
 
-@kernel(nogil=True)
+@kernel("(int32[:, ::1], int64[::1], uint8[:, :, :, ::1], int64[::1])", nogil=True)
 def begin_many(rows: Row, worlds: NDArray[np.int64], images: NDArray[np.uint8], directions: NDArray[np.int64]) -> int:
     """Start the episodes just laid out and observe them. Returns -1, or the first world whose layout failed."""
     for i in worlds:
@@ -360,7 +368,7 @@ def begin_many(rows: Row, worlds: NDArray[np.int64], images: NDArray[np.uint8], 
     return -1
 
 
-@kernel(nogil=True)
+@kernel("(int32[:, ::1], boolean[::1], uint8[:, :, :, ::1], int64[::1])", nogil=True)
 def observe_many(rows: Row, seen: NDArray[np.bool_], images: NDArray[np.uint8], directions: NDArray[np.int64]) -> None:
     """Observe the worlds that are to be seen."""
     for i in range(len(rows)):

@@ -107,7 +107,7 @@ def as_from_inside(image: NDArray[np.uint8]) -> None:
                 image[i, j, 0] = 0
 
 
-@kernel()
+@kernel("(int32[::1], uint8[:, :, ::1], boolean[::1], boolean)")
 def remember(row: Row, image: NDArray[np.uint8], seen: SeenCells, inside: bool) -> int:
     """Add what the agent sees now to what it has seen; how many cells are new. ``image`` is filled.
 
@@ -119,7 +119,7 @@ def remember(row: Row, image: NDArray[np.uint8], seen: SeenCells, inside: bool) 
     return look_into(row, image, seen)
 
 
-@kernel()
+@kernel("(int32[::1], boolean[::1], int64)")
 def believe(row: Row, seen: SeenCells, hidden: int) -> Row:
     """The state as far as it was seen; cells not seen hold the code ``hidden``."""
     known = row.copy()
@@ -135,7 +135,7 @@ def believe(row: Row, seen: SeenCells, hidden: int) -> Row:
     return known
 
 
-@kernel()
+@kernel("(int32[::1], boolean[::1], int32[:, :, ::1], uint8[:, :, ::1], boolean, int64, float64, float64)")
 def prospects(
     row: Row,
     seen: SeenCells,
@@ -213,7 +213,7 @@ def expect_walls(row: Row, seen: SeenCells, straight: int) -> None:
                 walls = 0
 
 
-@kernel()
+@kernel("(int32[::1], int64)")
 def walk(row: Row, passing: int) -> NDArray[np.int32]:
     """Actions from the agent's pose to every other, (width, height, 4), closed doors opened on the way.
 

@@ -1,7 +1,7 @@
 """GridEngine: the Gymnasium environment that every grid world is.
 
 Holds one row of state and its random stream; `core.rules` says what an action does, subclasses how an episode is laid
-out. Also the map of a state, and the pieces of compilation that processes can share.
+out. Also the map of a state.
 """
 
 import abc
@@ -57,38 +57,6 @@ def floor_plan(state: State, palette: GridPalette = "classic", kinds: Sequence[O
     return Map("cell", bounds, walls, tuple(things))
 
 
-def compile_rules() -> None:
-    """Ask for an action where no episode has begun."""
-    act(_floor(), 0, np.zeros(6, np.uint64))
-
-
-def compile_step() -> None:
-    """Look around, and then ask for a step, which is a look and what `moves` compiles: by now that is there."""
-    row, image = _floor(), np.empty((3, 3, 3), np.uint8)
-    see(row, image)
-    step(row, 0, np.zeros(6, np.uint64), image)
-
-
-def compile_drawing() -> None:
-    """Draw a floor from above."""
-    draw_grid(_floor(), view="full", view_size=3, tile_px=1, palette="classic", lit=False, by_bytes=True)
-
-
-COMPILE_PIECES = (
-    compile_rules,
-    compile_drawing,
-    compile_step,
-)  # one process begins here, a second one at the end: each has half of it
-
-
-def _floor() -> Row:
-    row = np.zeros(row_length(3, 3), np.int32)
-    row[[fields.WIDTH, fields.HEIGHT]] = 3
-    clear(row)
-    row[[fields.X, fields.Y, fields.DIRECTION]] = 1, 1, 0
-    return row
-
-
 MOST_LINES = 32 * MAX_CELLS  # of pixels that `render` draws
 _COMPILED = ("step", "advance", "observation", "look", "frame", "picture", "tiles")  # by kernels, unless overridden
 YAWS_RAD = (0.0, -np.pi / 2, np.pi, np.pi / 2)  # by direction
@@ -130,7 +98,6 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's name and type
-    compile_pieces = COMPILE_PIECES
     kinds: ClassVar[tuple[ObjectKind, ...]] = ()  # things of its own, at most five kinds
     kept: ClassVar[tuple[str, ...]] = ()  # own attributes that change in an episode: saved and hashed with the state
 
@@ -341,12 +308,10 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         """A picture with tiles of this size: of the whole world, or of what the agent sees."""
         return self._draw(view, tile_px, self.palette, lit=lit)
 
-    def _draw(
-        self, view: View, tile_px: int, palette: GridPalette, *, lit: bool = True, by_bytes: bool = False
-    ) -> NDArray[np.uint8]:
+    def _draw(self, view: View, tile_px: int, palette: GridPalette, *, lit: bool = True) -> NDArray[np.uint8]:
         row, size = self._in_world().row, self.image_shape[0]
         looks: dict[str, Any] = {"tile_px": tile_px, "palette": palette, "kinds": self.kinds}
-        picture = draw_grid(row, view=view, view_size=size, lit=lit, by_bytes=by_bytes, **looks)
+        picture = draw_grid(row, view=view, view_size=size, lit=lit, **looks)
         for place, (colour, opacity) in self.cell_marks.items():
             if colour not in COLOURS or not (0 <= opacity <= 1 and self._has_cell(*place)):
                 raise WorldError(
@@ -425,8 +390,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
     ) -> NDArray[np.uint8]:
         """The largest picture with whole-numbered tiles that fits, uint8[H, W, 3]."""
         tile_px, palette_ = self.tiles(view, size_px, palette)
-        # by bytes: a window has any size, and nothing is to be compiled once a participant sits before it
-        return self._draw(view, tile_px, palette_, by_bytes=True)
+        return self._draw(view, tile_px, palette_)
 
     def tiles(self, view: View, size_px: tuple[int, int], palette: Palette) -> tuple[int, GridPalette]:
         """The size of the tiles that `picture` is drawn of, in pixels, and their palette."""

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
-from minihuman.worlds.first_person.pictures import compile_shading, compile_visibility
 from minihuman.worlds.first_person.render.asset_files import asset_library, library_lock
 from minihuman.worlds.first_person.render.drawing import render
 from minihuman.worlds.first_person.render.scene import (
@@ -30,7 +29,7 @@ from minihuman.worlds.first_person.render.scene import (
 )
 from minihuman.worlds.grid.core import cells
 from minihuman.worlds.grid.core.state import FIRST_OWN_KIND, State
-from minihuman.worlds.grid.engine import GridEngine, compile_rules, compile_step
+from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.object_kinds import BlockShape, MeshShape, ObjectKind
 from minihuman.worlds.grid.pictures.tiles import colour_rgb
 from minihuman.worlds.options import MAX_PIXELS, check_whole
@@ -215,7 +214,6 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's own way to declare it
-    compile_pieces = compile_rules, compile_shading, compile_step, compile_visibility
 
     def __init__(self, grid: GridEngine, *, obs_width: int = 80, obs_height: int = 60) -> None:
         check_whole("obs_width", obs_width, 1, MAX_PIXELS)

@@ -26,7 +26,7 @@ RANGE_M = 6.0  # how far off something new is looked for
 _BEARING_RAD = 2 * math.pi / BEARINGS
 
 
-@kernel()
+@kernel("(float64[:, ::1], float64[:, ::1], float64[::1], int64, float64[::1], float64, int8[:, ::1], boolean[:, ::1])")
 def mark_seen(
     walls: NDArray[np.float64],
     discs: NDArray[np.float64],
@@ -76,7 +76,7 @@ def mark_seen(
     return new
 
 
-@kernel()
+@kernel("(float64[:, ::1], float64[:, ::1], float64[::1], float64, float64)")
 def sees(walls: NDArray[np.float64], discs: NDArray[np.float64], eye: NDArray[np.float64], x: float, z: float) -> bool:
     """Whether a point is in the angle of view and nothing hides it."""
     off_x, off_z = x - eye[0], z - eye[1]
@@ -88,7 +88,7 @@ def sees(walls: NDArray[np.float64], discs: NDArray[np.float64], eye: NDArray[np
     return bool(_to_wall(walls, discs, eye[0], eye[1], off_x / distance, off_z / distance) >= distance)
 
 
-@kernel()
+@kernel("(float64[:, ::1], float64[:, ::1], float64, float64, float64, float64)")
 def _to_wall(
     walls: NDArray[np.float64], discs: NDArray[np.float64], x: float, z: float, along_x: float, along_z: float
 ) -> float:
@@ -114,7 +114,7 @@ def _to_wall(
     return nearest
 
 
-@kernel()
+@kernel("(int8[:, ::1], int64, int64, float64)")
 def unseen_around(seen: NDArray[np.int8], column: int, row: int, cell: float) -> NDArray[np.float64]:
     """How much unseen floor would come into view from a cell, by bearing (counter-clockwise from +x), in m2."""
     columns, rows = seen.shape
@@ -131,7 +131,7 @@ def unseen_around(seen: NDArray[np.int8], column: int, row: int, cell: float) ->
     return found
 
 
-@kernel()
+@kernel("(float64[::1], float64, float64)")
 def in_sight(around: NDArray[np.float64], yaw: float, half_rad: float) -> float:
     """How much of what is around is in view along ``yaw``, m2."""
     total = 0.0
@@ -142,7 +142,7 @@ def in_sight(around: NDArray[np.float64], yaw: float, half_rad: float) -> float:
     return total
 
 
-@kernel()
+@kernel("(int8[:, ::1], int64[:, ::1], float64[::1], float64[::1], float64, float64[::1])")
 def visibility_values(
     seen: NDArray[np.int8],
     places: NDArray[np.int64],
@@ -178,7 +178,7 @@ def visibility_values(
     return found
 
 
-@kernel()
+@kernel("(int8[:, ::1], int64, int64, float64, float64, float64)")
 def give_up(seen: NDArray[np.int8], column: int, row: int, cell: float, yaw: float, half_rad: float) -> None:
     """Mark as wall what should have come into view from here along ``yaw`` and did not."""
     columns, rows = seen.shape
@@ -197,7 +197,7 @@ def give_up(seen: NDArray[np.int8], column: int, row: int, cell: float, yaw: flo
                 break
 
 
-@kernel()
+@kernel("(boolean[:, ::1], float64[:, ::1], int64, int64)")
 def waypoint(free: NDArray[np.bool_], distance: NDArray[np.float64], column: int, row: int) -> tuple[int, int]:
     """The farthest cell on the path down a map of distances that a straight line reaches."""
     columns, rows = free.shape
@@ -222,7 +222,7 @@ def waypoint(free: NDArray[np.bool_], distance: NDArray[np.float64], column: int
     return best_c, best_r
 
 
-@kernel()
+@kernel("(boolean[:, ::1], int64, int64, int64, int64)")
 def _straight(free: NDArray[np.bool_], column: int, row: int, to_column: int, to_row: int) -> bool:
     parts = 2 * max(abs(to_column - column), abs(to_row - row), 1)
     for part in range(1, parts + 1):

@@ -99,7 +99,10 @@ def distance_map(free: NDArray[np.bool_], goal_column: int, goal_row: int, goal_
         waiting *= 2  # a cell waits once for each shorter way to it
 
 
-@kernel(nogil=True)
+@kernel(
+    "(float64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[::1], float64, float64, boolean[:, ::1])",
+    nogil=True,
+)
 def _clear(
     walls: NDArray[np.float64],
     discs: NDArray[np.float64],
@@ -145,7 +148,7 @@ def in_zone(zones: NDArray[np.float64], x: float, z: float) -> bool:
     return False
 
 
-@kernel(nogil=True)
+@kernel("(boolean[:, ::1], int64, int64, float64, float64[:, ::1], float64[::1], int64[::1])", nogil=True)
 def _measure(
     free: NDArray[np.bool_],
     goal_column: int,
@@ -194,7 +197,7 @@ def lies_on(barriers: NDArray[np.float64], points: NDArray[np.float64]) -> NDArr
     return found
 
 
-@kernel(nogil=True)
+@kernel("(float64[:, ::1], float64[:, ::1], float64[::1], boolean[::1])", nogil=True)
 def _shortest(
     barriers: NDArray[np.float64], nodes: NDArray[np.float64], reached: NDArray[np.float64], done: NDArray[np.bool_]
 ) -> float:
@@ -214,7 +217,7 @@ def _shortest(
                 reached[node] = reached[here] + length
 
 
-@kernel(nogil=True)
+@kernel("(float64[:, ::1], float64[:, ::1], boolean[::1])", nogil=True)
 def _mark(barriers: NDArray[np.float64], points: NDArray[np.float64], found: NDArray[np.bool_]) -> None:
     for place in range(points.shape[0]):
         x, z = points[place, 0], points[place, 1]
@@ -305,7 +308,13 @@ def search(
     return moves[::-1]
 
 
-@kernel(nogil=True)
+@kernel(
+    "(float64[:, ::1], float64[:, ::1], float64[:, :, ::1], UniTuple(float64, 3), UniTuple(float64, 3), "
+    "NamedTuple((float64, float64, float64, int64, float64, float64), Body), float64[::1], float64[:, ::1], "
+    "float64, NamedTuple((float64[::1], float64[::1], int64[::1], int64[::1], int8[::1], int64[::1], "
+    "float64[::1], int64[::1]), Stops), boolean[:, :, ::1])",
+    nogil=True,
+)
 def _search(
     walls: NDArray[np.float64],
     discs: NDArray[np.float64],

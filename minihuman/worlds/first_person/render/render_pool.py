@@ -13,7 +13,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
 from numpy.typing import NDArray
 
 from minihuman.worlds.first_person.render.drawing import RenderTarget, memory_for
@@ -51,9 +50,9 @@ def _add_plain(counters: Counters, at: int, number: int) -> int:
 
 def _take(builder: Any, given: Any) -> Any:
     counters, at, number = given
-    more = builder.add(number[1], ir.Constant(ir.IntType(64), 1))
+    more = builder.add(number[1], number[1].type(1))
     found = builder.cmpxchg(_of(builder, counters, at), number[1], more, "acq_rel", "acquire")
-    return builder.zext(builder.extract_value(found, 1), ir.IntType(64))
+    return builder.zext(builder.extract_value(found, 1), number[1].type)
 
 
 def _take_plain(counters: Counters, at: int, number: int) -> int:
@@ -85,7 +84,13 @@ _TOGETHER = 4  # targets that are aimed before the others hear of it
 _floats_at, _wholes_at, _texels_at = array_at(np.float64), array_at(np.int32), array_at(np.uint32)
 
 
-@kernel(nogil=True, drawn=int64, waited=int64, nth=int64)
+@kernel(
+    "(int64[:, ::1], int64[::1], int64, float64[::1], int32[::1], uint8[:, :, :, ::1])",
+    nogil=True,
+    drawn=int64,
+    waited=int64,
+    nth=int64,
+)
 def draw_targets(rows: I64, counters: I64, most: int, floats: F64, wholes: I32, out: NDArray[np.uint8]) -> int:
     """Take pictures in turn with other threads and draw them, so many at most.
 
@@ -130,13 +135,13 @@ def draw_targets(rows: I64, counters: I64, most: int, floats: F64, wholes: I32, 
     return ENOUGH
 
 
-@kernel(hold_gil=True)
+@kernel("(int64[::1], int64, int64)", hold_gil=True)
 def count(counters: I64, at: int, number: int) -> None:
     """Add to a counter."""
     add_to_counter(counters, at, number)
 
 
-@kernel(nogil=True, waited=int64)
+@kernel("(int64[::1], int64)", nogil=True, waited=int64)
 def finished(counters: I64, pictures: int) -> bool:
     """Are all drawn, or soon?"""
     waited = 0

@@ -328,7 +328,17 @@ def paint_row(groups: I32, group_count: int, runs: I32, scanline: U32, drawn: Dr
             k += 1
 
 
-@kernel(nogil=True, run_count=int64, group_count=int64, x=int64, lookups=int64, weight=int64, run=int64)
+@kernel(
+    "(uint32[::1], uint32[::1], float64[::1], int32[::1], float64[:, ::1], float64[:, ::1], float64[::1], "
+    "float64[::1], int32[::1], uint8[:, :, ::1])",
+    nogil=True,
+    run_count=int64,
+    group_count=int64,
+    x=int64,
+    lookups=int64,
+    weight=int64,
+    run=int64,
+)
 def colour(
     texels: U32,
     table: U32,

@@ -333,7 +333,7 @@ def pack(ops: Any, line: Array, x: int, picture: Array, at: int) -> None:
     ops.store(picture, at, ops.three_of_four(ops.octets(ops.load(line, x, LANES))))
 
 
-@kernel("void(uint8[:, :, ::1], uint32[::1], uint32[::1])", hold_gil=True)
+@kernel("void(uint8[:, :, ::1], uint32[::1], uint32[::1])", only=True, hold_gil=True)
 def fill_sizes(pixels: NDArray[np.uint8], table: U32, texels: U32) -> None:
     """Write a texture in all its sizes, each in its ring, where its table says; the first row of pixels is on top.
 

@@ -262,7 +262,7 @@ def occluders_of(floats: F64, wholes: I32) -> tuple[I32, F64]:
     return wholes[size - int(wholes[1]) - 1 :] if count > 0 else wholes[:0], occluders
 
 
-@kernel("UniTuple(int64, 2)(int64, int64, int64, int64, int64)", hold_gil=True)
+@kernel("UniTuple(int64, 2)(int64, int64, int64, int64, int64)", only=True, hold_gil=True)
 def size_of(height: int, spans: int, faces: int, corners: int, rooms: int) -> tuple[int, int]:
     """How many float64 and int32 a picture is drawn in, with so many spans of a row and corners of a face at most."""
     rows = 4 * height
@@ -442,7 +442,12 @@ def place_thing(things: F64, thing: int, places: F64, placement: F64) -> None:
     placement[NORMAL_SCALE] = things[thing, THING_NORMAL_SCALE]
 
 
-@kernel(nogil=True, number=int64)
+@kernel(
+    "(float64[::1], int32[::1], float64[::1], int32[::1], float64[:, ::1], float64[:, ::1], float64[::1], "
+    "float64[::1], int32[::1])",
+    nogil=True,
+    number=int64,
+)
 def cover(
     room_floats: F64,
     room_wholes: I32,
@@ -518,7 +523,7 @@ def cover(
     return True
 
 
-@kernel(nogil=True)
+@kernel("(float64[::1], float64[::1], int32[::1], float32[:, ::1])", nogil=True)
 def distances(view: F64, floats: F64, wholes: I32, out: NDArray[np.float32]) -> None:
     """How far along the view each pixel's first sample is, metres; the far plane where there is nothing."""
     drawn, _, _ = drawn_in(view, floats, wholes)

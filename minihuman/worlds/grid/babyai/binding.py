@@ -165,7 +165,7 @@ def unlocks(row: Row, at: int) -> bool:
     return False
 
 
-@kernel()
+@kernel("(int32[::1],)")
 def bind_now(row: Row) -> bool:
     """`bind`, for layouts written in Python."""
     return bind(row)

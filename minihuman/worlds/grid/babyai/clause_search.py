@@ -79,7 +79,7 @@ Locks = NDArray[np.int64]  # (locks, 2): identity of the door, its colour
 Sorts = NDArray[np.int64]  # by identity - 1: what sort of thing an object is in hand
 
 
-@kernel()
+@kernel("(int32[::1],)")
 def find_locks(row: Row) -> Locks:
     """The locked doors for which there is a key."""
     keys = key_colours(row)
@@ -113,7 +113,7 @@ def key_colours(row: Row) -> int:
     return colours
 
 
-@kernel()
+@kernel("(int32[::1], int64, int64[::1], int64[:, ::1])")
 def sort_things(row: Row, clause: int, codes: NDArray[np.int64], locks: Locks) -> Sorts:
     """What sort of thing each object is in hand, for a clause."""
     sorts = np.full(len(codes), OTHER, np.int64)
@@ -142,7 +142,7 @@ def opens(row: Row, hand: int, lock: int, locks: Locks, sorts: Sorts, codes: NDA
     return False
 
 
-@kernel()
+@kernel("(int32[::1], int64, int64[::1], int64[:, ::1], int64[::1], boolean)")
 def distance_heuristic(
     row: Row, clause: int, codes: NDArray[np.int64], locks: Locks, sorts: Sorts, careful: bool
 ) -> Table:
@@ -310,7 +310,7 @@ def is_next_to(row: Row, x: int, y: int, meant: int) -> bool:
     return False
 
 
-@kernel()
+@kernel("(int32[::1],)")
 def codes_of(row: Row) -> NDArray[np.int64]:
     """The code of each object, by identity - 1, wherever it is."""
     return object_codes(row)
@@ -382,13 +382,13 @@ def heuristic_value(row: Row, table: Table, locks: Locks, sorts: Sorts) -> int:
     return table[unlocked, hand, (row[X] * row[HEIGHT] + row[Y]) * 4 + row[DIRECTION]]
 
 
-@kernel()
+@kernel("(int32[::1], int32[:, :, ::1], int64[:, ::1], int64[::1])")
 def heuristic_value_of(row: Row, table: Table, locks: Locks, sorts: Sorts) -> int:
     """`heuristic_value`, for Python."""
     return heuristic_value(row, table, locks, sorts)
 
 
-@kernel()
+@kernel("(int32[::1], int64, int32[:, :, ::1], int64[:, ::1], int64[::1], int64, int64)")
 def search_clause(
     start: Row, clause: int, table: Table, locks: Locks, sorts: Sorts, weight: int, limit: int
 ) -> tuple[int, NDArray[np.int64]]:

@@ -252,7 +252,7 @@ def settle(row: Row, given: Given, keys_matter: bool) -> bool:
     return True
 
 
-@kernel("void(int32[::1], uint64[::1], int64[:, ::1], int64[::1])")
+@kernel("void(int32[::1], uint64[::1], int64[:, ::1], int64[::1])", only=True)
 def furnish(row: Row, rng_state: RngState, program: Program, given: Given) -> None:
     """Lay an episode of a level out: draw rounds until one is accepted. Marks the row FAILED if none is."""
     columns, lines, size = program[0, COLUMNS], program[0, LINES], program[0, SIZE]

@@ -77,7 +77,7 @@ def note_places(row: Row) -> None:
             row[noted + cell] = row[means + k]
 
 
-@kernel()
+@kernel("(int32[::1],)")
 def hand_over(row: Row) -> None:
     """After the first look, put into the agent's hand what it starts with."""
     at = block_of(row) + HANDED
@@ -206,7 +206,7 @@ def is_beside(row: Row, cell: int, meant: int) -> bool:
 _NO_CHANCE = np.zeros(6, np.uint64)
 
 
-@kernel(hold_gil=True)
+@kernel("(int32[::1], int64, uint64[::1], uint8[:, :, ::1])", hold_gil=True)
 def step_instructed(row: Row, action: int, rng_state: RngState, image: NDArray[np.uint8]) -> tuple[int, int, float]:
     """`core.rules.step` for a row that has room for an instruction."""
     status, reward = act_instructed(row, action, rng_state)
@@ -215,7 +215,7 @@ def step_instructed(row: Row, action: int, rng_state: RngState, image: NDArray[n
     return status, row[DIRECTION], reward
 
 
-@kernel(hold_gil=True)
+@kernel("(int32[::1], int64, uint64[::1])", hold_gil=True)
 def act_instructed(row: Row, action: int, rng_state: RngState) -> tuple[int, float]:
     """`core.rules.act` for a row that has room for an instruction."""
     if row[TASK] != INSTRUCTED:

@@ -89,7 +89,7 @@ def body_index(row: Row, body: int) -> int:
     return X if body == 0 else HEADER + 3 * row[WIDTH] * row[HEIGHT] + BLOCK * (body - 1)
 
 
-@kernel("int64(int32[::1])")
+@kernel("int64(int32[::1])", only=True)
 def count_bodies(row: Row) -> int:
     """How many bodies the row holds."""
     return 1 + (len(row) - HEADER - 3 * row[WIDTH] * row[HEIGHT]) // BLOCK
@@ -239,7 +239,7 @@ def use_hands(row: Row, body: int, action: int) -> None:
         exchange(row, body)
 
 
-@kernel(hold_gil=True)
+@kernel("(int32[::1], int64[::1], float64[::1])", hold_gil=True)
 def act_team(row: Row, actions: NDArray[np.int64], rewards: NDArray[np.float64]) -> int:
     """Make one joint step without looking, writing each body's reward; the status as `rules.step` returns it."""
     bodies = len(actions)
@@ -278,7 +278,7 @@ def act_team(row: Row, actions: NDArray[np.int64], rewards: NDArray[np.float64])
     return close(row, ended)
 
 
-@kernel(hold_gil=True)
+@kernel("(int32[::1], int64, uint8[:, :, ::1])", hold_gil=True)
 def see_body(row: Row, body: int, image: NDArray[np.uint8]) -> None:
     """Fill ``image`` with a body's view, as `view.see` does; other bodies are agents in their colours.
 
@@ -300,7 +300,7 @@ def see_body(row: Row, body: int, image: NDArray[np.uint8]) -> None:
     exchange(row, body)
 
 
-@kernel(hold_gil=True)
+@kernel("(int32[::1], int64[::1], uint8[:, :, :, ::1], float64[::1])", hold_gil=True)
 def step_team(row: Row, actions: NDArray[np.int64], images: NDArray[np.uint8], rewards: NDArray[np.float64]) -> int:
     """Make one joint step and see its result: ``images`` is uint8[bodies, size, size, 3]."""
     status = act_team(row, actions, rewards)
@@ -317,7 +317,7 @@ def step_team(row: Row, actions: NDArray[np.int64], images: NDArray[np.uint8], r
     return status
 
 
-@kernel()
+@kernel("(int32[::1],)")
 def clear_bodies(row: Row) -> None:
     """Take every body but the first off the grid, as `state.clear` does with that one."""
     for body in range(1, count_bodies(row)):

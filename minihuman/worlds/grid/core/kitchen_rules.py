@@ -166,7 +166,7 @@ def move_cooks(row: Row, actions: NDArray[np.int64]) -> None:
             row[at + 2] = actions[cook]
 
 
-@kernel(hold_gil=True)
+@kernel("(int32[::1], int64[::1], float64[::1], uint8[:, ::1])", hold_gil=True)
 def step_kitchen(row: Row, actions: NDArray[np.int64], outcomes: NDArray[np.float64], images: NDArray[np.uint8]) -> int:
     """Make one joint step and observe its result.
 
@@ -234,7 +234,7 @@ def observe_thing(row: Row, thing: int, in_pot: bool, image: NDArray[np.uint8], 
         image[at + 8] = 1
 
 
-@kernel(hold_gil=True)
+@kernel("(int32[::1], uint8[:, ::1])", hold_gil=True)
 def observe(row: Row, images: NDArray[np.uint8]) -> None:
     """Fill what each cook observes, uint8[cooks, width * height * layers].
 
@@ -275,7 +275,7 @@ def observe(row: Row, images: NDArray[np.uint8]) -> None:
             image[base + cooks + 4 * place + row[at + 2]] = 1
 
 
-@kernel(nogil=True)
+@kernel("(int32[:, ::1], int32[::1], int64[:, ::1], float64[:, ::1], uint8[:, :, ::1], boolean[::1])", nogil=True)
 def step_kitchens(
     rows: Row,
     start: Row,

@@ -11,21 +11,21 @@ from minihuman.worlds.rng import RngState, integer
 UNLIMITED_TRIES = 1 << 30  # tries; a layout that needs more has no free place at all
 
 
-@kernel("void(int32[::1], int64, int64, int64, int64)")
+@kernel("void(int32[::1], int64, int64, int64, int64)", only=True)
 def wall_across(row: Row, x: int, y: int, length: int, code: int) -> None:
     """A horizontal line from (x, y)."""
     for i in range(length):
         put(row, x + i, y, code)
 
 
-@kernel("void(int32[::1], int64, int64, int64, int64)")
+@kernel("void(int32[::1], int64, int64, int64, int64)", only=True)
 def wall_down(row: Row, x: int, y: int, length: int, code: int) -> None:
     """A vertical line from (x, y)."""
     for j in range(length):
         put(row, x, y + j, code)
 
 
-@kernel("void(int32[::1], int64, int64, int64, int64)")
+@kernel("void(int32[::1], int64, int64, int64, int64)", only=True)
 def wall_rect(row: Row, x: int, y: int, width: int, height: int) -> None:
     """The four walls of a room with its top left corner at (x, y), walls included in the size."""
     wall_across(row, x, y, width, GREY_WALL)
@@ -50,7 +50,7 @@ def has_room(row: Row, x: int, y: int, width: int, height: int) -> bool:
     return False
 
 
-@kernel("UniTuple(int64, 2)(int32[::1], uint64[::1], int64, int64, int64, int64, int64)")
+@kernel("UniTuple(int64, 2)(int32[::1], uint64[::1], int64, int64, int64, int64, int64)", only=True)
 def draw_place(row: Row, rng_state: RngState, x: int, y: int, width: int, height: int, tries: int) -> tuple[int, int]:
     """Draw cells of the rectangle until one is free; (-1, -1), and the row marked FAILED, if none is found."""
     x, y = max(x, 0), max(y, 0)
@@ -64,7 +64,7 @@ def draw_place(row: Row, rng_state: RngState, x: int, y: int, width: int, height
     return -1, -1
 
 
-@kernel("UniTuple(int64, 2)(int32[::1], uint64[::1], int64, int64, int64, int64, int64)")
+@kernel("UniTuple(int64, 2)(int32[::1], uint64[::1], int64, int64, int64, int64, int64)", only=True)
 def place(row: Row, rng_state: RngState, code: int, x: int, y: int, width: int, height: int) -> tuple[int, int]:
     """Lay a code into a drawn free cell of the rectangle; where it lies, or (-1, -1)."""
     i, j = draw_place(row, rng_state, x, y, width, height, UNLIMITED_TRIES)
@@ -85,7 +85,7 @@ def stand(row: Row, x: int, y: int, direction: int) -> None:
     row[X], row[Y], row[DIRECTION] = x, y, direction
 
 
-@kernel("void(int32[::1], uint64[::1], int64, int64, int64, int64)")
+@kernel("void(int32[::1], uint64[::1], int64, int64, int64, int64)", only=True)
 def place_agent(row: Row, rng_state: RngState, x: int, y: int, width: int, height: int) -> None:
     """Put the agent into a drawn free cell of the rectangle, looking in a drawn direction."""
     row[X] = row[Y] = -1

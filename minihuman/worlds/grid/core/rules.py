@@ -74,7 +74,7 @@ TERMINATED, TRUNCATED = 1, 2  # bits of a step's status
 NOT_PLAYING, NO_SUCH_ACTION = -1, -2  # a step that was refused and changed nothing
 
 
-@kernel(hold_gil=True)
+@kernel("(int32[::1], int64, uint64[::1], uint8[:, :, ::1])", hold_gil=True)
 def step(row: Row, action: int, rng_state: RngState, image: NDArray[np.uint8]) -> tuple[int, int, float]:
     """Make one step and see its result.
 
@@ -87,7 +87,7 @@ def step(row: Row, action: int, rng_state: RngState, image: NDArray[np.uint8]) -
     return status, row[DIRECTION], reward
 
 
-@kernel(hold_gil=True)
+@kernel("(int32[::1], int64, uint64[::1])", hold_gil=True)
 def act(row: Row, action: int, rng_state: RngState) -> tuple[int, float]:
     """Make one step without looking: status and reward, as `step` returns them."""
     refused = refusal(row, action)

@@ -68,7 +68,7 @@ _HELD, LAST, _OBJECTS = 3, 4, 5  # places in a node, after x, y and direction
 _STATE_BIT = 24  # a cell number plus one is in the bits below
 
 
-@kernel()
+@kernel("(int32[::1], int64[::1], boolean)")
 def distances(row: Row, sources: NDArray[np.int64], through: bool) -> NDArray[np.int32]:
     """Actions from each pose (x, y, direction) to any source pose, turning and walking only; FAR without a path.
 
@@ -239,7 +239,7 @@ def exhausted(frontier: Frontier) -> int:
     return FULL if frontier.counters[_DROPPED] else NONE
 
 
-@kernel()
+@kernel("(int32[::1], int32[:, :, ::1], int64, int64, uint64[::1], int64)")
 def search(
     start: Row, bound: NDArray[np.int32], extra: int, limit: int, rng_state: RngState, weight: int
 ) -> tuple[int, NDArray[np.int64]]:

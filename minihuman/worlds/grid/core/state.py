@@ -74,7 +74,7 @@ def contents_index(row: Row, identity: int) -> int:
     return HEADER + 2 * row[WIDTH] * row[HEIGHT] + identity - 1
 
 
-@kernel(hold_gil=True)
+@kernel("(int32[::1],)", hold_gil=True)
 def clear(row: Row) -> None:
     """Make the row an empty floor before a layout: no objects, no agent, step 0; sizes and settings stay."""
     row[X] = row[Y] = row[DIRECTION] = -1
@@ -87,7 +87,7 @@ def clear(row: Row) -> None:
         row[k] = EMPTY
 
 
-@kernel("int64(int32[::1], int64, int64)")
+@kernel("int64(int32[::1], int64, int64)", only=True)
 def cell_at(row: Row, x: int, y: int) -> int:
     """The code in a cell; outside the grid everything is wall."""
     if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
@@ -95,7 +95,7 @@ def cell_at(row: Row, x: int, y: int) -> int:
     return row[HEADER + x * row[HEIGHT] + y]
 
 
-@kernel("int64(int32[::1], int64, int64)")
+@kernel("int64(int32[::1], int64, int64)", only=True)
 def lift(row: Row, x: int, y: int) -> int:
     """Empty a cell and return what lay there. Outside the grid nothing does, and the row is marked FAILED."""
     if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
@@ -109,7 +109,7 @@ def lift(row: Row, x: int, y: int) -> int:
     return code
 
 
-@kernel("void(int32[::1], int64, int64, int64)")
+@kernel("void(int32[::1], int64, int64, int64)", only=True)
 def put(row: Row, x: int, y: int, code: int) -> None:
     """Lay a code into a cell of the grid, instead of whatever was there; objects know where they lie.
 
@@ -127,7 +127,7 @@ def put(row: Row, x: int, y: int, code: int) -> None:
         row[place_index(row, identity)] = x * row[HEIGHT] + y
 
 
-@kernel()
+@kernel("(int32[::1], int64, int64)")
 def move(row: Row, identity: int, cell: int) -> None:
     """Move an object that lies in a cell to an empty one (x * height + y)."""
     place = place_index(row, identity)
@@ -136,7 +136,7 @@ def move(row: Row, identity: int, cell: int) -> None:
     row[place] = cell
 
 
-@kernel("int64(int32[::1], int64, int64, int64)")
+@kernel("int64(int32[::1], int64, int64, int64)", only=True)
 def make(row: Row, kind: int, colour: int, state: int) -> int:
     """Make a new object with its own identity, lying nowhere yet. More objects than cells mark the row FAILED."""
     if row[OBJECTS] >= row[WIDTH] * row[HEIGHT]:

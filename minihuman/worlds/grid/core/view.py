@@ -49,7 +49,7 @@ def see_size(size: int) -> int:
     return check_whole("agent_view_size", size, 3, LARGEST_VIEW, odd=True)
 
 
-@kernel(hold_gil=True)
+@kernel("(int32[::1], uint8[:, :, ::1])", hold_gil=True)
 def see(row: Row, image: NDArray[np.uint8]) -> None:
     """Fill ``image`` (size, size, 3: kind, colour, state; indexed [right, down]) with the agent's view.
 
@@ -225,7 +225,7 @@ def spread_left(seen: int, clear: int, size: int) -> int:
     return giving
 
 
-@kernel()
+@kernel("(int32[::1], uint8[:, :, ::1])")
 def see_all(row: Row, image: NDArray[np.uint8]) -> None:
     """Fill ``image`` (width, height, 3: kind, colour, state; indexed [x, y]) with the whole grid, agent included."""
     for x in range(row[WIDTH]):

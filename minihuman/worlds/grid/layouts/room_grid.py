@@ -57,7 +57,7 @@ CONNECT_TRIES = 5001
 AGENT_TRIES = 100_000  # Minigrid never gives up; a room that needs more cannot hold the agent
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1], int64, int64, int64)")
 def rooms(row: Row, rng_state: RngState, columns: int, lines: int, size: int) -> Plan:
     """Draw the walls of a room grid and the places of its doors; the agent stands in the middle room for now."""
     plan = np.full((columns * lines, 13), NO_DOOR, np.int64)
@@ -194,7 +194,7 @@ def pick_task(row: Row, code: int, colour: int, kind: int) -> None:
     row[MISSION], row[MISSION + 1] = colour, kind
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1])")
 def unlock(row: Row, rng_state: RngState) -> None:
     """Two rooms, a locked door between them, its key with the agent."""
     plan = rooms(row, rng_state, 2, 1, SIZE)
@@ -206,7 +206,7 @@ def unlock(row: Row, rng_state: RngState) -> None:
     row[TARGET], row[TARGET + 1] = plan[0, DOOR_X + RIGHT], plan[0, DOOR_Y + RIGHT]
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1], int64)")
 def unlock_pickup(row: Row, rng_state: RngState, blocked: int) -> None:
     """A box behind a locked door, whose key lies with the agent; a ball before the door if ``blocked``."""
     plan = rooms(row, rng_state, 2, 1, SIZE)
@@ -223,7 +223,7 @@ def unlock_pickup(row: Row, rng_state: RngState, blocked: int) -> None:
     pick_task(row, box, box_colour, BOX)
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1], int64, int64, int64)")
 def key_corridor(row: Row, rng_state: RngState, lines: int, size: int, kind: int) -> None:
     """A corridor between rooms: an object behind a locked door on the right, its key somewhere on the left."""
     plan = rooms(row, rng_state, 3, lines, size)
@@ -275,7 +275,7 @@ def add_key(row: Row, rng_state: RngState, columns: int, room: int, colour: int,
     add_object(row, rng_state, columns, SIZE, room, code)
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1], int64, int64)")
 def obstructed_pair(row: Row, rng_state: RngState, boxed: int, blocked: int) -> None:
     """Two rooms: a blue ball behind a locked door."""
     plan = rooms(row, rng_state, 2, 1, SIZE)
@@ -288,7 +288,7 @@ def obstructed_pair(row: Row, rng_state: RngState, boxed: int, blocked: int) -> 
     pick_task(row, target, BLUE, BALL)
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1], int64, int64, int64, int64, int64)")
 def obstructed_maze(
     row: Row, rng_state: RngState, start_room: int, boxed: int, blocked: int, quarters: int, keys_last: int
 ) -> None:

@@ -37,7 +37,7 @@ from minihuman.worlds.kernels import device_function, kernel
 from minihuman.worlds.rng import RngState, integer
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1], int64, int64, int64, int64)")
 def four_rooms(row: Row, rng_state: RngState, agent_x: int, agent_y: int, goal_x: int, goal_y: int) -> None:
     """Four rooms, a gap in each wall between them. A negative ``agent_x`` or ``goal_x`` draws the place."""
     outer_walls(row)
@@ -63,7 +63,7 @@ def four_rooms(row: Row, rng_state: RngState, agent_x: int, agent_y: int, goal_x
         put(row, goal_x, goal_y, GREEN_GOAL)
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1])")
 def door_key(row: Row, rng_state: RngState) -> None:
     """Two rooms, a locked door between them, its key on the agent's side, the goal on the other."""
     width, height = row[WIDTH], row[HEIGHT]
@@ -76,7 +76,7 @@ def door_key(row: Row, rng_state: RngState) -> None:
     place(row, rng_state, make(row, KEY, YELLOW, 0), 0, 0, split, height)
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1])")
 def red_blue_doors(row: Row, rng_state: RngState) -> None:
     """A room with a red door in its left wall and a blue one in its right wall."""
     size = row[HEIGHT]
@@ -90,7 +90,7 @@ def red_blue_doors(row: Row, rng_state: RngState) -> None:
     put(row, row[TARGET + 2], row[TARGET + 3], make(row, DOOR, BLUE, CLOSED))
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1])")
 def locked_room(row: Row, rng_state: RngState) -> None:
     """Six rooms along a corridor: the goal in a locked one, its key in another."""
     width, height = row[WIDTH], row[HEIGHT]
@@ -133,7 +133,7 @@ def put_inside(
     put(row, x, y, code)
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1])")
 def playground(row: Row, rng_state: RngState) -> None:
     """Nine rooms with doors between them and twelve objects."""
     outer_walls(row)
@@ -162,7 +162,7 @@ MOST_TRIED = 2_000_000  # rooms, about a second; a grid that takes more cannot h
 TRIES = 8  # places tried for each next room
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1], int64, int64, int64)")
 def multi_room(row: Row, rng_state: RngState, fewest: int, most: int, largest: int) -> None:
     """From ``fewest`` to ``most`` rooms of up to ``largest`` columns and rows."""
     count = integer(rng_state, fewest, most + 1)

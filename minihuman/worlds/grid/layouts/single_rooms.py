@@ -52,7 +52,7 @@ def draw_kind(rng_state: RngState, kinds: int) -> int:
     return KINDS_DRAWN[integer(rng_state, 0, kinds)]
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1], int64)")
 def fetch(row: Row, rng_state: RngState, objects: int) -> None:
     """Keys and balls; one is to be fetched."""
     outer_walls(row)
@@ -102,7 +102,7 @@ def beside_any(drawn: NDArray[np.int64], x: int, y: int) -> bool:
     return False
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1], int64)")
 def go_to_object(row: Row, rng_state: RngState, objects: int) -> None:
     """Objects; the agent says "done" beside the one it is sent to."""
     outer_walls(row)
@@ -114,7 +114,7 @@ def go_to_object(row: Row, rng_state: RngState, objects: int) -> None:
     row[MISSION], row[MISSION + 1] = colour, kind
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1], int64)")
 def put_near(row: Row, rng_state: RngState, objects: int) -> None:
     """Objects; one is to be put near another."""
     outer_walls(row)
@@ -131,7 +131,7 @@ def put_near(row: Row, rng_state: RngState, objects: int) -> None:
     row[MISSION + 2], row[MISSION + 3] = drawn[target, 1], drawn[target, 0]
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1])")
 def go_to_door(row: Row, rng_state: RngState) -> None:
     """A room of drawn size with four doors; the agent says "done" beside the one it is sent to."""
     width = integer(rng_state, 5, row[WIDTH] + 1)
@@ -161,7 +161,7 @@ def go_to_door(row: Row, rng_state: RngState) -> None:
     row[MISSION] = colours[k]
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1], int64)")
 def memory(row: Row, rng_state: RngState, random_length: int) -> None:
     """An object seen at the start, two at the end of a corridor; go to the matching one."""
     width, height = row[WIDTH], row[HEIGHT]
@@ -190,7 +190,7 @@ def memory(row: Row, rng_state: RngState, random_length: int) -> None:
     row[TARGET + 2], row[TARGET + 3] = end + 1, middle - up
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1], int64, int64, int64)")
 def empty(row: Row, rng_state: RngState, agent_x: int, agent_y: int, direction: int) -> None:
     """Nothing but a goal in the corner. A negative ``agent_x`` draws agent and direction."""
     outer_walls(row)
@@ -198,7 +198,7 @@ def empty(row: Row, rng_state: RngState, agent_x: int, agent_y: int, direction: 
     start(row, rng_state, agent_x, agent_y, direction)
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1], int64, int64, int64)")
 def start(row: Row, rng_state: RngState, x: int, y: int, direction: int) -> None:
     """Put the agent where it is said to start, or draw where that is negative."""
     if x < 0:
@@ -207,7 +207,7 @@ def start(row: Row, rng_state: RngState, x: int, y: int, direction: int) -> None
         stand(row, x, y, direction)
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1], int64, int64, int64, int64)")
 def dist_shift(row: Row, rng_state: RngState, agent_x: int, agent_y: int, direction: int, second_strip: int) -> None:
     """Two strips of lava, one below the top wall and one in the row ``second_strip``."""
     outer_walls(row)
@@ -217,7 +217,7 @@ def dist_shift(row: Row, rng_state: RngState, agent_x: int, agent_y: int, direct
     start(row, rng_state, agent_x, agent_y, direction)
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1], int64)")
 def gap(row: Row, rng_state: RngState, obstacle: int) -> None:
     """One column of lava (or of the code ``obstacle``) with a gap."""
     outer_walls(row)
@@ -229,7 +229,7 @@ def gap(row: Row, rng_state: RngState, obstacle: int) -> None:
     put(row, x, y, EMPTY)
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1], int64, int64, int64, int64)")
 def dynamic_obstacles(
     row: Row, rng_state: RngState, agent_x: int, agent_y: int, direction: int, obstacles: int
 ) -> None:
@@ -249,7 +249,7 @@ def dynamic_obstacles(
 UPRIGHT, LEVEL = 0, 1  # directions of a river
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1], int64, int64)")
 def crossing(row: Row, rng_state: RngState, rivers: int, obstacle: int) -> None:
     """``rivers`` rivers of the code ``obstacle``; columns and rows of the grid are odd and the same."""
     width, height = row[WIDTH], row[HEIGHT]

@@ -114,7 +114,6 @@ def draw_grid(
     palette: GridPalette,
     kinds: "tuple[ObjectKind, ...]" = (),
     lit: bool = True,
-    by_bytes: bool = False,
 ) -> Pixels:
     """A picture, uint8[rows * tile_px, columns * tile_px, 3].
 
@@ -126,19 +125,17 @@ def draw_grid(
         palette: The colours.
         kinds: Kinds of the world's own.
         lit: In the full view, make the cells lighter that the agent sees.
-        by_bytes: Copy tiles byte by byte whatever their size, which is one kernel for all sizes, and slower.
     """
     drawn = atlas(tile_px, palette, kinds)
     columns, rows = (view_size, view_size) if view == "partial" else (row[WIDTH], row[HEIGHT])
     out = np.empty((rows * tile_px, columns * tile_px, 3), np.uint8)
     lines = out.reshape(rows * tile_px, -1)
-    tiles = drawn.tiles.view(np.uint8) if by_bytes else drawn.tiles
     image = np.zeros((view_size, view_size, 3), np.uint8)
     if lit or view == "partial":
         see(row, image)
-    words = lines.view(tiles.dtype)
+    words = lines.view(drawn.tiles.dtype)
     full, in_view, seen = view == "full", palette == "minigrid", np.zeros((columns, rows), np.int64)
-    tables = drawn.number, drawn.under, tiles, drawn.agents, drawn.carried
+    tables = drawn.number, drawn.under, drawn.tiles, drawn.agents, drawn.carried
     draw_cells(row, image, full, in_view, seen, *tables, words, lines)
     return out
 
@@ -157,7 +154,12 @@ def lay_over(figures: Pixels, figure: int, left: int, top: int, out: Pixels) -> 
                     out[top + v, byte] = (over * alpha + under * (255 - alpha) + 127) // 255
 
 
-@kernel()
+@kernel(
+    "(int32[::1], uint8[:, :, ::1], boolean, boolean, int64[:, ::1], int64[::1], int64[:, ::1], uint8[:, :, :, "
+    "::1], uint8[:, :, :, ::1], uint8[:, :, :, ::1], uint8[:, ::1], uint8[:, ::1])",
+    "(int32[::1], uint8[:, :, ::1], boolean, boolean, int64[:, ::1], int64[::1], int64[:, ::1], uint64[:, :, "
+    ":, ::1], uint8[:, :, :, ::1], uint8[:, :, :, ::1], uint64[:, ::1], uint8[:, ::1])",
+)
 def draw_cells(
     row: Row,
     image: NDArray[np.uint8],

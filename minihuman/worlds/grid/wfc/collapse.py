@@ -89,7 +89,7 @@ _0 = np.uint64(0)
 _1 = np.uint64(1)
 
 
-@kernel()
+@kernel("(uint64[::1], float64[::1], uint64[:, :, ::1], int64, boolean, int64)")
 def collapse(
     rng_state: RngState, weights: NDArray[np.float64], beside: Sets, size: int, periodic: bool, attempts: int
 ) -> NDArray[np.int64]:
@@ -138,7 +138,7 @@ def collapse(
     return np.empty(0, np.int64)
 
 
-@kernel()
+@kernel("(uint64[:, ::1], int64[::1], uint64[:, :, ::1])")
 def _borders(sets: Sets, counts: NDArray[np.int64], beside: Sets) -> bool:
     """Take away what nothing at all fits beside; at an edge that ends the layout anything may be beyond."""
     n = beside.shape[1]
@@ -153,7 +153,7 @@ def _borders(sets: Sets, counts: NDArray[np.int64], beside: Sets) -> bool:
     return True
 
 
-@kernel()
+@kernel("(uint64[::1], uint64[::1])")
 def _narrow(patterns: NDArray[np.uint64], allowed: NDArray[np.uint64]) -> int:
     """Take away what is not allowed; how many are left."""
     count = 0
@@ -166,7 +166,7 @@ def _narrow(patterns: NDArray[np.uint64], allowed: NDArray[np.uint64]) -> int:
     return count
 
 
-@kernel()
+@kernel("(uint64[:, ::1], int64[::1], uint64[:, :, ::1], int64, boolean, int64[::1], boolean[::1], int64)")
 def _spread(
     sets: Sets,
     counts: NDArray[np.int64],
@@ -213,7 +213,7 @@ def _spread(
     return fits
 
 
-@kernel()
+@kernel("(int64[::1], float64[::1])")
 def _fewest(counts: NDArray[np.int64], untied: NDArray[np.float64]) -> int:
     """The unsettled cell with the fewest patterns left; the first cell if all have settled."""
     best, cell = np.inf, 0
@@ -223,7 +223,7 @@ def _fewest(counts: NDArray[np.int64], untied: NDArray[np.float64]) -> int:
     return cell
 
 
-@kernel()
+@kernel("(uint64[::1], float64[::1], uint64[::1])")
 def _draw(rng_state: RngState, weights: NDArray[np.float64], patterns: NDArray[np.uint64]) -> int:
     """One of the patterns by weight, as ``Generator.choice`` draws it."""
     n = len(weights)
@@ -243,14 +243,14 @@ def _draw(rng_state: RngState, weights: NDArray[np.float64], patterns: NDArray[n
     return n - 1
 
 
-@kernel()
+@kernel("(uint64[:, ::1], int64[::1], int64, int64)")
 def _settle(sets: Sets, counts: NDArray[np.int64], cell: int, pattern: int) -> None:
     sets[cell] = _0
     sets[cell, pattern // 64] = _1 << np.uint64(pattern % 64)
     counts[cell] = 1
 
 
-@kernel()
+@kernel("(uint64[:, ::1],)")
 def _patterns(sets: Sets) -> NDArray[np.int64]:
     patterns = np.empty(len(sets), np.int64)
     for cell in range(len(sets)):

@@ -200,7 +200,7 @@ def _read(folder: str, preset: Preset) -> Overlaps:
     return overlaps(pixels, preset.width)
 
 
-@kernel()
+@kernel("(int32[::1], uint64[::1], int64[:, ::1])")
 def dig(row: Row, rng_state: RngState, free: NDArray[np.int64]) -> None:
     """Make everything wall but the free cells (n, 2) of a layout; draw the start and the goal among them."""
     height = row[HEIGHT]

@@ -1,0 +1,373 @@
+"""What Numba makes of kernels and of what they call, and the SIMD vectors in them: LLVM's vector instructions.
+
+`minihuman.worlds.simd` says what each operation of vectors does.
+
+What is used of Numba beyond its documented interface, and what breaks when it changes:
+
+- the options ``_nrt``, ``no_cfunc_wrapper``, ``no_cpython_wrapper``: compile time and the cost of a call alone.
+- `np.arrayobj.populate_array`, ``context.make_array``, ``array._getvalue()``: `array_at` and `llvm_function`, so all
+  of the first-person renderer.
+"""
+
+import inspect
+import os
+from collections.abc import Callable, Sequence
+from types import FunctionType
+from typing import Any
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba import float64, int64, types
+from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
+
+from minihuman.worlds.kernels import COMPILERS, ArrayStart, KernelSource
+
+# A division by zero is infinite, as in NumPy: nothing is made to raise it. C calls no kernel.
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
+_FOR_NUMBA: dict[int, dict[str, Any]] = {}  # what a module's kernels find by name, by the id of what its Python finds
+BUILDING = "MINIHUMAN_BUILDING"  # in the environment: Python calls no kernel of this process
+
+
+def compiled(written: KernelSource) -> Any:
+    """What Numba compiles: a dispatcher, for what it is called with or for the one signature."""
+    options = _OPTIONS | dict(written.options) | ({"no_cpython_wrapper": True} if BUILDING in os.environ else {})
+    variables = {name: numba.from_dtype(np.dtype(kind)) for name, kind in written.variables.items()}
+    function = written.function
+    assert isinstance(function, FunctionType)
+    if COMPILERS:
+        names = function.__code__, _for_numba(function.__globals__), function.__name__, function.__defaults__
+        function = FunctionType(*names)
+        function.__module__, function.__qualname__ = written.function.__module__, written.function.__qualname__
+    dispatcher = numba.njit(locals=variables, **options)(function)
+    if written.only:
+        dispatcher.compile(written.signatures[0])
+        dispatcher.disable_compile()
+    return dispatcher
+
+
+def _for_numba(names: dict[str, Any]) -> dict[str, Any]:
+    """What a module's functions find by name, with what Numba makes of it instead of what Python calls."""
+    found = _FOR_NUMBA.get(id(names))
+    if found is None:
+        found = _FOR_NUMBA[id(names)] = dict(names)
+        for name, value in names.items():
+            if id(value) in COMPILERS:
+                found[name] = COMPILERS[id(value)][1]()
+    return found
+
+
+def llvm_function(write: Callable[..., Any], plain: Callable[..., Any], *, counts: bool) -> Any:
+    """`minihuman.worlds.kernels.llvm_function`, compiled."""
+
+    def typed(context: Any, *arguments: Any) -> Any:
+        kinds = [
+            each if isinstance(each, types.Array) else int64 if isinstance(each, types.Integer) else float64
+            for each in arguments
+        ]
+
+        def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            given = []
+            for kind, value in zip(kinds, values, strict=True):
+                if isinstance(kind, types.Array):
+                    start = context.make_array(kind)(context, builder, value).data
+                    given.append(("array", ArrayStart(start, str(kind.dtype))))
+                else:
+                    given.append((str(kind), value))
+            found = write(builder, given)
+            return found if counts else context.get_dummy_value()
+
+        return (int64 if counts else numba.void)(*kinds), code
+
+    # Numba asks for names of arguments, one by one
+    names = ["context", *list(inspect.signature(plain).parameters)]
+    parameters = [inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD) for name in names]
+    vars(typed)["__signature__"] = inspect.Signature(parameters)
+    return intrinsic(typed)
+
+
+def array_at(kind: type[np.generic]) -> Any:
+    """`minihuman.worlds.kernels.array_at`, compiled."""
+    size, array = np.dtype(kind).itemsize, types.Array(numba.from_dtype(np.dtype(kind)), 1, "C")
+
+    def typed(context: Any, address: Any, count: Any) -> Any:
+        def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            made = context.make_array(array)(context, builder)
+            start = builder.inttoptr(values[0], made.data.type)
+            step = context.get_constant(types.intp, size)
+            populate_array(made, data=start, shape=values[1:], strides=[step], itemsize=step, meminfo=None)
+            return made._getvalue()
+
+        return array(int64, int64), code
+
+    return intrinsic(typed)
+
+
+F64, F32, I64, U32, U16, U8, BOOL = "float64", "float32", "int64", "uint32", "uint16", "uint8", "bool"
+_BITS = {F64: 64, F32: 32, I64: 64, U32: 32, U16: 16, U8: 8, BOOL: 1}
+_REAL = F64, F32
+_WHOLE = ir.IntType(64)
+
+
+def llvm_operations(builder: Any) -> "_Operations":
+    """What vector code finds its operations in."""
+    return _Operations(builder)
+
+
+def llvm_arguments(builder: Any, given: Sequence[tuple[str, Any]]) -> list[Any]:
+    """What vector code is given, as it takes it: numbers by kind and LLVM's value, arrays as they are."""
+    return [SimdVector(builder, value, kind) if kind in (F64, I64) else value for kind, value in given]
+
+
+def _operator(whole: str, real: str, *, turned: bool = False) -> Any:
+    """A method that adds the instruction for whole numbers or for real ones; ``turned``: the other comes first."""
+
+    def add(self: "SimdVector", other: Any) -> "SimdVector":
+        a, b = (self._like(other), self.value) if turned else (self.value, self._like(other))
+        return self._with(getattr(self.builder, real if self.kind in _REAL else whole)(a, b))
+
+    return add
+
+
+class SimdVector:
+    """Numbers side by side in a kernel that is being compiled; operators add instructions."""
+
+    def __init__(self, builder: Any, value: Any, kind: str) -> None:
+        self.builder, self.value, self.kind = builder, value, kind
+
+    @property
+    def count(self) -> int:
+        """How many lanes."""
+        return int(self.value.type.count)
+
+    def _with(self, value: Any, kind: str | None = None) -> "SimdVector":
+        return SimdVector(self.builder, value, kind or self.kind)
+
+    def _like(self, other: Any) -> Any:
+        if isinstance(other, SimdVector):
+            return other.value
+        number = float(other) if self.kind in _REAL else int(other)
+        one = not isinstance(self.value.type, ir.VectorType)
+        return ir.Constant(self.value.type, number if one else [number] * self.count)
+
+    __add__, __mul__ = _operator("add", "fadd"), _operator("mul", "fmul")
+    __sub__, __rsub__ = _operator("sub", "fsub"), _operator("sub", "fsub", turned=True)
+    __truediv__, __rtruediv__ = _operator("", "fdiv"), _operator("", "fdiv", turned=True)
+    __and__, __or__, __xor__ = _operator("and_", ""), _operator("or_", ""), _operator("xor", "")
+    __lshift__, __rshift__ = _operator("shl", ""), _operator("lshr", "")
+
+    def _compare(self, sign: str, other: Any) -> "SimdVector":
+        compare = self.builder.fcmp_ordered if self.kind in _REAL else self.builder.icmp_unsigned
+        return self._with(compare(sign, self.value, self._like(other)), BOOL)
+
+    def __lt__(self, other: Any) -> "SimdVector":
+        return self._compare("<", other)
+
+    def __gt__(self, other: Any) -> "SimdVector":
+        return self._compare(">", other)
+
+    def __eq__(self, other: object) -> "SimdVector":  # type: ignore[override]
+        return self._compare("==", other)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def _vector(kind: str, count: int) -> ir.VectorType:
+    real = {F64: ir.DoubleType(), F32: ir.FloatType()}
+    return ir.VectorType(real.get(kind) or ir.IntType(_BITS[kind]), count)
+
+
+class _Operations:
+    def __init__(self, builder: Any) -> None:
+        self._builder = builder
+
+    def _whole(self, value: Any) -> Any:
+        return ir.Constant(_WHOLE, value) if isinstance(value, int) else value.value
+
+    def _place(self, array: Any, at: Any, kind: str, count: int) -> Any:
+        place = self._builder.gep(array.start, [self._whole(at)])
+        return self._builder.bitcast(place, _vector(kind, count).as_pointer())
+
+    def _call(self, name: str, result: Any, *arguments: Any) -> Any:
+        kind = ir.FunctionType(result, [argument.type for argument in arguments])
+        return self._builder.call(self._builder.module.declare_intrinsic(name, (), kind), arguments)
+
+    def load(self, array: Any, at: Any, count: int) -> SimdVector:
+        kind = U32 if array.kind == "int32" else array.kind
+        place = self._place(array, at, kind, count)
+        return SimdVector(self._builder, self._builder.load(place, align=_BITS[kind] // 8), kind)
+
+    def store(self, array: Any, at: Any, values: SimdVector) -> None:
+        place = self._place(array, at, values.kind, values.count)
+        self._builder.store(values.value, place, align=_BITS[values.kind] // 8)
+
+    def pairs(self, array: Any, at: SimdVector) -> tuple[SimdVector, SimdVector]:
+        build, short = self._builder, ir.IntType(32)
+        return self._pairs(
+            array, [build.extract_element(at.value, ir.Constant(short, lane)) for lane in range(at.count)]
+        )
+
+    def pairs_at(self, array: Any, places: Any, first: Any, count: int) -> tuple[SimdVector, SimdVector]:
+        build = self._builder
+        start = build.gep(places.start, [self._whole(first)])
+        each = [build.load(build.gep(start, [ir.Constant(_WHOLE, lane)])) for lane in range(count)]
+        return self._pairs(array, each)
+
+    def _pairs(self, array: Any, numbers: Sequence[Any]) -> tuple[SimdVector, SimdVector]:
+        build, count = self._builder, len(numbers)
+        # two pixels in turn, so that what belongs together is one shuffle within each sixteen bytes; as float64, which
+        # one instruction loads into the upper half
+        parts = []
+        for odd in (0, 2):
+            lanes = [lane for lane in range(count) if lane & 2 == odd]
+            both = ir.Constant(_vector(F64, count // 2), ir.Undefined)
+            for at, lane in enumerate(lanes):
+                place = build.gep(array.start, [build.zext(numbers[lane], _WHOLE)])
+                found = build.load(build.bitcast(place, ir.DoubleType().as_pointer()), align=4)
+                both = build.insert_element(both, found, ir.Constant(ir.IntType(32), at))
+            parts.append(build.bitcast(both, _vector(U32, count)))
+        order = [(lane & 2) // 2 * count + lane // 4 * 4 + lane % 2 * 2 for lane in range(count)]
+        here, beside = (_shuffle(build, parts[0], parts[1], [at + odd for at in order]) for odd in (0, 1))
+        return SimdVector(build, here, U32), SimdVector(build, beside, U32)
+
+    def fetch(self, array: Any, at: SimdVector, by: Any) -> None:
+        build, short = self._builder, ir.IntType(32)
+        start = build.gep(array.start, [self._whole(by)])
+        for lane in range(0, at.count, 4):
+            number = build.extract_element(at.value, ir.Constant(short, lane))
+            self._prefetch(build.gep(start, [build.zext(number, _WHOLE)]), 2)
+
+    def prefetch(self, array: Any, at: Any) -> None:
+        self._prefetch(self._builder.gep(array.start, [self._whole(at)]), 3)
+
+    def _prefetch(self, place: Any, level: int) -> None:
+        build, short = self._builder, ir.IntType(32)
+        how = [ir.Constant(short, each) for each in (0, level, 1)]  # to be read, how near, and it is data
+        self._call("llvm.prefetch.p0", ir.VoidType(), build.bitcast(place, ir.IntType(8).as_pointer()), *how)
+
+    def count_from(self, first: Any, count: int, by: int) -> SimdVector:
+        build = self._builder
+        start = _splat(build, build.sitofp(self._whole(first), ir.DoubleType()), count)
+        steps = ir.Constant(_vector(F64, count), [float(by * lane) for lane in range(count)])
+        return SimdVector(build, build.fadd(start, steps), F64)
+
+    def these(self, values: Sequence[float]) -> SimdVector:
+        return SimdVector(self._builder, ir.Constant(_vector(F64, len(values)), list(values)), F64)
+
+    def all_of(self, value: Any, count: int) -> SimdVector:
+        return SimdVector(self._builder, _splat(self._builder, value.value, count), F64)
+
+    def steps(self, count: int) -> SimdVector:
+        return SimdVector(self._builder, ir.Constant(_vector(F32, count), [float(lane) for lane in range(count)]), F32)
+
+    def single(self, value: Any, count: int) -> SimdVector:
+        short = self._builder.fptrunc(value.value, ir.FloatType())
+        return SimdVector(self._builder, _splat(self._builder, short, count), F32)
+
+    def fixed(self, value: Any, count: int) -> SimdVector:
+        short = self._builder.trunc(self._whole(value), ir.IntType(32))
+        return SimdVector(self._builder, _splat(self._builder, short, count), U32)
+
+    def _rounded(self, name: str, values: SimdVector) -> SimdVector:
+        kind = values.value.type
+        named = f"llvm.{name}.v{values.count}f{_BITS[values.kind]}"
+        return SimdVector(self._builder, self._call(named, kind, values.value), values.kind)
+
+    def floor(self, values: SimdVector) -> SimdVector:
+        return self._rounded("floor", values)
+
+    def ceil(self, values: SimdVector) -> SimdVector:
+        return self._rounded("ceil", values)
+
+    def size(self, values: SimdVector) -> SimdVector:
+        return self._rounded("fabs", values)
+
+    def larger(self, a: SimdVector, b: Any) -> SimdVector:
+        return self.where(a > b, a, b)
+
+    def smaller(self, a: SimdVector, b: Any) -> SimdVector:
+        return self.where(a < b, a, b)
+
+    def where(self, chosen: SimdVector, a: Any, b: Any) -> SimdVector:
+        like = a if isinstance(a, SimdVector) else b
+        return SimdVector(self._builder, self._builder.select(chosen.value, like._like(a), like._like(b)), like.kind)
+
+    def cut(self, values: SimdVector) -> SimdVector:
+        return SimdVector(self._builder, self._builder.fptosi(values.value, _vector(U32, values.count)), U32)
+
+    def real(self, values: SimdVector) -> SimdVector:
+        return SimdVector(self._builder, self._builder.sitofp(values.value, _vector(F64, values.count)), F64)
+
+    def short(self, values: SimdVector) -> SimdVector:
+        return SimdVector(self._builder, self._builder.sitofp(values.value, _vector(F32, values.count)), F32)
+
+    def bits(self, values: SimdVector) -> SimdVector:
+        return SimdVector(self._builder, self._builder.bitcast(values.value, _vector(U32, values.count)), U32)
+
+    def halves(self, values: SimdVector) -> SimdVector:
+        return SimdVector(self._builder, self._builder.bitcast(values.value, _vector(U16, 2 * values.count)), U16)
+
+    def wholes(self, values: SimdVector) -> SimdVector:
+        return SimdVector(self._builder, self._builder.bitcast(values.value, _vector(U32, values.count // 2)), U32)
+
+    def upper(self, a: SimdVector, b: SimdVector) -> SimdVector:
+        build, wide = self._builder, _vector(U32, a.count)
+        product = build.mul(build.zext(a.value, wide), build.zext(b.value, wide))
+        half = build.lshr(product, ir.Constant(wide, [16] * a.count))
+        return SimdVector(build, build.trunc(half, a.value.type), U16)
+
+    def octets(self, values: SimdVector) -> SimdVector:
+        return SimdVector(self._builder, self._builder.bitcast(values.value, _vector(U8, 4 * values.count)), U8)
+
+    def three_of_four(self, values: SimdVector) -> SimdVector:
+        return self._shuffled(values, values, [lane for lane in range(values.count) if lane % 4 < 3])
+
+    def number(self, array: Any, at: int) -> SimdVector:
+        place = self._builder.gep(array.start, [self._whole(at)])
+        return SimdVector(self._builder, self._builder.sext(self._builder.load(place), _WHOLE), I64)
+
+    def indices(self, count: int) -> SimdVector:
+        return SimdVector(self._builder, ir.Constant(_vector(U32, count), list(range(count))), U32)
+
+    def shuffled(self, values: SimdVector, lanes: Sequence[int]) -> SimdVector:
+        return self._shuffled(values, values, lanes)
+
+    def transposed(self, rows: Sequence[SimdVector]) -> Sequence[SimdVector]:
+        found, lanes = list(rows), range(8)
+        for half in (4, 2, 1):
+            for row in (row for row in lanes if not row & half):
+                a, b = found[row], found[row + half]
+                found[row] = self._shuffled(a, b, [lane if not lane & half else 8 + lane - half for lane in lanes])
+                found[row + half] = self._shuffled(
+                    a, b, [lane + half if not lane & half else 8 + lane for lane in lanes]
+                )
+        return found
+
+    def lane_bits(self, chosen: SimdVector) -> SimdVector:
+        byte = self._builder.bitcast(chosen.value, ir.IntType(8))
+        return SimdVector(self._builder, self._builder.zext(byte, _WHOLE), I64)
+
+    def join_bytes(self, values: SimdVector) -> SimdVector:
+        short = self._builder.trunc(values.value, _vector(U8, 8))
+        return SimdVector(self._builder, self._builder.bitcast(short, _WHOLE), I64)
+
+    def spread_bytes(self, number: SimdVector) -> SimdVector:
+        short = self._builder.bitcast(number.value, _vector(U8, 8))
+        return SimdVector(self._builder, self._builder.zext(short, _vector(U32, 8)), U32)
+
+    def part(self, values: SimdVector, first: int, count: int) -> SimdVector:
+        return self._shuffled(values, values, list(range(first, first + count)))
+
+    def _shuffled(self, a: SimdVector, b: SimdVector, lanes: Sequence[int]) -> SimdVector:
+        return SimdVector(self._builder, _shuffle(self._builder, a.value, b.value, lanes), a.kind)
+
+
+def _splat(builder: Any, value: Any, count: int) -> Any:
+    kind = ir.VectorType(value.type, count)
+    one = builder.insert_element(ir.Constant(kind, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), count), [0] * count))
+
+
+def _shuffle(builder: Any, a: Any, b: Any, lanes: Sequence[int]) -> Any:
+    return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), list(lanes)))

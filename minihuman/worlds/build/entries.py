@@ -1,0 +1,294 @@
+"""The ways into compiled kernels, in LLVM code: functions that Python calls, and functions of a table for others.
+
+What Python calls reads the arguments of a call and makes an object of the result. It finds what it needs of Python in a
+table (`minihuman.worlds.kernels.KernelLibrary`), so a library is for every version of Python and NumPy. What it reads
+of an array is what every extension module reads, which NumPy keeps where it is: the data's address, the number of
+dimensions, their extents, the kind of item, and flags.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba.core import cgutils, sigutils, types
+from numba.core.registry import cpu_target
+from numba.np.arrayobj import populate_array
+
+from minihuman.worlds.kernels import API_FUNCTIONS, API_OBJECTS, KINDS, KernelSource
+
+_OBJECT, _WORD, _INT, _DOUBLE = cgutils.voidptr_t, ir.IntType(64), ir.IntType(32), ir.DoubleType()
+_NOTHING, _MANY = ir.VoidType(), _OBJECT.as_pointer()
+_SIGNATURES: dict[str, tuple[Any, ...]] = {  # result and arguments
+    "PyLong_AsLongLong": (_WORD, _OBJECT),
+    "PyLong_FromLongLong": (_OBJECT, _WORD),
+    "PyLong_FromUnsignedLongLong": (_OBJECT, _WORD),
+    "PyFloat_AsDouble": (_DOUBLE, _OBJECT),
+    "PyFloat_FromDouble": (_OBJECT, _DOUBLE),
+    "PyTuple_New": (_OBJECT, _WORD),
+    "PyTuple_SetItem": (_INT, _OBJECT, _WORD, _OBJECT),
+    "PyTuple_GetItem": (_OBJECT, _OBJECT, _WORD),
+    "PyTuple_Size": (_WORD, _OBJECT),
+    "PyType_GetFlags": (_WORD, _OBJECT),
+    "PyErr_Occurred": (_OBJECT,),
+    "PyErr_Clear": (_NOTHING,),
+    "PyObject_Vectorcall": (_OBJECT, _OBJECT, _MANY, _WORD, _OBJECT),
+    "PyByteArray_FromStringAndSize": (_OBJECT, _OBJECT, _WORD),
+    "Py_IncRef": (_NOTHING, _OBJECT),
+    "Py_DecRef": (_NOTHING, _OBJECT),
+    "PyEval_SaveThread": (_OBJECT,),
+    "PyEval_RestoreThread": (_NOTHING, _OBJECT),
+}
+_NONE, _TRUE, _FALSE, _ARRAY, _MAKE_ARRAY, _FIRST_KIND = range(len(API_FUNCTIONS), len(API_FUNCTIONS) + 6)
+_TYPE, _TUPLE = 8, 1 << 26  # where an object says its type, in bytes from its start; a type's flag of tuples
+_DATA, _DIMENSIONS, _EXTENTS, _KIND, _FLAGS = 16, 24, 32, 56, 64  # of arrays
+_USABLE = 0x501  # contiguous, aligned and writeable
+
+
+@dataclass(frozen=True, slots=True)
+class Overload:
+    """A kernel that Numba compiled for a signature.
+
+    Args:
+        description: Numba's, of the function in ``code``.
+        code: in LLVM's words, with all that it calls.
+        arguments: Numba's types.
+        result: likewise.
+    """
+
+    description: Any
+    code: str
+    arguments: tuple[Any, ...]
+    result: Any
+
+
+def compile_for(dispatcher: Any, written: KernelSource, text: str) -> Overload:
+    """Compile a kernel for a signature, in Numba's words, which may name classes of the kernel's module."""
+    arguments = sigutils.normalize_signature(eval(text, {**written.function.__globals__, **vars(types)}))[0]
+    if arguments not in dispatcher.overloads:
+        dispatcher.compile(arguments)
+    compiled = dispatcher.overloads[arguments]
+    # environments of Numba's are nobody's; references are counted by the library's own, for any processor
+    code = re.sub(r"= common (local_unnamed_addr )?global", "= internal global", compiled.library.get_llvm_str())
+    counting = r"^define linkonce_odr void @(NRT_(?:inc|dec)ref)\([^)]*\)[^{]*\{.*?\n\}$"
+    code = re.sub(counting, r"declare void @\1(ptr)", code, flags=re.M | re.S)
+    return Overload(compiled.fndesc, code, arguments, compiled.signature.return_type)
+
+
+class _Function:
+    """A function that calls a kernel, as it is being written."""
+
+    def __init__(self, module: Any, name: str, result: Any, *arguments: Any) -> None:
+        self.context, self.module = cpu_target.target_context, module
+        self.function = ir.Function(module, ir.FunctionType(result, arguments), name)
+        self.builder: Any = ir.IRBuilder(self.function.append_basic_block("entry"))
+
+    def place(self, start: Any, offset: int, kind: Any) -> Any:
+        """What lies so many bytes further."""
+        return self.builder.bitcast(
+            self.builder.gep(self.builder.bitcast(start, _OBJECT), [_WORD(offset)]), kind.as_pointer()
+        )
+
+    def load(self, start: Any, offset: int, kind: Any) -> Any:
+        """What is written there."""
+        return self.builder.load(self.place(start, offset, kind))
+
+    def array(self, kind: Any, data: Any, shape: Sequence[Any]) -> Any:
+        """A contiguous array."""
+        made = self.context.make_array(kind)(self.context, self.builder)
+        strides = [self.context.get_constant(types.intp, np.dtype(str(kind.dtype)).itemsize)]
+        for extent in shape[:0:-1]:
+            strides.insert(0, self.builder.mul(strides[0], extent))
+        data = self.builder.bitcast(data, made.data.type)
+        populate_array(made, data=data, shape=shape, strides=strides, itemsize=strides[-1], meminfo=None)
+        return made._getvalue()
+
+    def call(self, overload: Overload, values: Sequence[Any]) -> Any:
+        """What a kernel returns; none of them raises."""
+        code = self.context.declare_function(self.module, overload.description)
+        kinds = overload.result, overload.arguments
+        return self.context.call_conv.call_function(self.builder, code, *kinds, values, attrs=("noinline",))[1]
+
+
+def write_table_entry(name: str, overload: Overload, beside: Sequence[bool]) -> str:
+    """LLVM code of ``int32 name(table, number)``, as `minihuman.worlds.build.exports` says it.
+
+    Args:
+        name: of the function.
+        overload: what it calls.
+        beside: for each argument, whether it is the number beside the table.
+    """
+    module = _new_module()
+    made = _Function(module, name, _INT, _OBJECT, _INT)
+    builder, (table, number) = made.builder, made.function.args
+    values, at = [], 0
+    for kind, apart in zip(overload.arguments, beside, strict=True):
+        if apart:
+            values.append(made.context.cast(builder, number, types.int32, kind))
+            continue
+        extents = kind.ndim if isinstance(kind, types.Array) else 0
+        if extents:
+            shape = [made.load(table, at + 8 * nth, _WORD) for nth in range(1, 1 + extents)]
+            values.append(made.array(kind, builder.inttoptr(made.load(table, at, _WORD), _OBJECT), shape))
+        elif isinstance(kind, types.Float):
+            values.append(made.load(table, at, _DOUBLE))
+        else:
+            values.append(made.context.cast(builder, made.load(table, at, _WORD), types.int64, kind))
+        at += 8 * (1 + extents)
+    found = made.call(overload, values)
+    first = _INT(0)
+    for nth, kind in enumerate(results_of(overload)):
+        wide = types.float64 if isinstance(kind, types.Float) else types.int64
+        value = builder.extract_value(found, nth) if isinstance(overload.result, types.BaseTuple) else found
+        value = made.context.cast(builder, value, kind, wide)
+        builder.store(value, made.place(table, at + 8 * nth, value.type))
+        if nth == 0 and wide is types.int64:
+            first = builder.trunc(value, _INT)
+    builder.ret(first)
+    return str(module)
+
+
+def results_of(overload: Overload) -> tuple[Any, ...]:
+    """Numba's types of what a kernel returns; none where it returns nothing."""
+    several = isinstance(overload.result, types.BaseTuple)
+    results = tuple(overload.result) if several else (overload.result,)
+    return tuple(each for each in results if not isinstance(each, types.NoneType))
+
+
+def write_python_entries(kernels: Sequence[tuple[Sequence[Overload], bool]]) -> str:
+    """LLVM code of a function for each kernel: ``kernel_0`` and so on; of each, whether it lets other threads run."""
+    module = _new_module()
+    table = ir.ArrayType(_OBJECT, len(API_FUNCTIONS) + len(API_OBJECTS))
+    for name, kind in (("api", table), ("refusals", ir.ArrayType(_OBJECT, len(kernels)))):
+        ir.GlobalVariable(module, kind, name).initializer = ir.Constant(kind, None)
+    for number, (overloads, nogil) in enumerate(kernels):
+        _PythonEntry(module, f"kernel_{number}", _OBJECT, _OBJECT, _MANY, _WORD).write(number, overloads, nogil=nogil)
+    return str(module)
+
+
+def _items(kind: Any) -> tuple[Any, ...]:
+    return tuple(kind)
+
+
+def _new_module() -> Any:
+    return cpu_target.target_context.codegen().create_library("entries").create_ir_module("entries")
+
+
+class _PythonEntry(_Function):
+    """A function that Python calls."""
+
+    def write(self, number: int, overloads: Sequence[Overload], *, nogil: bool) -> None:
+        """What fits the first signature is called by it, and so on; what fits none goes to Python."""
+        _, given, count = self.function.args
+        for overload in overloads:
+            self._mismatch = self.function.append_basic_block("mismatch")
+            self._require(self._is(count, len(overload.arguments)))
+            things = (self.load(given, 8 * nth, _OBJECT) for nth in range(len(overload.arguments)))
+            values = [self._read(kind, thing) for kind, thing in zip(overload.arguments, things, strict=True)]
+            thread = self._api("PyEval_SaveThread") if nogil else None
+            result = self.call(overload, values)
+            if nogil:
+                self._api("PyEval_RestoreThread", thread)
+            self.builder.ret(self._object(overload.result, result))
+            self.builder.position_at_end(self._mismatch)
+        refuse = self.load(self.module.get_global("refusals"), 8 * number, _OBJECT)
+        self.builder.ret(self._api("PyObject_Vectorcall", refuse, given, count, _OBJECT(None)))
+
+    def _require(self, condition: Any) -> None:
+        """Go on only if it holds."""
+        fits = self.function.append_basic_block()
+        self.builder.cbranch(condition, fits, self._mismatch)
+        self.builder.position_at_end(fits)
+
+    def _is(self, value: Any, other: Any) -> Any:
+        return self.builder.icmp_unsigned("==", value, value.type(other) if isinstance(other, int) else other)
+
+    def _thing(self, number: int) -> Any:
+        """What is in Python's table."""
+        return self.load(self.module.get_global("api"), 8 * number, _OBJECT)
+
+    def _api(self, name: str, *arguments: Any) -> Any:
+        result, *kinds = _SIGNATURES[name]
+        function = self._thing(API_FUNCTIONS.index(name))
+        return self.builder.call(self.builder.bitcast(function, ir.FunctionType(result, kinds).as_pointer()), arguments)
+
+    def _read(self, kind: Any, thing: Any) -> Any:
+        """An argument's value."""
+        if isinstance(kind, types.Array):
+            return self._array(kind, thing)
+        if isinstance(kind, types.BaseTuple):  # a named one has its items in the same places
+            flags = self._api("PyType_GetFlags", self.load(thing, _TYPE, _OBJECT))
+            self._require(self._is(self.builder.and_(flags, _WORD(_TUPLE)), _TUPLE))
+            self._require(self._is(self._api("PyTuple_Size", thing), len(kind)))
+            things = (self._api("PyTuple_GetItem", thing, _WORD(nth)) for nth in range(len(kind)))
+            items = [self._read(*each) for each in zip(_items(kind), things, strict=True)]
+            return self.context.make_tuple(self.builder, kind, items)
+        if isinstance(kind, types.Boolean):
+            true = self._is(thing, self._thing(_TRUE))
+            self._require(self.builder.or_(true, self._is(thing, self._thing(_FALSE))))
+            return true
+        is_float = isinstance(kind, types.Float)
+        value = self._api("PyFloat_AsDouble" if is_float else "PyLong_AsLongLong", thing)
+        suspect, failed, sure = (self.function.append_basic_block() for _ in range(3))
+        compare = self.builder.fcmp_ordered if is_float else self.builder.icmp_signed
+        self.builder.cbranch(compare("==", value, value.type(-1)), suspect, sure)
+        self.builder.position_at_end(suspect)  # it may be a -1, or no number
+        self.builder.cbranch(self._is(self._api("PyErr_Occurred"), _OBJECT(None)), sure, failed)
+        self.builder.position_at_end(failed)
+        self._api("PyErr_Clear")
+        self.builder.branch(self._mismatch)
+        self.builder.position_at_end(sure)
+        return value
+
+    def _array(self, kind: Any, thing: Any) -> Any:
+        self._require(self._is(self.load(thing, _TYPE, _OBJECT), self._thing(_ARRAY)))
+        self._require(self._is(self.load(thing, _DIMENSIONS, _INT), kind.ndim))
+        expected = self._thing(_FIRST_KIND + KINDS.index(str(kind.dtype)))
+        self._require(self._is(self.load(thing, _KIND, _OBJECT), expected))
+        flags = self.builder.and_(self.load(thing, _FLAGS, _INT), _INT(_USABLE))
+        self._require(self._is(flags, _USABLE))
+        extents = self.load(thing, _EXTENTS, _OBJECT)
+        shape = [self.load(extents, 8 * axis, _WORD) for axis in range(kind.ndim)]
+        return self.array(kind, self.load(thing, _DATA, _OBJECT), shape)
+
+    def _object(self, kind: Any, value: Any) -> Any:
+        """A result as Python's object."""
+        if isinstance(kind, types.Array):
+            return self._array_object(kind, value)
+        if isinstance(kind, types.BaseTuple):
+            made = self._api("PyTuple_New", _WORD(len(kind)))
+            for nth, each in enumerate(_items(kind)):
+                self._api(
+                    "PyTuple_SetItem", made, _WORD(nth), self._object(each, self.builder.extract_value(value, nth))
+                )
+            return made
+        if isinstance(kind, types.Float):
+            return self._api("PyFloat_FromDouble", value)
+        if isinstance(kind, types.Integer):
+            signed = kind in types.signed_domain
+            wide = self.context.cast(self.builder, value, kind, types.int64 if signed else types.uint64)
+            return self._api("PyLong_FromLongLong" if signed else "PyLong_FromUnsignedLongLong", wide)
+        found = self._thing(_NONE)
+        if isinstance(kind, types.Boolean):
+            found = self.builder.select(value, self._thing(_TRUE), self._thing(_FALSE))
+        self._api("Py_IncRef", found)
+        return found
+
+    def _array_object(self, kind: Any, value: Any) -> Any:
+        """A copy, in memory of Python's."""
+        array = self.context.make_array(kind)(self.context, self.builder, value)
+        size = self.builder.mul(array.nitems, array.itemsize)
+        shape = cgutils.unpack_tuple(self.builder, array.shape, kind.ndim)
+        numbers = [self._api("PyLong_FromLongLong", each) for each in (_WORD(KINDS.index(str(kind.dtype))), *shape)]
+        items = [self._api("PyByteArray_FromStringAndSize", self.builder.bitcast(array.data, _OBJECT), size), *numbers]
+        given = cgutils.alloca_once(self.builder, _OBJECT, len(items))
+        for nth, item in enumerate(items):
+            self.builder.store(item, self.place(given, 8 * nth, _OBJECT))
+        made = self._api("PyObject_Vectorcall", self._thing(_MAKE_ARRAY), given, _WORD(len(items)), _OBJECT(None))
+        for item in items:
+            self._api("Py_DecRef", item)
+        release = cgutils.get_or_insert_function(self.module, ir.FunctionType(_NOTHING, [_OBJECT]), "NRT_decref")
+        self.builder.call(release, [self.builder.bitcast(array.meminfo, _OBJECT)])
+        return made
