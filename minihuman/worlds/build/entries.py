@@ -126,7 +126,7 @@ def write_table_entry(name: str, overload: Overload, beside: Sequence[bool]) -> 
     values, at = [], 0
     for kind, apart in zip(overload.arguments, beside, strict=True):
         if apart:
-            values.append(made.context.cast(builder, number, types.int32, kind))
+            values.append(builder.sext(number, _WORD))
             continue
         extents = kind.ndim if isinstance(kind, types.Array) else 0
         if extents:
@@ -135,17 +135,17 @@ def write_table_entry(name: str, overload: Overload, beside: Sequence[bool]) -> 
         elif isinstance(kind, types.Float):
             values.append(made.load(table, at, _DOUBLE))
         else:
-            values.append(made.context.cast(builder, made.load(table, at, _WORD), types.int64, kind))
+            word = made.load(table, at, _WORD)
+            values.append(builder.icmp_signed("!=", word, _WORD(0)) if isinstance(kind, types.Boolean) else word)
         at += 8 * (1 + extents)
     found = made.call(overload, values)
     first = _INT(0)
     for nth, kind in enumerate(results_of(overload)):
-        wide = types.float64 if isinstance(kind, types.Float) else types.int64
         value = builder.extract_value(found, nth) if isinstance(overload.result, types.BaseTuple) else found
-        value = made.context.cast(builder, value, kind, wide)
+        if not isinstance(kind, types.Float):
+            value = (builder.sext if kind in types.signed_domain else builder.zext)(value, _WORD)
+            first = builder.trunc(value, _INT) if nth == 0 else first
         builder.store(value, made.place(table, at + 8 * nth, value.type))
-        if nth == 0 and wide is types.int64:
-            first = builder.trunc(value, _INT)
     builder.ret(first)
     return str(module)
 
