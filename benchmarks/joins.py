@@ -4,7 +4,7 @@
 
 The servers are processes with folders of their own; the database is a PostgreSQL server of this run. Each person opens
 their link at one server, and every tenth opens it at a second one at the same time. The CPU is that of the servers, and
-of the database beside it.
+of the database beside it. What a server reads when it starts is not part of a join.
 """
 
 import argparse
@@ -24,6 +24,7 @@ from minihuman.admin.enrolment_entries import open_enrolment_log, read_enrolled
 from minihuman.admin.lease import SessionLeases, open_lease_table
 from minihuman.admin.recruitment import ParticipantArrived, Recruitment, hash_link_token
 from minihuman.dataset.journal import URL_FILE_NAME
+from minihuman.experiment.plan.allocation import allocation_sha256, build_allocation_list
 from minihuman.experiment.plan.expansion import format_participant_code
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.web.arrivals import Admission, Arrival, Arrivals
@@ -47,8 +48,11 @@ def serve(folder: Path, participants: int) -> None:
     assert table is not None
     arrivals = Arrivals(protocol, folder, SessionLeases(table))
     tokens = (folder / "tokens.txt").read_text().split()
+    began_s = time.process_time()
     arrivals.recruits.find_participant(hash_link_token(tokens[0]))  # the first look reads what is there
-    print("ready", flush=True)
+    read_enrolled(folder / protocol.study.name)
+    allocation_sha256(build_allocation_list(protocol))
+    print(f"ready {time.process_time() - began_s}", flush=True)
     sys.stdin.readline()
     for token in tokens:
         began_s = time.process_time()
@@ -125,9 +129,10 @@ def main() -> None:
             )
             for folder in folders
         ]
+        start_s = 0.0
         for server in servers:
             assert server.stdout is not None
-            assert server.stdout.readline() == "ready\n"
+            start_s += float(server.stdout.readline().removeprefix("ready ")) / len(servers)
         before_s, began_s = database_cpu_s(), time.monotonic()
         for server in servers:
             assert server.stdin is not None
@@ -150,7 +155,7 @@ def main() -> None:
         f"{shared} slots with two people, {doubled} sessions at two servers; refused the second time: {dict(refused)}"
     )
     print(
-        f"CPU per join: median {median:.1f} ms, 95 % {p95:.1f} ms, mean {np.mean(first_ms):.1f} ms; "
+        f"CPU to read what is there, once per server: {start_s:.1f} s\nCPU per join: median {median:.1f} ms, 95 % {p95:.1f} ms, mean {np.mean(first_ms):.1f} ms; "
         f"of the database at the same time {theirs_s * 1e3 / len(first_ms):.1f} ms"
     )
     sys.exit(bool(lost or shared or doubled or not unique or set(refused) - {ADMITTED_LATER}))
