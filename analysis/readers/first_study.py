@@ -22,9 +22,9 @@ QUESTIONS = (
     ("How sure were you of your direction?", "unsure", "certain"),
     ("How demanding was the task?", "very low", "very high"),
 )
-TASK = """You are a researcher. You have never seen this program, which is installed: the command is `minihuman`. You have
-its README.md and its site as text (site/index.txt is the home page), an empty folder, a shell and a text editor. Write
-no Python. Note the time, then make this study, until you have the participants' links in hand; note the time again.
+TASK = """You are a researcher. You have never seen this program, which is installed: the command is `minihuman`. You
+have its README.md and its site as text (site/index.txt is the home page), an empty folder, a shell and a text editor.
+Write no Python. Note the time, then make this study, until you have the participants' links in hand; note it again.
 
 - Three worlds, {first}, {second} and {third}, {episodes} episodes each.
 - Two groups: one plays the worlds in this order, the other in the opposite one.
