@@ -94,14 +94,14 @@ def new(
     if path.exists():
         raise ProtocolError(f"{path} already exists; choose another name with --name, or another folder")
     text = draft.toml()
-    schema = json.dumps(build_json_schema(), indent=1) + "\n"
     folder.mkdir(parents=True, exist_ok=True)
     ours = not any(folder.iterdir())  # a folder with files in it may hold a stranger's Python
-    write_atomically(schema, folder / SCHEMA_FILE)
+    write_atomically(json.dumps(build_json_schema(), indent=1) + "\n", folder / SCHEMA_FILE)
     write_atomically(text, path)
     Trust(frozenset({folder.resolve()} if ours else ()), list_foreign_modules(draft.worlds)).record()
     served = draft.has("two-groups") or draft.has("browser") or draft.has("team")
-    start = f"serve {path}{' --links 20' if draft.has('two-groups') else ''}" if served else f"run {path} --windowed"
+    links = f" --links {draft.participants}" if draft.has("two-groups") else ""
+    start = f"serve {path}{links}" if served else f"run {path} --windowed"
     print(f"{path} is a study that runs:\n  minihuman check {path}\n  minihuman {start}")
 
 
