@@ -99,9 +99,8 @@ def new(
     write_atomically(json.dumps(build_json_schema(), indent=1) + "\n", folder / SCHEMA_FILE)
     write_atomically(text, path)
     Trust(frozenset({folder.resolve()} if ours else ()), list_foreign_modules(draft.worlds)).record()
-    served = draft.has("two-groups") or draft.has("browser") or draft.has("team")
     links = f" --links {draft.participants}" if draft.has("two-groups") else ""
-    start = f"serve {path}{links}" if served else f"run {path} --windowed"
+    start = f"serve {path}{links}" if {"two-groups", "browser", "team"} & {*chosen} else f"run {path} --windowed"
     print(f"{path} is a study that runs:\n  minihuman check {path}\n  minihuman {start}")
 
 
