@@ -4,7 +4,7 @@
 
 The servers are processes with folders of their own; the database is a PostgreSQL server of this run. Each person opens
 their link at one server, and every tenth opens it at a second one at the same time. The CPU is that of the servers, and
-of the database beside it.
+of the database beside it. What a server reads when it starts is not part of a join.
 """
 
 import argparse
@@ -12,6 +12,7 @@ import json
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections import Counter
 from pathlib import Path
@@ -21,9 +22,10 @@ import numpy as np
 
 from benchmarks.web_load import GRID, KINDS, TOML
 from minihuman.admin.enrolment_entries import open_enrolment_log, read_enrolled
-from minihuman.admin.lease import SessionLeases, open_lease_table
+from minihuman.admin.lease import RENEWAL_INTERVAL_S, Lease, SessionLeases, open_lease_table
 from minihuman.admin.recruitment import ParticipantArrived, Recruitment, hash_link_token
 from minihuman.dataset.journal import URL_FILE_NAME
+from minihuman.experiment.plan.allocation import allocation_sha256, build_allocation_list
 from minihuman.experiment.plan.expansion import format_participant_code
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.web.arrivals import Admission, Arrival, Arrivals
@@ -45,17 +47,34 @@ def serve(folder: Path, participants: int) -> None:
     protocol = make_protocol(participants)
     table = open_lease_table(folder / protocol.study.name)
     assert table is not None
-    arrivals = Arrivals(protocol, folder, SessionLeases(table))
+    leases = SessionLeases(table)
+    arrivals = Arrivals(protocol, folder, leases)
     tokens = (folder / "tokens.txt").read_text().split()
+    began_s = time.process_time()
     arrivals.recruits.find_participant(hash_link_token(tokens[0]))  # the first look reads what is there
-    print("ready", flush=True)
+    read_enrolled(folder / protocol.study.name)
+    allocation_sha256(build_allocation_list(protocol))
+    print(f"ready {time.process_time() - began_s}", flush=True)
     sys.stdin.readline()
+    hosted: list[Lease] = []
+    threading.Thread(target=renew, args=[leases, hosted], daemon=True).start()
+    answers = []
     for token in tokens:
         began_s = time.process_time()
         found = arrivals.arrive(Arrival(token))
         took_ms = (time.process_time() - began_s) * 1e3
+        if isinstance(found, Admission) and found.lease is not None:
+            hosted.append(found.lease)
         said = found.participant if isinstance(found, Admission) else found.reason
-        print(json.dumps([token, isinstance(found, Admission), said, took_ms]))
+        answers.append(json.dumps([token, isinstance(found, Admission), said, took_ms]))
+    print("\n".join(answers))
+
+
+def renew(leases: SessionLeases, hosted: list[Lease]) -> None:
+    """Keep the sessions of a server, as it does while people play."""
+    while True:
+        time.sleep(RENEWAL_INTERVAL_S)
+        leases.renew([*hosted])
 
 
 def fill(folder: Path, protocol: Protocol, taken: int, tokens: list[str]) -> None:
@@ -125,9 +144,10 @@ def main() -> None:
             )
             for folder in folders
         ]
+        start_s = 0.0
         for server in servers:
             assert server.stdout is not None
-            assert server.stdout.readline() == "ready\n"
+            start_s += float(server.stdout.readline().removeprefix("ready ")) / len(servers)
         before_s, began_s = database_cpu_s(), time.monotonic()
         for server in servers:
             assert server.stdin is not None
@@ -150,6 +170,7 @@ def main() -> None:
         f"{shared} slots with two people, {doubled} sessions at two servers; refused the second time: {dict(refused)}"
     )
     print(
+        f"CPU to read what is there, once per server: {start_s:.1f} s\n"
         f"CPU per join: median {median:.1f} ms, 95 % {p95:.1f} ms, mean {np.mean(first_ms):.1f} ms; "
         f"of the database at the same time {theirs_s * 1e3 / len(first_ms):.1f} ms"
     )

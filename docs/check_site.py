@@ -1,7 +1,8 @@
 """Judge a built site, and exit with 1 at what is serious: check_site.py SITE [--lighthouse FILE].
 
 Axe-core judges pages in light and dark, wide and narrow, the pages to play and to draw a level among them. With
-``--lighthouse`` Lighthouse scores three pages, too, and its scores are written to a file; it needs Node.
+``--lighthouse`` Lighthouse scores three pages, too, and its scores are written to a file; it needs Node. The README,
+laid out about as GitHub does, is no wider than its window and reaches "More" within two screens.
 """
 
 import argparse
@@ -16,12 +17,14 @@ from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
+import markdown
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page, sync_playwright
 
 PAGES = (
     "index",
     "first-study",
+    "tutorial-first",
     "tutorial-desk",
     "protocols",
     "session",
@@ -32,6 +35,17 @@ PAGES = (
 )
 SCORED = ("index", "tutorial-desk", "commands")  # home, a tutorial, a reference page
 WIDTHS_PX = (1200, 390)
+README = Path(__file__).parents[1] / "README.md"
+README_SCREENS_PX = ((1280, 900), (390, 844))
+README_STYLE = """
+body { margin: 0; font: 16px/1.5 sans-serif } article { max-width: 838px; margin: auto; padding: 32px }
+@media (max-width: 767px) { article { padding: 16px } }
+h1, h2 { margin: 24px 0 16px; padding-bottom: .3em; line-height: 1.25 } p, ul, pre, table { margin: 0 0 16px }
+img { max-width: 100% } pre { padding: 16px; overflow: auto; font-size: 85%; line-height: 1.45 }
+code { font-size: 85%; padding: .2em .4em } pre code { font-size: 100%; padding: 0 }
+table { display: block; width: max-content; max-width: 100%; overflow: auto; border-collapse: collapse }
+th, td { border: 1px solid; padding: 6px 13px }
+"""
 LIGHTHOUSE = "lighthouse@12.8.2"
 LOWEST_SCORE = 95
 
@@ -84,6 +98,29 @@ def judge_pages(address: str) -> list[str]:
     return found
 
 
+def judge_readme() -> list[str]:
+    """Where the README is wider than its window, or "More" begins after two screens."""
+    found = []
+    body = markdown.markdown(README.read_text(encoding="utf-8"), extensions=["tables", "fenced_code"])
+    head = f'<meta charset=utf-8><meta name=viewport content="width=device-width"><style>{README_STYLE}</style>'
+    with tempfile.NamedTemporaryFile("w", suffix=".html", dir=README.parent) as file, sync_playwright() as playwright:
+        file.write(f"<!doctype html>{head}<article>{body}</article>")
+        file.flush()
+        browser = playwright.chromium.launch(executable_path=_find_chromium(), args=["--no-sandbox"])
+        for width, height in README_SCREENS_PX:
+            page = browser.new_page(viewport={"width": width, "height": height})
+            page.goto(Path(file.name).as_uri())
+            more = page.locator("h2", has_text="More").bounding_box()
+            assert more is not None
+            print(f"README, {width} x {height} px: {more['y'] / height:.2f} screens before More")
+            if more["y"] > 2 * height:
+                found.append(f"README, {width} px: More begins after {more['y'] / height:.2f} screens, over 2")
+            if page.evaluate("document.documentElement.scrollWidth > window.innerWidth"):
+                found.append(f"README, {width} px: wider than the window")
+        browser.close()
+    return found
+
+
 def score_pages(address: str) -> dict[str, dict[str, int]]:
     """Lighthouse's scores of three pages, 0 to 100, by category."""
     scores = {}
@@ -106,7 +143,7 @@ def main() -> None:
     parser.add_argument("--lighthouse", type=Path, metavar="FILE", help="write Lighthouse's scores to this file")
     asked = parser.parse_args()
     with serving(asked.site.resolve()) as address:
-        found = judge_pages(address)
+        found = judge_pages(address) + judge_readme()
         if asked.lighthouse:
             scores = score_pages(address)
             asked.lighthouse.write_text(json.dumps(scores, indent=1) + "\n", encoding="utf-8")

@@ -323,29 +323,22 @@ class PostgresLeaseTable(LeaseTable):
         self._renewals = Database(url, _TABLES, purpose, timeout_s=_TIMEOUT_S)  # wait for nobody who acquires
 
     def acquire(self, session: str) -> LeaseGrant | None:
-        """Lease a session, or mark it as wanted."""
-        with self._database.transaction() as cursor:
-            make = "insert into minihuman_leases (session, name) values (%s, %s) on conflict do nothing"
-            cursor.execute(make, [session, secrets.token_hex(8)])
-            ask = """
-                select fence, name, ended, until > clock_timestamp(), copied_at is not null,
-                    coalesce(extract(epoch from clock_timestamp() - copied_at), 0)
-                from minihuman_leases where session = %s for update
-            """
-            row = cursor.execute(ask, [session]).fetchone()
-            assert row is not None
-            fence, name, ended, is_held, copied, idle_s = row
-            if is_held and not ended:
-                cursor.execute("update minihuman_leases set wanted = true where session = %s", [session])
-                return None
-            if not ended:
-                fence += 1
-                take = """
-                    update minihuman_leases set fence = %s, until = clock_timestamp() + make_interval(secs => %s),
-                        wanted = false where session = %s
-                """
-                cursor.execute(take, [fence, TTL_S, session])
-            return LeaseGrant(fence, name, ended, copied, float(idle_s))
+        """Lease a session, or mark it as wanted; in one statement, on the clock of its start."""
+        ask = """
+            insert into minihuman_leases as had (session, name, fence, until)
+                values (%s, %s, 1, now() + make_interval(secs => %s))
+            on conflict (session) do update set
+                fence = had.fence + (had.ended = '' and had.until <= now())::int,
+                until = case when had.ended = '' and had.until <= now() then excluded.until else had.until end,
+                wanted = had.ended = '' and had.until > now()
+            returning fence, name, ended, wanted, copied_at is not null,
+                coalesce(extract(epoch from clock_timestamp() - copied_at), 0)
+        """
+        with self._database.ask() as cursor:
+            row = cursor.execute(ask, [session, secrets.token_hex(8), TTL_S]).fetchone()
+        assert row is not None
+        fence, name, ended, is_held, copied, idle_s = row
+        return None if is_held else LeaseGrant(fence, name, ended, copied, float(idle_s))
 
     def renew(self, renewals: Sequence[LeaseRenewal]) -> dict[str, bool]:
         """Renew them in the order of their names, so that no two servers wait for each other."""

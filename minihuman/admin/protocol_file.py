@@ -30,8 +30,12 @@ from minihuman.experiment.words import ENGLISH, load_words
 from minihuman.trust import NamedWorld, Permission, admit_worlds
 from minihuman.worlds.adapters.world import World
 
-_USUAL_WORLD, _TRIALS_WORLD = "minihuman/MiniGrid-FourRooms-v0", "minihuman/Stimulus-v0"
-_TEAM_WORLD = "minihuman/Team-CrampedRoom-v0"
+_USUAL_WORLD = "minihuman/MiniGrid-FourRooms-v0"
+_USUAL_WORLDS = {  # of templates
+    "trials": "minihuman/Stimulus-v0",
+    "team": "minihuman/Team-CrampedRoom-v0",
+    "two-groups": f"minihuman/MiniGrid-Empty-Random-6x6-v0,minihuman/MiniGrid-MultiRoom-N2-S4-v0,{_USUAL_WORLD}",
+}
 _STEPS = 100  # where the world has no limit of its own
 _MOVES = ("left", "right", "forward", "turn_left", "turn_right", "move_forward", "up", "down")
 SCHEMA_FILE = "minihuman.schema.json"
@@ -42,13 +46,15 @@ MAX_POLICY_BYTES = 2**25
 
 
 TEMPLATES = {  # what a new study may have beside a block: several go together
+    "two-groups": "worlds in opposite orders, a questionnaire",
     "two-days": "two sessions, with days between them",
     "three-groups": "keys to be found out, shown, or the same for all",
     "trials": "go/no-go trials instead of a world",
     "browser": "participants in a browser",
     "team": "two people in one world",
 }
-_PRACTICE_AND_TASKS = ("practice", "task-a", "task-b")
+_STAGED = frozenset({"two-days", "three-groups"})
+_STAGES = {"practice": 0, "task-a": 0, "task-b": -1}  # each with the place of its world
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +62,7 @@ class ProtocolDraft:
     """What a new study is to be."""
 
     name: str = "my-study"
-    world: str = ""  # "": the template's
+    world: str = ""  # or several, with commas; "": the template's
     episodes: int = 5
     participants: int = 20
     keys: str = "new"  # found by trying, or "shown"
@@ -64,9 +70,15 @@ class ProtocolDraft:
     language: str = ENGLISH
 
     @property
-    def default_world(self) -> str:
-        """The world where none is named."""
-        return _TRIALS_WORLD if self.has("trials") else _TEAM_WORLD if self.has("team") else _USUAL_WORLD
+    def worlds(self) -> list[str]:
+        """The worlds, in order; the template's where none is named."""
+        usual = (world for name, world in _USUAL_WORLDS.items() if self.has(name))
+        return [world.strip() for world in (self.world or next(usual, _USUAL_WORLD)).split(",")]
+
+    @property
+    def staged(self) -> bool:
+        """Whether it has practice and two tasks."""
+        return not _STAGED.isdisjoint(self.templates)
 
     def has(self, template: str) -> bool:
         """Whether it is made from a template."""
@@ -83,75 +95,57 @@ class ProtocolDraft:
 
         if wrong := [name for name in self.templates if name not in TEMPLATES]:
             raise ProtocolError(f"template {wrong[0]!r} is unknown; templates: {', '.join(TEMPLATES)}")
-        if self.has("trials") and self.has("team"):
-            raise ProtocolError("templates 'trials' and 'team' are two kinds of block; choose one")
+        kinds = [
+            name for name in self.templates if name in _USUAL_WORLDS or (self.has("two-groups") and name in _STAGED)
+        ]
+        if len(kinds) > 1:
+            raise ProtocolError(f"templates {kinds[0]!r} and {kinds[1]!r} are two kinds of study; choose one")
         jinja = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
         folder = files(__package__).joinpath("templates")
         written = tomllib.loads(folder.joinpath("texts.toml").read_text(encoding="utf-8"))
         template = folder.joinpath("study.toml.j2").read_text(encoding="utf-8")
+        tasks = [self._task(world) for world in self.worlds]
+        numbered = {f"world-{number}": number - 1 for number in range(1, len(tasks) + 1)}
+        places = _STAGES if self.staged else numbered if len(tasks) > 1 else {"play": 0}
         text = jinja.from_string(template).render(
             draft=self,
             schema=SCHEMA_FILE,
             seed=sum(ord(letter) * 31**place for place, letter in enumerate(self.name)) % 10**6,
             untranslated="" if self.language in written else _list_english_words(),
-            **self._design(),
-            **self._task(written.get(self.language, written[ENGLISH])),
+            texts=written.get(self.language, written[ENGLISH]),
+            pool=[*dict.fromkeys(key for task in tasks for key in task["pool"])],
+            blocks=[{"name": name, **tasks[place]} for name, place in places.items()],
         )
         decode_protocol(text.encode(), f"{self.name}.toml")
         return text
 
-    def _design(self) -> dict[str, Any]:
-        """Groups, sessions and blocks."""
-        three, two_days = self.has("three-groups"), self.has("two-days")
-        staged = three or two_days
-        groups = [("everyone", 1, "")]
-        if three:
-            notes = ("which key does what is to be found out", "it is on the screen", "and the same for all")
-            groups = list(zip(("found", "shown", "given"), (2, 1, 1), notes, strict=True))
-        tasks, last = ["how", "quiz", "practice", "tasks"], ["about-you"]
-        return {
-            "staged": staged,
-            "headline": "A study of several sessions or groups." if staged else "A study of one group and one block.",
-            "groups": groups,
-            "days": [tasks, ["tasks", *last]] if two_days else [[*tasks, *last]],
-            "blocks": _PRACTICE_AND_TASKS if staged else ("play",),
-            "trials": self.has("trials"),
-            "team": self.has("team"),
-            "browser": self.has("browser"),
-        }
+    def _task(self, world_id: str) -> dict[str, Any]:
+        """A world with its keys and pace."""
+        from minihuman.experiment.plan.dry_run import find_needed_actions  # the planner, which only a new study needs
 
-    def _task(self, texts: Mapping[str, str]) -> dict[str, Any]:
-        """The world with its keys and pace, and what is said of it."""
         trials, team = self.has("trials"), self.has("team")
-        world_id = self.world or self.default_world
         options = {"responses": ["press"]} if trials else {}
         with closing(World(world_id, options, trusted=True)) as world:
             names, limit = world.action_names, world.step_limit
             keys, noop, period_ms = assign_usual_keys(world), find_noop(world), find_period_ms(world)
+            useful = {*_MOVES, *find_needed_actions(world)}
         if trials:
             keys, period_ms = {"space": "press"}, None
         elif team:
             keys, period_ms = {key: name for key, name in keys.items() if name in names[:5]}, 150.0
         free = period_ms is None and not trials  # which key does what is drawn
-        moves = [name for name in names if name in _MOVES] or list(names)
+        moves = [name for name in names if name in useful] or list(names)
         actions = moves[:9] if free else list(keys.values())
         keys = dict(zip(DIGITS, actions, strict=False)) if free else keys
-        staged = self.has("two-days") or self.has("three-groups")
-        key_map = "fixed" if not free else "constant" if staged else self.keys
-        what = texts["trials" if trials else "team" if team else "find" if free else "move"]
         pairs = ", ".join(f'{key} = "{action}"' for key, action in keys.items())
-        notes = {"new": "  # new: which key does what is to be found out; shown: it is on the screen"}
         return {
-            "texts": texts,
-            "what": what,
-            "right": texts["press" if trials else "reach"],
+            "free": free,
             "world": world_id,
             "actions": actions,
             "others": "" if trials else ", ".join(name for name in names if name not in actions) or "none",
             "max_steps": 1 if trials else limit or _STEPS,
             "pool": [*DIGITS[:9]] if free else [*keys],
-            "key_map": key_map,
-            "key_map_note": notes.get(key_map, "  # the same keys in all blocks" if key_map == "constant" else ""),
+            "key_map": "fixed" if not free else "constant" if self.staged or self.has("two-groups") else self.keys,
             "fixed": "" if free or trials else pairs,
             "given": pairs,
             "period_ms": None if period_ms is None else round(period_ms, 3),

@@ -63,10 +63,11 @@ def new(
     folder: Annotated[Path, Argument("The folder of the new file; created if it does not exist.", "FOLDER")] = Path(),
     name: Annotated[str, Option(help="The study's name.")] = "",
     world: Annotated[
-        str, Option(help="The Gymnasium ID of the world; `minihuman worlds` lists the built-in ones.")
+        str, Option(help="Gymnasium IDs of worlds, with commas; `minihuman worlds` lists the built-in ones.")
     ] = "",
     template: Annotated[
-        str, Option(help="Begin from two-days, three-groups, trials, browser or team; several with commas.")
+        str,
+        Option(help="Begin from two-groups, two-days, three-groups, trials, browser or team; several with commas."),
     ] = "",
     language: Annotated[
         str, Option(help="The language of the study: en, de, fr, es, zh, ja, ar, he, or another.")
@@ -93,13 +94,13 @@ def new(
     if path.exists():
         raise ProtocolError(f"{path} already exists; choose another name with --name, or another folder")
     text = draft.toml()
-    schema = json.dumps(build_json_schema(), indent=1) + "\n"
     folder.mkdir(parents=True, exist_ok=True)
     ours = not any(folder.iterdir())  # a folder with files in it may hold a stranger's Python
-    write_atomically(schema, folder / SCHEMA_FILE)
+    write_atomically(json.dumps(build_json_schema(), indent=1) + "\n", folder / SCHEMA_FILE)
     write_atomically(text, path)
-    Trust(frozenset({folder.resolve()} if ours else ()), list_foreign_modules([draft.world])).record()
-    start = f"serve {path}" if {"browser", "team"} & set(chosen) else f"run {path} --windowed"
+    Trust(frozenset({folder.resolve()} if ours else ()), list_foreign_modules(draft.worlds)).record()
+    links = f" --links {draft.participants}" if draft.has("two-groups") else ""
+    start = f"serve {path}{links}" if {"two-groups", "browser", "team"} & {*chosen} else f"run {path} --windowed"
     print(f"{path} is a study that runs:\n  minihuman check {path}\n  minihuman {start}")
 
 
@@ -110,7 +111,7 @@ def _asked(usual: "ProtocolDraft") -> "ProtocolDraft":
 
     try:
         name = make_study_name(click.prompt("Name of the study", default=usual.name))
-        world = click.prompt("World (`minihuman worlds` lists ours)", default=usual.default_world)
+        world = click.prompt("Worlds, with commas (`minihuman worlds` lists ours)", default=",".join(usual.worlds))
         episodes = click.prompt("Episodes each", default=usual.episodes, type=int)
         participants = click.prompt("Participants", default=usual.participants, type=int)
         shown = not usual.templates and click.confirm("Show which key does what?", default=False)

@@ -4,7 +4,7 @@ import os
 import socket
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Any, Generic, TypeVar
 
 import msgspec
@@ -25,9 +25,19 @@ create table if not exists minihuman_lines (
     primary key (journal, number)
 )
 """
+_ADDED = """
+select generation, number, line
+from minihuman_journals left join minihuman_lines on journal = name and number > %s
+where name = %s order by number
+"""
+_ADD = """
+insert into minihuman_lines (journal, number, line)
+select %s, number, line from unnest(%s::bigint[], %b::bytea[]) as added (number, line)
+"""
 _CREATE_TABLES_LOCK = 0x6D68
 _CONNECT_TIMEOUT_S = 5
 _HOLD_TIMEOUT_S = 20.0  # so long a journal may be held: a slot is taken and a session planned meanwhile
+_Asking = Callable[[], AbstractContextManager["psycopg.Cursor[Any]"]]
 
 
 class JournalDatabaseError(OSError):
@@ -59,10 +69,20 @@ class Database:
         Raises:
             JournalDatabaseError: if the database cannot be asked; whether it was committed is then unknown.
         """
+        with self.ask() as cursor, cursor.connection.transaction():
+            yield cursor
+
+    @contextmanager
+    def ask(self) -> Iterator["psycopg.Cursor[Any]"]:
+        """A cursor on which every statement is committed by itself; other threads wait.
+
+        Raises:
+            JournalDatabaseError: if the database cannot be asked; whether it was committed is then unknown.
+        """
         with self._guard:
             try:
                 connection = self._connected()
-                with self._cut_off_late(connection), connection.transaction(), connection.cursor() as cursor:
+                with self._cut_off_late(connection), connection.cursor() as cursor:
                     yield cursor
             except psycopg.Error as error:
                 self.close()
@@ -145,22 +165,22 @@ class PostgresJournal(Journal[Line], Generic[Line]):
 
     def read(self) -> Sequence[Line]:
         """All lines."""
-        with self._asking() as cursor:
-            row = cursor.execute("select generation from minihuman_journals where name = %s", [self._name]).fetchone()
-            return self._read_on(cursor, row[0]) if row else ()
+        with self._asking(self._database.ask) as cursor:
+            return self._read_on(cursor)
 
     @contextmanager
     def hold(self) -> Iterator[LockedJournal[Line]]:
         """Keep others out by the lock of a row, which ends with the connection."""
-        with self._asking() as cursor:
-            lines = self._read_on(cursor, self._locked(cursor))
+        with self._asking(self._database.transaction) as cursor:
+            self._lock(cursor)
+            lines = self._read_on(cursor)
             chain = self._chain.copy() if self._chained else None
             yield _LockedRows(cursor, self._name, self._last, lines, self._declaration, chain)
 
     def keep(self, wanted: Callable[[bytes], bool]) -> None:
         """Delete the others; readers read everything again."""
-        with self._asking() as cursor:
-            self._locked(cursor)
+        with self._asking(self._database.transaction) as cursor:
+            self._lock(cursor)
             rows = cursor.execute(
                 "select number, line from minihuman_lines where journal = %s", [self._name]
             ).fetchall()
@@ -176,21 +196,22 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         """Let go of the connection; it is made again when it is needed."""
         self._database.close()
 
-    def _locked(self, cursor: "psycopg.Cursor[Any]") -> int:
-        """Lock the journal's row, made where there is none; its generation."""
-        make = "insert into minihuman_journals (name) values (%s) on conflict do nothing"
-        cursor.execute(make, [self._name])
-        ask = "select generation from minihuman_journals where name = %s for update"
-        row = cursor.execute(ask, [self._name]).fetchone()
-        assert row is not None
-        return int(row[0])
+    def _lock(self, cursor: "psycopg.Cursor[Any]") -> None:
+        """Lock the journal's row, made where there is none."""
+        lock = "select from minihuman_journals where name = %s for update"
+        while not cursor.execute(lock, [self._name]).rowcount:
+            make = "insert into minihuman_journals (name) values (%s) on conflict do nothing"
+            cursor.execute(make, [self._name])
 
-    def _read_on(self, cursor: "psycopg.Cursor[Any]", generation: int) -> Sequence[Line]:
-        if generation != self._generation:
-            self._generation, self._last, self._lines = generation, 0, []
+    def _read_on(self, cursor: "psycopg.Cursor[Any]") -> Sequence[Line]:
+        rows = cursor.execute(_ADDED, [self._last, self._name]).fetchall()
+        if rows and rows[0][0] != self._generation:
+            self._generation, self._last, self._lines = rows[0][0], 0, []
             self._chain = LineChain(self._name)
-        ask = "select number, line from minihuman_lines where journal = %s and number > %s order by number"
-        for number, line in cursor.execute(ask, [self._name, self._last]).fetchall():
+            rows = cursor.execute(_ADDED, [0, self._name]).fetchall()
+        for _, number, line in rows:
+            if number is None:  # nothing was added
+                break
             chain = self._chain.copy()
             whole = chain.open(bytes(line), number) if self._chained else bytes(line)
             found = self._decode(whole, number) if whole else None
@@ -200,9 +221,9 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         return LinesRead(self._lines)
 
     @contextmanager
-    def _asking(self) -> Iterator["psycopg.Cursor[Any]"]:
+    def _asking(self, how: "_Asking") -> Iterator["psycopg.Cursor[Any]"]:
         try:
-            with self._database.transaction() as cursor:
+            with how() as cursor:
                 yield cursor
         except JournalDatabaseError:
             self._generation = -1  # what was read may have been undone
@@ -226,8 +247,6 @@ class _LockedRows(LockedJournal[Line]):
         """Insert them; they last when the transaction has ended."""
         encoded = map(msgspec.json.encode, lines)
         sealed = list(encoded if self._chain is None else map(self._chain.seal, encoded))
-        self._cursor.executemany(  # one round trip for all, or a thousand links would outlast the time limit
-            "insert into minihuman_lines (journal, number, line) values (%s, %s, %s)",
-            [[self._name, number, line] for number, line in enumerate(sealed, self._last + 1)],
-        )
+        numbers = list(range(self._last + 1, self._last + 1 + len(sealed)))
+        self._cursor.execute(_ADD, [self._name, numbers, sealed])  # one round trip for all: there may be 1,000 links
         self._last += len(sealed)

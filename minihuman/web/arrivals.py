@@ -19,6 +19,7 @@ from minihuman.admin.recruitment import LinkIssued, ParticipantArrived, Platform
 from minihuman.admin.remote_store import RemoteStoreError, sync_logs
 from minihuman.errors import AllocationError, LogError
 from minihuman.experiment.machine.events import FINAL_END_REASONS
+from minihuman.experiment.plan.allocation import allocation_sha256, build_allocation_list
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.protocol.specs import RecruitmentPlatform
@@ -134,6 +135,7 @@ class Arrivals:
         self._data = data
         self._study_dir = data / protocol.study.name
         self.recruits = Recruitment(self._study_dir)
+        allocation_sha256(build_allocation_list(protocol))  # 100,000 slots take longer than a journal may be held
 
     def arrive(self, arrival: Arrival) -> Admission | Rejection:
         """Identify a visitor, and enrol a new one if the study has room.

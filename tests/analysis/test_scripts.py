@@ -1,6 +1,7 @@
 """Every script in analysis/ runs on a small study and makes what it says."""
 
 import json
+import re
 import runpy
 import sys
 from pathlib import Path
@@ -85,6 +86,15 @@ def test_what_new_readers_judge_is_drawn_again_by_its_seed(tmp_path, monkeypatch
         text = (tmp_path / "first" / name).read_text()
         assert text == (tmp_path / "again" / name).read_text()
         assert len(text.splitlines()) == count
+
+
+def test_the_tasks_of_a_first_study_are_drawn_again_by_their_seed(tmp_path, monkeypatch):
+    run(monkeypatch, "readers/first_study.py", tmp_path)
+    published = Path(__file__).parents[2] / "analysis/readers/2026-11-26-first-study"
+    for number in (1, 2, 3):
+        task = (tmp_path / f"task-{number}.txt").read_text()
+        assert task == (published / f"task-{number}.txt").read_text()
+        assert len(re.findall("minihuman/[^, ]+-v[0-9]", task)) == 3
 
 
 @pytest.mark.long

@@ -10,6 +10,8 @@ import pytest
 
 from minihuman.admin.legibility import require_legible
 from minihuman.admin.protocol_file import ProtocolDraft
+from minihuman.errors import ProtocolError
+from minihuman.experiment.plan.dry_run import describe_worlds
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.protocol.protocol import build_json_schema, decode_protocol
 from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS
@@ -96,6 +98,8 @@ def test_every_world_is_listed_as_json():
         (("trials", "two-days", "browser"), 2, 1, "trials"),
         (("team",), 0, 1, "team"),
         (("browser",), 0, 1, "play"),
+        (("two-groups",), 0, 2, "play"),
+        (("two-groups", "browser"), 0, 2, "play"),
     ],
 )
 def test_a_template_is_a_study_that_can_be_shown(templates, sessions, groups, kind, language):
@@ -121,4 +125,37 @@ def test_the_blocks_of_a_template_keep_their_questionnaires():
 def test_an_unknown_template_is_named_with_those_that_there_are(tmp_path: Path) -> None:
     refused = minihuman("new", tmp_path, "--yes", "--template", "two-days,tree-groups")
     assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
-    assert "template 'tree-groups' is unknown; templates: two-days, three-groups" in refused.stderr
+    assert "template 'tree-groups' is unknown; templates: two-groups, two-days, three-groups" in refused.stderr
+
+
+def test_two_groups_play_the_worlds_in_opposite_orders_and_answer_last():
+    worlds = "minihuman/MiniGrid-DoorKey-6x6-v0, minihuman/MiniWorld-Hallway-v0"
+    study = decode_protocol(ProtocolDraft(world=worlds, templates=("two-groups",)).toml().encode())
+    played = {}
+    for group in study.groups:
+        plan = expand_protocol(study, enrol_participant(study, 0, group.name))
+        played[group.name] = [part.name for part in plan.parts]
+    assert played["forward"][-4:] == ["world-1", "world-2", "opinion", "closing"]
+    assert played["backward"][-4:] == ["world-2", "world-1", "opinion", "closing"]
+    assert {name: parts[0] for name, parts in played.items()} == {"forward": "consent", "backward": "consent"}
+    assert [block.world.split("/")[1] for block in study.blocks] == ["MiniGrid-DoorKey-6x6-v0", "MiniWorld-Hallway-v0"]
+
+
+def test_a_new_study_has_keys_for_every_action_that_its_world_needs():
+    study = decode_protocol(ProtocolDraft(world="minihuman/MiniGrid-DoorKey-6x6-v0").toml().encode())
+    assert study.blocks[0].actions == ("left", "right", "forward", "pickup", "toggle")
+    assert [line for line in describe_worlds(study) if "shortest path" in line] == []
+
+
+def test_several_worlds_are_blocks_or_stages():
+    worlds = "minihuman/MiniGrid-Empty-5x5-v0,minihuman/MiniGrid-FourRooms-v0"
+    several = decode_protocol(ProtocolDraft(world=worlds).toml().encode())
+    assert several.groups[0].blocks == ("world-1", "world-2")
+    staged = decode_protocol(ProtocolDraft(world=worlds, templates=("three-groups",)).toml().encode())
+    assert [block.world for block in staged.blocks] == [worlds.split(",")[place] for place in (0, 0, 1)]
+
+
+@pytest.mark.parametrize("others", ["two-days", "three-groups", "trials", "team"])
+def test_templates_of_two_kinds_are_refused_by_name(others: str) -> None:
+    with pytest.raises(ProtocolError, match=f"'two-groups' and '{others}' are two kinds of study; choose one"):
+        ProtocolDraft(templates=("two-groups", others)).toml()

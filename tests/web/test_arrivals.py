@@ -51,6 +51,18 @@ def test_a_link_leads_to_one_slot_however_often_it_is_opened(tmp_path):
     assert len(read_enrolled(tmp_path / "corridor")) == 2
 
 
+def test_a_long_allocation_list_is_made_before_anybody_comes_and_not_while_the_journal_is_held(tmp_path):
+    door, called = arrivals(tmp_path, participants=211), set()
+    (token,) = door.recruits.issue(1)
+    sys.setprofile(lambda frame, event, _: called.add(frame.f_code.co_name) if event == "call" else None)
+    try:
+        assert isinstance(door.arrive(Arrival(token)), Admission)
+    finally:
+        sys.setprofile(None)
+    assert "build_allocation_list" in called
+    assert "_build_lists" not in called
+
+
 def test_a_token_is_behind_the_hash_and_kept_nowhere(tmp_path):
     door = arrivals(tmp_path)
     (token,) = door.recruits.issue(1)

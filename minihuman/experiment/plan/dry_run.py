@@ -3,7 +3,7 @@
 import difflib
 import tomllib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing, suppress
 
 import msgspec
@@ -193,14 +193,18 @@ def describe_worlds(protocol: Protocol) -> Iterator[str]:
 def _find_missed_actions(block: BlockSpec) -> set[str]:
     """What the planner would do in a block's first layouts and participants cannot."""
     seeds = block.seeds if isinstance(block.seeds, tuple) else range(N_TRIED_SEEDS)
-    missed: set[str] = set()
     with closing(World(block.world, block.options)) as world:
-        if isinstance(world.unwrapped, NativeWorld):
-            for seed in seeds[:N_TRIED_SEEDS]:
-                world.reset(seed)
-                with suppress(WorldError):  # planning would take too long
-                    missed |= set(world.shortest_path() or ()) - set(block.actions)
-    return missed
+        return find_needed_actions(world, seeds) - set(block.actions)
+
+
+def find_needed_actions(world: World, seeds: Sequence[int] = range(N_TRIED_SEEDS)) -> set[str]:
+    """The actions of the shortest paths to success in a world's first layouts; none where it cannot be planned."""
+    needed: set[str] = set()
+    for seed in seeds[:N_TRIED_SEEDS] if isinstance(world.unwrapped, NativeWorld) else ():
+        world.reset(seed)
+        with suppress(WorldError):  # planning would take too long
+            needed |= set(world.shortest_path() or ())
+    return needed
 
 
 def list_world_notices(world: World) -> Iterator[str]:
