@@ -1,6 +1,7 @@
 """Trials: episodes that follow each other by the clock, with stimuli from a table, and response times from onset."""
 
 import base64
+import hashlib
 import io
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +25,7 @@ from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.runtime.session_loop import run_session
 from minihuman.worlds.adapters.world import World
+from minihuman.worlds.contract import resolve_files
 from tests.study.sessions import MS, Desk
 
 SHIPPED = Path(__file__).parents[2] / "protocols" / "trials"
@@ -158,7 +160,9 @@ def test_a_table_beside_the_protocol_names_images_and_counts(tmp_path):
     protocol = read_protocol(path, trust=True)
     plan = expand_protocol(protocol, enrol_participant(protocol, 0))
     images = [episode.options.get("image", "") for episode in plan.episodes]
-    assert sorted(images) == ["", *[base64.urlsafe_b64encode(picture.getvalue()).decode()] * 3]
+    reference = f"sha256:{hashlib.sha256(picture.getvalue()).hexdigest()}"
+    assert sorted(images) == ["", *[reference] * 3]
+    assert resolve_files({"image": reference}) == {"image": base64.urlsafe_b64encode(picture.getvalue()).decode()}
     assert set(plan.files) == {"face.png", "table.csv"}
     world = World(plan.episodes[images.index("")].world, plan.episodes[0].options)
     world.reset(1)

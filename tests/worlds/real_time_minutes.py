@@ -60,7 +60,7 @@ def write_study(world_id: str, folder: Path) -> tuple[Path, list[str], float | N
     path.write_text(text, encoding="utf-8")
     protocol = decode_protocol(text.encode())
     [block] = protocol.blocks
-    return path, list(block.fixed_keys), block.step_period_ms if block.pace == "real_time" else None
+    return path, list(block.fixed_keys or protocol.keys.pool), block.step_period_ms if block.pace == "real_time" else None
 
 
 def hold_at_random(keys: list[str], draw: random.Random) -> Iterator[tuple[str, bool, float]]:
@@ -79,6 +79,7 @@ def play_in_window(protocol: Path, data: Path, keys: list[str]) -> None:
     with xvfb() as display:
         command = [sys.executable, "-m", "minihuman", "run", str(protocol), "--data", str(data), "--windowed"]
         env = {**os.environ, "DISPLAY": display}
+        until_s = time.monotonic() + 4 * SECONDS
         with subprocess.Popen(command, env=env, stderr=subprocess.PIPE, text=True) as program:
             typist = Typist(display)
             typist.focus(TITLE)
@@ -91,6 +92,8 @@ def play_in_window(protocol: Path, data: Path, keys: list[str]) -> None:
                 if time.monotonic() > enter_s:
                     typist.tap("enter")
                     enter_s = time.monotonic() + 1.0
+                if time.monotonic() > until_s:
+                    program.kill()
             typist.close()
             assert program.stderr is not None
             said = program.stderr.read()

@@ -32,6 +32,7 @@ from minihuman.worlds.contract import (
     PathLengthBounds,
     View,
     answer_to_old_names,
+    resolve_files,
 )
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import Map, Pose
@@ -320,7 +321,7 @@ def _make(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
         env = (
             seat
             if seat is not None
-            else gymnasium.make(world_id, render_mode="rgb_array", disable_env_checker=True, **options)
+            else gymnasium.make(world_id, render_mode="rgb_array", disable_env_checker=True, **resolve_files(options))
         )
     except ModuleNotFoundError as error:
         raise WorldError(
