@@ -26,7 +26,7 @@ PACKAGES = {  # and the module that registers theirs
 SECONDS = 5.0
 PAGE = Path(__file__).with_name("environments.md")
 FOUND = PAGE.with_suffix(".json")  # of each id, what was found when it was tried last
-RECORDED = "## Recorded sessions"  # the page's end, which `python -m tests.worlds.recorded_sessions` writes
+KEPT = "## A minute in real time"  # the page from here on is other scripts': real_time_minutes, recorded_sessions
 
 
 def register(module: str) -> None:
@@ -177,7 +177,7 @@ def describe(found: dict[str, dict[str, str]]) -> str:
             cells = (f"`{name}`", *(one[column] for column in ("space", "keys", "pace", "replays", "browser")))
             lines.append("| " + " | ".join(cell.replace("|", "/") for cell in cells) + " |")
     lines += ["", "Not played:", "", *(f"- `{name}`: {why}" for name, why in failed.items())] if failed else []
-    _, heading, recorded = PAGE.read_text(encoding="utf-8").partition(RECORDED)
+    _, heading, recorded = PAGE.read_text(encoding="utf-8").partition(KEPT)
     return "\n".join([*lines, "", heading + recorded if heading else ""]).rstrip() + "\n"
 
 

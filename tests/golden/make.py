@@ -373,7 +373,9 @@ def make_adaptive(data: Path) -> None:
     segment(data, decode_protocol(ADAPTIVE.encode()), "observer:threshold=0.02")
 
 
-IMAGES = ADAPTIVE.partition("[allocation.design]")[0].replace("adaptive", "images") + """
+IMAGES = (
+    ADAPTIVE.partition("[allocation.design]")[0].replace("adaptive", "images")
+    + """
 [[groups]]
 name = "all"
 blocks = ["faces"]
@@ -387,6 +389,7 @@ actions = ["left", "right"]
 max_steps = 1
 ready = "first"
 """
+)
 
 
 def make_images(data: Path) -> None:

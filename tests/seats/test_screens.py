@@ -19,12 +19,12 @@ PROTOCOLS = Path(__file__).parents[2] / "protocols"
 def test_every_screen_is_drawn_once_and_all_are_on_one_sheet(tmp_path: Path) -> None:
     demo = read_protocol(PROTOCOLS / "demo.toml")
     plan = expand_protocol(demo, enrol_participant(demo, 0))
-    screens, missing = render_screens(plan, (640, 360))
+    screens, missing = render_screens([plan], (640, 360))
     names = [name for name, _ in screens]
     assert missing == ()
     for phase in ("keyboard_check", "instructions", "ready", "grid-playing", "grid-hold", "first-person-playing"):
         assert phase in names
-    drawn_all = save_screenshots(plan, tmp_path / "out", (640, 360))
+    drawn_all = save_screenshots([plan], tmp_path / "out", (640, 360))
     assert len(drawn_all.screens) == len(names)
     for path in drawn_all.screens:
         with Image.open(path) as image:
@@ -38,7 +38,7 @@ def test_every_screen_is_drawn_once_and_all_are_on_one_sheet(tmp_path: Path) -> 
 
 def test_a_study_with_a_quiz_and_practice_is_seen_to_its_end_and_so_is_what_those_are_told_who_err() -> None:
     study = read_protocol(PROTOCOLS / "two-days.toml")
-    screens, missing = render_screens(expand_protocol(study, enrol_participant(study, 0)), (640, 360))
+    screens, missing = render_screens([expand_protocol(study, enrol_participant(study, 0))], (640, 360))
     assert missing == ()
     names = [name for name, _ in screens]
     for phase in ("practice-playing", "rooms-hold", "crossing-playing", "open-playing", "lava-hold", "closing"):
@@ -90,6 +90,6 @@ def test_a_world_without_a_planner_is_drawn_and_what_is_not_reached_is_named(tmp
     protocol = tmp_path / "quiz.toml"
     protocol.write_text(OWN_WORLD_BEHIND_A_QUIZ)
     study = read_protocol(protocol)
-    screens, missing = render_screens(expand_protocol(study, enrol_participant(study, 0)), (640, 360))
+    screens, missing = render_screens([expand_protocol(study, enrol_participant(study, 0))], (640, 360))
     assert {"corridor-playing", "hard-playing"} <= {name for name, _ in screens}
     assert missing == ("never", "closing")

@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import io
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from minihuman.admin.protocol_file import read_protocol
 from minihuman.display.windows.window import ScriptedWindow, VirtualClock
 from minihuman.errors import ProtocolError, WorldError
 from minihuman.experiment.activities.block_plans import StimuliSpec
-from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, FrameShown, Noted, Stepped
+from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, FrameShown, KeyPressed, Noted, Stepped
 from minihuman.experiment.machine.inputs import KeyDown, KeyUp, ScreenShown
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.machine.transitions import Phase
@@ -94,6 +95,36 @@ def test_a_response_before_the_deadline_is_timed_from_the_onset_and_judged():
     texts = [event.plan.options["text"] for event in desk.of(EpisodeStarted)]
     assert [event.reward for event in steps] == [float(text == "L") for text in texts]
     assert sorted(texts) == ["L", "L", "R", "R"]
+    assert list(compare_replay(desk.events, World)) == []
+
+
+def test_a_block_waits_for_a_scanners_trigger_and_later_triggers_are_counted():
+    page = (Path(__file__).parents[2] / "docs/trials.md").read_text()
+    [block] = re.findall(r"(\[\[blocks\]\]\nname = .wait-for-scanner.*?)```", page, re.DOTALL)
+    toml = _TOML.replace('pool = ["f", "j"]', 'pool = ["f", "j", "5"]').replace(
+        '"words"]', '"wait-for-scanner", "words"]'
+    )
+    toml = toml.replace("[[blocks]]", block.replace("{", "{{").replace("}", "}}") + "\n[[blocks]]")
+    protocol = decode_protocol(toml.format(more=ROWS + 'ready = "none"\ninter_trial_interval_ms = 500\n').encode())
+    desk = Desk(expand_protocol(protocol, enrol_participant(protocol, 0)))
+    desk.show()
+    desk.pass_ms(60_000)
+    desk.press("f", "enter")
+    assert desk.of(Stepped) == [], "nothing but the trigger goes on"
+    desk.press("5")
+    [trigger] = desk.of(Stepped)
+    assert (trigger.key, trigger.key_t_ns) == ("5", desk.of(KeyPressed)[-2].t_ns)
+    desk.pass_ms(499)
+    assert desk.session.phase is Phase.INTERVAL
+    for _ in range(4):
+        desk.pass_ms(2)
+        if desk.session.phase is Phase.INTERVAL:
+            desk.pass_ms(500)
+        desk.show()
+        desk.press("5")  # a volume
+        assert desk.session.phase is Phase.PLAYING, "a trigger is no response"
+        desk.press("j")
+    assert sum(event.key == "5" and event.down for event in desk.of(KeyPressed)) == 5
     assert list(compare_replay(desk.events, World)) == []
 
 

@@ -106,7 +106,11 @@ class Page:
         """Touch the middle of an element with a finger and lift it."""
         box = self.find(f"document.querySelector({selector!r}).getBoundingClientRect()")
         at = {"x": round(box["x"] + box["width"] / 2), "y": round(box["y"] + box["height"] / 2)}
-        actions = [{"type": "pointerMove", **at}, {"type": "pointerDown", "button": 0}, {"type": "pointerUp", "button": 0}]
+        actions = [
+            {"type": "pointerMove", **at},
+            {"type": "pointerDown", "button": 0},
+            {"type": "pointerUp", "button": 0},
+        ]
         finger = {"type": "pointer", "id": "finger", "parameters": {"pointerType": "touch"}, "actions": actions}
         self._ask("input.performActions", context=self._context, actions=[finger])
 

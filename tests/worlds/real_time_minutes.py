@@ -60,7 +60,11 @@ def write_study(world_id: str, folder: Path) -> tuple[Path, list[str], float | N
     path.write_text(text, encoding="utf-8")
     protocol = decode_protocol(text.encode())
     [block] = protocol.blocks
-    return path, list(block.fixed_keys or protocol.keys.pool), block.step_period_ms if block.pace == "real_time" else None
+    return (
+        path,
+        list(block.fixed_keys or protocol.keys.pool),
+        block.step_period_ms if block.pace == "real_time" else None,
+    )
 
 
 def hold_at_random(keys: list[str], draw: random.Random) -> Iterator[tuple[str, bool, float]]:
@@ -107,6 +111,7 @@ def play_in_browser(protocol: Path, data: Path, keys: list[str]) -> None:
     with serving(protocol, data) as served, browsing() as sit_down:
         person = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
         keyboard = person.page.keyboard
+        person.page.wait_for_function("typeof minihuman !== 'undefined'")
         person.until("s.welcomed && s.kind !== ''", patience_s=180)
         enter_s = 0.0
         for key, goes_down, wait_s in hold_at_random(keys, random.Random(1)):
@@ -166,8 +171,8 @@ def write_page(found: dict[str, dict[str, str]]) -> None:
         HEADING,
         "",
         f"Twelve worlds for {SECONDS} s of play each, in a pygame window under Xvfb and in Chromium, with keys held at",
-        "random; `minihuman verify` then played the log again. *Period*: median and 95 % of the time between two steps, in",
-        f"ms, and what the protocol says. Two cores at a load of up to {max(loads)}, so the times are upper values.",
+        "random; `minihuman verify` then played the log again. *Period*: median and 95 % of the time between steps,",
+        f"in ms, and what the protocol says. Two cores at a load of up to {max(loads)}, so the times are upper values.",
         f"{next(iter(found.values()))['date']}; `python -m tests.worlds.real_time_minutes`.",
         "",
         "| id | where | steps | episodes | different actions | period | 95 % | verify |",
