@@ -33,7 +33,7 @@ from minihuman.log.model.teaching_events import NO_ADVICE
 from minihuman.log.observations import verify_observations
 from minihuman.worlds.adapters.spaces import VectorActions
 from minihuman.worlds.adapters.world import ResetResult, StepResult, World
-from minihuman.worlds.contract import resolve_files
+from minihuman.worlds.hashing import resolve_files
 
 _CHARACTERS = frozenset(string.printable)
 

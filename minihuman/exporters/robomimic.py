@@ -25,7 +25,7 @@ from minihuman.exporters.flat_observations import (
     name_state,
 )
 from minihuman.exporters.study_metadata import get_plain_facts
-from minihuman.worlds.contract import resolve_files
+from minihuman.worlds.hashing import resolve_files
 
 _GYMNASIUM = 2  # robomimic's EnvType.GYM_TYPE
 

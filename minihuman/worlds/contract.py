@@ -5,10 +5,8 @@ first success in any such world by save and restore; the world is left as it was
 """
 
 import abc
-import base64
-import hashlib
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from typing import Any, ClassVar, Literal
@@ -35,24 +33,6 @@ class PathLengthBounds:
 
 
 UNKNOWN_BOUNDS = PathLengthBounds()
-
-
-_FILES: dict[str, str] = {}  # URL-safe Base64 by its reference, of every plan that this process has made or read
-
-
-def refer_to_file(content: bytes) -> str:
-    """The value that stands for a file in a world's options."""
-    return f"sha256:{hashlib.sha256(content).hexdigest()}"
-
-
-def keep_files(contents: Iterable[bytes]) -> None:
-    """Remember the files of a plan: its worlds' options only refer to them."""
-    _FILES.update((refer_to_file(content), base64.urlsafe_b64encode(content).decode()) for content in contents)
-
-
-def resolve_files(options: Mapping[str, Any]) -> dict[str, Any]:
-    """A world's options with the files that they refer to, in URL-safe Base64."""
-    return {name: _FILES.get(value, value) if isinstance(value, str) else value for name, value in options.items()}
 
 
 PICTURES_VERSION = 2  # goes up when first-person worlds are drawn differently; a log names the version of its pictures

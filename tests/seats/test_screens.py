@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from minihuman.admin.protocol_file import read_protocol
-from minihuman.experiment.machine.screens import PlayScreen, TextScreen
+from minihuman.admin.protocol_file import ProtocolDraft, read_protocol
+from minihuman.experiment.machine.screens import PlayScreen, QuestionScreen, TextScreen
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.runtime.screenshots import render_screens, save_screenshots
 
 pytestmark = pytest.mark.program
@@ -47,6 +48,19 @@ def test_a_study_with_a_quiz_and_practice_is_seen_to_its_end_and_so_is_what_thos
     told = [screen.body for name, screen in screens if name == "feedback" and isinstance(screen, TextScreen)]
     assert len(told) == len({re.sub(r"[\d.]+", "", words) for words in told}), "only what was earned differs"
     assert any(isinstance(screen, TextScreen) and screen.title == "还不完全正确" for _, screen in screens)
+
+
+def test_all_sessions_are_drawn_and_what_both_days_show_is_drawn_once() -> None:
+    toml = ProtocolDraft(name="days", episodes=1, templates=("two-days", "three-groups"), language="he").toml()
+    study = decode_protocol(toml.encode())
+    who = enrol_participant(study, 0)
+    days = [expand_protocol(study, who, session=session) for session in (1, 2)]
+    screens, missing = render_screens(days, (640, 360))
+    assert missing == ()
+    asked = [screen.question for _, screen in screens if isinstance(screen, QuestionScreen)]
+    assert len(asked) == len({*asked}) == 7, "the quiz, the opinion, and five questions on the second day"
+    assert len([name for name, _ in screens if name == "task-a-playing"]) == 1
+    assert all(screen.locale.rtl for _, screen in screens)
 
 
 OWN_WORLD_BEHIND_A_QUIZ = """

@@ -26,7 +26,7 @@ from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.runtime.session_loop import run_session
 from minihuman.worlds.adapters.world import World
-from minihuman.worlds.contract import resolve_files
+from minihuman.worlds.hashing import resolve_files
 from tests.study.sessions import MS, Desk
 
 SHIPPED = Path(__file__).parents[2] / "protocols" / "trials"

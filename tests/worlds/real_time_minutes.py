@@ -124,6 +124,10 @@ def play_in_browser(protocol: Path, data: Path, keys: list[str]) -> None:
                 keyboard.press("Enter")
                 enter_s = time.monotonic() + 1.0
         assert person.errors == [], person.errors
+        for _ in range(600):  # the page is done before the log is
+            if any(data.rglob("*.mcap")):
+                break
+            time.sleep(0.1)
 
 
 def try_world(world_id: str, where: str) -> dict[str, str]:

@@ -76,7 +76,7 @@ from minihuman.log.salvage.summary_section import read_summary
 from minihuman.simulation.model_conversation import ConversationRecord, find_picture_size
 from minihuman.trust import Trust, find_changed_sources, list_foreign_modules
 from minihuman.worlds.adapters.world import World
-from minihuman.worlds.contract import resolve_files
+from minihuman.worlds.hashing import resolve_files
 
 _FOR_VIEWERS = frozenset(topic.name for topic in topics.TOPICS if topic.is_preview)
 

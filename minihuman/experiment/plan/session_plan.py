@@ -6,7 +6,8 @@ import msgspec
 
 from minihuman.experiment.keys import list_pad_inputs
 from minihuman.experiment.plan.designs import GroupAssignment, PlayedEpisode
-from minihuman.worlds.contract import Palette, keep_files
+from minihuman.worlds.contract import Palette
+from minihuman.worlds.hashing import keep_files
 
 ShownView = Literal["partial", "full", "text"]  # the picture on a participant's screen
 

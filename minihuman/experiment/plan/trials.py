@@ -12,7 +12,7 @@ from minihuman.errors import ProtocolError
 from minihuman.experiment.activities.block_plans import StimuliSpec, TrialRules
 from minihuman.experiment.plan.random_streams import draw_permutation, draw_words
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
-from minihuman.worlds.contract import refer_to_file
+from minihuman.worlds.hashing import refer_to_file
 
 IMAGE, COUNT = "image", "times"  # columns with a meaning of their own: a PNG beside the protocol, how often a row comes
 _MAX_ROWS = 10_000

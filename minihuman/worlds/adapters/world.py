@@ -32,9 +32,8 @@ from minihuman.worlds.contract import (
     PathLengthBounds,
     View,
     answer_to_old_names,
-    resolve_files,
 )
-from minihuman.worlds.hashing import hash64
+from minihuman.worlds.hashing import hash64, resolve_files
 from minihuman.worlds.pose import Map, Pose
 from minihuman.worlds.step_limit import elapsed_steps, set_elapsed_steps, step_limit_of
 
