@@ -7,10 +7,13 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
 from minihuman.admin.protocol_file import read_protocol
+from minihuman.admin.verify.log import verify_session
+from minihuman.dataset.sessions import IncludedEpisode
 from minihuman.display.windows.window import ScriptedWindow, VirtualClock
 from minihuman.errors import ProtocolError, WorldError
 from minihuman.experiment.activities.block_plans import StimuliSpec
@@ -22,6 +25,7 @@ from minihuman.experiment.plan.expansion import enrol_participant, expand_protoc
 from minihuman.experiment.plan.trials import read_table
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.replay import compare_replay
+from minihuman.exporters.flat_observations import env_spec
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.runtime.session_loop import run_session
@@ -281,3 +285,22 @@ def test_response_times_of_200_trials_are_the_keys_minus_the_onset_flips(tmp_pat
     assert len(measured) == 200
     assert measured == pytest.approx(window.sent_ms[:200], abs=1e-6)
     assert replace(log.episodes[0], attempt=1).number == 1
+
+
+def test_an_image_is_in_a_log_once_and_in_what_is_exported_whole(tmp_path):
+    noise = np.random.default_rng(0).integers(0, 256, (100, 100, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(picture := io.BytesIO(), "PNG")
+    files = {"noise.png": picture.getvalue()}
+    plan = trials_plan('stimuli.rows = [{ image = "noise.png" }]\nready = "none"\n', files)
+    protocol = decode_protocol(plan.protocol_toml.replace(b"episodes = 4", b"episodes = 40"), files=files)
+    plan, clock = expand_protocol(protocol, enrol_participant(protocol, 0)), VirtualClock()
+    window = ScriptedWindow([KeyUp(10_000_000 * MS, "x")], clock, frame_ns=16_666_667)
+    path = run_session(
+        SessionMachine(plan, World, {"machine": "script"}), window, McapRecorder(tmp_path, plan, started_ns=0), clock
+    )
+    assert path.stat().st_size < 4 * len(picture.getvalue())
+    assert [good for _, good in verify_session(path)] == [True]
+    log = read_log(path)
+    spec = env_spec(IncludedEpisode(log, log.episodes[-1]))
+    assert spec is not None
+    assert base64.urlsafe_b64decode(spec.kwargs["image"]) == picture.getvalue()
