@@ -24,6 +24,8 @@ from pathlib import Path
 
 import numpy as np
 
+from docs.environments import register
+
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs/environments.md"
 FOUND = ROOT / "docs/environments-real-time.json"
@@ -130,6 +132,27 @@ def play_in_browser(protocol: Path, data: Path, keys: list[str]) -> None:
             time.sleep(0.1)
 
 
+def measure_cost_ms(world_id: str, steps: int = 15) -> float:
+    """What a step and its picture cost in Gymnasium's own environment, in milliseconds of CPU time."""
+    import gymnasium
+
+    module, _, name = world_id.rpartition(":")
+    if module:
+        register(module)
+    env = gymnasium.make(name, render_mode="rgb_array", disable_env_checker=True)
+    env.reset(seed=0)
+    env.render()
+    began_s = time.process_time()
+    for _ in range(steps):
+        _, _, terminated, truncated, _ = env.step(env.action_space.sample())
+        env.render()
+        if terminated or truncated:
+            env.reset()
+    cost_ms = 1000 * (time.process_time() - began_s) / steps
+    env.close()
+    return cost_ms
+
+
 def try_world(world_id: str, where: str) -> dict[str, str]:
     """Play for a minute and verify; what was found."""
     from minihuman.log.read.session_reader import read_log
@@ -161,6 +184,7 @@ def try_world(world_id: str, where: str) -> dict[str, str]:
         "episodes": str(len(log.episodes)),
         "actions": str(len({*(action for one in log.episodes for action in one.actions_taken)})),
         "verify": f"{verdict}, marked nondeterministic" if unsteady else verdict,
+        "cost": f"{measure_cost_ms(world_id):.0f}",
         "load": f"{max(load, os.getloadavg()[0]):.0f}",
         "date": f"{datetime.datetime.now(datetime.UTC):%d %B %Y}",
     }
@@ -176,16 +200,20 @@ def write_page(found: dict[str, dict[str, str]]) -> None:
         "",
         f"Twelve worlds for {SECONDS} s of play each, in a pygame window under Xvfb and in Chromium, with keys held at",
         "random; `minihuman verify` then played the log again. *Period*: median and 95 % of the time between steps,",
-        f"in ms, and what the protocol says. Two cores at a load of up to {max(loads)}, so the times are upper values.",
+        "in ms, and what the protocol says. *Own*: CPU-ms of a step and its picture in Gymnasium's environment alone,",
+        "with MuJoCo's pictures drawn without a graphics card; where that is near the period or above it, real time",
+        f"cannot be kept here. Two cores at a load of up to {max(loads)}, so the times are upper values.",
         f"{next(iter(found.values()))['date']}; `python -m tests.worlds.real_time_minutes`.",
         "",
-        "| id | where | steps | episodes | different actions | period | 95 % | verify |",
-        "|---|---|---|---|---|---|---|---|",
+        "| id | where | steps | episodes | different actions | period | 95 % | own | verify |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for world_id in WORLDS:
         for where in ("window", "browser"):
             if one := found.get(f"{world_id} {where}"):
-                cells = (one[name] for name in ("steps", "episodes", "actions", "period", "period_95", "verify"))
+                cells = (
+                    one[name] for name in ("steps", "episodes", "actions", "period", "period_95", "cost", "verify")
+                )
                 lines.append(f"| `{world_id}` | {where} | " + " | ".join(cells) + " |")
     PAGE.write_text("\n".join([before, "", *lines, "", NEXT + after]), encoding="utf-8", newline="\n")
 
@@ -194,7 +222,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", nargs="+", default=[""], help="the ids with one of these in them")
     parser.add_argument("--in", nargs="+", default=["window", "browser"], dest="places")
+    parser.add_argument("--costs", action="store_true", help="only measure again what a step costs, of known results")
     asked = parser.parse_args()
+    if asked.costs:
+        known = json.loads(FOUND.read_text(encoding="utf-8"))
+        for name, one in known.items():
+            one["cost"] = f"{measure_cost_ms(name.rpartition(' ')[0]):.0f}"
+        FOUND.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8", newline="\n")
+        write_page(known)
+        return
     for world_id, package in WORLDS.items():
         if not any(part in world_id for part in asked.only) or find_spec(package) is None:
             continue
