@@ -174,8 +174,6 @@ def try_world(world_id: str, where: str) -> dict[str, str]:
     steps = sum(len(one.actions) for one in log.episodes)
     lines = (checked.stdout + checked.stderr).strip().splitlines()
     print(*lines, sep="\n", flush=True)
-    unsteady = any("deterministic" in line for line in lines)
-    verdict = "clean" if checked.returncode == 0 else "differs"
     pace = f"{np.median(spaces_ms):.1f} of {period_ms:.1f}" if period_ms else "on key"
     return {
         "steps": f"{steps:,} in {played_s:.0f} s",
@@ -183,7 +181,7 @@ def try_world(world_id: str, where: str) -> dict[str, str]:
         "period_95": f"{np.quantile(spaces_ms, 0.95):.1f}" if period_ms else "",
         "episodes": str(len(log.episodes)),
         "actions": str(len({*(action for one in log.episodes for action in one.actions_taken)})),
-        "verify": f"{verdict}, marked nondeterministic" if unsteady else verdict,
+        "verify": "clean" if checked.returncode == 0 else "differs",
         "cost": f"{measure_cost_ms(world_id):.0f}",
         "load": f"{max(load, os.getloadavg()[0]):.0f}",
         "date": f"{datetime.datetime.now(datetime.UTC):%d %B %Y}",
@@ -193,6 +191,7 @@ def try_world(world_id: str, where: str) -> dict[str, str]:
 def write_page(found: dict[str, dict[str, str]]) -> None:
     """The section of docs/environments.md."""
     text = PAGE.read_text(encoding="utf-8")
+    tried = json.loads(PAGE.with_suffix(".json").read_text(encoding="utf-8"))
     before, after = text.partition(HEADING)[0].partition(NEXT)[0].rstrip(), text.partition(NEXT)[2]
     loads = [int(one["load"]) for one in found.values()]
     lines = [
@@ -211,10 +210,10 @@ def write_page(found: dict[str, dict[str, str]]) -> None:
     for world_id in WORLDS:
         for where in ("window", "browser"):
             if one := found.get(f"{world_id} {where}"):
-                cells = (
-                    one[name] for name in ("steps", "episodes", "actions", "period", "period_95", "cost", "verify")
-                )
-                lines.append(f"| `{world_id}` | {where} | " + " | ".join(cells) + " |")
+                columns = ("steps", "episodes", "actions", "period", "period_95", "cost", "verify")
+                cells = " | ".join(one.get(column, "") for column in columns)
+                mark = ", marked nondeterministic" if tried[world_id]["replays"].startswith("no") else ""
+                lines.append(f"| `{world_id}` | {where} | {cells}{mark} |")
     PAGE.write_text("\n".join([before, "", *lines, "", NEXT + after]), encoding="utf-8", newline="\n")
 
 
@@ -235,9 +234,10 @@ def main() -> None:
         if not any(part in world_id for part in asked.only) or find_spec(package) is None:
             continue
         for where in asked.places:
+            found = try_world(world_id, where)
+            print(world_id, where, found, flush=True)
             known = json.loads(FOUND.read_text(encoding="utf-8")) if FOUND.exists() else {}
-            known[f"{world_id} {where}"] = try_world(world_id, where)
-            print(world_id, where, known[f"{world_id} {where}"], flush=True)
+            known[f"{world_id} {where}"] = found
             FOUND.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8", newline="\n")
             write_page(known)
 
