@@ -197,11 +197,11 @@ def write_page(found: dict[str, dict[str, str]]) -> None:
     lines = [
         HEADING,
         "",
-        f"Twelve worlds for {SECONDS} s of play each, in a pygame window under Xvfb and in Chromium, with keys held at",
-        "random; `minihuman verify` then played the log again. *Period*: median and 95 % of the time between steps,",
-        "in ms, and what the protocol says. *Own*: CPU-ms of a step and its picture in Gymnasium's environment alone,",
-        "with MuJoCo's pictures drawn without a graphics card; where that is near the period or above it, real time",
-        f"cannot be kept here. Two cores at a load of up to {max(loads)}, so the times are upper values.",
+        f"Worlds played for {SECONDS} s each, in a pygame window under Xvfb and in Chromium, with keys held at random;",
+        "`minihuman verify` then replayed the log. *Period*: the time between two steps in ms, median and 95 %, and",
+        "the protocol's. *Own*: CPU-ms of a step and its picture in Gymnasium's environment alone, MuJoCo's without a",
+        "graphics card. A world whose own time is near the period or above it cannot keep real time.",
+        f"Two cores at a load of up to {max(loads)}, so the times are upper values.",
         f"{next(iter(found.values()))['date']}; `python -m tests.worlds.real_time_minutes`.",
         "",
         "| id | where | steps | episodes | different actions | period | 95 % | own | verify |",
@@ -214,6 +214,9 @@ def write_page(found: dict[str, dict[str, str]]) -> None:
                 cells = " | ".join(one.get(column, "") for column in columns)
                 mark = ", marked nondeterministic" if tried[world_id]["replays"].startswith("no") else ""
                 lines.append(f"| `{world_id}` | {where} | {cells}{mark} |")
+    pairs = [(world_id, where) for world_id in WORLDS for where in ("window", "browser")]
+    missing = [f"`{world_id}` in the {where}" for world_id, where in pairs if f"{world_id} {where}" not in found]
+    lines += ["", f"No result yet: {', '.join(missing)}."] if missing else []
     PAGE.write_text("\n".join([before, "", *lines, "", NEXT + after]), encoding="utf-8", newline="\n")
 
 
