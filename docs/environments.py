@@ -26,7 +26,7 @@ PACKAGES = {  # and the module that registers theirs
 SECONDS = 5.0
 PAGE = Path(__file__).with_name("environments.md")
 FOUND = PAGE.with_suffix(".json")  # of each id, what was found when it was tried last
-RECORDED = "## Recorded sessions"  # the page's end, which `python -m tests.worlds.recorded_sessions` writes
+KEPT = "## A minute in real time"  # the page from here on is other scripts': real_time_minutes, recorded_sessions
 
 
 def register(module: str) -> None:
@@ -166,8 +166,9 @@ def describe(found: dict[str, dict[str, str]]) -> str:
         f"Tried with {', '.join(versions)}.",
         f"Of {len(found)} ids Gymnasium itself made {len(made)}; {len(made) - len(failed)} of these ({share:.1f} %)",
         f"were played for {SECONDS:g} s",
-        f"and their logs proven or marked; {browsers['ahead']} are shown ahead in a browser. A run of",
-        "`python docs/environments.py` writes this page.",
+        f"and their logs proven or marked; {browsers['ahead']} are shown ahead in a browser.",
+        f"{sum('MiniHack' in name for name in made)} of them are MiniHack's, one is a game of arcengine, which needs",
+        "Python 3.12 or later. A run of `python docs/environments.py` writes this page.",
         "",
         "| id | actions | keys | pace | replays | browser |",
         "|---|---|---|---|---|---|",
@@ -177,7 +178,7 @@ def describe(found: dict[str, dict[str, str]]) -> str:
             cells = (f"`{name}`", *(one[column] for column in ("space", "keys", "pace", "replays", "browser")))
             lines.append("| " + " | ".join(cell.replace("|", "/") for cell in cells) + " |")
     lines += ["", "Not played:", "", *(f"- `{name}`: {why}" for name, why in failed.items())] if failed else []
-    _, heading, recorded = PAGE.read_text(encoding="utf-8").partition(RECORDED)
+    _, heading, recorded = PAGE.read_text(encoding="utf-8").partition(KEPT)
     return "\n".join([*lines, "", heading + recorded if heading else ""]).rstrip() + "\n"
 
 

@@ -127,7 +127,10 @@ def check(
     participant: Annotated[str, Option(help="Print the plan for this participant.")] = "sub-01",
     group: Annotated[str | None, Option(help="Use this group instead of the allocated one.")] = None,
     stratum: Annotated[str | None, Option(help="Plan for this stratum; by default, for the first one.")] = None,
-    session: Annotated[int, Option(min=1, help="The session of the participant to show, such as 2.")] = 1,
+    session: Annotated[
+        int | None,
+        Option(min=1, help="The session to show, such as 2; by default, the plan of the first and pictures of all."),
+    ] = None,
     json: Annotated[bool, Option("--json", help="Print the whole plan as JSON.")] = False,
     pictures: Annotated[Path | None, Option(help="Save a picture of every screen to this folder.")] = None,
     preregistration: Annotated[Path | None, Option(help="Write a preregistration to this file.")] = None,
@@ -152,7 +155,9 @@ def check(
     check_exclusion_measures(study.exclusions, str(protocol))
     check_worlds(study, str(protocol))
     who = enrol_participant(study, parse_participant_code(participant), group, stratum=stratum)
-    plan = expand_protocol(study, who, session=session, overridden=group is not None)
+    sessions = [session] if session else range(1, max(1, len(study.sessions)) + 1)
+    plans = [expand_protocol(study, who, session=number, overridden=group is not None) for number in sessions]
+    plan = plans[0]
     require_legible(study, str(protocol))
     if json:
         print_json(plan)
@@ -163,8 +168,9 @@ def check(
         from minihuman.runtime.screenshots import save_screenshots
 
         with show_progress("drawing every screen"), name_output_when_full(pictures):
-            drawn = save_screenshots(plan, pictures)
-        print(f"{len(drawn.screens)} screens in {pictures}; all at a glance in {drawn.sheet}")
+            drawn = save_screenshots(plans, pictures)
+        others = f" (of group {who.group}; --group draws another's)" if len(study.groups) > 1 else ""
+        print(f"{len(drawn.screens)} screens{others} in {pictures}; all at a glance in {drawn.sheet}")
         if drawn.missing:
             print(f"not drawn, as no simulated participant reaches them: {', '.join(drawn.missing)}", file=sys.stderr)
     if preregistration is not None:

@@ -105,10 +105,8 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
     def step(self, action: int) -> tuple[NDArray[np.int64], float, bool, bool, dict[str, Any]]:
         """Take the response."""
         self._made += 1
-        return self._observe(), self._draw_reward(self.action_names[int(action)]), True, False, {}
-
-    def _draw_reward(self, response: str) -> float:
-        return float(self.np_random.random() < self._chances.get(response, 0.0))
+        chance = self._chances.get(self.action_names[int(action)], 0.0)
+        return self._observe(), float(self.np_random.random() < chance), True, False, {}
 
     def _observe(self) -> NDArray[np.int64]:
         return np.array([self._made, 0], np.int64)

@@ -33,6 +33,7 @@ from minihuman.log.model.teaching_events import NO_ADVICE
 from minihuman.log.observations import verify_observations
 from minihuman.worlds.adapters.spaces import VectorActions
 from minihuman.worlds.adapters.world import ResetResult, StepResult, World
+from minihuman.worlds.hashing import resolve_files
 
 _CHARACTERS = frozenset(string.printable)
 
@@ -182,7 +183,7 @@ def env_spec(chosen: IncludedEpisode) -> EnvSpec | None:
     class has no module of its own, or an option is no plain value.
     """
     spec = copy.deepcopy(gymnasium.spec(chosen.episode.plan.world.rsplit(":", 1)[-1]))
-    kwargs: dict[str, Any] = {**spec.kwargs, **chosen.episode.plan.options}
+    kwargs: dict[str, Any] = {**spec.kwargs, **resolve_files(chosen.episode.plan.options)}
     spec.kwargs = kwargs
     limit = get_step_limit(chosen)
     spec.max_episode_steps = limit if spec.max_episode_steps is None else min(limit, spec.max_episode_steps)

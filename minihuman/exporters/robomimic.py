@@ -25,6 +25,7 @@ from minihuman.exporters.flat_observations import (
     name_state,
 )
 from minihuman.exporters.study_metadata import get_plain_facts
+from minihuman.worlds.hashing import resolve_files
 
 _GYMNASIUM = 2  # robomimic's EnvType.GYM_TYPE
 
@@ -48,7 +49,7 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 def _begin(data: h5py.Group, item: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
     plan = item.episode.plan
-    made_by = {"env_name": plan.world, "type": _GYMNASIUM, "env_kwargs": plan.options}
+    made_by = {"env_name": plan.world, "type": _GYMNASIUM, "env_kwargs": resolve_files(plan.options)}
     data.attrs["env_args"] = json.dumps(made_by, default=str)
     data.attrs["action_names"] = json.dumps(name_actions(item))
     data.attrs["state_names"] = json.dumps(name_state(demonstration))

@@ -1,10 +1,11 @@
-"""Screenshots of every screen of a session, without a window.
+"""Screenshots of every screen of a participant's sessions, without a window.
 
-The session is played twice: by a player that knows the way and reaches the end, and by one that does not, which shows
+A session is played twice: by a player that knows the way and reaches the end, and by one that does not, which shows
 what participants see who make mistakes. Where a world has no planner, one that presses any key takes the first's place.
 """
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -81,8 +82,8 @@ class _Camera(SimulatedWindow):
         return super().show(screen)
 
 
-def render_screens(plan: SessionPlan, size_px: Size) -> tuple[list[tuple[str, Screen]], tuple[str, ...]]:
-    """The screens of a session with their phases' names; one that comes again is kept once.
+def render_screens(plans: Sequence[SessionPlan], size_px: Size) -> tuple[list[tuple[str, Screen]], tuple[str, ...]]:
+    """The screens of sessions with their phases' names; one that comes again is kept once.
 
     Returns:
         The screens, and the names of the parts that no player reached.
@@ -92,24 +93,27 @@ def render_screens(plan: SessionPlan, size_px: Size) -> tuple[list[tuple[str, Sc
     """
     kept: list[tuple[str, Screen]] = []
     seen: set[object] = set()
-    parts: set[int] = set()
-    visits = list(_VISITS)
-    for player, wrong_in_ten in visits:
-        clock = VirtualClock()
-        session = SessionMachine(plan, World, {}, picture_px=picture_size_px(size_px))
-        camera = _Camera(kept, seen, parts, session, clock, player=player, wrong_in_ten=wrong_in_ten)
-        try:
-            run_session(session, camera, MemoryRecorder(), clock)
-        except SimulationError:  # a world without a planner
-            visits += [_WITHOUT_PLANNER] * (player == _VISITS[0][0])
-        if session.failure is not None:
-            raise session.failure
-    return kept, tuple(part.name for number, part in enumerate(plan.parts) if number not in parts)
+    missing: list[str] = []
+    for plan in plans:
+        parts: set[int] = set()
+        visits = list(_VISITS)
+        for player, wrong_in_ten in visits:
+            clock = VirtualClock()
+            session = SessionMachine(plan, World, {}, picture_px=picture_size_px(size_px))
+            camera = _Camera(kept, seen, parts, session, clock, player=player, wrong_in_ten=wrong_in_ten)
+            try:
+                run_session(session, camera, MemoryRecorder(), clock)
+            except SimulationError:  # a world without a planner
+                visits += [_WITHOUT_PLANNER] * (player == _VISITS[0][0])
+            if session.failure is not None:
+                raise session.failure
+        missing += [part.name for number, part in enumerate(plan.parts) if number not in parts]
+    return kept, tuple(dict.fromkeys(missing))
 
 
 @dataclass(frozen=True, slots=True)
 class Screenshots:
-    """What was drawn of a session.
+    """What was drawn of a participant's sessions.
 
     Attributes:
         screens: a PNG of each screen, numbered in the order in which they come.
@@ -122,10 +126,10 @@ class Screenshots:
     missing: tuple[str, ...]
 
 
-def save_screenshots(plan: SessionPlan, out: Path, size_px: Size = (1280, 720)) -> Screenshots:
+def save_screenshots(plans: Sequence[SessionPlan], out: Path, size_px: Size = (1280, 720)) -> Screenshots:
     """Write every screen as a PNG, and all of them on one contact sheet."""
     out.mkdir(parents=True, exist_ok=True)
-    screens, missing = render_screens(plan, size_px)
+    screens, missing = render_screens(plans, size_px)
     pictures, paths = [], []
     for number, (name, screen) in enumerate(screens, 1):
         path = out / f"{number:03}-{name}.png"

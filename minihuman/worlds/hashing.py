@@ -1,8 +1,9 @@
-"""One 64-bit hash for states and observations, the same on every machine."""
+"""One 64-bit hash for states and observations, the same on every machine; and files that options name by their hash."""
 
+import base64
 import hashlib
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from typing import Any
 
@@ -10,6 +11,22 @@ import numpy as np
 
 _FLOAT = struct.Struct("<cd")
 _PLAIN = frozenset(np.dtype(f"<{kind}") for kind in ("u1", "i1", "i2", "i4", "i8", "u2", "u4", "u8", "f4", "f8"))
+_FILES: dict[str, str] = {}  # URL-safe Base64 by its reference, of every plan that this process has made or read
+
+
+def refer_to_file(content: bytes) -> str:
+    """The value that stands for a file in a world's options."""
+    return f"sha256:{hashlib.sha256(content).hexdigest()}"
+
+
+def keep_files(contents: Iterable[bytes]) -> None:
+    """Remember the files of a plan: its worlds' options only refer to them."""
+    _FILES.update((refer_to_file(content), base64.urlsafe_b64encode(content).decode()) for content in contents)
+
+
+def resolve_files(options: Mapping[str, Any]) -> dict[str, Any]:
+    """A world's options with the files that they refer to, in URL-safe Base64."""
+    return {name: _FILES.get(value, value) if isinstance(value, str) else value for name, value in options.items()}
 
 
 def hash64(value: Any) -> int:

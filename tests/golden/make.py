@@ -6,6 +6,7 @@ again: what is to be shown is that logs lying on a laboratory's disk for years a
 ``tests.golden.every`` made those of every world and of every kind of part.
 """
 
+import io
 import shutil
 import sys
 from collections.abc import Callable, Mapping
@@ -14,7 +15,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
 
+import msgspec
 import numpy as np
+from PIL import Image
 
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import plan_next_session
@@ -370,9 +373,39 @@ def make_adaptive(data: Path) -> None:
     segment(data, decode_protocol(ADAPTIVE.encode()), "observer:threshold=0.02")
 
 
+IMAGES = (
+    ADAPTIVE.partition("[allocation.design]")[0].replace("adaptive", "images")
+    + """
+[[groups]]
+name = "all"
+blocks = ["faces"]
+[[blocks]]
+name = "faces"
+kind = "trials"
+world = "minihuman/Stimulus-v0"
+stimuli.file = "faces.csv"
+episodes = 6
+actions = ["left", "right"]
+max_steps = 1
+ready = "first"
+"""
+)
+
+
+def make_images(data: Path) -> None:
+    """Respond to trials whose table names two images: before 27 November 2026 each trial's options had its image."""
+    files = {"faces.csv": b"image,correct\nred.png,left\nblue.png,right\n"}
+    for colour in ("red", "blue"):
+        Image.new("RGB", (8, 8), colour).save(picture := io.BytesIO(), "PNG")
+        files[f"{colour}.png"] = picture.getvalue()
+    protocol = decode_protocol(IMAGES.encode())
+    segment(data, msgspec.structs.replace(protocol, files=files), "random")
+
+
 if __name__ == "__main__":
     make(Path(sys.argv[1]))
     make_everything_new(Path(sys.argv[1]), "last-of-v1")
     make_failed_agent(Path(sys.argv[1]))
     make_team(Path(sys.argv[1]))
     make_adaptive(Path(sys.argv[1]))
+    make_images(Path(sys.argv[1]))

@@ -1,18 +1,23 @@
 """Trials: episodes that follow each other by the clock, with stimuli from a table, and response times from onset."""
 
 import base64
+import hashlib
 import io
+import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
 from minihuman.admin.protocol_file import read_protocol
+from minihuman.admin.verify.log import verify_session
+from minihuman.dataset.sessions import IncludedEpisode
 from minihuman.display.windows.window import ScriptedWindow, VirtualClock
 from minihuman.errors import ProtocolError, WorldError
 from minihuman.experiment.activities.block_plans import StimuliSpec
-from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, FrameShown, Noted, Stepped
+from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, FrameShown, KeyPressed, Noted, Stepped
 from minihuman.experiment.machine.inputs import KeyDown, KeyUp, ScreenShown
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.machine.transitions import Phase
@@ -20,10 +25,12 @@ from minihuman.experiment.plan.expansion import enrol_participant, expand_protoc
 from minihuman.experiment.plan.trials import read_table
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.replay import compare_replay
+from minihuman.exporters.flat_observations import env_spec
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.runtime.session_loop import run_session
 from minihuman.worlds.adapters.world import World
+from minihuman.worlds.hashing import resolve_files
 from tests.study.sessions import MS, Desk
 
 SHIPPED = Path(__file__).parents[2] / "protocols" / "trials"
@@ -95,6 +102,36 @@ def test_a_response_before_the_deadline_is_timed_from_the_onset_and_judged():
     assert list(compare_replay(desk.events, World)) == []
 
 
+def test_a_block_waits_for_a_scanners_trigger_and_later_triggers_are_counted():
+    page = (Path(__file__).parents[2] / "docs/trials.md").read_text()
+    [block] = re.findall(r"(\[\[blocks\]\]\nname = .wait-for-scanner.*?)```", page, re.DOTALL)
+    toml = _TOML.replace('pool = ["f", "j"]', 'pool = ["f", "j", "5"]').replace(
+        '"words"]', '"wait-for-scanner", "words"]'
+    )
+    toml = toml.replace("[[blocks]]", block.replace("{", "{{").replace("}", "}}") + "\n[[blocks]]")
+    protocol = decode_protocol(toml.format(more=ROWS + 'ready = "none"\ninter_trial_interval_ms = 500\n').encode())
+    desk = Desk(expand_protocol(protocol, enrol_participant(protocol, 0)))
+    desk.show()
+    desk.pass_ms(60_000)
+    desk.press("f", "enter")
+    assert desk.of(Stepped) == [], "nothing but the trigger goes on"
+    desk.press("5")
+    [trigger] = desk.of(Stepped)
+    assert (trigger.key, trigger.key_t_ns) == ("5", desk.of(KeyPressed)[-2].t_ns)
+    desk.pass_ms(499)
+    assert desk.session.phase is Phase.INTERVAL
+    for _ in range(4):
+        desk.pass_ms(2)
+        if desk.session.phase is Phase.INTERVAL:
+            desk.pass_ms(500)
+        desk.show()
+        desk.press("5")  # a volume
+        assert desk.session.phase is Phase.PLAYING, "a trigger is no response"
+        desk.press("j")
+    assert sum(event.key == "5" and event.down for event in desk.of(KeyPressed)) == 5
+    assert list(compare_replay(desk.events, World)) == []
+
+
 def test_feedback_goes_by_itself_and_enter_does_not_shorten_it():
     desk = Desk(
         trials_plan(ROWS + 'ready = "none"\nfeedback = { goal = "Right", failure = "Wrong" }\nfeedback_ms = 600\n')
@@ -158,7 +195,9 @@ def test_a_table_beside_the_protocol_names_images_and_counts(tmp_path):
     protocol = read_protocol(path, trust=True)
     plan = expand_protocol(protocol, enrol_participant(protocol, 0))
     images = [episode.options.get("image", "") for episode in plan.episodes]
-    assert sorted(images) == ["", *[base64.urlsafe_b64encode(picture.getvalue()).decode()] * 3]
+    reference = f"sha256:{hashlib.sha256(picture.getvalue()).hexdigest()}"
+    assert sorted(images) == ["", *[reference] * 3]
+    assert resolve_files({"image": reference}) == {"image": base64.urlsafe_b64encode(picture.getvalue()).decode()}
     assert set(plan.files) == {"face.png", "table.csv"}
     world = World(plan.episodes[images.index("")].world, plan.episodes[0].options)
     world.reset(1)
@@ -246,3 +285,22 @@ def test_response_times_of_200_trials_are_the_keys_minus_the_onset_flips(tmp_pat
     assert len(measured) == 200
     assert measured == pytest.approx(window.sent_ms[:200], abs=1e-6)
     assert replace(log.episodes[0], attempt=1).number == 1
+
+
+def test_an_image_is_in_a_log_once_and_in_what_is_exported_whole(tmp_path):
+    noise = np.random.default_rng(0).integers(0, 256, (100, 100, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(picture := io.BytesIO(), "PNG")
+    files = {"noise.png": picture.getvalue()}
+    plan = trials_plan('stimuli.rows = [{ image = "noise.png" }]\nready = "none"\n', files)
+    protocol = decode_protocol(plan.protocol_toml.replace(b"episodes = 4", b"episodes = 40"), files=files)
+    plan, clock = expand_protocol(protocol, enrol_participant(protocol, 0)), VirtualClock()
+    window = ScriptedWindow([KeyUp(10_000_000 * MS, "x")], clock, frame_ns=16_666_667)
+    path = run_session(
+        SessionMachine(plan, World, {"machine": "script"}), window, McapRecorder(tmp_path, plan, started_ns=0), clock
+    )
+    assert path.stat().st_size < 4 * len(picture.getvalue())
+    assert [good for _, good in verify_session(path)] == [True]
+    log = read_log(path)
+    spec = env_spec(IncludedEpisode(log, log.episodes[-1]))
+    assert spec is not None
+    assert base64.urlsafe_b64decode(spec.kwargs["image"]) == picture.getvalue()

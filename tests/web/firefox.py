@@ -1,5 +1,6 @@
 """A stock Firefox, driven by WebDriver BiDi over its own socket: no driver beside it, no patched build."""
 
+import base64
 import itertools
 import json
 import os
@@ -27,6 +28,11 @@ user_pref("network.connectivity-service.enabled", false);
 user_pref("services.settings.server", "data:,");
 user_pref("remote.active-protocols", 1);
 """
+_FINGERS = """
+user_pref("dom.w3c_touch_events.enabled", 1);
+user_pref("ui.primaryPointerCapabilities", 1);
+user_pref("ui.allPointerCapabilities", 1);
+"""  # a coarse pointer that cannot hover, and no other
 
 
 def firefox() -> str:
@@ -40,10 +46,16 @@ def firefox() -> str:
 
 
 @contextmanager
-def firefox_at(url: str, profile: Path) -> Iterator["Page"]:
-    """Firefox with an empty profile, at a page."""
+def firefox_at(url: str, profile: Path, *, phone_px: tuple[int, int] | None = None) -> Iterator["Page"]:
+    """Firefox with an empty profile, at a page.
+
+    Args:
+        url: the page's address.
+        profile: a folder that does not exist yet.
+        phone_px: a view of this size with two pixels per CSS pixel, and touch as the only pointer.
+    """
     profile.mkdir()
-    (profile / "user.js").write_text(_QUIET)
+    (profile / "user.js").write_text(_QUIET + _FINGERS * (phone_px is not None))
     command = [firefox(), "--headless", "--no-remote", "--profile", str(profile), "--remote-debugging-port", "0"]
     env = {**os.environ, "HOME": str(profile), "MOZ_HEADLESS_WIDTH": "1366", "MOZ_HEADLESS_HEIGHT": "768"}
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=env) as process:
@@ -53,6 +65,8 @@ def firefox_at(url: str, profile: Path) -> Iterator["Page"]:
             address = next(found[1] for found in said if found)
             with connect(f"{address}/session", max_size=None, compression=None, open_timeout=PATIENCE_S) as socket:
                 page = Page(socket)
+                if phone_px is not None:
+                    page.resize(*phone_px)
                 page.open(url)
                 yield page
         finally:
@@ -83,12 +97,38 @@ class Page:
         source = {"type": "key", "id": "keyboard", "actions": strokes}
         self._ask("input.performActions", context=self._context, actions=[source])
 
+    def resize(self, width: int, height: int) -> None:
+        """Give the page a phone's view, with two pixels per CSS pixel."""
+        view = {"width": width, "height": height}
+        self._ask("browsingContext.setViewport", context=self._context, viewport=view, devicePixelRatio=2)
+
+    def tap(self, selector: str) -> None:
+        """Touch the middle of an element with a finger and lift it."""
+        box = self.find(f"document.querySelector({selector!r}).getBoundingClientRect()")
+        at = {"x": round(box["x"] + box["width"] / 2), "y": round(box["y"] + box["height"] / 2)}
+        actions = [
+            {"type": "pointerMove", **at},
+            {"type": "pointerDown", "button": 0},
+            {"type": "pointerUp", "button": 0},
+        ]
+        finger = {"type": "pointer", "id": "finger", "parameters": {"pointerType": "touch"}, "actions": actions}
+        self._ask("input.performActions", context=self._context, actions=[finger])
+
+    def screenshot(self, path: Path) -> None:
+        """Write what is shown as a PNG."""
+        shot = self._ask("browsingContext.captureScreenshot", context=self._context)
+        path.write_bytes(base64.b64decode(shot["data"]))
+
     def find(self, expression: str) -> Any:
-        """What an expression is in the page."""
-        asked = f"JSON.stringify({expression})"
-        found = self._ask("script.evaluate", expression=asked, target={"context": self._context}, awaitPromise=False)
+        """What an expression, or the promise that it is, comes to in the page."""
+        asked = f"Promise.resolve({expression}).then((value) => JSON.stringify(value ?? null))"
+        found = self._ask("script.evaluate", expression=asked, target={"context": self._context}, awaitPromise=True)
         assert found["type"] == "success", found
         return json.loads(found["result"]["value"])
+
+    def run(self, script: str) -> None:
+        """Run a script in the page."""
+        self._ask("script.evaluate", expression=script, target={"context": self._context}, awaitPromise=False)
 
     def until(self, condition: str) -> None:
         """Wait until a condition of ``s``, the page's state, holds."""

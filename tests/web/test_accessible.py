@@ -19,10 +19,22 @@ pytestmark = pytest.mark.program
 ZOOMED_PX = (683, 384)  # what a window of 1366 x 768 has at 200 %
 
 
+AXE_RUN = "axe.run(document, { resultTypes: ['violations'] })"
+
+
+def axe_script() -> str:
+    """axe-core itself."""
+    return files("axe_playwright_python").joinpath("axe.min.js").read_text()
+
+
 def serious(page: Any) -> list[str]:
     """What axe-core finds on the page as it is, of the two worst kinds."""
-    page.evaluate(files("axe_playwright_python").joinpath("axe.min.js").read_text())
-    found = page.evaluate("axe.run(document, { resultTypes: ['violations'] })")
+    page.evaluate(axe_script())
+    return list_serious(page.evaluate(AXE_RUN))
+
+
+def list_serious(found: dict[str, Any]) -> list[str]:
+    """Of all findings, those of the two worst kinds."""
     return [
         f"{one['id']}: {one['nodes'][0]['html']}"
         for one in found["violations"]

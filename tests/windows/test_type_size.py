@@ -101,7 +101,7 @@ def plan_in(language: str) -> SessionPlan:
 def all_screens(plan: SessionPlan) -> list[Screen]:
     """Those of a whole session, and those that something has to happen for."""
     words = InterfaceWords(plan.language, plan.words, plan.fonts)
-    screens = [screen for _, screen in render_screens(plan, (1024, 768))[0]]
+    screens = [screen for _, screen in render_screens([plan], (1024, 768))[0]]
     screens += [
         screen_texts.build_pause_screen(words),
         screen_texts.build_focus_lost_screen(words),
@@ -111,7 +111,7 @@ def all_screens(plan: SessionPlan) -> list[Screen]:
     screens += [
         screen_texts.build_wrong_answer_screen(words, ""),
         screen_texts.build_rest_screen(words, "", 9),
-        screen_texts.build_learning_screen(words),
+        screen_texts.build_notice_screen(words, words["learning.title"], words["learning.body"]),
         screen_texts.build_wait_screen(words),
     ]
     screens += [screen_texts.build_end_screen(words, reason, "") for reason in ("world_error", "disk_full", "complete")]

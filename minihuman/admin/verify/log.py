@@ -76,6 +76,7 @@ from minihuman.log.salvage.summary_section import read_summary
 from minihuman.simulation.model_conversation import ConversationRecord, find_picture_size
 from minihuman.trust import Trust, find_changed_sources, list_foreign_modules
 from minihuman.worlds.adapters.world import World
+from minihuman.worlds.hashing import resolve_files
 
 _FOR_VIEWERS = frozenset(topic.name for topic in topics.TOPICS if topic.is_preview)
 
@@ -447,7 +448,7 @@ def _plan(segment: _LogSegment) -> Iterator[str]:
         if name == "words":  # a language has got more of them since
             now = {key: text for key, text in now.items() if key in logged}
         if name == "episodes":
-            now = tuple(_without_trig(episode, before) for episode, before in zip_longest(now, logged))
+            now = tuple(_as_planned_before(episode, before) for episode, before in zip_longest(now, logged))
         if name not in _ONCE_PER_PLAN and logged != now:
             yield f"plan: {name} is not what the protocol gives"
 
@@ -472,11 +473,13 @@ def _without_later_fields(part: PlannedPart | None, logged: PlannedPart | None) 
     return msgspec.structs.replace(part, plan=msgspec.structs.replace(part.plan, computed=logged.plan.computed))
 
 
-def _without_trig(episode: EpisodePlan | None, logged: EpisodePlan | None) -> EpisodePlan | None:
-    """A planned episode as plans were when first-person worlds were played by the host's sine alone."""
-    if episode is None or logged is None or "trig" in logged.options or "trig" not in episode.options:
+def _as_planned_before(episode: EpisodePlan | None, logged: EpisodePlan | None) -> EpisodePlan | None:
+    """A planned episode as plans were: with images in its options, and first-person worlds by the host's sine alone."""
+    if episode is None or logged is None:
         return episode
-    return msgspec.structs.replace(episode, options={k: v for k, v in episode.options.items() if k != "trig"})
+    options = {k: v for k, v in episode.options.items() if k != "trig" or k in logged.options}
+    held = options if options.get("image") == logged.options.get("image") else resolve_files(options)
+    return msgspec.structs.replace(episode, options=held)
 
 
 def _slot(protocol: Protocol, segment: _LogSegment, plan: SessionPlan) -> Iterator[str]:

@@ -320,7 +320,7 @@ class BlockScreens:
                     button=words["button.go_on"],
                 )
             case Phase.LEARNING:
-                return screen_texts.build_learning_screen(words)
+                return screen_texts.build_notice_screen(words, words["learning.title"], words["learning.body"])
             case Phase.PREPARING:
                 return screen_texts.build_wait_screen(words)
             case Phase.INTERVAL | Phase.FIXATION:
@@ -335,7 +335,10 @@ class BlockScreens:
 
     def ready(self, play: RunningEpisode) -> TextScreen:
         """The last screen before an episode."""
-        return screen_texts.build_ready_screen(self._context.words, self._mission(play), self._progress(play))
+        words, mission = self._context.words, screen_texts.capitalise(self._mission(play))
+        return TextScreen(
+            words["ready.title"], mission, words["ready.prompt"], self._progress(play), locale=words.locale
+        )
 
     def feedback(self, play: RunningEpisode, scored: float) -> TextScreen:
         """The feedback on an episode."""
@@ -355,7 +358,7 @@ class BlockScreens:
             episode=play.plan.episode,
             step=play.steps,
             locale=words.locale,
-            mark=screen_texts.outcome_mark(play.outcome) if held and self._plan.marks else "",
+            mark=screen_texts.OUTCOME_MARKS.get(play.outcome, "") if held and self._plan.marks else "",
             score_text=screen_texts.format_score(words, scored) if held and self._plan.points is not None else "",
             labels=words.labels(tuple(key for key, _ in legend)),
             accepts_pointer=play.takes_clicks,

@@ -503,13 +503,12 @@ class TeamPlayActivity(PlayActivity):
                 return screen_texts.build_notice_screen(words, words["team.title"], body)
             case Phase.READY:
                 ready = self._view.ready(self._current)
-                lines = (*self._describe_role(), *(self._describe_partners() if self._discloses else ()))
+                lines = (
+                    *self._describe_role(),
+                    *(self._describe_partners() if self.plan.team.partner_disclosure == "always" else ()),
+                )
                 return replace(ready, body="\n\n".join(filter(None, (ready.body, *lines)))) if lines else ready
         return super()._screen()
-
-    @property
-    def _discloses(self) -> bool:
-        return self.plan.team.partner_disclosure == "always"
 
     def _describe_role(self) -> tuple[str, ...]:
         roles = self.plan.team.roles

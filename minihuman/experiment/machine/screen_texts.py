@@ -33,7 +33,7 @@ ABORT_REASONS = (
     "wrong participant or protocol",
     "another reason",
 )
-_MARKS: dict[Outcome, OutcomeMark] = {"goal": "good", "timeout": "neutral", "failure": "bad"}  # of others none
+OUTCOME_MARKS: dict[Outcome | None, OutcomeMark] = {"goal": "good", "timeout": "neutral", "failure": "bad"}
 _SIGNED = re.compile(r"(?<!\w)[-+\u2212](?=\d)")
 _FAILURES = ("disk_full", "world_error", "internal_error")
 
@@ -123,13 +123,6 @@ def build_keyboard_check_screen(words: InterfaceWords, keys: Sequence[str], pres
     )
 
 
-def build_ready_screen(words: InterfaceWords, mission: str, progress_line: str) -> TextScreen:
-    """The last screen before play; the mission is there to be read in peace."""
-    return TextScreen(
-        words["ready.title"], _capitalise(mission), words["ready.prompt"], progress_line, locale=words.locale
-    )
-
-
 def build_feedback_screen(
     words: InterfaceWords, block: PlayPlan, played: RunningEpisode, progress_line: str, points: float, total: float
 ) -> TextScreen:
@@ -144,14 +137,9 @@ def build_feedback_screen(
         points=PointsNumber(points),
         total=PointsNumber(total),
     )
-    body = _isolate_signs(words, _capitalise(body.strip()))
+    body = _isolate_signs(words, capitalise(body.strip()))
     prompt = "" if block.trial and block.trial.feedback_ms else words["go_on"]
     return TextScreen("", body, prompt, progress_line, locale=words.locale)
-
-
-def build_learning_screen(words: InterfaceWords) -> TextScreen:
-    """The agent learns from what it was shown; the next episode waits for it a while."""
-    return TextScreen(words["learning.title"], words["learning.body"], "", locale=words.locale)
 
 
 def build_notice_screen(words: InterfaceWords, title: str, body: str, prompt: str = "") -> TextScreen:
@@ -227,11 +215,6 @@ def build_overlay_screen(
     return None
 
 
-def outcome_mark(outcome: Outcome | None) -> OutcomeMark:
-    """The mark on a last picture."""
-    return _MARKS.get(outcome, "") if outcome else ""
-
-
 def format_score(words: InterfaceWords, points: float) -> str:
     """What an episode was worth: "+10 points"."""
     return _isolate_signs(words, words.fill("score", points=f"{'+' if points > 0 else ''}{format_points(points)}"))
@@ -284,5 +267,6 @@ def _isolate_signs(words: InterfaceWords, text: str) -> str:
     return _SIGNED.sub("\u200e\\g<0>", text) if words.rtl else text
 
 
-def _capitalise(text: str) -> str:
+def capitalise(text: str) -> str:
+    """A text whose first letter is a capital."""
     return text[:1].upper() + text[1:]

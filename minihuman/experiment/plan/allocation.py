@@ -73,7 +73,10 @@ def _list(protocol: Protocol, of: str) -> tuple[AllocationSlot, ...]:
     count = protocol.study.participants
     groups = _groups(protocol, count, of)
     draws = [_positions(protocol, f"{draw}{of}", groups) for draw in range(_draws(protocol))]
-    kept = _positions(protocol, f"kept{of}", groups) if _has_kept_key_maps(protocol) else [()] * count
+    maps = {
+        protocol.block_for(block.name, group.name).key_map for block in protocol.blocks for group in protocol.groups
+    }
+    kept = _positions(protocol, f"kept{of}", groups) if "constant" in maps else [()] * count
     orders = _orders(protocol, groups, of)
     return tuple(
         AllocationSlot(
@@ -107,14 +110,6 @@ def _draws(protocol: Protocol) -> int:
     if protocol.lists_parts:
         return len(protocol.blocks)
     return max((len(group.blocks) for group in protocol.groups), default=0)
-
-
-def _has_kept_key_maps(protocol: Protocol) -> bool:
-    return any(
-        protocol.block_for(block.name, group.name).key_map == "constant"
-        for block in protocol.blocks
-        for group in protocol.groups
-    )
 
 
 def _orders(protocol: Protocol, groups: list[int], of: str) -> list[tuple[tuple[int, ...], ...]]:

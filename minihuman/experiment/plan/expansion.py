@@ -23,7 +23,7 @@ from minihuman.experiment.plan.allocation import AllocationSlot, allocation_sha2
 from minihuman.experiment.plan.random_streams import draw_permutation, draw_seeds
 from minihuman.experiment.plan.session_plan import BlockText, EpisodePlan, KeyMap, Participant, PlannedPart, SessionPlan
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
-from minihuman.experiment.protocol.specs import PageSpec, QuestionnaireSpec, load_form
+from minihuman.experiment.protocol.specs import PageSpec, QuestionnaireSpec, apply_overrides, load_form
 from minihuman.experiment.words import ENGLISH, LANGUAGES, InterfaceWords, flatten_words, load_words
 from minihuman.worlds.catalogue import is_compiled_grid, is_first_person
 
@@ -118,11 +118,6 @@ def load_study_words(protocol: Protocol) -> InterfaceWords:
     return InterfaceWords(protocol.study.language, list_changed_words(protocol), protocol.study.fonts)
 
 
-def load_study_faces(protocol: Protocol) -> TypefaceSet:
-    """The faces that a study's texts are set in."""
-    return select_typefaces(protocol.study.language, fonts=protocol.study.fonts)
-
-
 def find_consent_text(protocol: Protocol, group: str, names: Sequence[str]) -> str:
     """The text that is agreed to in a session with these parts."""
     texts = (protocol.page_for(name, group) for name in names)
@@ -139,10 +134,12 @@ def plan_parts(
     episodes: Sequence[EpisodePlan],
 ) -> Iterator[PlannedPart]:
     """A plan for each part of a session, in order."""
-    words, faces, group = load_study_words(protocol), load_study_faces(protocol), participant.group
+    words, group = load_study_words(protocol), participant.group
+    faces = select_typefaces(protocol.study.language, fonts=protocol.study.fonts)
     number = 0
     for name in names:
-        page, asked = protocol.page_for(name, group), protocol.questions_for(name, group)
+        page = protocol.page_for(name, group)
+        asked = next((apply_overrides(asked, group) for asked in protocol.questions if asked.name == name), None)
         if page is not None:
             yield PlannedPart("page", name, _plan_page(protocol, page, words, faces))
         elif asked is not None:

@@ -7,6 +7,7 @@ import msgspec
 from minihuman.experiment.keys import list_pad_inputs
 from minihuman.experiment.plan.designs import GroupAssignment, PlayedEpisode
 from minihuman.worlds.contract import Palette
+from minihuman.worlds.hashing import keep_files
 
 ShownView = Literal["partial", "full", "text"]  # the picture on a participant's screen
 
@@ -136,6 +137,9 @@ class SessionPlan(msgspec.Struct, frozen=True):
     bonus: BonusSpec | None = None
     fonts: tuple[str, ...] = ()  # files of faces that are asked first
     files: dict[str, bytes] = {}  # tables of stimuli and their images, which the plan cannot be made without
+
+    def __post_init__(self) -> None:
+        keep_files(self.files.values())
 
 
 def needs_gamepad(plan: SessionPlan) -> bool:

@@ -1,6 +1,5 @@
 """The trials of a block: rows of its table of stimuli in an order of the participant's own, and drawn intervals."""
 
-import base64
 import csv
 import io
 import math
@@ -13,6 +12,7 @@ from minihuman.errors import ProtocolError
 from minihuman.experiment.activities.block_plans import StimuliSpec, TrialRules
 from minihuman.experiment.plan.random_streams import draw_permutation, draw_words
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
+from minihuman.worlds.hashing import refer_to_file
 
 IMAGE, COUNT = "image", "times"  # columns with a meaning of their own: a PNG beside the protocol, how often a row comes
 _MAX_ROWS = 10_000
@@ -54,7 +54,7 @@ def plan_options(protocol: Protocol, block: BlockSpec, purpose: str, participant
 
 
 def read_stimuli(protocol: Protocol, block: BlockSpec) -> list[Row]:
-    """A block's stimuli, each as often as it says it comes, images in Base64.
+    """A block's stimuli, each as often as it says it comes; a row refers to its image in the plan's files.
 
     Raises:
         ProtocolError: if the file is missing, is no table, or names an image that is not there.
@@ -72,7 +72,7 @@ def read_stimuli(protocol: Protocol, block: BlockSpec) -> list[Row]:
                 raise ProtocolError(
                     f"block {block.name!r} shows {name!r}, which is not in the protocol's folder; copy it there"
                 )
-            row[IMAGE] = base64.urlsafe_b64encode(protocol.files[name]).decode()
+            row[IMAGE] = refer_to_file(protocol.files[name])
         rows += [row] * times
     if not 0 < len(rows) <= _MAX_ROWS:
         raise ProtocolError(f"block {block.name!r} has {len(rows)} stimuli; give it 1 to {_MAX_ROWS}")

@@ -207,10 +207,6 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The page of that name as a group has it; None if there is none."""
         return next((apply_overrides(page, group) for page in self.pages if page.name == name), None)
 
-    def questions_for(self, name: str, group: str) -> QuestionnaireSpec | None:
-        """The questions of that name as a group has them; None if there are none."""
-        return next((apply_overrides(asked, group) for asked in self.questions if asked.name == name), None)
-
     @property
     def lists_parts(self) -> bool:
         """Whether the file lists parts itself, in sessions or in groups."""

@@ -33,7 +33,7 @@ from minihuman.worlds.contract import (
     View,
     answer_to_old_names,
 )
-from minihuman.worlds.hashing import hash64
+from minihuman.worlds.hashing import hash64, resolve_files
 from minihuman.worlds.pose import Map, Pose
 from minihuman.worlds.step_limit import elapsed_steps, set_elapsed_steps, step_limit_of
 
@@ -314,7 +314,7 @@ def _make(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
         env = (
             seat
             if seat is not None
-            else gymnasium.make(world_id, render_mode="rgb_array", disable_env_checker=True, **options)
+            else gymnasium.make(world_id, render_mode="rgb_array", disable_env_checker=True, **resolve_files(options))
         )
     except ModuleNotFoundError as error:
         raise WorldError(

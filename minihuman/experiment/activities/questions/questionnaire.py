@@ -1,7 +1,6 @@
 """A questionnaire: ask questions one after the other; some have a correct answer and a number of tries."""
 
-from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
@@ -155,13 +154,12 @@ class QuestionsActivity(Activity):
     @property
     def _asked_numbers(self) -> list[int]:
         """The questions that are asked as the answers are now; those that an answer rules out are passed over."""
-        given: dict[str, AnswerValue] = {}
+        given: dict[str, list[Any]] = {}
         numbers = []
         for number, draft in enumerate(self._drafts):
-            rules = draft.question.only_if or {}
-            if all(_is_among(given.get(name), answers) for name, answers in rules.items()):
+            if all({*given.get(name, ())} & {*answers} for name, answers in (draft.question.only_if or {}).items()):
                 numbers.append(number)
-                given |= {name: value for name, value, _ in draft.answers}
+                given |= {name: value if isinstance(value, list) else [value] for name, value, _ in draft.answers}
         return numbers
 
     def _conclude(self) -> None:
@@ -210,10 +208,6 @@ class QuestionsActivity(Activity):
     def draft(self) -> AnswerDraft:
         """The answer in progress."""
         return self._drafts[self._number]
-
-
-def _is_among(value: AnswerValue, answers: Sequence[str | int | float]) -> bool:
-    return any(one in answers for one in value) if isinstance(value, list) else value in answers
 
 
 QUESTIONS = ActivityKind("questions", QuestionsPlan, QuestionsActivity)
