@@ -147,9 +147,8 @@ def _summarize_answers(answers: pd.DataFrame) -> pd.DataFrame:
     """The mean of numbers, else the most frequent option, by question and player."""
 
     def summarize(given: pd.DataFrame) -> str:
-        mean, said = given["number"].mean(), given["said"].value_counts()
-        coded = np.isnan(mean) or given["kind"].iloc[0].startswith("choice")
-        what = f"{said.index[0]}: {said.iloc[0] / len(given):.0%}" if coded else f"{mean:.2f}"
+        said, has_options = given["said"].value_counts(), given["kind"].iloc[0].startswith("choice")
+        what = f"{said.index[0]}: {said.iloc[0] / len(given):.0%}" if has_options else f"{given['number'].mean():.2f}"
         return f"{what} (n = {len(given)})"
 
     last = answers.drop_duplicates(["run", *_QUESTION], keep="last").groupby([*_QUESTION, "player"])

@@ -18,7 +18,7 @@ from mcap.stream_reader import StreamReader
 
 from minihuman import export, report, simulate, verify
 from minihuman.display.drawing.screen import repaint_screen
-from minihuman.errors import WorldError
+from minihuman.errors import SimulationError, WorldError
 from minihuman.experiment.machine.events import Answered, ModelCall, PointerUsed
 from minihuman.experiment.machine.inputs import Input
 from minihuman.log.model.session_log import SessionLog
@@ -175,6 +175,13 @@ def test_a_server_that_fails_is_asked_again_and_then_the_session_waits(
         run(tmp_path, study(), lambda messages, n: 401 if n > 4 else play(messages, n), environment)
     (log,), endpoint = run(tmp_path, study(), play, environment)
     assert (log.plan.participant.id, log.end_reason, len(endpoint.requests)) == ("model-02", "complete", 11)
+
+
+def test_a_model_without_a_name_is_refused(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    (tmp_path / "study.toml").write_text(study("text"))
+    with pytest.raises(SimulationError, match="player 'model' is unknown"):
+        list(simulate(tmp_path / "study.toml", participants=1, data=tmp_path / "data", player="model:"))
+    assert not (tmp_path / "data").exists()
 
 
 def test_models_have_slots_of_their_own_and_the_keys_of_the_people_with_their_number(
