@@ -224,7 +224,7 @@ def simulate(
     protocol, data = Path(protocol), Path(data)
     study = read_protocol(protocol, trust=trust)
     on_progress(f"{player} plays {study.study.name}")
-    if player.startswith("model:"):
+    if player.startswith("model:") and player != "model:":
         yield from _simulate_models(study, data, participants, player, parallel, max_price, on_progress)
         return
     check_worlds(study, str(protocol))

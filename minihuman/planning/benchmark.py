@@ -165,8 +165,9 @@ def run_baseline(
         for player, runs in players.items():
             folder = data / player.replace(":", "-").replace("/", "-")
             studies.append(folder / protocol.study.name)
-            logs = studies[-1].glob(f"sub-*/ses-*/*{LOG_SUFFIX}")
-            left = runs - sum(read_log(log).end_reason == "complete" for log in logs)
+            left = runs - sum(
+                read_log(log).end_reason == "complete" for log in studies[-1].glob(f"sub-*/ses-*/*{LOG_SUFFIX}")
+            )
             on_progress(f"{player} plays {protocol.study.name}")
             try:
                 list(simulate(protocol, folder, participants=left, seed=seed, player=player) if left > 0 else ())

@@ -32,6 +32,9 @@ _COLUMNS = [
     *("participant", "session", "block", "episode", "attempt", "episode_in_block", "exclusion_reason", "world", "seed"),
     *("outcome", "success", "steps", "max_steps", "feasible_steps", "excess_steps", "spl"),
 ]
+_SESSION = ["participant", "session"]
+_QUESTION = ["questions", "item"]
+_ANSWER = [*_SESSION, *_QUESTION, "kind", "number", "said"]
 _ENDED = ("goal", "timeout", "failure")
 UNFINISHED = "unfinished"
 _LEVEL = ["block", "world", "seed"]
@@ -82,6 +85,7 @@ class Scorecard:
     reference_player: str
     players: tuple[ScoredPlayer, ...]
     notes: tuple[str, ...]
+    answers: pd.DataFrame  # a row for each question, a column for each player; what a person typed is not in it
 
 
 def build_scorecard(
@@ -108,29 +112,29 @@ def build_scorecard(
     """
     found = [folder for study in studies for folder in (study, find_models_folder(study)) if folder.is_dir()]
     read = [_read_study(folder, selection or Selection()) for folder in dict.fromkeys(found)]
-    rows = pd.concat([frame for frame, _ in read], ignore_index=True) if read else pd.DataFrame()
+    rows, answers = (
+        pd.concat([one[which] for one in read], ignore_index=True) if read else pd.DataFrame() for which in (0, 1)
+    )
     if not len(rows):
         raise ReportError(f"{', '.join(map(str, studies))}: no episode was played to its end; play some first")
     names = _name_players(rows["player"].unique())
     rows = rows.assign(player=rows["player"].map(names))
     rows["path_known"] = rows.groupby(_LEVEL)["feasible_steps"].transform("max").notna()
     costs: dict[str, Costs] = {}
-    for player, its in (item for _, theirs in read for item in theirs.items()):
+    for player, its in (item for *_, theirs in read for item in theirs.items()):
         name = names.get(player, player)
         costs[name] = costs.get(name, Costs()).add(its)
     players = sorted(rows["player"].unique())
     chosen = reference or next((name for name in (HUMAN, *_STAND_INS, *players) if name in players), "")
     if chosen not in players:
         raise ReportError(f"reference {reference!r} played none of the levels; use one of {', '.join(players)}")
-    scored = [_score(rows, name, chosen, costs.get(name, Costs()), seed, draws) for name in players]
+    scored = (_score(rows, name, chosen, costs.get(name, Costs()), seed, draws) for name in players)
     lines = sorted(filter(None, scored), key=lambda one: -np.nan_to_num(one.score.efficiency.value, nan=-1.0))
     people = rows.loc[rows["player"] == chosen, "run"].nunique()
-    named = f"{'human' if chosen == HUMAN else chosen} (n = {people})"
-    if chosen != HUMAN:
-        named += ", in place of people"
-    elif people < HUMAN_REFERENCE:
-        named = f"{people} people, too few to be called human"
-    return Scorecard(named, chosen, tuple(lines), tuple(_note(lines, chosen, named, set(players))))
+    few, stand_in = f"{people} people, too few to be called human", f"{chosen} (n = {people}), in place of people"
+    named = stand_in if chosen != HUMAN else few if people < HUMAN_REFERENCE else f"human (n = {people})"
+    given = _summarize_answers(answers.assign(player=answers["player"].map(names)))
+    return Scorecard(named, chosen, tuple(lines), tuple(_note(lines, chosen, named, set(players))), given)
 
 
 def find_models_folder(study: Path) -> Path:
@@ -139,35 +143,49 @@ def find_models_folder(study: Path) -> Path:
     return study.parent / MODELS_FOLDER / study.name
 
 
-def _read_study(folder: Path, selection: Selection) -> tuple[pd.DataFrame, dict[str, Costs]]:
-    """The episodes that count, with who played them, and what models cost."""
-    with StudyStore(StudySessions(folder, selection), with_shortest=True, tables=["episodes", "participants"]) as store:
-        episodes = store.tables.table("episodes", _COLUMNS).to_pandas()
-        played = store.tables.table("participants", ["participant", "session", "player"]).to_pandas()
+def _summarize_answers(answers: pd.DataFrame) -> pd.DataFrame:
+    """The mean of numbers, else the most frequent option, by question and player."""
+
+    def summarize(given: pd.DataFrame) -> str:
+        said, has_options = given["said"].value_counts(), given["kind"].iloc[0].startswith("choice")
+        what = f"{said.index[0]}: {said.iloc[0] / len(given):.0%}" if has_options else f"{given['number'].mean():.2f}"
+        return f"{what} (n = {len(given)})"
+
+    last = answers.drop_duplicates(["run", *_QUESTION], keep="last").groupby([*_QUESTION, "player"])
+    return last[_ANSWER[4:]].apply(summarize).unstack(fill_value="") if len(answers) else pd.DataFrame()
+
+
+def _read_study(folder: Path, selection: Selection) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, Costs]]:
+    """The episodes that count and the answers, with whose they are, and what models cost."""
+    wanted = {"episodes": _COLUMNS, "participants": [*_SESSION, "player"], "answers": _ANSWER}
+    with StudyStore(StudySessions(folder, selection), with_shortest=True, tables=[*wanted]) as store:
+        episodes, played, said = (store.tables.table(name, columns).to_pandas() for name, columns in wanted.items())
     rows = episodes[episodes["exclusion_reason"].isna() & episodes["outcome"].isin(_ENDED)]
-    rows = rows.merge(played.drop_duplicates(["participant", "session"]), on=["participant", "session"])
+    rows, answers = (
+        frame.merge(played.drop_duplicates(_SESSION), on=_SESSION)
+        for frame in (rows, said[~said["kind"].isin(("text", "long_text"))])
+    )
     logs = [read_log(path) for path in list_readable_logs(folder)[0]]
     rows = pd.concat([rows, pd.DataFrame(_list_unfinished(logs))], ignore_index=True)
-    rows = rows.assign(run=str(folder.parent) + "/" + rows["participant"])
+    rows, answers = (frame.assign(run=f"{folder.parent}/" + frame["participant"]) for frame in (rows, answers))
     protocols = [decode_logged_protocol(log.plan.protocol_toml) for log in logs[:1] if log.plan.protocol_toml]
     practice = {block.name for protocol in protocols for block in protocol.blocks if not block.analysed}
     currency = protocols[0].model.currency if protocols else ""
     costs: dict[str, Costs] = {}
     for log in logs:
         calls = [event for event in log.part_events if isinstance(event, ModelCall) and event.state != "asked"]
-        if not calls:
-            continue
-        its = Costs(
-            len(calls),
-            sum(call.verdict == "invalid" for call in calls),
-            sum(call.state == "unknown" for call in calls),
-            sum(call.prompt_tokens + call.completion_tokens for call in calls),
-            sum(call.price for call in calls),
-            currency,
-            int(log.end_reason == "declined"),
-        )
-        costs[log.player] = costs.get(log.player, Costs()).add(its)
-    return rows[~rows["block"].isin(practice)], costs
+        if calls:
+            its = Costs(
+                len(calls),
+                sum(call.verdict == "invalid" for call in calls),
+                sum(call.state == "unknown" for call in calls),
+                sum(call.prompt_tokens + call.completion_tokens for call in calls),
+                sum(call.price for call in calls),
+                currency,
+                int(log.end_reason == "declined"),
+            )
+            costs[log.player] = costs.get(log.player, Costs()).add(its)
+    return rows[~rows["block"].isin(practice)], answers, costs
 
 
 def _list_unfinished(logs: Iterable[SessionLog]) -> Iterator[dict[str, object]]:
@@ -207,8 +225,6 @@ def _score(rows: pd.DataFrame, name: str, reference: str, costs: Costs, seed: in
     levels = pd.MultiIndex.from_frame(shared.sort_values(_LEVEL))
     runs = {who: _runs(rows[rows["player"] == who], levels) for who in {name, reference, "random"}}
     floor = runs["random"] if len(runs["random"].success) else None
-    score = score_player(runs[name], runs[reference], floor, seed=seed, draws=draws)
-    success_by_episode = mine.groupby("episode_in_block")["success"].mean()
     return ScoredPlayer(
         name,
         mine["run"].nunique(),
@@ -216,9 +232,9 @@ def _score(rows: pd.DataFrame, name: str, reference: str, costs: Costs, seed: in
         len(levels),
         int((mine.merge(shared)["outcome"] == UNFINISHED).sum()),
         len(mine.loc[~mine["path_known"]].merge(shared)[_LEVEL].drop_duplicates()),
-        score,
+        score_player(runs[name], runs[reference], floor, seed=seed, draws=draws),
         float(mine["excess_steps"].mean()),
-        tuple(float(share) for share in success_by_episode),
+        tuple(float(share) for share in mine.groupby("episode_in_block")["success"].mean()),
         costs,
     )
 
@@ -231,8 +247,7 @@ def _runs(rows: pd.DataFrame, levels: pd.MultiIndex) -> Runs:
         steps=np.where(reached > 0, rows["steps"], rows["max_steps"]).astype(float),
     )
     means = values.groupby(["run", *_LEVEL])[["success", "spl", "steps"]].mean()
-    arrays = [means[name].unstack(_LEVEL).reindex(columns=levels) for name in means]
-    return Runs(*(array.to_numpy(float) for array in arrays))
+    return Runs(*(means[name].unstack(_LEVEL).reindex(columns=levels).to_numpy(float) for name in means))
 
 
 def _note(lines: Sequence[ScoredPlayer], reference: str, named: str, players: set[str]) -> Iterator[str]:
@@ -246,8 +261,8 @@ def _note(lines: Sequence[ScoredPlayer], reference: str, named: str, players: se
             people = next(one.runs for one in lines if one.player == reference)
             yield f"{people} of {reference} on {line.levels} levels cannot separate {line.player} from them"
         if line.unfinished:
-            of = line.runs * line.levels
-            yield f"{line.player}: {line.unfinished} of {of} levels not finished; they count as failures at the limit"
+            share = f"{line.unfinished} of {line.runs * line.levels}"
+            yield f"{line.player}: {share} levels not finished; they count as failures at the limit"
         if line.unknown_paths:
             yield f"{line.player}: {line.unknown_paths} levels have no known shortest path and are in no efficiency"
         if line.costs.declined:
@@ -255,11 +270,13 @@ def _note(lines: Sequence[ScoredPlayer], reference: str, named: str, players: se
 
 
 def write_scorecard(card: Scorecard, out: Path, *, stem: str = "scores") -> tuple[Path, ...]:
-    """Write the table as CSV and Markdown, and the figure; return their paths."""
+    """Write the table as CSV and Markdown, and the figure; return their paths. Answers have a CSV of their own."""
     out.mkdir(parents=True, exist_ok=True)
-    page = out / f"{stem}.md"
+    page, answers = out / f"{stem}.md", [out / f"{stem}_answers.csv"] if len(card.answers) else []
     page.write_text(format_scorecard(card), encoding="utf-8", newline="\n")
-    return (write_score_table(card, out / f"{stem}.csv"), page, *draw_scorecard(card, out / stem))
+    for path in answers:
+        card.answers.to_csv(path, lineterminator="\n")
+    return (write_score_table(card, out / f"{stem}.csv"), page, *answers, *draw_scorecard(card, out / stem))
 
 
 def write_score_table(card: Scorecard, path: Path) -> Path:
@@ -292,6 +309,9 @@ def format_scorecard(card: Scorecard) -> str:
         for line in card.players
     ]
     table = [f"| {heads} |", "|---" * 9 + "|", *(f"| {row} |" for row in rows)]
+    if len(card.answers):
+        table += ["", f"| question | {' | '.join(card.answers)} |", "|---" * (1 + card.answers.shape[1]) + "|"]
+        table += [f"| {'.'.join(name)} | {' | '.join(row)} |" for name, *row in card.answers.itertuples(name=None)]
     return "\n".join([*table, "", *(f"- {note}" for note in card.notes), ""])
 
 

@@ -247,8 +247,11 @@ class ModelWindow(Window):
             return f"{MAX_USELESS_KEYS} keys in a row led to no step" if self._useless > MAX_USELESS_KEYS else ""
         question = getattr(self._screen, "question", "")
         self._question = (question, self._question[1] + 1 if question == self._question[0] else 1)
-        again = question and self._question[1] > MAX_SAME_QUESTION
-        return f"a question was answered {MAX_SAME_QUESTION} times and not left" if again else ""
+        return (
+            f"a question was answered {MAX_SAME_QUESTION} times and not left"
+            if question and self._question[1] > MAX_SAME_QUESTION
+            else ""
+        )
 
     def _stop(self, reason: str) -> None:
         self._record.coming = [Stop(self._clock(), "player_failed", reason)]

@@ -39,7 +39,9 @@ class ModelUnavailableError(MinihumanError, OSError):
     """The endpoint gave no answer; its text names no address."""
 
     def __init__(self, reason: str, *, temporary: bool) -> None:
-        super().__init__(reason)
+        super().__init__(
+            f"the model gave no answer: {reason}; check {BASE_URL} and {API_KEY}, then run the same command to resume"
+        )
         self.reason = reason
         self.temporary = temporary
 

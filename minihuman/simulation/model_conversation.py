@@ -130,11 +130,15 @@ def _find_question_rule(item: Any) -> AnswerRule:
             return AnswerRule("question", f"Answer with one number from 1 to {len(points)}.{skip}", targets=targets)
         case RatingMatrix(rows=rows, points=points):
             targets = tuple(f"option:{number}" for number in range(len(rows) * len(points)))
-            request = "Answer with the numbers of one point for each statement."
-            return AnswerRule("question", request + skip, targets=targets, many=True)
+            return AnswerRule(
+                "question",
+                f"Answer with the numbers of one point for each statement.{skip}",
+                targets=targets,
+                many=True,
+            )
         case ShapeCanvas(shapes=shapes):
             targets = tuple(shape.target for shape in shapes if shape.target)
-            return AnswerRule("question", "Answer with one shape's number." + skip, targets=targets)
+            return AnswerRule("question", f"Answer with one shape's number.{skip}", targets=targets)
         case Slider():
             return AnswerRule(
                 "question", "Answer with a number from 0 (left end) to 100 (right end)." + skip, number=True
@@ -162,8 +166,8 @@ def list_inputs(reading: str, rule: AnswerRule, t_ns: int) -> list[Input]:
         case _:
             return [] if reading == WAIT else _click(t_ns, "go_on")  # skip
     step_ns = round(2 * HOLD_MS * NS_PER_MS)
-    inputs: list[Input] = [kind(t_ns, "backspace") for _ in range(rule.typed) for kind in (KeyDown, KeyUp)]
-    inputs += [TextInput(t_ns, what)] if how == "text" else []
+    typed: list[Input] = [TextInput(t_ns, what)] if how == "text" else []
+    inputs = [*(kind(t_ns, "backspace") for _ in range(rule.typed) for kind in (KeyDown, KeyUp)), *typed]
     for number, (target, along) in enumerate(clicks):
         inputs += _click(t_ns + number * step_ns, target, along)
     return inputs + _click(t_ns + max(1, len(clicks)) * step_ns, "go_on")
@@ -203,8 +207,9 @@ class Conversation:
         self._past: list[tuple[str, str]] = []  # screen in words, and the answer to it
         self._asked = ""
         self._last: Screen | None = None
-        width, height = spec.size_px
-        self._canvas = np.zeros((height, width, 3), np.uint8)  # what was drawn last, so that only changes are drawn
+        self._canvas = np.zeros(
+            (*spec.size_px[::-1], 3), np.uint8
+        )  # what was drawn last, so that only changes are drawn
         self._drawn: Screen | None = None
 
     def see(self, screen: Screen) -> None:
@@ -241,19 +246,15 @@ class Conversation:
         digest = hashlib.sha256(drawn).hexdigest() if drawn else ""
         sha256 = hashlib.sha256(json.dumps([plain, digest], ensure_ascii=False).encode()).hexdigest()
         tokens = sum(len(one["content"].encode()) for one in plain) // 3 + TOKENS_PER_PICTURE * (picture is not None)
-        content: Any = text
         png = None if picture is None else encode_png(picture)
-        if png is not None:
-            url = f"data:image/png;base64,{base64.b64encode(png).decode()}"
-            content = [{"type": "text", "text": text}, {"type": "image_url", "image_url": {"url": url}}]
+        content: Any = text if png is None else [{"type": "text", "text": text}, _make_image_part(png)]
         sent = [*messages, {"role": "user", "content": content}]
         observation = _list_observation(session) if self._spec.modality != "picture" else None
         return Prompt(sent, sha256, digest, tokens, text, _join(*self._read), rule, png, observation)
 
     def _draw(self, screen: Screen) -> NDArray[np.uint8] | None:
         """The whole screen as a window draws it, uint8[H, W, 3]; None where words say it all."""
-        pictured = isinstance(screen, PlayScreen) or getattr(screen, "picture", None) is not None
-        if not pictured or self._spec.modality == "text":
+        if getattr(screen, "picture", None) is None or self._spec.modality == "text":
             return None
         repaint_screen(self._canvas, self._drawn, screen)
         self._drawn = screen
@@ -262,9 +263,12 @@ class Conversation:
     def take(self, call: ModelCall) -> None:
         """Take an answer, valid or not."""
         self._past.append((self._asked, call.answer))
-        valid = call.verdict == "valid"
-        mistake = "That answer was not valid." if self._spec.invalid == "retry" else ""
-        self._since = [] if valid else [mistake] if mistake else []
+        repeated = call.verdict != "valid" and self._spec.invalid == "retry"
+        self._since = ["That answer was not valid."] if repeated else []
+
+
+def _make_image_part(png: bytes) -> dict[str, Any]:
+    return {"type": "image_url", "image_url": {"url": f"data:image/png;base64,{base64.b64encode(png).decode()}"}}
 
 
 def _join(*texts: str) -> str:
@@ -294,12 +298,10 @@ def _describe_item(item: Any) -> str:
         case RatingScale(points=points, low=low, high=high):
             return _join("\n".join(f"{number}. {one}" for number, one in enumerate(points, 1)), f"{low} ... {high}")
         case RatingMatrix(rows=rows, points=points, low=low, high=high):
-            numbers = [(row, point) for row in rows for point in points]
-            lines = (f"{number}. {row}: {point}" for number, (row, point) in enumerate(numbers, 1))
-            return _join("\n".join(lines), f"{low} ... {high}")
+            cells = enumerate(((row, point) for row in rows for point in points), 1)
+            return _join("\n".join(f"{n}. {row}: {point}" for n, (row, point) in cells), f"{low} ... {high}")
         case ShapeCanvas(shapes=shapes):
-            labels = [shape.label for shape in shapes if shape.target]
-            return "\n".join(f"{number}. {label}" for number, label in enumerate(labels, 1))
+            return "\n".join(f"{n}. {one.label}" for n, one in enumerate((one for one in shapes if one.target), 1))
         case Slider(low=low, high=high):
             return f"{low} ... {high}"
         case TextField(unit=unit):

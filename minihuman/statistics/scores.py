@@ -82,9 +82,7 @@ def score_player(
         draws: of the bootstrap.
     """
     rng = np.random.default_rng(seed)
-    n_levels = player.success.shape[1]
-    level_weights = _draw_weights(rng, n_levels, draws)
-    same = player is reference
+    level_weights = _draw_weights(rng, player.success.shape[1], draws)
     of_player = _draw_weights(rng, len(player.success), draws)
     of_reference = _draw_weights(rng, len(reference.success), draws)
     of_floor = None if floor is None else _draw_weights(rng, len(floor.success), draws)
@@ -100,7 +98,7 @@ def score_player(
         normalised = (means["efficiency"] - least) / (theirs["efficiency"] - least)
         relative = theirs["steps"] / means["steps"]
     differences = means["success"] - theirs["success"]
-    if same:  # one value by definition; the spread is that of people against their mean
+    if player is reference:  # one value by definition; the spread is that of people against their mean
         normalised[0] = relative[0] = 1.0
     return PlayerScore(
         success=_estimate(means["success"], 0, 1),

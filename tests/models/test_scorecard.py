@@ -20,6 +20,7 @@ from minihuman.planning.benchmark import FAMILIES, compose_baseline, parse_playe
 from minihuman.reporting.build import build_report
 from minihuman.reporting.scorecard import Costs, _name_players, build_scorecard, write_scorecard
 from tests.models.endpoint import KEY, Reply, play, serve_endpoint, text_of
+from tests.models.studies import study
 
 pytestmark = pytest.mark.program  # whole studies are simulated
 
@@ -79,6 +80,26 @@ def test_everyone_is_scored_on_the_same_levels(data: Path, tmp_path: Path) -> No
     assert float(rows[0]["success"]) == pytest.approx(card.players[0].score.success.value, rel=1e-5)
     assert "0.0720 EUR" in page.read_text()
     assert all(path.stat().st_size > 5_000 for path in figures)
+
+
+def test_answers_stand_side_by_side_and_what_was_typed_is_in_no_table(tmp_path: Path) -> None:
+    play_model(tmp_path, study("text"), play)
+    list(simulate(tmp_path / "set.toml", participants=4, data=tmp_path, player="human-like"))
+    card = build_scorecard([tmp_path / "seat"], draws=50)
+    given = {".".join(name): answers for name, answers in card.answers["model:scripted"].items()}
+    assert given == {
+        "after.hard": "yes: 100% (n = 1)",
+        "after.which": "eyes: 100% (n = 1)",
+        "after.fun": "1.00 (n = 1)",
+        "after.how_much": "1.00 (n = 1)",
+        "after.age": "30.00 (n = 1)",
+    }
+    assert list(card.answers) == ["human-like", "model:scripted"]
+    written = write_scorecard(card, tmp_path / "scores")
+    (table,) = csv.DictReader((tmp_path / "scores" / "scores_answers.csv").read_text().splitlines()[:2])
+    assert (table["questions"], table["item"]) == ("after", "age")
+    assert "| after.hard | " in (tmp_path / "scores" / "scores.md").read_text()
+    assert not any(b"it was fine" in path.read_bytes() for path in written)
 
 
 def test_an_unknown_reference_names_who_played(data: Path) -> None:
