@@ -319,7 +319,8 @@ class Connection:
             raise
 
     def _take_new(self, numbered: messages.NumberedMessage, *, more: bool) -> None:
-        now_ns = self.now_ns()
+        arrival_ns = current_system().clock.monotonic_ns()
+        now_ns = arrival_ns - self._zero_ns
         if numbered.at > now_ns + _AHEAD_NS + now_ns // 1000:
             raise messages.MessageError(
                 f"message {numbered.n} has time {numbered.at} ns, but the session is at {now_ns} ns; reload the page"
@@ -327,17 +328,13 @@ class Connection:
         if self.host.over:
             return
         if isinstance(numbered.what, _ACTS):
-            self.acted_s = monotonic_s()
-        arrival_ns = current_system().clock.monotonic_ns()
+            self.acted_s = arrival_ns / 1e9
         self._guarded(
             lambda: self.host.receive(numbered.n, numbered.at, numbered.what, more=more, arrival_ns=arrival_ns)
         )
-        self.changed.set()
 
     def poll(self) -> bool:
         """See whether a learner has made something; True if there is something to tell the page."""
-        if not self.host.has_agent:
-            return False
         found = False
 
         def look() -> None:

@@ -555,7 +555,7 @@ class IncomingStream:
 
 
 MAX_MESSAGE_BYTES = 16 * 1024
-MESSAGES_PER_S = 60.0
+MESSAGES_PER_S = 200.0  # 60 steps a second with their pictures and keys are some 150
 MESSAGE_BURST = 200
 HELLO_TIMEOUT_S = 10.0  # a socket without a hello by then is closed
 MAX_TARGET_BYTES = 2_048  # of a request's path and query
