@@ -285,20 +285,19 @@ class Connection:
             self.host.restart(computes=bool(hello.kernels) and hello.kernels == kernels_digest())
             if self.over is not None:
                 self.host.outgoing.add(self.over)
-        now_ns = max(self.now_ns(), self.host.last_at_ns + 1)
         plan = self.host.session.plan
-        words = get_page_texts(plan.language)
         welcome = messages.Welcome(
             segment=self.segment,
             life=self.life,
             again=again,
             heard=self._incoming.received,
-            now=now_ns,
+            now=max(self.now_ns(), self.host.last_at_ns + 1),
             keys=dict(KEY_CODES),
             touch=list_touch_keys(plan),
             gamepad=needs_gamepad(plan),
             token=self.admission.token,
-            words=words | {"quit_title": InterfaceWords(plan.language, plan.words)["quit.title"]},
+            words=get_page_texts(plan.language)
+            | {"quit_title": InterfaceWords(plan.language, plan.words)["quit.title"]},
             taken=self.host.last_at_ns,
         )
         return welcome, hello.heard if again else 0
@@ -335,13 +334,7 @@ class Connection:
 
     def poll(self) -> bool:
         """See whether a learner has made something; True if there is something to tell the page."""
-        found = False
-
-        def look() -> None:
-            nonlocal found
-            found = self.host.poll()
-
-        self._guarded(look)
+        found = bool(self._guarded(self.host.poll))
         if found:
             self.changed.set()
         return found
@@ -378,9 +371,9 @@ class Connection:
         self._guarded(lambda: self.host.stop(Stop(at_ns, reason, detail)))  # type: ignore[arg-type]
         self.changed.set()
 
-    def _guarded(self, do: Callable[[], None]) -> None:
+    def _guarded(self, do: Callable[[], bool | None]) -> bool | None:
         try:
-            do()
+            return do()
         except LogError as error:
             self.host.session.receive(Stop(self.host.last_at_ns, "disk_full", str(error)))
         except messages.MessageError:
@@ -390,6 +383,7 @@ class Connection:
             stop = Stop(self.host.last_at_ns, "internal_error", f"{type(error).__name__}: {error}")
             with suppress(Exception):
                 self.host.stop(stop)
+        return None
 
     def safe(self) -> int:
         """The last of the page's messages that may be acknowledged: that no crash and no other server can undo."""

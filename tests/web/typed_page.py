@@ -27,7 +27,7 @@ HEARD_S = 1.0  # so often a page says what it has heard, if there is more,
 MOST_UNTOLD = 100  # or when there is so much more
 FLIP_S = 0.008  # from a picture's being known to its being seen
 WAIT_S, COMPUTED_WAIT_S = 0.1, 1.0  # how long what can wait does, at most
-PING_S, REPORT_S = 1.25, 10.0
+PING_S, REPORT_S = 2.5, 10.0
 
 
 @dataclass
