@@ -141,10 +141,10 @@ def measure(
                         state = somebody.state
                         if not state["playing"] or state["ended"]:
                             break
+                        last_down = wire.bytes_down
                         somebody.press("123"[pressed * 7 % 11 % 3])
                         pressed += 1
                         somebody.page.wait_for_timeout(max(0.0, 1000 * (began_s + 1 / keys_hz - time.monotonic())))
-                        last_down = wire.bytes_down
                     bytes_down += last_down
                     cpu_s, down = cpu_s + cpu_of(server.pid), down + wire.bytes_down
                     somebody.until("!s.playing")
