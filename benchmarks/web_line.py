@@ -3,7 +3,8 @@
 Headless Chromium, through a TCP proxy that makes the line as long as asked. Four rules in turn: stepped and drawn in
 the page, one step ahead by the server with every key kept, the same with keys ignored until the next pictures are there
 (the rule of NiceWebRL's client, commit c794269), and no look-ahead. Times are the log's own: the picture's flip minus
-the key's time stamp. Bytes are those of the TCP connection from one key to the next, at the median, pings and all.
+the key's time stamp. Bytes are those of the TCP connection from an episode's first key on, by key, pings and all: up to
+the episode's end, with what was kept for a second, and down to its last key.
 With ``--loss 0.01`` one chunk in a hundred is sent again after 200 ms or a round trip, and all behind it wait.
 
     python -m benchmarks.web_line [--keys 60] [--rtt 0 150 300] [--loss 0] [--px 400x300] [--world grid first-person]
@@ -53,7 +54,7 @@ class Found:
     pressed: int
     logged: int
     flips_ms: np.ndarray
-    bytes_a_key: tuple[float, float]  # up and down, medians
+    bytes_a_key: tuple[float, float]  # up and down, means
     kb_a_step: float
     cpu_ms_a_step: float
     complaints: list[str]
@@ -128,25 +129,26 @@ def measure(
                 somebody.page.goto(url.replace(f":{port}/", f":{wire.port}/"))
                 pressed = 0
                 cpu_s, down = 0.0, 0
-                went: list[tuple[int, int]] = []  # up and down, from key to key
+                bytes_up = bytes_down = 0  # from an episode's first key
                 for _ in range(2):
                     somebody.to_play()
                     somebody.page.wait_for_timeout(1500)  # the first scenes are there when somebody has looked around
                     cpu_s, down = cpu_s - cpu_of(server.pid), down - wire.bytes_down
-                    before = wire.bytes_up, wire.bytes_down
+                    last_down = wire.bytes_down
+                    bytes_up, bytes_down = bytes_up - wire.bytes_up, bytes_down - last_down
                     while True:
                         began_s = time.monotonic()
                         state = somebody.state
                         if not state["playing"] or state["ended"]:
                             break
+                        last_down = wire.bytes_down
                         somebody.press("123"[pressed * 7 % 11 % 3])
                         pressed += 1
                         somebody.page.wait_for_timeout(max(0.0, 1000 * (began_s + 1 / keys_hz - time.monotonic())))
-                        now = wire.bytes_up, wire.bytes_down
-                        went.append((now[0] - before[0], now[1] - before[1]))
-                        before = now
+                    bytes_down += last_down
                     cpu_s, down = cpu_s + cpu_of(server.pid), down + wire.bytes_down
                     somebody.until("!s.playing")
+                    bytes_up += wire.bytes_up
                 somebody.until("s.unsafe === 0")
                 assert somebody.errors == [], somebody.errors
         finally:
@@ -163,7 +165,7 @@ def measure(
             pressed,
             logged,
             np.array(took),
-            tuple(np.median(went, axis=0)),
+            (bytes_up / pressed, bytes_down / pressed),
             down / 1000 / count,
             1000 * cpu_s / count,
             list(find_log_differences(log, World)),

@@ -43,7 +43,6 @@ def is_token(text: str) -> bool:
 _ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 _PARAMETERS: dict[RecruitmentPlatform, str] = {"prolific": "PROLIFIC_PID", "sona": "survey_code", "mturk": "workerId"}
 _PREVIEW = "ASSIGNMENT_ID_NOT_AVAILABLE"  # MTurk shows a task to people who have not taken it
-PLATFORM_PARAMETERS = frozenset(_PARAMETERS.values()) | {"assignmentId"}  # all that the page sends on
 
 
 @dataclass(frozen=True, slots=True)

@@ -174,8 +174,7 @@ def _describe_first_person(
 
 def _run_lengths(row: NDArray[np.int32]) -> list[int]:
     starts = np.concatenate(([0], np.flatnonzero(np.diff(row)) + 1))
-    lengths = np.diff(np.concatenate((starts, [len(row)])))
-    runs: list[int] = np.stack((row[starts], lengths), axis=1).ravel().tolist()
+    runs: list[int] = np.stack((row[starts], np.diff(starts, append=len(row))), axis=1).ravel().tolist()
     return runs
 
 

@@ -285,20 +285,19 @@ class Connection:
             self.host.restart(computes=bool(hello.kernels) and hello.kernels == kernels_digest())
             if self.over is not None:
                 self.host.outgoing.add(self.over)
-        now_ns = max(self.now_ns(), self.host.last_at_ns + 1)
         plan = self.host.session.plan
-        words = get_page_texts(plan.language)
         welcome = messages.Welcome(
             segment=self.segment,
             life=self.life,
             again=again,
             heard=self._incoming.received,
-            now=now_ns,
+            now=max(self.now_ns(), self.host.last_at_ns + 1),
             keys=dict(KEY_CODES),
             touch=list_touch_keys(plan),
             gamepad=needs_gamepad(plan),
             token=self.admission.token,
-            words=words | {"quit_title": InterfaceWords(plan.language, plan.words)["quit.title"]},
+            words=get_page_texts(plan.language)
+            | {"quit_title": InterfaceWords(plan.language, plan.words)["quit.title"]},
             taken=self.host.last_at_ns,
         )
         return welcome, hello.heard if again else 0
@@ -319,7 +318,8 @@ class Connection:
             raise
 
     def _take_new(self, numbered: messages.NumberedMessage, *, more: bool) -> None:
-        now_ns = self.now_ns()
+        arrival_ns = current_system().clock.monotonic_ns()
+        now_ns = arrival_ns - self._zero_ns
         if numbered.at > now_ns + _AHEAD_NS + now_ns // 1000:
             raise messages.MessageError(
                 f"message {numbered.n} has time {numbered.at} ns, but the session is at {now_ns} ns; reload the page"
@@ -327,24 +327,14 @@ class Connection:
         if self.host.over:
             return
         if isinstance(numbered.what, _ACTS):
-            self.acted_s = monotonic_s()
-        arrival_ns = current_system().clock.monotonic_ns()
+            self.acted_s = arrival_ns / 1e9
         self._guarded(
             lambda: self.host.receive(numbered.n, numbered.at, numbered.what, more=more, arrival_ns=arrival_ns)
         )
-        self.changed.set()
 
     def poll(self) -> bool:
         """See whether a learner has made something; True if there is something to tell the page."""
-        if not self.host.has_agent:
-            return False
-        found = False
-
-        def look() -> None:
-            nonlocal found
-            found = self.host.poll()
-
-        self._guarded(look)
+        found = bool(self._guarded(self.host.poll))
         if found:
             self.changed.set()
         return found
@@ -381,9 +371,9 @@ class Connection:
         self._guarded(lambda: self.host.stop(Stop(at_ns, reason, detail)))  # type: ignore[arg-type]
         self.changed.set()
 
-    def _guarded(self, do: Callable[[], None]) -> None:
+    def _guarded(self, do: Callable[[], bool | None]) -> bool | None:
         try:
-            do()
+            return do()
         except LogError as error:
             self.host.session.receive(Stop(self.host.last_at_ns, "disk_full", str(error)))
         except messages.MessageError:
@@ -393,6 +383,7 @@ class Connection:
             stop = Stop(self.host.last_at_ns, "internal_error", f"{type(error).__name__}: {error}")
             with suppress(Exception):
                 self.host.stop(stop)
+        return None
 
     def safe(self) -> int:
         """The last of the page's messages that may be acknowledged: that no crash and no other server can undo."""

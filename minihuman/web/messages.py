@@ -48,6 +48,7 @@ Ns = Annotated[int, Meta(ge=0, le=2**53)]
 Number = Annotated[int, Meta(ge=0, le=2**31)]
 ShortText = Annotated[str, Meta(max_length=64)]
 LongText = Annotated[str, Meta(max_length=2000)]
+KeyName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_]{1,32}$")]
 Digest = Annotated[str, Meta(pattern=r"^([0-9a-f]{16})?$")]
 Fraction = Annotated[float, Meta(ge=0.0, le=1.0)]
 
@@ -59,7 +60,7 @@ class MessageError(MinihumanError, ValueError):
 class KeyMessage(msgspec.Struct, tag="key", tag_field="t", forbid_unknown_fields=True):
     """A key went down or came up at ``stamp``, by the event's own time."""
 
-    key: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_]{1,32}$")]
+    key: KeyName
     down: bool
     stamp: Ns
     symbol: ShortText = ""
@@ -201,12 +202,24 @@ class Ping(msgspec.Struct, tag="ping", tag_field="t", forbid_unknown_fields=True
 
 _FROM_PAGE = msgspec.json.Decoder(Hello | NumberedMessage | PageAck | Ping)
 # Numbered messages that come with every key are arrays: kind, number, time in us, and these fields, absent ones at the
-# end left out and "" in between; the first so many are times, in us before the message's.
-_SHORT_FORMS: Mapping[str, tuple[str, int, tuple[str, ...]]] = {
-    "k": ("key", 1, ("stamp", "key", "down", "digest", "symbol", "repeat")),
-    "s": ("shown", 2, ("flip", "submit", "episode", "step", "node")),
-    "t": ("tick", 0, ("digest",)),
-}
+# end left out. Times of events are in us before the message's own.
+_HEAD = [("n", Annotated[int, Meta(ge=1, le=2**31)]), ("at", Annotated[int, Meta(ge=1, le=2**43)])]
+_AGO = Annotated[int, Meta(ge=-(2**43), le=2**43)]
+_PRESS: list[Any] = [
+    ("ago", _AGO),
+    ("key", KeyName),
+    ("down", Literal[0, 1]),
+    ("digest", Digest, ""),
+    ("symbol", ShortText, ""),
+]
+_SHOWN: list[Any] = [("flip", _AGO), ("submit", _AGO), ("episode", int), ("step", int), ("node", int, -1)]
+_SHORT: msgspec.json.Decoder[Any] = msgspec.json.Decoder(
+    msgspec.defstruct(
+        "_Press", [*_HEAD, *_PRESS, ("repeat", bool, False)], array_like=True, tag="k", forbid_unknown_fields=True
+    )
+    | msgspec.defstruct("_Shown", [*_HEAD, *_SHOWN], array_like=True, tag="s", forbid_unknown_fields=True)
+    | msgspec.defstruct("_Tick", [*_HEAD, ("digest", Digest, "")], array_like=True, tag="t", forbid_unknown_fields=True)
+)
 
 
 def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck | Ping:
@@ -221,21 +234,25 @@ def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck 
         )
     try:
         if text[:1] in ("[", b"["):
-            return _expand(*msgspec.json.decode(text, type=list))
+            return _expand(_SHORT.decode(text))
         message: Hello | NumberedMessage | PageAck | Ping = _FROM_PAGE.decode(text)
         return message
     except (msgspec.DecodeError, LookupError, TypeError, ValueError, RecursionError) as error:
         raise MessageError(f"a message from a page cannot be decoded ({error}); reload the page") from error
 
 
-def _expand(kind: str, number: object, at_us: int, *values: Any) -> NumberedMessage:
-    name, times, fields = _SHORT_FORMS[kind]
-    what = {field: value for field, value in zip(fields[: len(values)], values, strict=True) if value != ""}
-    at_ns = 1000 * int(at_us)
-    what |= {field: at_ns - 1000 * int(what[field]) for field in fields[:times]} | {"t": name}
-    if "down" in what:
-        what["down"] = bool(what["down"])
-    return msgspec.convert({"t": "n", "n": number, "at": at_ns, "what": what}, NumberedMessage)
+def _expand(short: Any) -> NumberedMessage:
+    at_ns = 1000 * short.at
+    match short.__struct_config__.tag:
+        case "k":
+            stamp_ns = max(0, at_ns - 1000 * short.ago)
+            key = KeyMessage(short.key, short.down == 1, stamp_ns, short.symbol, short.repeat, digest=short.digest)
+            return NumberedMessage(short.n, at_ns, key)
+        case "s":
+            submit_ns, flip_ns = (max(0, at_ns - 1000 * ago) for ago in (short.submit, short.flip))
+            shown = DisplayedMessage(submit_ns, flip_ns, episode=short.episode, step=short.step, node=short.node)
+            return NumberedMessage(short.n, at_ns, shown)
+    return NumberedMessage(short.n, at_ns, TickMessage(short.digest))
 
 
 class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):
@@ -555,7 +572,7 @@ class IncomingStream:
 
 
 MAX_MESSAGE_BYTES = 16 * 1024
-MESSAGES_PER_S = 60.0
+MESSAGES_PER_S = 200.0  # 60 steps a second with their pictures and keys are some 150
 MESSAGE_BURST = 200
 HELLO_TIMEOUT_S = 10.0  # a socket without a hello by then is closed
 MAX_TARGET_BYTES = 2_048  # of a request's path and query

@@ -226,8 +226,7 @@ class SessionHost:
         play = self.session.play if self._outbox.is_computed else None
         self._draws = play is None
         events = self._events(message, at_ns)
-        difference = self._outbox.compare(message, events)
-        if difference:
+        if difference := self._outbox.compare(message, events):
             events = [Noted(at_ns, BROWSER_NOTE, difference), *events]
         waits = more and play is not None and self.session.play is play  # for the last of those that came together
         if waits:

@@ -2,6 +2,7 @@
 
 import asyncio
 import base64
+import json
 import random
 import time
 from collections.abc import Callable
@@ -381,6 +382,35 @@ def test_what_the_page_draws_is_the_worlds_picture_to_the_pixel(
     assert read_log(log).facts["page_kernels"] == kernels_digest()
     assert [event.text for event in read_events(log) if isinstance(event, Noted) and event.kind == BROWSER_NOTE] == []
     assert list(find_log_differences(log, World)) == []
+
+
+SENDS = """() => {
+  const send = WebSocket.prototype.send;
+  globalThis.writes = [];
+  WebSocket.prototype.send = function (text) { writes.push(text); send.call(this, text); };
+}"""  # collects what goes up
+
+
+@pytest.mark.program
+def test_keys_of_a_second_go_up_in_one_write_and_the_last_of_an_episode_at_once(tmp_path: Path) -> None:
+    with serving(study(tmp_path, max_steps=5), tmp_path) as server, browsing() as sit_down:
+        somebody = sit_down(f"http://127.0.0.1:{server.port}/#t={server.tokens[0]}")
+        somebody.to_play()
+        somebody.page.evaluate(SENDS)
+        for key in "1231":
+            somebody.press(key)
+            somebody.page.wait_for_timeout(200)
+        somebody.until("s.step === 4 && s.unsafe === 0")
+        writes = [text for text in somebody.page.evaluate("writes") if text.startswith("[")]
+        keys = [values for text in writes for line in text.split("\n") if (values := json.loads(line))[0] == "k"]
+        assert [key for _, _, _, _, key, down, *_ in keys if down] == list("1231")
+        assert len(writes) < 4, "each went by itself"
+        before = len(somebody.page.evaluate("writes"))
+        somebody.page.keyboard.down("1")  # the page waits for what follows the episode
+        assert '["k"' in "".join(somebody.page.evaluate("writes")[before:])
+        somebody.until("!s.playing")
+        assert somebody.errors == []
+        server.stop()
 
 
 @pytest.mark.program

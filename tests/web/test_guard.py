@@ -26,6 +26,11 @@ def test_typing_is_within_the_allowance_and_a_flood_is_not():
     assert flood.take(60.0)
 
 
+def test_sixty_steps_a_second_with_their_pictures_and_twenty_keys_are_never_held_back() -> None:
+    page, per_s = RateLimit(0.0), 2 * 60 + 2 * 20 + 1
+    assert all(page.take(number / per_s) for number in range(60 * per_s))
+
+
 @pytest.mark.parametrize(
     ("origin", "host", "ours"),
     [

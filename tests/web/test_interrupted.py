@@ -13,7 +13,7 @@ from minihuman.worlds.adapters.world import World
 from tests.counts import count
 from tests.web.browser import PATIENCE_MS, browsing, browsing_with_profile
 from tests.web.interrupted import interrupt
-from tests.web.protocols import FIRST_PERSON, study
+from tests.web.protocols import FIRST_PERSON, GRID, study
 from tests.web.serving import line, serving
 
 CODES = {"Digit1": "1", "Digit2": "2", "Digit3": "3", "Enter": "enter"}
@@ -41,22 +41,18 @@ def test_cut_killed_and_loaded_again_each_press_is_logged_once_and_the_log_is_pr
 
 @pytest.mark.long
 @pytest.mark.program
-def test_two_hundred_cuts_in_first_person_lose_no_press(tmp_path: Path) -> None:
-    times = count(3, 200)
-    found = interrupt(tmp_path, times=times, seed=27, world=FIRST_PERSON, kinds=("cut",))
-    assert found.happened == {"cut": times}
-    assert found.logged == [CODES[code] for code in found.heard]
-    assert found.steps == found.accepted > 5 * times
-    assert found.complaints == []
-    assert found.notes == []
-
-
-@pytest.mark.long
-@pytest.mark.program
-def test_twenty_closed_laptops_with_keys_between_lose_no_press(tmp_path: Path) -> None:
-    times = count(3, 20)
-    found = interrupt(tmp_path, times=times, seed=5, kinds=("sleep",))
-    assert found.happened == {"sleep": times}
+@pytest.mark.parametrize(
+    ("kind", "full", "world"),
+    [("cut", 200, FIRST_PERSON), ("kill", 50, GRID), ("reload", 50, GRID), ("sleep", 20, GRID)],
+)
+def test_interrupted_in_one_way_over_and_over_no_press_is_lost(
+    tmp_path: Path, kind: str, full: int, world: tuple[str, tuple[str, ...]]
+) -> None:
+    """The line is cut, the server killed, the page loaded again, the laptop closed; keys are pressed all the while."""
+    times = count(3, full)
+    found = interrupt(tmp_path, times=times, seed=27, world=world, kinds=(kind,))
+    print(f"{found.happened}: {len(found.heard)} presses, {found.steps} steps")
+    assert found.happened == {kind: times}
     assert found.logged == [CODES[code] for code in found.heard]
     assert found.steps == found.accepted > 5 * times
     assert found.complaints == []

@@ -1,6 +1,7 @@
 """A page without a browser: says what the real one says, presses keys at a rate, and counts.
 
-It goes ahead of the server as the page does: a press whose scene is known is shown at once.
+It goes ahead of the server as the page does: a press whose scene is known is shown at once. What comes with every key
+has the page's short form, and it asks for the time as often as the page does.
 """
 
 import asyncio
@@ -25,6 +26,8 @@ HOLD_S = 0.08
 HEARD_S = 1.0  # so often a page says what it has heard, if there is more,
 MOST_UNTOLD = 100  # or when there is so much more
 FLIP_S = 0.008  # from a picture's being known to its being seen
+WAIT_S, COMPUTED_WAIT_S = 0.1, 1.0  # how long what can wait does, at most
+PING_S, REPORT_S = 2.5, 10.0
 
 
 @dataclass
@@ -94,8 +97,10 @@ class TypedPage:
         self._trail: list[tuple[int, int]] = []  # message and action of what is not confirmed
         self._due_ns: int | None = None
         self._told_due_ns = 0
+        self._pinged_s = self._reported_s = 0.0
         self._line: asyncio.Queue[tuple[float, str]] = asyncio.Queue()
         self._held: list[str] = []
+        self._flushing: asyncio.TimerHandle | None = None
         self._done = asyncio.Event()
 
     async def take_part(self) -> Counts:
@@ -126,17 +131,26 @@ class TypedPage:
 
     def _now_ns(self) -> int:
         assert self._zero_s is not None
-        return max(self._last_ns + 1, round((time.monotonic() - self._zero_s) * 1e9))
+        return max(self._last_ns + 1000, 1000 * round((time.monotonic() - self._zero_s) * 1e6))
 
     def say(self, *, waits: bool = False, **what: object) -> int:
-        """Say something, numbered; what ``waits`` goes with what is said next."""
+        """Say something, numbered; what ``waits`` goes with what is said next, if that is soon."""
         self._said += 1
         self._last_ns = self._now_ns()
-        self._held.append(json.dumps({"t": "n", "n": self._said, "at": self._last_ns, "what": what}))
+        self._held.append(encode(self._said, self._last_ns, what))
         if not waits:
-            self._line.put_nowait((time.monotonic() + self._line_s, "\n".join(self._held)))
-            self._held.clear()
+            self._flush()
+        elif self._flushing is None:
+            wait_s = COMPUTED_WAIT_S if self.steps else WAIT_S
+            self._flushing = asyncio.get_running_loop().call_later(wait_s, self._flush)
         return self._said
+
+    def _flush(self) -> None:
+        if self._flushing is not None:
+            self._flushing.cancel()
+            self._flushing = None
+        self._line.put_nowait((time.monotonic() + self._line_s, "\n".join(self._held)))
+        self._held.clear()
 
     async def _send(self, socket: ClientConnection) -> None:
         while True:
@@ -191,6 +205,12 @@ class TypedPage:
             case "welcome":
                 self._zero_s = time.monotonic() - message["now"] / 1e9
                 self.say(t="tick")
+            case "pong":
+                back_ns = self._now_ns()
+                if time.monotonic() >= self._reported_s + REPORT_S:
+                    self._reported_s = time.monotonic()
+                    times = {name: message[name] for name in ("sent", "received", "answered")}
+                    self.say(t="link", **times, back=back_ns, latest=max(0, back_ns - times["sent"]))
             case "refused":
                 self.counts.refused, self.told = message["reason"], message
                 self._done.set()
@@ -319,7 +339,7 @@ class TypedPage:
         shown = {"episode": steps.rules.episode, "step": steps.step}
         self.say(t="shown", submit=submit_ns, flip=self._now_ns(), waits=not steps.ended, **shown)
         await asyncio.sleep(HOLD_S)
-        self.say(t="key", key=key, down=False, stamp=self._now_ns())
+        self.say(t="key", key=key, down=False, stamp=self._now_ns(), waits=not steps.ended)
 
     def lies(self, digest: str) -> str:
         """What it says of a step: the truth, unless somebody makes it say something else."""
@@ -341,10 +361,34 @@ class TypedPage:
             if due_ns is not None and self._zero_s is not None and self._told_due_ns != due_ns <= self._now_ns():
                 self._told_due_ns = due_ns
                 self.say(t="tick")
+            if self._zero_s is not None and time.monotonic() >= self._pinged_s + PING_S:
+                self._pinged_s = time.monotonic()
+                ping = json.dumps({"t": "ping", "sent": self._now_ns()}, separators=(",", ":"))
+                self._line.put_nowait((time.monotonic() + self._line_s, ping))
             untold = self._heard - self._heard_told
             if untold >= MOST_UNTOLD or (untold and time.monotonic() >= heard_s + HEARD_S):
                 self._heard_told, heard_s = self._heard, time.monotonic()
                 await socket.send(json.dumps({"t": "heard", "n": self._heard}))
+
+
+def encode(number: int, at_ns: int, what: dict[str, Any]) -> str:
+    """A message as `stream.js` sends it: what comes with every key as an array, times in us before its own."""
+    values: list[Any] = []
+    match what["t"]:
+        case _ if at_ns % 1000:
+            pass
+        case "tick":
+            values = ["t", what.get("digest", "")]
+        case "shown" if "step" in what and "screen" not in what:
+            flip, submit = ((at_ns - what[name]) // 1000 for name in ("flip", "submit"))
+            values = ["s", flip, submit, what["episode"], what["step"], what.get("node", "")]
+        case "key":
+            stamp, down = (at_ns - what["stamp"]) // 1000, int(what["down"])
+            values = ["k", stamp, what["key"], down, what.get("digest", ""), what.get("symbol", "")]
+    while values and values[-1] == "":
+        values.pop()
+    full = {"t": "n", "n": number, "at": at_ns, "what": what}
+    return json.dumps([values[0], number, at_ns // 1000, *values[1:]] if values else full, separators=(",", ":"))
 
 
 def parts_of(data: bytes) -> Iterator[tuple[bool, bytes]]:

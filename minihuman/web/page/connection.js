@@ -231,7 +231,7 @@ class Latency {
     this.#pingedMs ||= performance.now();
     this.socket.send({ t: "ping", sent: this.outbox.now() });
     this.#pings += 1;
-    this.#timer = setTimeout(() => this.#ping(), this.#pings < 4 ? 60 : 1250);
+    this.#timer = setTimeout(() => this.#ping(), this.#pings < 4 ? 60 : 2500);
   }
 
   /** @param {Pong} m */

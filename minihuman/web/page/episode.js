@@ -109,6 +109,8 @@ export class EpisodePlayer {
     return [...this.#graphs.values()].flatMap(({ scenes }) => (scenes instanceof Map ? [...scenes.values()].map((s) => s.picture) : []));
   }
 
+  get isComputed() { return this.play !== null && this.#computed(this.play) !== null; }
+
   /** Whether the picture of every key is here. */
   get isReady() {
     const scene = this.play && this.#graphs.get(this.play.number)?.scenes.get(this.play.scene);

@@ -18,6 +18,10 @@ import { TouchKeys } from "./touch.js";
 /** @import { Link } from "./connection.js" */
 /** @import { Point } from "./input.js" */
 
+// For so long messages that can wait do. Where the page computes and no time is due, nobody waits for them: the server
+// takes several keys together for little more than one.
+const WAIT_MS = 100, COMPUTED_WAIT_MS = 1000;
+
 class Page {
   #main = /** @type {HTMLElement} */ (document.getElementById("screen"));
   #status = /** @type {HTMLElement} */ (document.getElementById("status"));
@@ -122,7 +126,7 @@ class Page {
   #send(what, canWait = this.#player.canWait(what)) {
     const made = what.t !== "tick" && !UNTIMED.has(what.t) && this.#outbox.hasTime ? this.#computeTick() : undefined;
     if (made) this.#send({ t: "tick", digest: made.digest }, !made.ends);
-    const n = this.#outbox.add(what, canWait);
+    const n = this.#outbox.add(what, canWait ? this.#player.isComputed && this.#due === null ? COMPUTED_WAIT_MS : WAIT_MS : 0);
     if (n && !UNTIMED.has(what.t)) {
       const at = this.#outbox.state.last;
       this.#player.passTime(n, at, what.t, this.#due);

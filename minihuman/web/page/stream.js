@@ -9,7 +9,6 @@
  */
 
 export const UNTIMED = new Set(["shown", "link", "unheard"]); // what does not tell the session the time
-const BATCH_MS = 100;
 const MAX_UNREPORTED = 100; // the server looks less far ahead of a page that has more to report
 const RESTART_NS = 2e9;
 const OPEN_PATIENCE_MS = 1000;
@@ -208,10 +207,10 @@ export class Outbox {
   }
 
   /**
-   * Number, keep and send a message; one that can wait goes with the next, if that is soon. @param {Input} what
+   * Number, keep and send a message; one that can wait goes with what follows in so many ms. @param {Input} what
    * @returns {number} its number, or 0 while the session's time is unknown
    */
-  add(what, canWait = false) {
+  add(what, waitMs = 0) {
     if (this.#zero === null) return 0;
     const at = Math.max(US * Math.floor(this.state.last / US + 1), this.now());
     const n = this.state.next++;
@@ -223,7 +222,7 @@ export class Outbox {
     this.#store?.set(0, JSON.stringify({ ...this.state, facts: null }));
     this.#store?.set(n, text);
     this.#unsent.push(encodeMessage(message));
-    if (canWait) this.#timer ??= setTimeout(() => this.#flush(), BATCH_MS);
+    if (waitMs) this.#timer ??= setTimeout(() => this.#flush(), waitMs);
     else this.#flush();
     return n;
   }

@@ -296,38 +296,37 @@ class WebServer:
         try:
             while connection.sockets == number:
                 texts = (await page.receive()).split("\n")  # several as one
+                now_s, sent, safe = monotonic_s(), connection.host.outgoing.last_number, connection.safe()
                 for place, text in enumerate(texts, 1):
-                    while not allowance.take(monotonic_s()):
+                    while not allowance.take(now_s):
                         await asyncio.sleep(0.1)  # backpressure; a page that reconnects sends a lot at once
+                        now_s = monotonic_s()
                     message = messages.decode_page_message(text)
-                    await self._receive(page, connection, message, more=place < len(texts))
-        finally:
-            writing.cancel()
-            connection.seen_s = monotonic_s()
-            connection.gone(number)
-            await asyncio.gather(writing, return_exceptions=True)
-
-    async def _receive(
-        self,
-        page: PageSocket,
-        connection: Connection,
-        message: messages.Hello | messages.NumberedMessage | messages.PageAck | messages.Ping,
-        *,
-        more: bool,
-    ) -> None:
-        match message:
-            case messages.NumberedMessage():
-                sent_before = connection.host.outgoing.last_number
-                connection.take(message, more=more)
+                    if isinstance(message, messages.NumberedMessage):
+                        connection.take(message, more=place < len(texts))
+                    else:
+                        await self._answer(page, connection, message)
                 await self._finish_if_over(connection)
                 if connection.host.outgoing.kept > MAX_BACKLOG:
                     connection.forget()
                     raise messages.MessageError(
                         f"more than {MAX_BACKLOG} messages have not been acknowledged; reload the page"
                     )
-                grown = connection.host.outgoing.last_number != sent_before
-                if grown or isinstance(message.what, messages.RoundTripMessage):  # there is more to find
-                    self._want_more(connection)
+                grown = connection.host.outgoing.last_number != sent
+                if grown or connection.safe() != safe:
+                    connection.changed.set()
+                if grown or isinstance(getattr(message, "what", None), messages.RoundTripMessage):
+                    self._want_more(connection)  # there is more to find
+        finally:
+            writing.cancel()
+            connection.seen_s = monotonic_s()
+            connection.gone(number)
+            await asyncio.gather(writing, return_exceptions=True)
+
+    async def _answer(
+        self, page: PageSocket, connection: Connection, message: messages.Hello | messages.PageAck | messages.Ping
+    ) -> None:
+        match message:
             case messages.PageAck():
                 was_behind = connection.host.outgoing.kept > PREFETCH_BACKLOG
                 connection.host.outgoing.acknowledge(message.n)
@@ -436,7 +435,7 @@ class WebServer:
         while True:
             await asyncio.sleep(LEARNER_POLL_INTERVAL_S)
             for connection in tuple(self.connections.values()):
-                if connection.poll():
+                if connection.host.has_agent and connection.poll():
                     self._want_more(connection)
 
     # Leases

@@ -48,16 +48,16 @@ test("messages are numbered from one, with times that increase although the cloc
 test("a message that can wait goes with the next one, in order", () => {
   const outbox = openOutbox();
   outbox.setTime("a", 0, true, 0);
-  outbox.add({ t: "shown", submit: 0, flip: 0 }, true);
+  outbox.add({ t: "shown", submit: 0, flip: 0 }, 100);
   assert.deepEqual(outbox.sent, []);
   outbox.add({ t: "tick" });
   assert.deepEqual(numbersOf(outbox.sent), [1, 2]);
 });
 
-test("a message that can wait is sent alone after 100 ms", () => {
+test("a message that can wait is sent alone when its time is over", () => {
   const outbox = openOutbox();
   outbox.setTime("a", 0, true, 0);
-  outbox.add({ t: "shown", submit: 0, flip: 0 }, true);
+  outbox.add({ t: "shown", submit: 0, flip: 0 }, 100);
   mock.timers.tick(99);
   assert.deepEqual(outbox.sent, []);
   mock.timers.tick(1);
@@ -102,7 +102,7 @@ test("a new connection is sent what the server has not heard, and nothing twice"
   outbox.setTime("a", 0, true, 0);
   for (let i = 0; i < 11; i++) outbox.add({ t: "tick" });
   outbox.sent = [];
-  outbox.add({ t: "shown", submit: 0, flip: 0 }, true);
+  outbox.add({ t: "shown", submit: 0, flip: 0 }, 100);
   assert.deepEqual(numbersOf(outbox.takeUnacknowledged(9)), [10, 11, 12]);
   mock.timers.tick(1000);
   assert.deepEqual(outbox.sent, []);

@@ -60,6 +60,7 @@ def main() -> int:
     parser.add_argument("--simd", action="store_true", help="the modules with SIMD instructions")
     parser.add_argument("--large", action="store_true")
     parser.add_argument("--seeds", type=int, help="by default 200, with --large 20")
+    parser.add_argument("--first", type=int, default=0, help="the first seed, to go on where an earlier run ended")
     parser.add_argument("--minutes", type=float, default=120.0)
     parser.add_argument("--only", default="", help="ids that contain this")
     asked = parser.parse_args()
@@ -67,7 +68,7 @@ def main() -> int:
     gymnasium.logger.min_level = gymnasium.logger.ERROR  # ids with a corrected version say so
     worlds, foreign = make_worlds(asked.only)
     began_s, cpu_s, compared, wrong = time.monotonic(), time.process_time(), 0, []
-    first = 0
+    first = asked.first
     while first < seeds and time.monotonic() - began_s < asked.minutes * 60:
         chosen = range(first, min(seeds, first + SEEDS_PER_ROUND))
         with (
@@ -85,14 +86,14 @@ def main() -> int:
         compared += len(chosen) * len(worlds)
         first = chosen.stop
         print(
-            f"seeds below {first}: {compared} cases, {len(wrong)} differ, {time.monotonic() - began_s:.0f} s",
+            f"to seed {first - 1}: {compared} cases, {len(wrong)} differ, {time.monotonic() - began_s:.0f} s",
             flush=True,
         )
     pictures = -(-extent.steps // extent.every)
     print(
-        f"{asked.engine}{', SIMD' if asked.simd else ''}: {len(worlds)} ids x {first} seeds x {extent.steps} steps of "
-        f"state and observation, {pictures} pictures of each view at {extent.size_px[0]} x {extent.size_px[1]} a case: "
-        f"{len(wrong)} of {compared} cases differ"
+        f"{asked.engine}{', SIMD' if asked.simd else ''}: {len(worlds)} ids x seeds {asked.first} to {first - 1} x "
+        f"{extent.steps} steps of state and observation, {pictures} pictures of each view at "
+        f"{extent.size_px[0]} x {extent.size_px[1]} a case: {len(wrong)} of {compared} cases differ"
     )
     print(f"not compiled, so not in a page: {', '.join(foreign) or 'none'}")
     took_s = time.process_time() - cpu_s
