@@ -12,7 +12,6 @@ import abc
 import os
 import secrets
 import threading
-import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -22,8 +21,7 @@ from minihuman.dataset.journal import find_database_url
 from minihuman.errors import LogError
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.record.finalization import put_aside
-from minihuman.log.system import monotonic_s, sync_folder
-from minihuman.operating_system import replace_durably
+from minihuman.log.system import current_system, monotonic_s, sync_folder, write_durably
 
 TTL_S = 10.0
 RENEWAL_INTERVAL_S = 3.0
@@ -208,20 +206,26 @@ class SessionLeases:
             if here is None or not (here.startswith(data) if grows else here == data):
                 if here is not None:
                     put_aside(path, SUPERSEDED)
-                with replace_durably(path) as file:
+                folder.mkdir(parents=True, exist_ok=True)
+                unfinished = path.with_name(f".{name}.restored")
+                with write_durably(unfinished) as file:
                     file.write(data)
-                for above in path.parents[1:4]:
+                current_system().disk.rename(unfinished, path)
+                for above in path.parents[:4]:
                     sync_folder(above)
-                stamp_s = time.time() - lease.grant.idle_s
-                os.utime(path, (stamp_s, stamp_s))
+                stamp_ns = current_system().clock.wall_ns() - round(lease.grant.idle_s * 1e9)
+                os.utime(path, ns=(stamp_ns, stamp_ns))
 
     def claims(self, lease: Lease, part: Path) -> bool:
-        """Whether a live file that is here is how a session ended for good; else another server ended it.
+        """Whether a live file that is here has all that was acknowledged; else another server has gone on with it.
 
         Raises:
             OSError: if the database cannot be asked, or the file cannot be read.
         """
-        return bool(lease.grant.ended) and self._table.read_files(lease.session).get(part.name) == part.read_bytes()
+        copy = self._table.read_files(lease.session).get(part.name)
+        if copy is None:
+            return not lease.grant.ended and not lease.grant.copied
+        return part.read_bytes().startswith(copy)
 
     def renew(self, leases: Sequence[Lease]) -> None:
         """Renew leases, and copy what was recorded since.

@@ -4,6 +4,7 @@ A link has an unguessable token behind the #, which browsers send to no server. 
 the disk, so it must not run on the event loop.
 """
 
+import logging
 import re
 from collections.abc import Container, Mapping
 from contextlib import suppress
@@ -26,6 +27,7 @@ from minihuman.log.paths import PART_SUFFIX, list_sessions, session_folder
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.finalization import find_leftovers, put_aside, recover_log
 
+LOG = logging.getLogger("minihuman")
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{22}")  # 16 random bytes, as secrets.token_urlsafe writes them
 
 
@@ -148,7 +150,8 @@ class Arrivals:
             return self._admit(arrival, who)
         except LeaseHeldError:
             return Rejection("wait")
-        except (AllocationError, LogError):
+        except (AllocationError, LogError) as error:
+            LOG.warning("a participant was refused: %s", error)
             return Rejection("broken")
 
     def plan(self, admission: Admission) -> SessionPlan:
@@ -299,7 +302,7 @@ class Arrivals:
         return log.end_reason if is_session_complete(log) else ""
 
     def finish_ended(self) -> None:
-        """Finish the logs of sessions that had ended for good when this server was killed.
+        """Finish the logs of sessions that had ended for good when this server was killed; put aside what is outdated.
 
         Raises:
             OSError: if the database cannot be asked, or a log cannot be written.
@@ -310,7 +313,7 @@ class Arrivals:
             session = int(part.parent.name.removeprefix("ses-"))
             with suppress(LeaseHeldError):
                 lease = self.leases.acquire(name_session(self.protocol.study.name, part.parent.parent.name, session))
-                if lease.grant.ended and not self.leases.claims(lease, part):
+                if not self.leases.claims(lease, part):
                     put_aside(part, SUPERSEDED)
                 elif lease.grant.ended and (finished := recover_log(part)).readable:
                     record_log_end(finished.path)
