@@ -19,8 +19,8 @@ from pathlib import Path
 
 from minihuman.dataset.journal import find_database_url
 from minihuman.errors import LogError
-from minihuman.log.paths import PART_SUFFIX
-from minihuman.log.record.finalization import put_aside
+from minihuman.log.paths import PART_SUFFIX, study_folder
+from minihuman.log.record.finalization import FinalizedLog, put_aside, recover_log
 from minihuman.log.system import current_system, monotonic_s, sync_folder, write_durably
 
 TTL_S = 10.0
@@ -216,16 +216,36 @@ class SessionLeases:
                 stamp_ns = current_system().clock.wall_ns() - round(lease.grant.idle_s * 1e9)
                 os.utime(path, ns=(stamp_ns, stamp_ns))
 
-    def claims(self, lease: Lease, part: Path) -> bool:
-        """Whether a live file that is here has all that was acknowledged; else another server has gone on with it.
+    def recover(self, part: Path, *, only_ended: bool = False) -> FinalizedLog | None:
+        """Finish a live file that a killed server left, under the session's lease and with all that was acknowledged.
+
+        Args:
+            part: the file.
+            only_ended: leave a session that can be resumed as it is.
+
+        Returns:
+            The log; None where there is none to finish: another server has gone on, and the file was put aside.
 
         Raises:
-            OSError: if the database cannot be asked, or the file cannot be read.
+            LeaseHeldError: if the session runs on another server.
+            OSError: if the database cannot be asked, or a file cannot be read or written.
+            LogError: if the log cannot be finished.
         """
-        copy = self._table.read_files(lease.session).get(part.name)
-        if copy is None:
-            return not lease.grant.ended and not lease.grant.copied
-        return part.read_bytes().startswith(copy)
+        session = int(part.parent.name.removeprefix("ses-"))
+        lease = self.acquire(name_session(study_folder(part).name, part.parent.parent.name, session))
+        try:
+            if not lease.grant.ended and not only_ended:
+                self.restore(lease, part.parent)
+            elif lease.grant.ended and self._table.read_files(lease.session).get(part.name) != part.read_bytes():
+                put_aside(part, SUPERSEDED)
+            if not part.exists() or (only_ended and not lease.grant.ended):
+                return None
+            finished = recover_log(part)
+            if finished.readable:
+                self.store(lease, None if lease.grant.ended else finished.path)
+            return finished
+        finally:
+            self.release(lease)
 
     def renew(self, leases: Sequence[Lease]) -> None:
         """Renew leases, and copy what was recorded since.

@@ -205,22 +205,13 @@ def split_runs(text: str, faces: TypefaceSet) -> tuple[TextRun, ...]:
         face = asked.get(character)
         if face is None:
             face = found[-1].face if found and character not in asked else shipped_typeface()
-        elif found and found[-1].face != face and _is_sign(character):
-            face = found[-1].face if faces.of(character) and _has(found[-1].face, character) else face
+        elif found and found[-1].face != face and unicodedata.category(character)[0] in "PSZN":
+            face = found[-1].face if faces.of(character) and ord(character) in list_characters(found[-1].face) else face
         if found and found[-1].face == face:
             found[-1] = TextRun(found[-1].text + character, face, is_rtl(found[-1].text + character))
         else:
             found.append(TextRun(character, face, is_rtl(character)))
     return tuple(found)
-
-
-def _is_sign(character: str) -> bool:
-    return unicodedata.category(character)[0] in "PSZN"
-
-
-def _has(face: Typeface, character: str) -> bool:
-
-    return ord(character) in list_characters(face)
 
 
 @lru_cache(maxsize=16384)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 from minihuman.admin.enrolment_log import free_slot
-from minihuman.admin.lease import SUPERSEDED, Lease, LeaseHeldError, SessionLeases, name_session
+from minihuman.admin.lease import Lease, LeaseHeldError, SessionLeases, name_session
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import is_session_complete, plan_next_session
 from minihuman.admin.recruitment import LinkIssued, ParticipantArrived, PlatformId, Recruitment, hash_link_token
@@ -25,7 +25,7 @@ from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.protocol.specs import RecruitmentPlatform
 from minihuman.log.paths import PART_SUFFIX, list_sessions, session_folder
 from minihuman.log.read.session_reader import read_log
-from minihuman.log.record.finalization import find_leftovers, put_aside, recover_log
+from minihuman.log.record.finalization import find_leftovers
 
 LOG = logging.getLogger("minihuman")
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{22}")  # 16 random bytes, as secrets.token_urlsafe writes them
@@ -302,20 +302,14 @@ class Arrivals:
         return log.end_reason if is_session_complete(log) else ""
 
     def finish_ended(self) -> None:
-        """Finish the logs of sessions that had ended for good when this server was killed; put aside what is outdated.
+        """Finish the logs of sessions that had ended for good when this server was killed.
 
         Raises:
             OSError: if the database cannot be asked, or a log cannot be written.
             LogError: if a log cannot be finished.
         """
         for part in find_leftovers(self._study_dir) if self.leases is not None else ():
-            assert self.leases is not None
-            session = int(part.parent.name.removeprefix("ses-"))
             with suppress(LeaseHeldError):
-                lease = self.leases.acquire(name_session(self.protocol.study.name, part.parent.parent.name, session))
-                if not self.leases.claims(lease, part):
-                    put_aside(part, SUPERSEDED)
-                elif lease.grant.ended and (finished := recover_log(part)).readable:
+                finished = self.leases and self.leases.recover(part, only_ended=True)
+                if finished and finished.readable:
                     record_log_end(finished.path)
-                    self.leases.store(lease, None)
-                self.leases.release(lease)

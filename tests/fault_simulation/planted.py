@@ -8,7 +8,8 @@ from typing import Any
 
 from minihuman.admin.enrolment_entries import SlotFreed, open_enrolment_log
 from minihuman.admin.enrolment_log import now_text
-from minihuman.admin.lease import Lease, LeaseRenewal, SessionLeases
+from minihuman.admin.lease import Lease, LeaseGrant, LeaseRenewal, SessionLeases
+from minihuman.log.record.finalization import FinalizedLog, recover_log
 from minihuman.log.system import current_system
 from minihuman.web.connection import Connection
 from tests.fault_simulation.database import Database, DatabaseError, LeaseDatabase
@@ -166,15 +167,20 @@ class ResumedFromOwnFile(SessionLeases):
 
 
 class OutdatedFileKept(SessionLeases):
-    """A live file that another server has gone on with stays, and is taken for what the session ended with."""
+    """A live file that another server has gone on with is taken for what the session ended with."""
 
-    def claims(self, lease: Lease, part: Path) -> bool:
-        """Claim what did not end."""
-        return not lease.grant.ended or super().claims(lease, part)
+    def recover(self, part: Path, *, only_ended: bool = False) -> FinalizedLog | None:
+        """Finish what is here, whatever the database has."""
+        return super().recover(part, only_ended=only_ended) if only_ended else recover_log(part)
 
 
 class FenceIgnored(LeaseDatabase):
-    """An old holder may still write: its number is not looked at."""
+    """A session is leased to whoever asks, and every holder may write: whose number is the newest is not looked at."""
+
+    def acquire(self, session: str) -> LeaseGrant | None:
+        """Give it away at once."""
+        self._row(session).until_s = float("-inf")
+        return super().acquire(session)
 
     def renew(self, renewals: Sequence[LeaseRenewal]) -> dict[str, bool]:
         """Take every renewal for the present holder's."""

@@ -122,7 +122,8 @@ class ServerLoop(asyncio.BaseEventLoop):
     @property
     def has_work(self) -> bool:
         """Whether a callback can be called now."""
-        return bool(self._ready) or (self.idle_until_ns is not None and self.idle_until_ns <= self.schedule.now_ns)  # type: ignore[attr-defined]
+        ready: bool = bool(self._ready)  # type: ignore[attr-defined]
+        return ready or (self.idle_until_ns is not None and self.idle_until_ns <= self.schedule.now_ns)
 
     def run_until_idle(self) -> None:
         """Do all that can be done now."""

@@ -141,8 +141,9 @@ class Parts:
 
 
 @cache
-def _protocol(consent: bool, episodes: int) -> Protocol:
+def _protocol(consent: bool, episodes: int, reconnect_timeout_s: int = 60) -> Protocol:
     text = STUDY.replace(b"episodes = 1", b"episodes = %d" % episodes)
+    text = text.replace(b"timeout_s = 60", b"timeout_s = %d" % reconnect_timeout_s)
     return decode_protocol(text.replace(b"[keys]", b'consent = "May we?"\n[keys]', 1) if consent else text)
 
 
@@ -278,11 +279,15 @@ class Simulation:
         self.parts = parts
         self.outcome = Outcome(seed, trace=self.schedule.trace)
         rng, several = self.schedule.rng, machines > 1
-        self.protocol = _protocol(rng.random() < 0.4, rng.choice([3, 5, 8] if several else [1, 1, 2]))
+        self.protocol = _protocol(
+            rng.random() < 0.4, rng.choice([3, 5, 8] if several else [1, 1, 2]), 15 if several else 60
+        )
         self.folder = Path(tempfile.mkdtemp(dir=_MEMORY if _MEMORY.is_dir() else None))
         self.database = parts.database(self.schedule)
-        leases = parts.lease_table(self.database) if several else None
-        self.machines = [Machine("data" if not number else f"data-{number}", self, leases) for number in range(machines)]
+        self._leases = parts.lease_table(self.database) if several else None
+        self.machines = [
+            Machine("data" if not number else f"data-{number}", self, self._leases) for number in range(machines)
+        ]
         if rng.random() < 0.4 or several:
             for machine in self.machines:
                 (machine.data / URL_FILE_NAME).write_text(f"{URL}?{machine.name}")
@@ -476,8 +481,12 @@ class Simulation:
         with use_system(System(clock=self.machines[0].clock, open_database_journal=self.database.open_journal)):
             self._check_enrolment()
             for machine in self.machines:
-                for part in find_leftovers(machine.data):
-                    record_missing_heads(recover_log(part).path)
+                for part in find_leftovers(machine.data):  # as `recover` does
+                    finished = (
+                        recover_log(part) if self._leases is None else self.parts.leases(self._leases).recover(part)
+                    )
+                    if finished is not None:
+                        record_missing_heads(finished.path)
             self._gather()
             self._check_logs()
             self._check_ends()

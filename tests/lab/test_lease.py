@@ -21,7 +21,6 @@ from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.recruitment import ParticipantArrived, Recruitment, hash_link_token
 from minihuman.experiment.machine.inputs import Stop
 from minihuman.experiment.protocol.protocol import decode_protocol
-from minihuman.log.paths import session_folder
 from minihuman.log.record.disk import GroupCommit
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.connection import Connection, ConnectionFactory, HostStorage, TurnedAway, start_host
@@ -293,29 +292,6 @@ def test_only_the_server_that_ended_a_session_finishes_its_log_after_a_kill(
     one.finish_ended()
     assert [path.name for path in part.parent.iterdir()] == ["sub-01_ses-01.mcap"]
     assert table.read_files(lease.session) == {}
-
-
-def test_a_part_that_another_server_has_gone_on_with_is_put_aside_at_the_start_and_the_newest_is_kept(
-    table: MemoryLeaseTable, clock: Clock, tmp_path: Path
-) -> None:
-    protocol = decode_protocol(study(tmp_path, episodes=1, max_steps=4).read_bytes())
-    leases, machines = SessionLeases(table, clock=clock), [tmp_path / name for name in ("first", "second")]
-    parts = [session_folder(data, "tried", "sub-01", 1) / PART for data in machines]
-    for part in parts:
-        part.parent.mkdir(parents=True)
-    parts[0].write_bytes(b"copied, handed over")
-    parts[1].write_bytes(b"copied, handed over, gone on with, and not copied")
-    lease = leases.acquire(name_session("tried", "sub-01", 1))
-    assert leases.claims(lease, parts[0]), "nothing was copied yet"
-    lease.follow(lambda: parts[1], lambda: 1)
-    leases.renew([lease])
-    with parts[1].open("ab") as file:
-        file.write(b" later")
-    table.release(lease.session, lease.grant.fence)  # it was cut off, so it did not end for good
-    for data in machines:
-        Arrivals(protocol, data, SessionLeases(table, clock=clock)).finish_ended()
-    assert [path.name for path in parts[0].parent.iterdir()] == [f"{PART}.superseded-1"]
-    assert [path.name for path in parts[1].parent.iterdir()] == [PART]
 
 
 def test_a_page_whose_session_turns_out_to_be_complete_comes_again_and_is_told_so(

@@ -1156,11 +1156,8 @@ def mixed_model(rows: pd.DataFrame, terms: Sequence[str], groups: Sequence[str])
         fixed[number, :many, [group, len(groups) + group]] = np.array([np.ones(many), at[its]])
         random[number, :many] = np.column_stack([np.ones(many), at[its] / unit])
         value[number, :many, 0] = rows["value"][its]
-    none = (
-        "p",
-        "A linear mixed model of the same is not reported: its likelihood has no maximum with variance both between and "
-        "within participants.",
-    )
+    why = "its likelihood has no maximum with variance both between and within participants"
+    none = "p", f"A linear mixed model of the same is not reported: {why}."
     flat = np.hstack([fixed.reshape(-1, 2 * len(groups)), value.reshape(-1, 1)])
     if np.linalg.matrix_rank(flat) < flat.shape[1]:
         return none
@@ -1192,9 +1189,7 @@ def mixed_model(rows: pd.DataFrame, terms: Sequence[str], groups: Sequence[str])
     nothing = restricted(np.zeros((2, 2)))[0]
     level = best(lambda x: np.diag([x[0] ** 2, 0.0]), (0.4,), (2.0,))
     singular = best(outer, (0.7, 0.3), (0.7, -0.3))
-    full = best(
-        lambda x: outer([x[0], x[1]]) + outer([0.0, x[2]]), (0.7, 0.3, 0.4), (0.7, -0.3, 0.4), (0.2, 0.0, 1.0)
-    )
+    full = best(lambda x: outer([x[0], x[1]]) + outer([0.0, x[2]]), (0.7, 0.3, 0.4), (0.7, -0.3, 0.4), (0.2, 0.0, 1.0))
     for (likelihood, estimates, spread, ratio), less in ((full, singular[0]), (level, nothing)):
         if likelihood <= less + 1e-3 or ratio > 500:
             continue

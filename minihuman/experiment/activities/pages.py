@@ -75,7 +75,9 @@ class PagesActivity(Activity):
         plan: PagePlan = self.part.plan
         self.phase = Phase.CONSENT if plan.agree else Phase.CLOSING if plan.closing else Phase.PAGE
         self._reader = PageReader(len(plan.pages))
-        self._pictures = {number: _decode_png(png) for number, png in enumerate(plan.pictures)}
+        self._pictures = {
+            number: np.asarray(Image.open(io.BytesIO(png)).convert("RGB")) for number, png in enumerate(plan.pictures)
+        }
         self._marks: tuple[PictureLabel, ...] = ()
         self._open: PageScreen | None = None
         if plan.example is not None:
@@ -145,10 +147,6 @@ class PagesActivity(Activity):
 def build_page_shown(part: int, reader: PageReader, shown: ScreenShown) -> PageShown:
     """Say that the open page reached the display."""
     return PageShown(shown.t_ns, part, reader.page + 1, reader.pages, shown.submit_ns, shown.flip_ns)
-
-
-def _decode_png(png: bytes) -> NDArray[np.uint8]:
-    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
 
 
 def _draw_example(context: SessionContext, example: ExampleSpec) -> tuple[NDArray[np.uint8], tuple[PictureLabel, ...]]:

@@ -301,16 +301,12 @@ def _find_world_errors(block: BlockSpec) -> Iterator[tuple[str, str]]:
                 meant = f"; did you mean {close[0]!r}?" if close else ""
                 yield (
                     field,
-                    f"names {name!r}, which {block.world} does not have; its actions are {_join_names(known)}{meant}",
+                    f"names {name!r}, which {block.world} does not have; its actions are {', '.join(known)}{meant}",
                 )
     if limit is not None and block.max_steps > limit:
         more = f"options = {{ max_steps = {block.max_steps} }} if it has that option"
         asked = f"ask for {limit} or fewer, or give the world more with {more}"
         yield "max_steps", f"is {block.max_steps}, but {block.world} ends an episode after {limit} steps; {asked}"
-
-
-def _join_names(names: tuple[str, ...]) -> str:
-    return ", ".join(names)
 
 
 def _explain_world_error(block: BlockSpec, error: WorldError) -> str:
