@@ -82,8 +82,8 @@ class MachineClock(SystemClock):
 class ServerLoop(asyncio.BaseEventLoop):
     """The event loop of one server process, run up to where it would wait.
 
-    ``asyncio`` promises nothing of ``_selector``, ``_ready``, ``_process_events`` and ``_write_to_self``: without them it would be
-    no loop at all, and no test of this folder would run.
+    ``asyncio`` promises nothing of ``_selector``, ``_ready``, ``_process_events`` and ``_write_to_self``: without them
+    it would be no loop at all, and no test of this folder would run.
 
     Args:
         schedule: the time.
