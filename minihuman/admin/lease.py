@@ -12,7 +12,6 @@ import abc
 import os
 import secrets
 import threading
-import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -20,10 +19,9 @@ from pathlib import Path
 
 from minihuman.dataset.journal import find_database_url
 from minihuman.errors import LogError
-from minihuman.log.paths import PART_SUFFIX
-from minihuman.log.record.finalization import put_aside
-from minihuman.log.system import monotonic_s, sync_folder
-from minihuman.operating_system import replace_durably
+from minihuman.log.paths import PART_SUFFIX, study_folder
+from minihuman.log.record.finalization import FinalizedLog, put_aside, recover_log
+from minihuman.log.system import current_system, monotonic_s, sync_folder, write_durably
 
 TTL_S = 10.0
 RENEWAL_INTERVAL_S = 3.0
@@ -208,20 +206,46 @@ class SessionLeases:
             if here is None or not (here.startswith(data) if grows else here == data):
                 if here is not None:
                     put_aside(path, SUPERSEDED)
-                with replace_durably(path) as file:
+                folder.mkdir(parents=True, exist_ok=True)
+                unfinished = path.with_name(f".{name}.restored")
+                with write_durably(unfinished) as file:
                     file.write(data)
-                for above in path.parents[1:4]:
+                current_system().disk.rename(unfinished, path)
+                for above in path.parents[:4]:
                     sync_folder(above)
-                stamp_s = time.time() - lease.grant.idle_s
-                os.utime(path, (stamp_s, stamp_s))
+                stamp_ns = current_system().clock.wall_ns() - round(lease.grant.idle_s * 1e9)
+                os.utime(path, ns=(stamp_ns, stamp_ns))
 
-    def claims(self, lease: Lease, part: Path) -> bool:
-        """Whether a live file that is here is how a session ended for good; else another server ended it.
+    def recover(self, part: Path, *, only_ended: bool = False) -> FinalizedLog | None:
+        """Finish a live file that a killed server left, under the session's lease and with all that was acknowledged.
+
+        Args:
+            part: the file.
+            only_ended: leave a session that can be resumed as it is.
+
+        Returns:
+            The log; None where there is none to finish: another server has gone on, and the file was put aside.
 
         Raises:
-            OSError: if the database cannot be asked, or the file cannot be read.
+            LeaseHeldError: if the session runs on another server.
+            OSError: if the database cannot be asked, or a file cannot be read or written.
+            LogError: if the log cannot be finished.
         """
-        return bool(lease.grant.ended) and self._table.read_files(lease.session).get(part.name) == part.read_bytes()
+        session = int(part.parent.name.removeprefix("ses-"))
+        lease = self.acquire(name_session(study_folder(part).name, part.parent.parent.name, session))
+        try:
+            if not lease.grant.ended and not only_ended:
+                self.restore(lease, part.parent)
+            elif lease.grant.ended and self._table.read_files(lease.session).get(part.name) != part.read_bytes():
+                put_aside(part, SUPERSEDED)
+            if not part.exists() or (only_ended and not lease.grant.ended):
+                return None
+            finished = recover_log(part)
+            if finished.readable:
+                self.store(lease, None if lease.grant.ended else finished.path)
+            return finished
+        finally:
+            self.release(lease)
 
     def renew(self, leases: Sequence[Lease]) -> None:
         """Renew leases, and copy what was recorded since.

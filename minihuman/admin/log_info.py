@@ -14,6 +14,7 @@ import numpy as np
 
 from minihuman.admin.enrolment_entries import NO_NOTE, AuditNote, LogRecovered
 from minihuman.admin.enrolment_log import now_text, record_intervention
+from minihuman.admin.lease import SessionLeases, open_lease_table
 from minihuman.admin.manifest import record_log_end, record_missing_heads
 from minihuman.admin.session_index import SessionSummary
 from minihuman.dataset.measures import playing_s, response_ms
@@ -24,7 +25,7 @@ from minihuman.log import topics
 from minihuman.log.model.session_log import CUT_OFF, EpisodeLog, Segment, SessionLog
 from minihuman.log.paths import PART_SUFFIX, raise_as_log_error, study_folder
 from minihuman.log.read.reader import LogReader, read_segment_starts
-from minihuman.log.record.finalization import find_leftovers, recover_log, repair_log
+from minihuman.log.record.finalization import FinalizedLog, find_leftovers, recover_log, repair_log
 from minihuman.log.salvage.summary_section import all_ended_cleanly
 
 _READ = frozenset({topics.PLAN, topics.EPISODE_END, topics.SKIP, topics.PART_END, topics.SESSION_END})
@@ -212,13 +213,21 @@ def recover_logs(given: Iterable[Path], note: AuditNote = NO_NOTE) -> Iterator[R
                     _record_recovery(log, what, note)
                     yield RecoveryResult(f"{log}: {what}")
                     continue
-                finished = recover_log(log) if log.name.endswith(PART_SUFFIX) else repair_log(log)
+                finished = _recover(log) if log.name.endswith(PART_SUFFIX) else repair_log(log)
+                if finished is None:
+                    yield RecoveryResult(f"{log}: another server has gone on with this session, so it was put aside")
+                    continue
                 if finished.readable:
                     record_log_end(finished.path)
                     _record_recovery(finished.path, f"ended: {finished.end_reason}; {finished.damage}", note)
                 yield RecoveryResult(finished.describe(), finished.damaged)
             except MinihumanError as error:
                 yield error
+
+
+def _recover(part: Path) -> FinalizedLog | None:
+    table = open_lease_table(study_folder(part))
+    return recover_log(part) if table is None else SessionLeases(table).recover(part)
 
 
 def _record_recovery(log: Path, what: str, note: AuditNote) -> None:

@@ -74,7 +74,9 @@ def format_payments_csv(paid: Iterator[Payment]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([field.name for field in fields(Payment)])
-    writer.writerows(_row(one) for one in paid)
+    writer.writerows(
+        tuple(f"{value:.2f}" if isinstance(value, float) else value for value in astuple(one)) for one in paid
+    )
     return text.getvalue()
 
 
@@ -85,7 +87,3 @@ def format_platform_payments(paid: Iterator[Payment], platform: str) -> str:
         if one.platform == platform:
             sums[one.id] = sums.get(one.id, 0.0) + one.bonus
     return "".join(f"{who},{amount:.2f}\n" for who, amount in sums.items() if amount > 0)
-
-
-def _row(one: Payment) -> tuple[object, ...]:
-    return tuple(f"{value:.2f}" if isinstance(value, float) else value for value in astuple(one))

@@ -450,7 +450,8 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         try:
             for one in skipped:
                 sessions.skip(one)
-            now = {_key(path, sessions.source): path for path in paths}
+            whole = sessions.source.is_dir()
+            now = {str(path.relative_to(sessions.source)) if whole else path.name: path for path in paths}
             prints = {key: _fingerprint(path) for key, path in now.items()}
             try:
                 self._bring_up_to_date(now, prints)
@@ -686,10 +687,6 @@ def _read_cached_sessions(one: SessionRows) -> CachedSession:
 def _no_room(source: Path, error: duckdb.Error) -> QueryError:
     why = str(error).splitlines()[0]
     return QueryError(f"{source}: its tables cannot be made, beside it or in {tempfile.gettempdir()}: {why}")
-
-
-def _key(path: Path, source: Path) -> str:
-    return str(path.relative_to(source)) if source.is_dir() else path.name
 
 
 def _fingerprint(path: Path) -> str:

@@ -205,18 +205,6 @@ def _decode_part(message: v1.Part) -> PlannedPart:
     return PlannedPart(message.kind, message.name, plan)
 
 
-def _encode_bindings(keys: Mapping[str, str]) -> list[v1.Binding]:
-    return [v1.Binding(key=key, action=action) for key, action in keys.items()]
-
-
-def _decode_bindings(bindings: Iterable[v1.Binding]) -> dict[str, str]:
-    return {binding.key: binding.action for binding in bindings}
-
-
-def _encode_files(files: Mapping[str, bytes]) -> list[v1.ProtocolFile]:
-    return [v1.ProtocolFile(name=name, content=content) for name, content in sorted(files.items())]
-
-
 POSE = MessageCodec(Pose, v1.Pose)
 _WALL = CustomCodec(_encode_wall, attrgetter("x0", "z0", "x1", "z1"))
 _MAP = MessageCodec(
@@ -228,7 +216,12 @@ _MAP = MessageCodec(
         "things": repeated("things", MessageCodec(Thing, v1.Thing)),
     },
 )
-_KEY_MAP = MessageCodec(KeyMap, v1.KeyMap, {"keys": FieldCodec("keys", _encode_bindings, _decode_bindings)})
+_KEY_BINDINGS = FieldCodec(
+    "keys",
+    lambda keys: [v1.Binding(key=key, action=action) for key, action in keys.items()],
+    lambda bindings: {one.key: one.action for one in bindings},
+)
+_KEY_MAP = MessageCodec(KeyMap, v1.KeyMap, {"keys": _KEY_BINDINGS})
 _EPISODE_PLAN = MessageCodec(
     EpisodePlan,
     v1.EpisodePlan,
@@ -251,7 +244,11 @@ _SESSION_PLAN = MessageCodec(
         "language": FieldCodec("language", decode=lambda language: language or ENGLISH),
         "standing": json_field("standing_json", ResumeState, default="{}"),
         "bonus": json_field("bonus_json", BonusSpec | None),
-        "files": FieldCodec("files", _encode_files, lambda files: {one.name: one.content for one in files}),
+        "files": FieldCodec(
+            "files",
+            lambda files: [v1.ProtocolFile(name=name, content=content) for name, content in sorted(files.items())],
+            lambda files: {one.name: one.content for one in files},
+        ),
     },
 )
 

@@ -188,13 +188,9 @@ def _analysis(protocol: Protocol) -> Iterator[str]:
     named_too = [name for name in (named.primary_measure, *named.secondary_measures) if name]
     yield f"\nThe measures{' that are named' if named_too else ''}:\n"
     yield from (
-        f"- `{name}`: {label_measure(name)}{_formula(name)}."
+        f"- `{name}`: {label_measure(name)}{f'; {FORMULAS[name]}' if name in FORMULAS else ''}."
         for name in named_too or (one for one in MEANINGS if one not in ONLY_IF_NAMED)
     )
-
-
-def _formula(measure: str) -> str:
-    return f"; {FORMULAS[measure]}" if measure in FORMULAS else ""
 
 
 def _hypothesis(protocol: Protocol) -> str:

@@ -378,8 +378,13 @@ def _send_events(recording: rr.RecordingStream, root: str, log: SessionLog, mome
     """Readable lines: episodes, key presses, pauses and notes, in order of time."""
     lines = [line for episode in log.episodes for line in _episode_lines(episode)]
     lines += [
-        (press.t_ns, "INFO" if press.verdict in ("accepted", "queued") else "WARN", _press_line(press))
-        for press in _downs(log)
+        (
+            press.t_ns,
+            "INFO" if press.verdict in ("accepted", "queued") else "WARN",
+            f"key {press.key}: {press.verdict.replace('_', ' ')} ({press.phase})",
+        )
+        for press in log.keys
+        if press.down and press.verdict != "repeat"
     ]
     for note in log.notes:
         match note:
@@ -393,14 +398,6 @@ def _send_events(recording: rr.RecordingStream, root: str, log: SessionLog, mome
     if lines:
         columns = rr.TextLog.columns(text=[line[2] for line in lines], level=[line[1] for line in lines])
         recording.send_columns(f"{root}/events", moments.columns([line[0] for line in lines]), columns)
-
-
-def _downs(log: SessionLog) -> list[KeyPressed]:
-    return [press for press in log.keys if press.down and press.verdict != "repeat"]
-
-
-def _press_line(press: KeyPressed) -> str:
-    return f"key {press.key}: {press.verdict.replace('_', ' ')} ({press.phase})"
 
 
 def _episode_lines(episode: EpisodeLog) -> list[tuple[int, str, str]]:

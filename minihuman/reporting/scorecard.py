@@ -303,7 +303,11 @@ def format_scorecard(card: Scorecard) -> str:
             [
                 *(line.player, str(line.runs), str(line.levels), _interval(line.score.success)),
                 *(_interval(line.score.efficiency), _interval(line.score.normalised)),
-                *(_interval(line.score.relative_efficiency), _number(line.excess_steps), _price(line.costs)),
+                *(
+                    _interval(line.score.relative_efficiency),
+                    _number(line.excess_steps),
+                    f"{line.costs.price:.4f} {line.costs.currency}".strip() if line.costs.calls else "",
+                ),
             ]
         )
         for line in card.players
@@ -321,10 +325,6 @@ def _interval(one: Estimate) -> str:
 
 def _number(value: float) -> str:
     return "" if np.isnan(value) else f"{value:.1f}"
-
-
-def _price(costs: Costs) -> str:
-    return f"{costs.price:.4f} {costs.currency}".strip() if costs.calls else ""
 
 
 def _values(line: ScoredPlayer) -> Mapping[str, object]:

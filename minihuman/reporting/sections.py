@@ -355,17 +355,18 @@ def exclusions_section(rows: pd.DataFrame) -> ExclusionsSection | None:
     counts = single.groupby(["exclusion_reason", "level"]).size().reset_index(name="count")
     totals = [(row["exclusion_reason"], row["level"], str(row["count"])) for row in to_records(counts)]
     each = [
-        (row["exclusion_reason"], row["participant"], str(row["session"]), _which(row["episode"]))
+        (
+            row["exclusion_reason"],
+            row["participant"],
+            str(row["session"]),
+            "all" if pd.isna(row["episode"]) else str(row["episode"]),
+        )
         for row in to_records(rows)
     ]
     return ExclusionsSection(
         Table(("reason", "level", "removed"), totals, words=2),
         Table(("reason", "participant", "session", "episode"), each, words=2),
     )
-
-
-def _which(episode: Any) -> str:
-    return "all" if pd.isna(episode) else str(episode)
 
 
 def skipped_table(logs: Sequence[SkippedLog]) -> Table:
@@ -509,7 +510,15 @@ def flow_table(
 
     rows = [of_all("came", found.came), *(of_all(what, count) for what, count in found.before.items())]
     rows.append(row("allocated to a group", found.allocated))
-    rows += [row(what, counts) for what, counts in _parted(found) if counts]
+    rows += [
+        row(what, counts)
+        for what, counts in (
+            ("withdrew afterwards", found.withdrew),
+            ("did not return, slot reallocated", found.replaced),
+            ("no data recorded so far", found.without_data),
+        )
+        if counts
+    ]
     many = len(found.courses) > 1
     for number, course in found.courses.items():
         session = f"session {number}: " if many else ""
@@ -527,11 +536,3 @@ def flow_table(
     rows += [row(f"excluded: {reason}", counts) for reason, counts in (excluded or {}).items()]
     rows.append(row("included in this report", counting))
     return Table(("participants", "all", *groups), rows)
-
-
-def _parted(found: ParticipantFlow) -> tuple[tuple[str, GroupCounts], ...]:
-    return (
-        ("withdrew afterwards", found.withdrew),
-        ("did not return, slot reallocated", found.replaced),
-        ("no data recorded so far", found.without_data),
-    )

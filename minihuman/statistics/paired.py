@@ -3,7 +3,6 @@ a measure changes over a block's episodes: a line for each person, then a compar
 """
 
 import math
-import warnings
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -11,7 +10,7 @@ from itertools import combinations, product
 
 import numpy as np
 import pandas as pd
-from scipy import special
+from scipy import optimize, special
 
 from minihuman.statistics.comparison import (
     ALPHA,
@@ -250,8 +249,17 @@ class MixedModel:
     terms: tuple[GrowthTerm, ...]  # those of ``GrowthComparison``; empty where no model converged
 
 
+MIN_GAIN = 1e-3  # of a log-likelihood, from which on a part of a mixed model counts
+_MAX_RATIO = 1e3  # of an SD of people to the residual one; at half of it the likelihood is said to have no maximum
+
+
 def fit_mixed_model(rows: pd.DataFrame, measure: str, groups: Sequence[str]) -> MixedModel | None:
-    """Fit group, episode and their product, with a random intercept and, if that converges, a slope of each person.
+    """Fit group, episode and their product by REML, with a random intercept and slope of each person, or an intercept.
+
+    Two programs need not stop at the same last digits, so each choice has a margin: slopes are kept where the
+    log-likelihood is higher by more than ``MIN_GAIN`` than with any singular covariance of intercept and slope, which
+    is that of no slopes, too; the intercept where it is higher by as much than without one. Where neither is, or the
+    likelihood has no maximum, no model is reported.
 
     Intervals and p are Wald's with a t of as many degrees of freedom as there are people above groups, since the
     groups' terms differ between people. The last group is the reference. None with fewer than two such degrees.
@@ -261,8 +269,6 @@ def fit_mixed_model(rows: pd.DataFrame, measure: str, groups: Sequence[str]) -> 
         measure: its column.
         groups: those that are compared.
     """
-    from statsmodels.regression.mixed_linear_model import MixedLM  # 0.8 s, which only a report should wait
-
     told = rows[rows["group"].isin(groups)].dropna(subset=[measure])
     *others, reference = groups
     people = told["participant"].nunique()
@@ -271,40 +277,68 @@ def fit_mixed_model(rows: pd.DataFrame, measure: str, groups: Sequence[str]) -> 
         return None
     at = (told["episode_in_block"] - told["episode_in_block"].mean()).to_numpy(float)
     shares = np.column_stack([np.ones(len(at)), *((told["group"] == group).to_numpy(float) for group in others)])
-    design = np.column_stack([shares, shares * at[:, None]])
+    design = np.column_stack([shares, shares * at[:, None], told[measure].to_numpy(float)])
     names = [
         label
         for name in (f"{measure} in the middle of the block", "change an episode")
         for label in (f"{reference}: {name}", *(f"{group} minus {reference}: {name}" for group in others))
     ]
-    for has_slopes in (True, False):
-        random = np.column_stack([np.ones(len(at)), at])[:, : 1 + has_slopes]
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            try:
-                model = MixedLM(told[measure].to_numpy(float), design, told["participant"].to_numpy(), random)
-                found = model.fit(reml=True, method=["lbfgs", "bfgs"])
-                singular = np.linalg.eigvalsh(found.cov_re / found.scale).min() < 1e-4
-            except (np.linalg.LinAlgError, ZeroDivisionError):
-                continue
-        errors = np.asarray(found.bse_fe)
-        if (
-            not found.converged
-            or singular
-            or np.isnan(errors).any()
-            or any("onverge" in str(w.message) for w in caught)
-        ):
-            continue
-        estimates = np.asarray(found.fe_params)
-        half = special.stdtrit(freedom, (1 + LEVEL) / 2) * errors
-        ps = 2 * special.stdtr(freedom, -np.abs(estimates / errors))
-        ps[0] = math.nan  # a test of a level against 0 means nothing
-        terms = tuple(
-            GrowthTerm(name, float(b), (float(b - h), float(b + h)), float(p), people)
-            for name, b, h, p in zip(names, estimates, half, ps, strict=True)
-        )
-        return MixedModel(has_slopes, people, terms)
-    return MixedModel(False, people, ())
+    if np.linalg.matrix_rank(design) < design.shape[1]:  # the terms cannot be told apart, or explain everything
+        return MixedModel(False, people, ())
+    nothing, level, singular, slopes = (_fit_reml(design, at, told["participant"], free) for free in range(4))
+    chosen = next((fit for fit, less in ((slopes, singular), (level, nothing)) if fit[0] > less[0] + MIN_GAIN), None)
+    if chosen is None:
+        return MixedModel(False, people, ())
+    _, estimates, errors = chosen
+    half = special.stdtrit(freedom, (1 + LEVEL) / 2) * errors
+    ps = 2 * special.stdtr(freedom, -np.abs(estimates / errors))
+    ps[0] = math.nan  # a test of a level against 0 means nothing
+    terms = tuple(
+        GrowthTerm(name, float(b), (float(b - h), float(b + h)), float(p), people)
+        for name, b, h, p in zip(names, estimates, half, ps, strict=True)
+    )
+    return MixedModel(chosen is slopes, people, terms)
+
+
+def _fit_reml(design: Values, at: Values, person: "pd.Series[str]", free: int) -> tuple[float, Values, Values]:
+    """The restricted maximum likelihood of random lines of people, as lme4 profiles it (Bates et al., 2015, 3.4).
+
+    Args:
+        design: the terms, and last the measure.
+        at: where on a line each row is.
+        person: whose each row is.
+        free: so many of the covariance's parameters are free, and the others 0: the SD of intercepts, what slopes share
+            with them, and the variance of the rest of slopes, over the residual variance.
+
+    Returns:
+        Its logarithm but for a constant, minus infinity without a maximum; the estimates, and their standard errors.
+    """
+    own = np.column_stack([np.ones(len(at)), at / at.std()])
+    whose = pd.get_dummies(person).to_numpy(float)
+    among = np.einsum("rp,ra,rb->pab", whose, own, own)
+    between = np.einsum("rp,ra,rb->pab", whose, own, design)
+    freedom = len(design) - design.shape[1] + 1
+
+    def profile(entries: Sequence[float]) -> tuple[float, Values, Values]:
+        first, shared, rest = (*entries, 0.0, 0.0, 0.0)[:3]
+        factor = np.array([[first, 0.0], [shared, math.sqrt(rest)]])  # a square root: rest = 0 is no saddle
+        inner, outer = np.eye(2) + factor.T @ among @ factor, factor.T @ between
+        left = design.T @ design - np.einsum("pia,pib->ab", outer, np.linalg.solve(inner, outer))
+        terms = left[:-1, :-1]
+        estimates = np.linalg.solve(terms, left[:-1, -1])
+        variance = max((left[-1, -1] - left[-1, :-1] @ estimates) / freedom, np.finfo(float).tiny)
+        logs = freedom * math.log(variance) + np.linalg.slogdet(inner)[1].sum() + np.linalg.slogdet(terms)[1]
+        return float(logs) / 2, estimates, np.sqrt(variance * np.diag(np.linalg.inv(terms)))
+
+    bounds = ((0, _MAX_RATIO), (-_MAX_RATIO, _MAX_RATIO), (0, _MAX_RATIO))[:free]
+    starts = ((0.5, 0.1, 0.1), (0.5, -0.1, 0.1))[: min(free, 2)]
+    found = [
+        optimize.minimize(lambda x: profile(x)[0], start[:free], bounds=bounds, tol=1e-10).x.tolist()
+        for start in starts
+    ]
+    best = min(found, key=lambda x: profile(x)[0], default=())
+    loss, estimates, errors = profile(best)
+    return -loss if np.all(np.abs(best) < _MAX_RATIO / 2) else -math.inf, estimates, errors
 
 
 def estimate_mean(name: str, values: Values) -> GrowthTerm:

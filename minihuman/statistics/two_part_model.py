@@ -57,7 +57,7 @@ def has_mass_at_zero(values: Values) -> bool:
 def compare_two_parts(rows: pd.DataFrame, measure: str, groups: tuple[str, str]) -> TwoPartComparison:
     """Compare two groups; ``rows`` has one row an episode, with group, participant and the measure."""
     told = {group: _each(rows[rows["group"].astype(str) == group], measure) for group in groups}
-    above = {group: _above(each) for group, each in told.items()}
+    above = {group: [one[one > 0] for one in each if (one > 0).any()] for group, each in told.items()}
     a, b = groups
     n = len(told[a]), len(told[b])
     shares = tuple(
@@ -138,10 +138,6 @@ def _each(rows: pd.DataFrame, measure: str) -> list[Values]:
     """Each person's episodes."""
     told = rows.dropna(subset=[measure])
     return [part.to_numpy(np.float64) for _, part in told.groupby("participant")[measure]]
-
-
-def _above(people: Sequence[Values]) -> list[Values]:
-    return [one[one > 0] for one in people if (one > 0).any()]
 
 
 def summarise_people(rows: pd.DataFrame, measure: str) -> Values:

@@ -4,6 +4,7 @@ A link has an unguessable token behind the #, which browsers send to no server. 
 the disk, so it must not run on the event loop.
 """
 
+import logging
 import re
 from collections.abc import Container, Mapping
 from contextlib import suppress
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 from minihuman.admin.enrolment_log import free_slot
-from minihuman.admin.lease import SUPERSEDED, Lease, LeaseHeldError, SessionLeases, name_session
+from minihuman.admin.lease import Lease, LeaseHeldError, SessionLeases, name_session
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import is_session_complete, plan_next_session
 from minihuman.admin.recruitment import LinkIssued, ParticipantArrived, PlatformId, Recruitment, hash_link_token
@@ -25,8 +26,9 @@ from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.protocol.specs import RecruitmentPlatform
 from minihuman.log.paths import PART_SUFFIX, list_sessions, session_folder
 from minihuman.log.read.session_reader import read_log
-from minihuman.log.record.finalization import find_leftovers, put_aside, recover_log
+from minihuman.log.record.finalization import find_leftovers
 
+LOG = logging.getLogger("minihuman")
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{22}")  # 16 random bytes, as secrets.token_urlsafe writes them
 
 
@@ -149,7 +151,8 @@ class Arrivals:
             return self._admit(arrival, who)
         except LeaseHeldError:
             return Rejection("wait")
-        except (AllocationError, LogError):
+        except (AllocationError, LogError) as error:
+            LOG.warning("a participant was refused: %s", error)
             return Rejection("broken")
 
     def plan(self, admission: Admission) -> SessionPlan:
@@ -307,13 +310,7 @@ class Arrivals:
             LogError: if a log cannot be finished.
         """
         for part in find_leftovers(self._study_dir) if self.leases is not None else ():
-            assert self.leases is not None
-            session = int(part.parent.name.removeprefix("ses-"))
             with suppress(LeaseHeldError):
-                lease = self.leases.acquire(name_session(self.protocol.study.name, part.parent.parent.name, session))
-                if lease.grant.ended and not self.leases.claims(lease, part):
-                    put_aside(part, SUPERSEDED)
-                elif lease.grant.ended and (finished := recover_log(part)).readable:
+                finished = self.leases and self.leases.recover(part, only_ended=True)
+                if finished and finished.readable:
                     record_log_end(finished.path)
-                    self.leases.store(lease, None)
-                self.leases.release(lease)

@@ -117,7 +117,9 @@ class ComputedEpisode:
     def compare(self, message: KeyMessage | TickMessage, events: Sequence[Event]) -> str:
         """Compare a message's step in the page with the session's; how they differ, "" if known or they do not."""
         stepped = next((event for event in events if isinstance(event, Stepped)), None)
-        own = "" if stepped is None else self._digest(stepped)
+        own = ""
+        if stepped is not None:
+            own = self._world.digest(stepped.reward, terminated=stepped.terminated, truncated=stepped.truncated)
         if message.digest == own:
             if own:
                 self._differs, self._unknown = False, 0
@@ -134,9 +136,6 @@ class ComputedEpisode:
             return f"{cause} made a step of episode {self.play.plan.episode + 1} in the page, and none here"
         where = f"step {stepped.step} of episode {stepped.episode + 1}"
         return f"{where} was computed otherwise in the page: its digest is {message.digest}, here it is {own}"
-
-    def _digest(self, stepped: Stepped) -> str:
-        return self._world.digest(stepped.reward, terminated=stepped.terminated, truncated=stepped.truncated)
 
 
 def _describe_grid(

@@ -22,7 +22,7 @@ from weakref import WeakValueDictionary
 from minihuman.admin.lease import SUPERSEDED, SessionLeases
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.remote_store import STORE_URL_FILE_NAME, RemoteStoreError
-from minihuman.errors import LogError, MinihumanError
+from minihuman.errors import AllocationError, LogError, MinihumanError
 from minihuman.experiment.machine.events import FINAL_END_REASONS, Event, SessionStarted
 from minihuman.experiment.machine.inputs import ExperimenterCommand, Stop
 from minihuman.experiment.machine.session import build_session
@@ -414,7 +414,8 @@ class Connection:
             self._closed = True
             try:
                 self.path = self._hosted.recorder.close()
-            except LogError:
+            except LogError as error:
+                LOG.warning("a session's log was not finished: %s", error)
                 self.broken = True
             finally:
                 self.host.close_agent()
@@ -575,10 +576,12 @@ class ConnectionFactory:
 
         try:
             hosted = await asyncio.to_thread(self._hosted, admission, facts, wake, ask_team)
-        except (MinihumanError, OSError):
+        except (MinihumanError, OSError) as error:
             if admission.lease is not None and self._arrivals.leases is not None:
                 await asyncio.to_thread(self._arrivals.leases.release, admission.lease)
-            return self._turned("broken")
+            LOG.warning("a session was not started: %s", error)
+            # no database, or a log that another server left was complete: the page comes again, and is told
+            return TurnedAway("wait", "") if isinstance(error, OSError | AllocationError) else self._turned("broken")
         connection = Connection(admission, hosted, self._inbox(admission), self._arrivals.leases)
         self._connections[admission.key] = connection
         opened.append(connection)

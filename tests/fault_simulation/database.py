@@ -1,14 +1,17 @@
-"""A database that holds journals: it may be away, or lose a commit or the word of it. Rows in memory."""
+"""A database that holds journals and leases: away, cut off from one server, or losing a commit or the word of it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
+from minihuman.admin.lease import LeaseGrant, LeaseRenewal
 from minihuman.dataset.journal import Journal, LineChain, LineDecoder, LockedJournal
 from tests.fault_simulation.schedule import Schedule
+from tests.lab.lease_table import MemoryLeaseTable
 
+T = TypeVar("T")
 URL = "postgresql://simulated/study"
 
 
@@ -27,6 +30,8 @@ class Database:
         self.schedule = schedule
         self.rows: dict[str, list[bytes]] = {}
         self.away = False
+        self.cut_off: set[str] = set()  # the machines that cannot reach it
+        self.asker = ""  # the machine whose turn it is
         self.lost_commits = 0.0  # probability that a commit is undone, and the program is told so
         self.lost_answers = 0.0  # that it is done, and the program hears that it failed
 
@@ -38,20 +43,62 @@ class Database:
 
     def ask(self) -> None:
         """Refuse where it is away."""
-        if self.away:
+        if self.away or self.asker in self.cut_off:
             raise DatabaseError("the database cannot be queried: connection refused")
 
     def commit(self, name: str, rows: list[bytes]) -> None:
         """End a transaction."""
+        self.transact(f"{name}: {len(rows)} rows", lambda: self.rows.__setitem__(name, rows))
+
+    def transact(self, what: str, do: Callable[[], T]) -> T:
+        """Do something, or lose it, or lose the word of it."""
         self.ask()
         if self.schedule.chance(self.lost_commits):
-            self.schedule.note(f"commit of {name} lost")
+            self.schedule.note(f"lost: {what}")
             raise DatabaseError("the database cannot be queried: the connection was lost")
-        self.schedule.note(f"commit of {name}: {len(rows)} rows")
-        self.rows[name] = rows
+        self.schedule.note(f"commit of {what}")
+        found = do()
         if self.schedule.chance(self.lost_answers):
-            self.schedule.note(f"answer of {name} lost")
+            self.schedule.note(f"answer lost: {what}")
             raise DatabaseError("the database cannot be queried: the connection was lost")
+        return found
+
+
+class LeaseDatabase(MemoryLeaseTable):
+    """The leases of a study, in the same database and on its clock.
+
+    Args:
+        database: where they are.
+    """
+
+    def __init__(self, database: Database) -> None:
+        super().__init__(lambda: database.schedule.now_ns / 1e9)
+        self._database = database
+
+    def acquire(self, session: str) -> LeaseGrant | None:
+        """Lease a session, or mark it as wanted."""
+        return self._database.transact(f"acquire {session}", lambda: super(LeaseDatabase, self).acquire(session))
+
+    def renew(self, renewals: Sequence[LeaseRenewal]) -> dict[str, bool]:
+        """Renew leases and add to the copies."""
+        return self._database.transact("renew", lambda: super(LeaseDatabase, self).renew(renewals))
+
+    def store(self, session: str, fence: int, files: Mapping[str, bytes]) -> bool:
+        """Replace the copies."""
+        return self._database.transact(
+            f"store {session}", lambda: super(LeaseDatabase, self).store(session, fence, files)
+        )
+
+    def read_files(self, session: str) -> dict[str, bytes]:
+        """The copies."""
+        self._database.ask()
+        return super().read_files(session)
+
+    def release(self, session: str, fence: int, *, ended: str = "") -> bool:
+        """End a lease."""
+        return self._database.transact(
+            f"release {session} {ended}", lambda: super(LeaseDatabase, self).release(session, fence, ended=ended)
+        )
 
 
 class DatabaseJournal(Journal[Any]):

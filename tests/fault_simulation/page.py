@@ -100,6 +100,7 @@ class Tab:
         self.welcomed = False
         self.finished = False
         self._refusal = ""
+        self.home: Any = None  # the machine that it came to last
         self._retry_s = 0.2
         self._screen: dict[str, Any] = {}
         self._playing: dict[str, Any] | None = None

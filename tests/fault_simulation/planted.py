@@ -1,13 +1,18 @@
 """Planted faults, one of each class: what a programmer might get wrong, and what once was wrong here."""
 
 import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from minihuman.admin.enrolment_entries import SlotFreed, open_enrolment_log
 from minihuman.admin.enrolment_log import now_text
+from minihuman.admin.lease import Lease, LeaseGrant, LeaseRenewal, SessionLeases
+from minihuman.log.record.finalization import FinalizedLog, recover_log
 from minihuman.log.system import current_system
 from minihuman.web.connection import Connection
-from tests.fault_simulation.database import Database, DatabaseError
+from tests.fault_simulation.database import Database, DatabaseError, LeaseDatabase
 from tests.fault_simulation.page import Press, Tab
 from tests.fault_simulation.simulation import Parts, ScheduledCommit, Server
 from tests.fault_simulation.volume import ProcessDisk
@@ -140,6 +145,52 @@ class TabsMixed(Server):
         await super()._serve(page, connection, hello)
 
 
+class AcknowledgedBeforeCopied(SessionLeases):
+    """A lease acknowledges what is on this machine's disk, and not yet in the database."""
+
+    def acquire(self, session: str) -> Lease:
+        """Give a lease that counts every write as copied."""
+        lease = super().acquire(session)
+        return _Eager(lease.session, lease.grant, lease.renewed_s)
+
+
+class _Eager(Lease):
+    def count_acknowledgeable(self, now_s: float) -> int:
+        return -1 if self.lost else self._count_writes()
+
+
+class ResumedFromOwnFile(SessionLeases):
+    """A server resumes what it has itself, whatever another one has recorded since."""
+
+    def restore(self, lease: Lease, folder: Path) -> None:
+        """Leave the folder as it is."""
+
+
+class OutdatedFileKept(SessionLeases):
+    """A live file that another server has gone on with is taken for what the session ended with."""
+
+    def recover(self, part: Path, *, only_ended: bool = False) -> FinalizedLog | None:
+        """Finish what is here, whatever the database has."""
+        return super().recover(part, only_ended=only_ended) if only_ended else recover_log(part)
+
+
+class FenceIgnored(LeaseDatabase):
+    """A session is leased to whoever asks, and every holder may write: whose number is the newest is not looked at."""
+
+    def acquire(self, session: str) -> LeaseGrant | None:
+        """Give it away at once."""
+        self._row(session).until_s = float("-inf")
+        return super().acquire(session)
+
+    def renew(self, renewals: Sequence[LeaseRenewal]) -> dict[str, bool]:
+        """Take every renewal for the present holder's."""
+        return super().renew([replace(each, fence=self._row(each.session).fence) for each in renewals])
+
+    def release(self, session: str, fence: int, *, ended: str = "") -> bool:
+        """Take every release for the present holder's."""
+        return super().release(session, self._row(session).fence, ended=ended)
+
+
 PLANTED: dict[str, Parts] = {
     "acknowledged before fsync": Parts(disk=AcknowledgedBeforeFsync),
     "failed fsync swallowed": Parts(commit=FsyncErrorSwallowed),
@@ -154,6 +205,12 @@ PLANTED: dict[str, Parts] = {
     "time from the wall clock": Parts(server=TimeFromTheWallClock),
     "tabs mixed": Parts(server=TabsMixed),
 }
+PLANTED_IN_LEASES: dict[str, Parts] = {
+    "acknowledged before copied": Parts(leases=AcknowledgedBeforeCopied),
+    "resumed from its own file": Parts(leases=ResumedFromOwnFile),
+    "outdated file kept": Parts(leases=OutdatedFileKept),
+    "fence ignored": Parts(lease_table=FenceIgnored),
+}
 FOUND_BY = {  # the first seed that shows it
     "acknowledged before fsync": 1,
     "failed fsync swallowed": 14,
@@ -167,4 +224,10 @@ FOUND_BY = {  # the first seed that shows it
     "slot freed twice": 0,
     "time from the wall clock": 40,
     "tabs mixed": 1,
+}
+FOUND_BY_TWO = {
+    "acknowledged before copied": 12,
+    "resumed from its own file": 0,
+    "outdated file kept": 29,
+    "fence ignored": 3,
 }

@@ -82,8 +82,8 @@ class MachineClock(SystemClock):
 class ServerLoop(asyncio.BaseEventLoop):
     """The event loop of one server process, run up to where it would wait.
 
-    ``asyncio`` promises nothing of ``_selector``, ``_process_events`` and ``_write_to_self``: without them it would be
-    no loop at all, and no test of this folder would run.
+    ``asyncio`` promises nothing of ``_selector``, ``_ready``, ``_process_events`` and ``_write_to_self``: without them
+    it would be no loop at all, and no test of this folder would run.
 
     Args:
         schedule: the time.
@@ -118,6 +118,12 @@ class ServerLoop(asyncio.BaseEventLoop):
             self.idle_until_ns = None if timeout is None else self.schedule.now_ns + max(1, round(timeout * 1e9))
             self.stop()
         return []
+
+    @property
+    def has_work(self) -> bool:
+        """Whether a callback can be called now."""
+        ready: bool = bool(self._ready)  # type: ignore[attr-defined]
+        return ready or (self.idle_until_ns is not None and self.idle_until_ns <= self.schedule.now_ns)
 
     def run_until_idle(self) -> None:
         """Do all that can be done now."""

@@ -1,7 +1,8 @@
 """One run of a study under faults, from a seed, and what must be true of it afterwards.
 
-A run has one server and a few participants. Something goes wrong a few times, at moments that the seed chooses; then
-all of it works again, and everybody comes to an end. What the disk holds then is compared with what pages were told.
+A run has one server, or two on machines of their own that share a database and lease sessions from it, and a few
+participants, whose pages come to either. Something goes wrong a few times, at moments that the seed chooses; then
+all of it works again, and everybody comes to an end. What the disks hold then is compared with what pages were told.
 """
 
 import asyncio
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from minihuman.admin.enrolment_entries import SlotTaken, list_taken_slots, read_enrolment_log
+from minihuman.admin.lease import TTL_S, SessionLeases
 from minihuman.admin.manifest import record_missing_heads
 from minihuman.admin.recruitment import Recruitment, hash_link_token
 from minihuman.admin.verify.log import verify_enrolment, verify_session
@@ -26,7 +28,7 @@ from minihuman.errors import MinihumanError
 from minihuman.experiment.machine.events import KeyPressed, Noted, Stepped
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
-from minihuman.log.paths import find_log_folders, group_sessions, list_sessions, session_folder
+from minihuman.log.paths import LOG_SUFFIX, find_log_folders, group_sessions, list_sessions, session_folder
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record.disk import GATHER_S, FileWriter, GroupCommit
 from minihuman.log.record.finalization import find_leftovers, recover_log
@@ -34,7 +36,7 @@ from minihuman.log.system import System, use_system
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.connection import ConnectionFactory
 from minihuman.web.server.app import WebServer
-from tests.fault_simulation.database import URL, Database
+from tests.fault_simulation.database import URL, Database, LeaseDatabase
 from tests.fault_simulation.network import Socket
 from tests.fault_simulation.page import Participant, Tab
 from tests.fault_simulation.schedule import MachineClock, ProcessKilled, Schedule, ServerLoop
@@ -67,11 +69,14 @@ final_frame_ms = 0
 actions = ["left", "right", "forward"]
 """
 FAULTS_S = 5.0  # so long things go wrong
+FAULTS_OF_TWO_S = 20.0  # longer than leases
 PATIENCE_S = 400.0  # so long everybody has to come to an end afterwards
 HAZARDS = (
     *("kill", "restart", "power", "power", "cut", "cut", "reload", "tab", "copy", "clock"),
     *("full", "short", "failing", "unsynced", "database", "commits", "answers"),
 )
+OF_DISKS = ("power", "full", "short", "failing", "unsynced")
+HAZARDS_OF_TWO = (*HAZARDS, *("partition",) * 4, *("reload",) * 4)
 _MEMORY = Path("/dev/shm")
 
 
@@ -112,10 +117,11 @@ class Server(WebServer):
         protocol: the study.
         data: the data folder.
         group: writes its logs.
+        leases: of its sessions; None where no other server has the study.
     """
 
-    def __init__(self, protocol: Protocol, data: Path, group: GroupCommit) -> None:
-        arrivals = Arrivals(protocol, data)  # where sessions are leased their leases go in here
+    def __init__(self, protocol: Protocol, data: Path, group: GroupCommit, leases: SessionLeases | None = None) -> None:
+        arrivals = Arrivals(protocol, data, leases)
         super().__init__(arrivals, data)
         self.study_dir = data / protocol.study.name
         self._factory = ConnectionFactory(arrivals, data, self.connections, group=group)
@@ -130,108 +136,102 @@ class Parts:
     tab: type[Tab] = Tab
     commit: type[ScheduledCommit] = ScheduledCommit
     server: type[Server] = Server
+    leases: type[SessionLeases] = SessionLeases
+    lease_table: type[LeaseDatabase] = LeaseDatabase
 
 
 @cache
-def _protocol(consent: bool, episodes: int) -> Protocol:
+def _protocol(consent: bool, episodes: int, reconnect_timeout_s: int = 60) -> Protocol:
     text = STUDY.replace(b"episodes = 1", b"episodes = %d" % episodes)
+    text = text.replace(b"timeout_s = 60", b"timeout_s = %d" % reconnect_timeout_s)
     return decode_protocol(text.replace(b"[keys]", b'consent = "May we?"\n[keys]', 1) if consent else text)
 
 
-class Simulation:
-    """A run.
+class Machine:
+    """A server's: its disk, its clocks, and the process that runs on it.
 
     Args:
-        seed: of all that happens.
-        parts: what it is made of.
+        name: of its folder, and to the database.
+        simulation: what it is part of.
+        leases: where sessions are leased; None where this is the only server.
     """
 
-    def __init__(self, seed: int, parts: Parts = Parts()) -> None:
-        self.schedule = Schedule(seed)
-        self.parts = parts
-        self.outcome = Outcome(seed, trace=self.schedule.trace)
-        rng = self.schedule.rng
-        self.protocol = _protocol(rng.random() < 0.4, rng.choice([1, 1, 2]))
+    def __init__(self, name: str, simulation: "Simulation", leases: LeaseDatabase | None) -> None:
+        self.name, self.schedule, self.parts = name, simulation.schedule, simulation.parts
+        self.loop: ServerLoop | None = None
+        self.sockets: list[Socket] = []
+        self.abandoned: list[ServerLoop] = []
         self.clock = MachineClock(self.schedule)
-        self.data = Path(tempfile.mkdtemp(dir=_MEMORY if _MEMORY.is_dir() else None)) / "data"
+        self.data = simulation.folder / name
         self.data.mkdir()
         self.volume = Volume(self.data, self.schedule, self.clock)
-        self.database = parts.database(self.schedule)
-        if rng.random() < 0.4:
-            (self.data / URL_FILE_NAME).write_text(URL)
-        self.study_dir = self.data / self.protocol.study.name
-        self.loop: ServerLoop | None = None
-        self.disk = parts.disk(self.volume)
-        self.faults_over = False
-        self.logged: list[logging.LogRecord] = []
-        self.sockets: list[Socket] = []
-        self._all_sockets: list[Socket] = []
-        self._abandoned: list[ServerLoop] = []
+        self.disk = self.parts.disk(self.volume)
+        self._simulation, self._leases = simulation, leases
         self._app: Any = None
-        self._twice = rng.choice([0.0, 0.0, 0.05])
-        self._swapped = rng.choice([0.0, 0.0, 0.0, 0.02])
-        self._delay_s = rng.choice([0.005, 0.05, 0.3])
-        self.people = [
-            Participant(f"{number}" * 22, self.schedule, self._connect, parts.tab)
-            for number in range(rng.choice([1, 1, 1, 2, 2, 3]))
-        ]
 
-    # The server's process
+    @property
+    def system(self) -> System:
+        """As its programs have it."""
+        return System(self.disk, self.clock, self._simulation.database.open_journal)
 
-    def start_server(self) -> None:
-        """Start it; it is killed at some operation of the disk, or not."""
+    @property
+    def has_work(self) -> bool:
+        """Whether its server has something to do now."""
+        return self.loop is not None and self.loop.has_work
+
+    def start(self) -> None:
+        """Start the server; it is killed at some operation of the disk, or not."""
         if self.loop is not None:
             return
-        rng = self.schedule.rng
+        rng, faults_over = self.schedule.rng, self._simulation.faults_over
         journal._in_file.cache_clear()
         journal._in_database.cache_clear()
         ops_left = None
-        if not self.faults_over and self.schedule.chance(0.35):
+        if not faults_over and self.schedule.chance(0.35):
             ops_left = rng.randint(0, 60)
         self.disk = self.parts.disk(self.volume, ops_left=ops_left)
         self.loop = ServerLoop(self.schedule)
-        if not self.faults_over and ops_left is None and self.schedule.chance(0.2):
+        if not faults_over and ops_left is None and self.schedule.chance(0.2):
             self.loop.turns_left = rng.randint(20, 1000)
         self.schedule.note("server starts")
-        self._in_server(self._begin)
+        self.run_until_idle(self._begin)
 
     def _begin(self) -> None:
         assert self.loop is not None
-        self._server = server = self.parts.server(self.protocol, self.data, self.parts.commit(self.disk))
+        leases = None if self._leases is None else self.parts.leases(self._leases)
+        group = self.parts.commit(self.disk)
+        self._server = server = self.parts.server(self._simulation.protocol, self.data, group, leases)
         server._factory.facts = {"player": "human", "rules": "simulated"}
         self._app = server.app()
-        for work in (server._grow, server._look_after, server._poll):
+        works = (server._grow, server._look_after, server._poll)
+        for work in works if leases is None else (*works, server._keep_leases, server._finish_ended):
             self.loop.create_task(work())
 
-    def _in_server(self, do: Callable[[], None] = lambda: None) -> None:
+    def run_until_idle(self, do: Callable[[], None] = lambda: None) -> None:
         """Do something in the server's process, and all that it can do now."""
         if self.loop is None:
             return
+        self._simulation.database.asker = self.name
         try:
-            with use_system(System(self.disk, self.clock, self.database.open_journal)):
+            with use_system(self.system):
                 do()
                 self.loop.run_until_idle()
         except ProcessKilled:
-            self.outcome.happened["killed at a step of its own"] += 1
-            self.kill_server()
+            self._simulation.outcome.happened["killed at a step of its own"] += 1
+            self.kill()
 
-    def kill_server(self, *, power: bool = False, away_s: float | None = None) -> None:
+    def kill(self, *, power: bool = False, away_s: float | None = None) -> None:
         """End its process; with ``power`` the machine's, too."""
         if self.loop is None:
             return
         self.schedule.note("power cut" if power else "server killed")
-        self.loop.abandon()
-        self._abandoned.append(self.loop)
-        self.disk.kill()
-        self.loop = None
-        for socket in self.sockets:
-            socket.server_died()
-        self.sockets = []
+        self._end(self.loop)
         if power:
             self.volume.power_cut()
-        self.schedule.after(self.schedule.rng.random() * 3 if away_s is None else away_s, self.start_server)
+        longest_s = 3 if self._leases is None or self.schedule.chance(0.5) else 20
+        self.schedule.after(self.schedule.rng.random() * longest_s if away_s is None else away_s, self.start)
 
-    def stop_server(self) -> None:
+    def stop(self) -> None:
         """End it in good order."""
         if self.loop is None:
             return
@@ -241,32 +241,81 @@ class Simulation:
             for connection in self._server.connections.values():
                 connection.leave()  # as at the end of its lifespan
 
-        self._in_server(leave)
+        self.run_until_idle(leave)
         if self.loop is loop:
-            loop.abandon()
-            self._abandoned.append(loop)
-            self.disk.kill()
-            self.loop = None
-            for socket in self.sockets:
-                socket.server_died()
-            self.sockets = []
+            self._end(loop)
 
-    def _connect(self, tab: Tab) -> Socket | None:
+    def _end(self, loop: ServerLoop) -> None:
+        loop.abandon()
+        self.abandoned.append(loop)
+        self.disk.kill()
+        self.loop = None
+        for socket in self.sockets:
+            socket.server_died()
+        self.sockets = []
+
+    def connect(self, tab: Tab, *, delay_s: float, twice: float, swapped: float) -> Socket | None:
+        """A socket of a page's; None where no server runs."""
         if self.loop is None:
             return None
         loop = self.loop
-        healthy = self.faults_over
-        socket = Socket(
-            self.schedule,
-            loop,
-            tab,
-            delay_s=self._delay_s,
-            twice=0.0 if healthy else self._twice,
-            swapped=0.0 if healthy else self._swapped,
-        )
+        socket = Socket(self.schedule, loop, tab, delay_s=delay_s, twice=twice, swapped=swapped)
         self.sockets.append(socket)
-        self._all_sockets.append(socket)
-        self._in_server(lambda: _start(loop, socket.serve(self._app)))
+        self.run_until_idle(lambda: _start(loop, socket.serve(self._app)))
+        return socket
+
+
+class Simulation:
+    """A run.
+
+    Args:
+        seed: of all that happens.
+        parts: what it is made of.
+        machines: how many, each with a server.
+    """
+
+    def __init__(self, seed: int, parts: Parts = Parts(), *, machines: int = 1) -> None:
+        self.schedule = Schedule(seed)
+        self.parts = parts
+        self.outcome = Outcome(seed, trace=self.schedule.trace)
+        rng, several = self.schedule.rng, machines > 1
+        self.protocol = _protocol(
+            rng.random() < 0.4, rng.choice([3, 5, 8] if several else [1, 1, 2]), 15 if several else 60
+        )
+        self.folder = Path(tempfile.mkdtemp(dir=_MEMORY if _MEMORY.is_dir() else None))
+        self.database = parts.database(self.schedule)
+        self._leases = parts.lease_table(self.database) if several else None
+        self.machines = [
+            Machine("data" if not number else f"data-{number}", self, self._leases) for number in range(machines)
+        ]
+        if rng.random() < 0.4 or several:
+            for machine in self.machines:
+                (machine.data / URL_FILE_NAME).write_text(f"{URL}?{machine.name}")
+        self.study_dir = self.machines[0].data / self.protocol.study.name
+        self.faults_over = False
+        self.logged: list[logging.LogRecord] = []
+        self._faults_s = FAULTS_OF_TWO_S if several else FAULTS_S
+        self._all_sockets: list[Socket] = []
+        self._twice = rng.choice([0.0, 0.0, 0.05])
+        self._swapped = rng.choice([0.0, 0.0, 0.0, 0.02])
+        self._delay_s = rng.choice([0.005, 0.05, 0.3])
+        self.people = [
+            Participant(f"{number}" * 22, self.schedule, self._connect, parts.tab, pause_s=2.0 if several else 0.5)
+            for number in range(rng.choice([1, 1, 1, 2, 2, 3]))
+        ]
+
+    def _connect(self, tab: Tab) -> Socket | None:
+        machine = self.machines[0]
+        if len(self.machines) > 1:  # a load balancer keeps a page where it was, if it can
+            machine = tab.home if tab.home is not None else self.schedule.rng.choice(self.machines)
+            if machine.loop is None or self.schedule.chance(0.1):
+                machine = self.schedule.rng.choice(self.machines)
+            tab.home = machine
+        healthy = self.faults_over
+        twice, swapped = (0.0, 0.0) if healthy else (self._twice, self._swapped)
+        socket = machine.connect(tab, delay_s=self._delay_s, twice=twice, swapped=swapped)
+        if socket is not None:
+            self._all_sockets.append(socket)
         return socket
 
     # The run
@@ -286,8 +335,12 @@ class Simulation:
             logger.removeFilter(self._keep_record)
             for loop in self._abandoned:
                 _unwind(loop)
-            shutil.rmtree(self.data.parent, ignore_errors=True)
+            shutil.rmtree(self.folder, ignore_errors=True)
         return self.outcome
+
+    @property
+    def _abandoned(self) -> list[ServerLoop]:
+        return [loop for machine in self.machines for loop in machine.abandoned]
 
     def _keep_record(self, record: logging.LogRecord) -> bool:
         self.logged.append(record)
@@ -295,46 +348,60 @@ class Simulation:
 
     def _run(self) -> None:
         rng = self.schedule.rng
-        self.schedule.after(0, self.start_server)
+        for machine in self.machines:
+            self.schedule.after(0, machine.start)
         for person in self.people:
             self.schedule.after(0.01 + rng.random() * 2, person.arrive)
-        for _ in range(rng.randint(1, 5)):
-            self.schedule.after(rng.random() * FAULTS_S, self._go_wrong)
-        self.schedule.after(FAULTS_S + 1, self._heal)
-        until_ns = round((FAULTS_S + PATIENCE_S) * 1e9)
+        for _ in range(rng.randint(1, 5) * len(self.machines)):
+            self.schedule.after(rng.random() * self._faults_s, self._go_wrong)
+        self.schedule.after(self._faults_s + 1, self._heal)
+        until_ns = round((self._faults_s + PATIENCE_S) * 1e9)
         while self.schedule.now_ns < until_ns:
             self._step()
             if self.faults_over and all(person.end for person in self.people):
                 break
-        self.stop_server()
+        for machine in self.machines:
+            machine.stop()
+        if len(self.machines) > 1:  # once more each, to finish what it left when it was killed
+            for machine in self.machines:
+                machine.start()
+            until_ns = self.schedule.now_ns + round(1.2 * TTL_S * 1e9)
+            while self.schedule.now_ns < until_ns:
+                self._step()
+            for machine in self.machines:
+                machine.stop()
 
     def _step(self) -> None:
         next_ns = self.schedule.next_ns
-        idle_ns = None if self.loop is None else self.loop.idle_until_ns
+        idle = [machine.loop.idle_until_ns for machine in self.machines if machine.loop is not None]
+        idle_ns = min((at_ns for at_ns in idle if at_ns is not None), default=None)
         if idle_ns is not None and (next_ns is None or idle_ns <= next_ns):
             self.schedule.now_ns = max(self.schedule.now_ns, idle_ns)
         else:
             self.schedule.run_next()
-        self._in_server()
+        for machine in self.machines:
+            if machine.has_work:
+                machine.run_until_idle()
 
     def _go_wrong(self) -> None:
         rng = self.schedule.rng
         person = rng.choice(self.people)
-        what = rng.choice(HAZARDS)
+        what = rng.choice(HAZARDS if len(self.machines) == 1 else HAZARDS_OF_TWO)
+        machine = self.machines[0] if len(self.machines) == 1 else rng.choice(self.machines)
         self.outcome.happened[what] += 1
-        self.schedule.note(f"fault: {what}")
+        self.schedule.note(f"fault: {what} {machine.name}")
         match what:
             case "kill":
-                self.kill_server()
+                machine.kill()
             case "restart":
-                self.stop_server()
-                self.schedule.after(rng.random() * 3, self.start_server)
+                machine.stop()
+                self.schedule.after(rng.random() * 3, machine.start)
             case "power":
-                self.kill_server(power=True)
+                machine.kill(power=True)
             case "cut":
-                for socket in self.sockets:
+                for socket in machine.sockets:
                     socket.cut()
-                self.sockets = []
+                machine.sockets = []
             case "reload":
                 person.reload()
             case "tab":
@@ -344,38 +411,45 @@ class Simulation:
             case "clock":
                 jump_ns = round(rng.choice([-86_400, -3_600, -30, 30, 3_600]) * 1e9)
                 if rng.random() < 0.7:
-                    self.clock.wall_offset_ns += jump_ns
+                    machine.clock.wall_offset_ns += jump_ns
                 else:
                     person.wall_skew_ns += jump_ns
             case "full" | "failing" | "unsynced":
-                disk = self.disk
+                disk = machine.disk
                 setattr(disk, what, True)
                 self.schedule.after(rng.random() * 3, lambda: setattr(disk, what, False))
                 if rng.random() < 0.5:  # a device that fails seldom fails once
-                    self.schedule.after(rng.random() * 3, self._cut_power)
+                    self.schedule.after(rng.random() * 3, lambda: self._cut_power(machine))
             case "short":
-                self.disk.short = 0.5
+                machine.disk.short = 0.5
                 if rng.random() < 0.5:
-                    self.schedule.after(rng.random() * 3, self._cut_power)
+                    self.schedule.after(rng.random() * 3, lambda: self._cut_power(machine))
             case "database":
                 self.database.away = True
                 self.schedule.after(rng.random() * 4, lambda: setattr(self.database, "away", False))
+            case "partition":
+                self.database.cut_off.add(machine.name)
+                self.schedule.after(rng.random() * 25, lambda: self.database.cut_off.discard(machine.name))
             case "commits":
                 self.database.lost_commits = 0.3
             case "answers":
                 self.database.lost_answers = 0.3
 
-    def _cut_power(self) -> None:
+    def _cut_power(self, machine: Machine) -> None:
         if not self.faults_over:
-            self.kill_server(power=True)
+            machine.kill(power=True)
 
     def _heal(self) -> None:
         """Everything works again."""
         self.faults_over = True
-        self.disk.full = self.disk.failing = self.disk.unsynced = self.database.away = False
-        self.disk.ops_left, self.disk.short = None, 0.0
-        if self.loop is not None:
-            self.loop.turns_left = None
+        for machine in self.machines:
+            disk = machine.disk
+            disk.full = disk.failing = disk.unsynced = False
+            disk.ops_left, disk.short = None, 0.0
+            if machine.loop is not None:
+                machine.loop.turns_left = None
+        self.database.away = False
+        self.database.cut_off.clear()
         self.database.lost_commits = self.database.lost_answers = 0.0
         self._twice = self._swapped = 0.0
         self.schedule.note("faults are over")
@@ -387,9 +461,12 @@ class Simulation:
 
     def _check(self) -> None:
         fail = self.outcome.failures.append
+        disks_failed = any(self.outcome.happened[what] for what in OF_DISKS)
         for person in self.people:
             if not person.end:
                 fail(f"not ended: {person.token[:2]} after {person.errors[-3:]}")
+            if "broken" in person.errors and not disks_failed:
+                fail(f"{person.token[:2]} was turned away for good, although every disk worked")
         for socket in self._all_sockets:
             for error in socket.errors:
                 fail(f"traceback: {error}")
@@ -401,12 +478,39 @@ class Simulation:
                 fail(f"traceback: {record.getMessage()}: {record.exc_info[1]!r}")
         journal._in_file.cache_clear()
         journal._in_database.cache_clear()
-        with use_system(System(clock=self.clock, open_database_journal=self.database.open_journal)):
+        with use_system(System(clock=self.machines[0].clock, open_database_journal=self.database.open_journal)):
             self._check_enrolment()
-            for part in find_leftovers(self.data):
-                record_missing_heads(recover_log(part).path)
+            for machine in self.machines:
+                for part in find_leftovers(machine.data):  # as `recover` does
+                    finished = (
+                        recover_log(part) if self._leases is None else self.parts.leases(self._leases).recover(part)
+                    )
+                    if finished is not None:
+                        record_missing_heads(finished.path)
+            self._gather()
             self._check_logs()
             self._check_ends()
+
+    def _gather(self) -> None:
+        """Bring all logs to the first machine; of two with one name one has to have all segments of the other.
+
+        Where servers share no store of finished logs, one that finished a segment keeps that log when another goes on.
+        """
+        for machine in self.machines[1:]:
+            for log in sorted(machine.data.rglob(f"*{LOG_SUFFIX}")):
+                here = self.machines[0].data / log.relative_to(machine.data)
+                here.parent.mkdir(parents=True, exist_ok=True)
+                if here.exists() and here.read_bytes() != log.read_bytes():
+                    kept, theirs = (
+                        [(segment.started_unix_ns, segment.end_ns) for segment in read_log(one).segments]
+                        for one in (here, log)
+                    )
+                    shorter, longer = sorted((kept, theirs), key=len)
+                    if len(shorter) == len(longer) or longer[: len(shorter)] != shorter:
+                        self.outcome.failures.append(f"{log.name} is there twice")
+                    if longer is kept:
+                        continue
+                shutil.copy(log, here)
 
     def _check_enrolment(self) -> None:
         fail = self.outcome.failures.append
@@ -477,7 +581,7 @@ class Simulation:
             if person.end.endswith("complete") and code not in holding:
                 fail(f"{code} has no slot")
             if person.end.endswith("complete"):
-                folder = session_folder(self.data, self.protocol.study.name, code, 1)
+                folder = session_folder(self.machines[0].data, self.protocol.study.name, code, 1)
                 if not folder.is_dir() or not list_sessions(folder) or read_log(folder).end_reason != "complete":
                     fail(f"{code} was told that the session is complete")
         for log in sorted(self.study_dir.rglob("*.mcap")):
@@ -504,6 +608,6 @@ def _unwind(loop: ServerLoop) -> None:
     loop.close()
 
 
-def simulate(seed: int, parts: Parts = Parts()) -> Outcome:
+def simulate(seed: int, parts: Parts = Parts(), *, machines: int = 1) -> Outcome:
     """Run a seed."""
-    return Simulation(seed, parts).run()
+    return Simulation(seed, parts, machines=machines).run()

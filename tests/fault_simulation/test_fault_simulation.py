@@ -1,9 +1,12 @@
-"""A served study under faults: nothing acknowledged is lost or doubled, nothing is believed that nobody did."""
+"""A served study under faults: nothing acknowledged is lost or doubled, nothing is believed that nobody did.
+
+Every fifth seed has two servers, which lease sessions from one database, and pages that come to either.
+"""
 
 import pytest
 
 from tests.counts import count
-from tests.fault_simulation.planted import FOUND_BY, PLANTED
+from tests.fault_simulation.planted import FOUND_BY, FOUND_BY_TWO, PLANTED, PLANTED_IN_LEASES
 from tests.fault_simulation.simulation import Parts, simulate
 
 FAILED_ONCE = (  # a hole that an fsync left, a blank live file, a line taken back after an fsync failed
@@ -18,7 +21,7 @@ def test_no_seed_loses_doubles_or_believes_anything() -> None:
     runs, acknowledged, steps = count(200, 10_000), 0, 0
     failed = {}
     for seed in range(runs):
-        outcome = simulate(seed)
+        outcome = simulate(seed, machines=2 if seed % 5 == 4 else 1)
         acknowledged += outcome.acknowledged
         steps += outcome.steps
         if outcome.failures:
@@ -40,5 +43,12 @@ def test_a_planted_fault_is_found(name: str) -> None:
     assert simulate(FOUND_BY[name], Parts()).failures == []
 
 
+@pytest.mark.parametrize("name", PLANTED_IN_LEASES)
+def test_a_fault_planted_in_leases_is_found(name: str) -> None:
+    assert simulate(FOUND_BY_TWO[name], PLANTED_IN_LEASES[name], machines=2).failures
+    assert simulate(FOUND_BY_TWO[name], machines=2).failures == []
+
+
 def test_one_number_repeats_a_run() -> None:
     assert simulate(29).trace == simulate(29).trace
+    assert simulate(14, machines=2).trace == simulate(14, machines=2).trace

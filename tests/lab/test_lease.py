@@ -1,5 +1,6 @@
 """Leases: one server has a session, another gets it where the first one left it, and a late one can write nothing."""
 
+import asyncio
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -17,11 +18,13 @@ from minihuman.admin.lease import (
     name_session,
 )
 from minihuman.admin.next_session import plan_next_session
+from minihuman.admin.recruitment import ParticipantArrived, Recruitment, hash_link_token
 from minihuman.experiment.machine.inputs import Stop
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.record.disk import GroupCommit
 from minihuman.web.arrivals import Arrivals
-from minihuman.web.connection import HostStorage, start_host
+from minihuman.web.connection import Connection, ConnectionFactory, HostStorage, TurnedAway, start_host
+from minihuman.web.messages import MESSAGE_VERSION, Hello
 from minihuman.web.outbox import PageSettings
 from tests.lab.database import database, fresh
 from tests.lab.lease_table import Clock, MemoryLeaseTable
@@ -289,6 +292,34 @@ def test_only_the_server_that_ended_a_session_finishes_its_log_after_a_kill(
     one.finish_ended()
     assert [path.name for path in part.parent.iterdir()] == ["sub-01_ses-01.mcap"]
     assert table.read_files(lease.session) == {}
+
+
+def test_a_page_whose_session_turns_out_to_be_complete_comes_again_and_is_told_so(
+    table: MemoryLeaseTable, clock: Clock, tmp_path: Path
+) -> None:
+    """Its last server was killed between the session's end and the word of it: the log is complete, the lease open."""
+    protocol = decode_protocol(study(tmp_path, episodes=1, max_steps=4).read_bytes())
+    data = tmp_path / "one"
+    plan = plan_next_session(protocol, data)
+    recruits = Recruitment(data / "tried")
+    (token,) = recruits.issue(1)
+    with recruits.exclusive() as file:
+        file.write(ParticipantArrived(hash_link_token(token), "sub-01", file.now()))
+    disk = HostStorage(protocol, data, GroupCommit())
+    made = start_host(plan, disk, {}, PageSettings((96, 96), looks_ahead=False), at_sync=lambda: None)
+    made.host.stop(Stop(9_000_000_000, "complete", ""))
+    made.files[0].leave()
+    made.host.close()
+
+    async def comes() -> list[TurnedAway | Connection]:
+        factory = ConnectionFactory(Arrivals(protocol, data, SessionLeases(table, clock=clock)), data, {})
+        hello = Hello(MESSAGE_VERSION, token, facts={"browser": "Chromium", "window_px": "1600 x 900"})
+        return [await factory.connect(hello), await factory.connect(hello)]
+
+    first, second = asyncio.run(comes())
+    assert isinstance(first, TurnedAway)
+    assert isinstance(second, TurnedAway)
+    assert (first.reason, second.reason) == ("wait", "complete")
 
 
 @pytest.fixture(scope="module")

@@ -481,6 +481,7 @@ def main() -> None:
             Path("/proc/cpuinfo"),
             Path("/dev/null"),
         ),
+        *map(Path, filter(None, sys.path)),  # where packages are that the environment takes from another one
         Path(os.environ["MINIHUMAN_CONFIG"]),
     ]
     watch = Watch(allowed)
@@ -514,7 +515,8 @@ def _in_child(work: Callable[[], tuple[str, list[str], int]]) -> tuple[str, list
     reader, writer = os.pipe()
     child = os.fork()
     if not child:
-        os.write(writer, json.dumps(work()).encode()[:60_000])
+        end, found, peak_mb = work()
+        os.write(writer, json.dumps((end, [text[:300] for text in found[:50]], peak_mb)).encode())
         os._exit(0)
     os.close(writer)
     with open(reader, "rb") as file:

@@ -7,9 +7,8 @@ error, Holm's correction with the printed p. An element of the page that nothing
 import json
 import math
 import re
-import warnings
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html.parser import HTMLParser
 from itertools import combinations, product
@@ -19,8 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import statsmodels.api as sm
-from scipy import special, stats
-from statsmodels.regression.mixed_linear_model import MixedLM
+from scipy import optimize, special, stats
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.power import TTestIndPower
 from statsmodels.stats.weightstats import CompareMeans, DescrStatsW
@@ -1143,41 +1141,76 @@ def expected_growth(episodes: Sequence[Row], order: Sequence[str]) -> Iterator[t
 
 
 def mixed_model(rows: pd.DataFrame, terms: Sequence[str], groups: Sequence[str]) -> tuple[str, Any]:
-    """The table of statsmodels' linear mixed model, or the line that none converged.
+    """The table of a linear mixed model by REML, or the line that there is none.
 
-    Whether it converges with slopes turns on the last digits where there are few people, so its columns stand in the
-    order of the table.
+    From whole covariance matrices of people's episodes, a level and a change for each group, and a simplex search.
     """
-    *others, _ = groups
-    people = rows["participant"].nunique()
-    at = (rows["episode_in_block"] - rows["episode_in_block"].mean()).to_numpy(float)
-    shares = np.column_stack([np.ones(len(rows)), *((rows["group"] == group).to_numpy(float) for group in others)])
-    fixed = np.column_stack([shares, shares * at[:, None]])
-    for random in (np.column_stack([np.ones(len(rows)), at]), np.ones((len(rows), 1))):
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            try:
-                model = MixedLM(rows["value"].to_numpy(float), fixed, rows["participant"].to_numpy(), random)
-                found = model.fit(reml=True, method=["lbfgs", "bfgs"])
-                if np.linalg.eigvalsh(found.cov_re / found.scale).min() < 1e-4:
-                    continue
-            except (np.linalg.LinAlgError, ZeroDivisionError):
-                continue
-        errors = np.asarray(found.bse_fe)
-        if not found.converged or np.isnan(errors).any() or any("onverge" in str(one.message) for one in caught):
+    codes = sorted(rows["participant"].unique(), reverse=True)
+    longest = int(rows.groupby("participant").size().max())
+    at = rows["episode_in_block"].to_numpy(float) - rows["episode_in_block"].mean()
+    unit = float(np.sqrt(np.mean(at**2)))
+    fixed, random, value = (np.zeros((len(codes), longest, width)) for width in (2 * len(groups), 2, 1))
+    for number, code in enumerate(codes):  # what is missing of a person stays 0, and counts for nothing
+        its = (rows["participant"] == code).to_numpy()
+        many, group = int(its.sum()), groups.index(str(rows["group"][its].iloc[0]))
+        fixed[number, :many, [group, len(groups) + group]] = np.array([np.ones(many), at[its]])
+        random[number, :many] = np.column_stack([np.ones(many), at[its] / unit])
+        value[number, :many, 0] = rows["value"][its]
+    why = "its likelihood has no maximum with variance both between and within participants"
+    none = "p", f"A linear mixed model of the same is not reported: {why}."
+    flat = np.hstack([fixed.reshape(-1, 2 * len(groups)), value.reshape(-1, 1)])
+    if np.linalg.matrix_rank(flat) < flat.shape[1]:
+        return none
+    freedom = len(rows) - 2 * len(groups)
+
+    def restricted(covariance: Any) -> tuple[float, Any, Any]:
+        whole = np.eye(longest) + random @ covariance @ random.transpose(0, 2, 1)
+        weighted = np.linalg.solve(whole, np.concatenate([fixed, value], axis=2))
+        information = np.einsum("pei,pej->ij", fixed, weighted[:, :, :-1])
+        levels = np.linalg.solve(information, np.einsum("pei,pe->i", fixed, weighted[:, :, -1]))
+        left = value[:, :, 0] - fixed @ levels
+        variance = float(np.einsum("pe,pe->", left, np.linalg.solve(whole, left[:, :, None])[:, :, 0])) / freedom
+        logs = np.linalg.slogdet(whole)[1].sum() + np.linalg.slogdet(information)[1]
+        likelihood = -(freedom * math.log(max(variance, 1e-300)) + logs) / 2
+        return float(likelihood), levels, variance * np.linalg.inv(information)
+
+    def best(form: Callable[[Any], Any], *starts: Sequence[float]) -> tuple[float, Any, Any, float]:
+        options = {"xatol": 1e-7, "fatol": 1e-11, "maxfev": 4000}
+        found = [
+            optimize.minimize(lambda x: -restricted(form(x))[0], start, method="Nelder-Mead", options=options)
+            for start in starts
+        ]
+        covariance = form(min(found, key=lambda one: one.fun).x)
+        return *restricted(covariance), math.sqrt(float(np.linalg.eigvalsh(covariance).max()))
+
+    def outer(x: Any) -> Any:
+        return np.outer(x, x)
+
+    nothing = restricted(np.zeros((2, 2)))[0]
+    level = best(lambda x: np.diag([x[0] ** 2, 0.0]), (0.4,), (2.0,))
+    singular = best(outer, (0.7, 0.3), (0.7, -0.3))
+    full = best(lambda x: outer([x[0], x[1]]) + outer([0.0, x[2]]), (0.7, 0.3, 0.4), (0.7, -0.3, 0.4), (0.2, 0.0, 1.0))
+    for (likelihood, estimates, spread, ratio), less in ((full, singular[0]), (level, nothing)):
+        if likelihood <= less + 1e-3 or ratio > 500:
             continue
-        freedom = people - len(groups)
+        *others, last = range(len(groups))
+        people = len(codes)
         table: list[list[Any]] = [["term", "participants", "estimate", "95 % interval", "p"]]
-        for number, (term, estimate, error) in enumerate(zip(terms, np.asarray(found.fe_params), errors, strict=True)):
-            half = float(stats.t.ppf(0.975, freedom)) * error
-            p = float(2 * stats.t.sf(abs(estimate / error), freedom))
-            low, high, same = estimate - half, estimate + half, 2e-3 * error  # optimisers stop a little apart
+        contrasts = []
+        for part in (0, len(groups)):
+            base = np.eye(2 * len(groups))[part + last]
+            contrasts += [base, *(np.eye(2 * len(groups))[part + group] - base for group in others)]
+        for number, (term, contrast) in enumerate(zip(terms, contrasts, strict=True)):
+            estimate, error = float(contrast @ estimates), math.sqrt(float(contrast @ spread @ contrast))
+            half = float(stats.t.ppf(0.975, people - len(groups))) * error
+            p = float(2 * stats.t.sf(abs(estimate / error), people - len(groups)))
+            low, high, same = estimate - half, estimate + half, 1e-3 * error  # searches stop a little apart
             bounds = (Near(low, same), " to ", Near(high, same))
             table.append(
-                [term, str(people), (Near(estimate, same),), bounds, (Near(p, 2e-3),) if number else p_value(math.nan)]
+                [term, str(people), (Near(estimate, same),), bounds, (Near(p, 1e-3),) if number else p_value(math.nan)]
             )
         return "table", table
-    return "p", "A linear mixed model of the same did not converge."
+    return none
 
 
 def near_cells(value: float, bounds: tuple[float, float], p: float) -> list[Any]:

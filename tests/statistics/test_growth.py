@@ -1,12 +1,15 @@
 import math
+from collections import Counter
 
 import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
+from statsmodels.regression.mixed_linear_model import MixedLM
 
 from minihuman.statistics.paired import compare_growth, fit_mixed_model
 from tests.counts import count
+from tests.recompute.page import mixed_model
 
 
 def people(rng, groups, *, episodes=8, slope_sd=0.0, slopes=None, level_sd=0.2):
@@ -109,3 +112,31 @@ def test_too_few_people_have_no_mixed_model_and_a_constant_none_that_converges()
     assert fit_mixed_model(rows[rows["participant"] != "p0"], "value", ["a", "b"]) is None
     constant = mixed_rows(np.random.default_rng(4), 6, 0.1).assign(value=1.0)
     assert fit_mixed_model(constant, "value", ["a", "b"]).terms == ()
+
+
+def test_a_second_program_finds_the_same_model_in_small_studies():
+    rng, kept = np.random.default_rng(11), Counter()
+    for number in range(count(9, 200)):
+        rows = mixed_rows(rng, int(rng.integers(3, 7)), (0.0, 0.1, 0.3)[number % 3])
+        rows = rows[rng.random(len(rows)) < 0.8]  # not everybody has the same episodes
+        found = fit_mixed_model(rows, "value", ["a", "b"])
+        kind, expected = mixed_model(rows, [term.name for term in found.terms] or list("abcd"), ["a", "b"])
+        assert (kind == "table") == bool(found.terms)
+        kept["slopes" if found.has_slopes else "intercept" if found.terms else "none"] += 1
+        for term, (name, people, (estimate,), (low, _, high), *_) in zip(found.terms, expected[1:], strict=True):
+            assert (term.name, str(term.people)) == (name, people)
+            for ours, theirs in zip((term.estimate, *term.interval), (estimate, low, high), strict=True):
+                assert ours == pytest.approx(theirs.value, abs=theirs.error)
+    assert min(kept["slopes"], kept["intercept"]) >= count(2, 30), kept
+
+
+def test_where_statsmodels_finds_the_maximum_its_estimates_and_errors_are_ours():
+    rows = mixed_rows(np.random.default_rng(4), 20, 0.08)
+    rows["value"] *= 10  # statsmodels warns of a variance below 0.01, whatever its unit
+    found = fit_mixed_model(rows, "value", ["a", "b"])
+    rows = rows.assign(at=rows["episode_in_block"] - rows["episode_in_block"].mean(), in_a=1.0 * (rows["group"] == "a"))
+    theirs = MixedLM.from_formula("value ~ in_a * at", rows, groups="participant", re_formula="~ at").fit(reml=True)
+    for term, name in zip(found.terms, ("Intercept", "in_a", "at", "in_a:at"), strict=True):
+        assert term.estimate == pytest.approx(theirs.fe_params[name], rel=1e-4)
+        half = (term.interval[1] - term.interval[0]) / 2
+        assert half / stats.t.ppf(0.975, 38) == pytest.approx(theirs.bse_fe[name], rel=1e-3)

@@ -121,7 +121,8 @@ def test_people_who_are_loaded_from_either_server_play_once_and_nothing_acknowle
         ]
         happened = asyncio.run(everybody_plays(machines, pages, seed=3))
         assert happened == Counter(kill=KILLS, partition=PARTITIONS)
-        assert Counter(page.counts.over or page.counts.refused for page in pages) == {"complete": PEOPLE}
+        ends = Counter(page.counts.over or f"refused: {page.counts.refused}" for page in pages)
+        assert ends <= Counter({"complete": PEOPLE, "refused: complete": PEOPLE}), ends
         for machine in machines:
             machine.served.stop()
         moved = sum(len(set(page.visits)) > 1 for page in pages)

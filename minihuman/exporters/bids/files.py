@@ -356,7 +356,12 @@ class Phenotype:
 
     def add(self, log: SessionLog, who: str, session: str) -> None:
         """Take a session's answers: of what was asked again, the last."""
-        given = {(event.part, event.item): event for event in _answers(log)}
+        given = {
+            (event.part, event.item): event
+            for segment in log.segments
+            for event in segment.part_events
+            if isinstance(event, Answered)
+        }
         asked = Counter[str]()
         rows: dict[str, dict[str, Any]] = {}
         for number, part in enumerate(log.plan.parts):
@@ -402,10 +407,6 @@ class Phenotype:
                 described["Units"] = item.unit
             for name, text in item.asked.items():
                 meaning.setdefault(_column(name, time), {"Description": f"{text}{again}", **described})
-
-
-def _answers(log: SessionLog) -> list[Answered]:
-    return [event for segment in log.segments for event in segment.part_events if isinstance(event, Answered)]
 
 
 def _column(item: str, time: int) -> str:

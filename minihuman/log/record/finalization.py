@@ -89,7 +89,9 @@ class LogCopier:
 
     def metadata(self, name: str, facts: Mapping[str, object], *, sealed: bool = False) -> None:
         """Add a metadata record; ``sealed``: with the head of the chain, itself included."""
-        record = Metadata(name, {key: _text(value) for key, value in facts.items()})
+        record = Metadata(
+            name, {key: str(value).lower() if isinstance(value, bool) else str(value) for key, value in facts.items()}
+        )
         self._flush()  # else it would come before the messages that it follows
         self.chain.metadata(record)
         if sealed:
@@ -237,10 +239,6 @@ class LogCopier:
                 channel.topic, channel.message_encoding, self._schemas[known], channel.metadata
             )
         return self._channels[key]
-
-
-def _text(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 CHUNK_BYTES = 64 * 1024  # what a damaged bit can cost

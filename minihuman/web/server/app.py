@@ -355,7 +355,10 @@ class WebServer:
                 connection.changed.set()  # for the newest
                 await page.close(connection.dismissed or ANOTHER)
                 return
-            if connection in self._growing and all(_can_wait(message) for _, message in outgoing.after(sent)):
+            if connection in self._growing and all(
+                isinstance(message, messages.EpisodeState) and message.tick is None and not message.who
+                for _, message in outgoing.after(sent)  # a page that went ahead loses nothing if these come later
+            ):
                 continue  # it goes with what is found ahead, in a moment
             safe = connection.safe()  # asked first: a page that hears of a safe key has heard where it led
             parts, size = [], 0
@@ -530,11 +533,6 @@ class WebServer:
                     turn_s = monotonic_s()
             connection.send_prefetched()
             await asyncio.sleep(0)
-
-
-def _can_wait(message: messages.ServerMessage | messages.PictureMessage) -> bool:
-    """Whether a page that went ahead loses nothing if it hears of a message a little later."""
-    return isinstance(message, messages.EpisodeState) and message.tick is None and not message.who
 
 
 async def _no_icon(_: Request) -> Response:
