@@ -112,9 +112,8 @@ def build_scorecard(
     """
     found = [folder for study in studies for folder in (study, find_models_folder(study)) if folder.is_dir()]
     read = [_read_study(folder, selection or Selection()) for folder in dict.fromkeys(found)]
-    rows, answers = (
-        pd.concat([one[which] for one in read], ignore_index=True) if read else pd.DataFrame() for which in (0, 1)
-    )
+    frames = zip(*([one[:2] for one in read] or [(pd.DataFrame(), pd.DataFrame())]), strict=True)
+    rows, answers = (pd.concat(list(each), ignore_index=True) for each in frames)
     if not len(rows):
         raise ReportError(f"{', '.join(map(str, studies))}: no episode was played to its end; play some first")
     names = _name_players(rows["player"].unique())
@@ -133,8 +132,13 @@ def build_scorecard(
     people = rows.loc[rows["player"] == chosen, "run"].nunique()
     few, stand_in = f"{people} people, too few to be called human", f"{chosen} (n = {people}), in place of people"
     named = stand_in if chosen != HUMAN else few if people < HUMAN_REFERENCE else f"human (n = {people})"
-    given = _summarize_answers(answers.assign(player=answers["player"].map(names)))
-    return Scorecard(named, chosen, tuple(lines), tuple(_note(lines, chosen, named, set(players))), given)
+    return Scorecard(
+        named,
+        chosen,
+        tuple(lines),
+        tuple(_note(lines, chosen, named, set(players))),
+        _summarize_answers(answers.assign(player=answers["player"].map(names)).dropna(subset="player")),
+    )
 
 
 def find_models_folder(study: Path) -> Path:
@@ -314,7 +318,7 @@ def format_scorecard(card: Scorecard) -> str:
     ]
     table = [f"| {heads} |", "|---" * 9 + "|", *(f"| {row} |" for row in rows)]
     if len(card.answers):
-        table += ["", f"| question | {' | '.join(card.answers)} |", "|---" * (1 + card.answers.shape[1]) + "|"]
+        table += ["", f"| question | {' | '.join(map(str, card.answers))} |", f"|---{'|---' * card.answers.shape[1]}|"]
         table += [f"| {'.'.join(name)} | {' | '.join(row)} |" for name, *row in card.answers.itertuples(name=None)]
     return "\n".join([*table, "", *(f"- {note}" for note in card.notes), ""])
 
