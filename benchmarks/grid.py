@@ -3,7 +3,8 @@
     python -m benchmarks.grid [--others] [--short]
 
 Each line is the median over rounds in which first the one, then the other plays: the machine's other work meets both.
-``--others`` adds navix and xminigrid (both need jax) where they are installed: batches of 64 on the same CPU.
+Then batches of three sizes. ``--others`` adds navix and xminigrid (both need jax) where they are installed: DoorKey-8x8
+in batches of 64 and of 1,024 beside ours, in turn on the same CPU; "minigrid" above their column is then theirs.
 ``--short`` plays one round of a hundredth of the steps: it shows that everything runs, and measures nothing.
 """
 
@@ -27,8 +28,10 @@ from minihuman.worlds.grid.object_kinds import door, goal, key
 from minihuman.worlds.grid.wrappers import PictureObservation
 
 WORLDS = ("FourRooms-v0", "DoorKey-8x8-v0", "MultiRoom-N6-v0", "Dynamic-Obstacles-8x8-v0")
+LARGE = ("MiniGrid-FourRooms-v0", "MiniGrid-DoorKey-8x8-v0", "BabyAI-GoTo-v0", "BabyAI-BossLevel-v0")
 ROUNDS = 7
 N = 64
+SIZES = N, 1_024, 4_096  # of batches
 
 
 class WrittenInPython(GridWorld):
@@ -76,17 +79,17 @@ def resetting(env: gymnasium.Env, resets: int) -> Callable[[], float]:
     return round_
 
 
-def batched(name: str, steps: int) -> Callable[[], float]:
+def batched(name: str, steps: int, count: int = N) -> Callable[[], float]:
     """A round of random play in a batch: steps of single worlds per CPU-second."""
-    worlds = gymnasium.make_vec(f"minihuman/MiniGrid-{name}", num_envs=N, vectorization_mode="vector_entry_point")
-    actions = np.random.default_rng(0).integers(0, worlds.single_action_space.n, (steps, N))
+    worlds = gymnasium.make_vec(f"minihuman/{name}", num_envs=count, vectorization_mode="vector_entry_point")
+    actions = np.random.default_rng(0).integers(0, worlds.single_action_space.n, (steps, count))
 
     def round_() -> float:
         worlds.reset(seed=0)
         start = time.process_time()
         for action in actions:
             worlds.step(action)
-        return steps * N / (time.process_time() - start)
+        return actions.size / (time.process_time() - start)
 
     return round_
 
@@ -106,39 +109,43 @@ def pixels(env: gymnasium.Env) -> gymnasium.Env:
     return TransformObservation(drawn, itemgetter("image"), drawn.observation_space["image"])
 
 
-def navix_rate() -> float:
-    """navix, 64 worlds, steps per CPU-second."""
+def navix_worlds(count: int) -> Callable[[], float]:
+    """A round of navix's DoorKey-8x8: steps of single worlds per CPU-second."""
     import jax
     import navix
 
     env = navix.make("Navix-DoorKey-8x8-v0")
     step = jax.jit(jax.vmap(env.step))
-    timestep = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.PRNGKey(0), N))
-    return jax_rate(lambda state, action: step(state, action), timestep)
+    return jax_round(step, jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.PRNGKey(0), count)), count, 500)
 
 
-def xminigrid_rate() -> float:
-    """xminigrid, 64 worlds, steps per CPU-second."""
+def xminigrid_worlds(count: int) -> Callable[[], float]:
+    """A round of xminigrid's DoorKey-8x8: steps of single worlds per CPU-second."""
     import jax
     import xminigrid
 
     env, parameters = xminigrid.make("MiniGrid-DoorKey-8x8")
     step = jax.jit(jax.vmap(lambda timestep, action: env.step(parameters, timestep, action)))
-    timestep = jax.jit(jax.vmap(lambda seed: env.reset(parameters, seed)))(jax.random.split(jax.random.PRNGKey(0), N))
-    return jax_rate(lambda state, action: step(state, action), timestep)
+    seeds = jax.random.split(jax.random.PRNGKey(0), count)
+    return jax_round(step, jax.jit(jax.vmap(lambda seed: env.reset(parameters, seed)))(seeds), count, 20_000)
 
 
-def jax_rate(step: Callable, state: object) -> float:
-    """Steps of single worlds per CPU-second of a jitted batch step."""
+def jax_round(step: Callable, state: object, count: int, steps: int) -> Callable[[], float]:
+    """Rounds of a jitted batch step, each of about ``steps`` steps of single worlds."""
     import jax
 
-    actions = np.random.default_rng(0).integers(0, 6, (500, N))
+    actions = np.random.default_rng(0).integers(0, 6, (max(10, steps // count), count))
     state = jax.block_until_ready(step(state, actions[0]))
-    start = time.process_time()
-    for action in actions:
-        state = step(state, action)
-    jax.block_until_ready(state)
-    return actions.size / (time.process_time() - start)
+
+    def round_() -> float:
+        now = state
+        start = time.process_time()
+        for action in actions:
+            now = step(now, action)
+        jax.block_until_ready(now)
+        return actions.size / (time.process_time() - start)
+
+    return round_
 
 
 def main() -> None:
@@ -158,7 +165,11 @@ def main() -> None:
             f"{name}, one world", stepping(make(), 10_000 // share), stepping(theirs, 400 // share), 80, rounds=rounds
         )
         compare(
-            f"{name}, batch of {N}", batched(name, 400 // share), stepping(theirs, 400 // share), 350, rounds=rounds
+            f"{name}, batch of {N}",
+            batched(f"MiniGrid-{name}", 400 // share),
+            stepping(theirs, 400 // share),
+            350,
+            rounds=rounds,
         )
         compare(
             f"{name}, reset",
@@ -183,9 +194,19 @@ def main() -> None:
         15,
         rounds=rounds,
     )
+    for name in LARGE:
+        rates = [
+            statistics.median(play() for _ in range(rounds))
+            for play in [batched(name, max(2, 200_000 // count // share), count) for count in SIZES]
+        ]
+        shown = "".join(f"{rate / 1e6:9.2f} M" for rate in rates)
+        print(f"{name}, batches of {', '.join(map(str, SIZES))}:{shown} steps per CPU-second", flush=True)
     if asked.others:
-        for name, rate in (("navix", navix_rate), ("xminigrid", xminigrid_rate)):
-            print(f"{name}, DoorKey-8x8, batch of {N}: {rate():,.0f} steps per CPU-second", flush=True)
+        for peer, make, wanted in (("navix", navix_worlds, (200, 200)), ("xminigrid", xminigrid_worlds, (30, 20))):
+            for count, least in zip(SIZES, wanted, strict=False):
+                ours = batched("MiniGrid-DoorKey-8x8-v0", max(2, 200_000 // count // share), count)
+                what = f"{peer} {importlib.metadata.version(peer)}, DoorKey-8x8, batch of {count}"
+                compare(what, ours, make(count), least, rounds=rounds)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from minihuman.worlds.first_person.render.kernel_tables import F64, I32, I64, FaceTable
 from minihuman.worlds.kernels import kernel
 
+SLIVER_M = 0.05  # a piece of wall no wider than that is what two rooms that meet at an angle leave, and joins nothing
+
 
 @kernel()
 def touches_wall(walls: NDArray[np.float64], x: float, z: float, radius: float) -> bool:
@@ -155,7 +157,7 @@ def room_occluders(
     """What darkens each of `room_faces` where it meets another: ``first_occluder`` and ``occluder`` of a `RoomTable`.
 
     A floor or a ceiling is darkened by all walls within ``reach_m`` of its room, whosever they are; a piece of wall by
-    its own sides, where something is beside it.
+    its own sides, where something is beside it that is wider than a sliver, as rooms that meet at an angle leave them.
     """
     edge, (start, end, bottom, top) = pieces[:, 0].astype(np.int64), pieces[:, 1:].T
     at, along = edges[edge, :2], edges[edge, 3:5]
@@ -164,7 +166,8 @@ def room_occluders(
     room_of = np.searchsorted(first_edge, edge, side="right") - 1
     # of each edge, whether a wall is at its start and its end; and which edges come before and after it
     met = np.zeros((2, len(edges)), np.bool_)
-    met[0, edge[(start == 0.0) & (bottom == 0.0)]] = met[1, edge[(end == edges[edge, 2]) & (bottom == 0.0)]] = True
+    standing = (bottom == 0.0) & (end - start > SLIVER_M)
+    met[0, edge[(start == 0.0) & standing]] = met[1, edge[(end == edges[edge, 2]) & standing]] = True
     before, after = np.arange(len(edges)) - 1, np.arange(len(edges)) + 1
     before[first_edge[:-1]], after[first_edge[1:] - 1] = first_edge[1:] - 1, first_edge[:-1]
     roofed, nought = (textures[room_of, CEILING] >= 0) & (top == heights[room_of]), np.zeros(len(pieces))

@@ -58,7 +58,8 @@ MOST_LOOKUPS = SCANLINE_BUFFER - 4 * (MOST_MIXED + LANES)  # when there are more
 AHEAD = 8.0  # rows further down, whose texels are asked of memory: it takes longer than a processor looks ahead
 MOST_APART = 2  # sizes that fit at both ends of sixteen pixels: if they are further apart, each has its own
 FULL = 65535  # light: less than all of it by a 65536th, which no rounded colour shows
-JOINT_M, CONTACT = 1.0, 2.2  # how far a joint of two faces darkens them; and a thing the floor, by its own reach
+JOINT_M, CONTACT = 0.8, 2.0  # how far a joint of two faces darkens them; and a thing the floor, by its own reach
+BELOW = 0.3  # of the square of that reach, by CONTACT: how much of it is as dark as a joint, mostly below the thing
 RED_BLUE, GREEN = 0xFF00FF, 0x00FF00
 
 
@@ -244,8 +245,9 @@ def shade_run(run: I32, y: int, plane: F64, segments: F64, things: F64, places: 
     for k in range(known + (places.shape[0] if segments[0, 7] == 1.0 else 0)):
         thing, segment = max(k - known, 0), segments[min(k, known - 1)]
         x, z, right, up, length, reach = segment[0], segment[1], segment[2], segment[3], segment[4], JOINT_M
+        inner = 0.0
         if k >= known:
-            x, z, right, up, length = places[thing, 0], places[thing, 2], 1.0, 0.0, 0.0
+            x, z, right, up, length, inner = places[thing, 0], places[thing, 2], 1.0, 0.0, 0.0, BELOW
             reach = CONTACT * things[thing, AROUND] if places[thing, 1] == 0.0 else 0.0
         u, u_x = segment[5] * (plane[6] * px + (plane[7] * py + plane[8])) - x * inverse, segment[5] * plane[6]
         v, v_x = segment[6] * (plane[9] * px + (plane[10] * py + plane[11])) - z * inverse, segment[6] * plane[9]
@@ -277,7 +279,8 @@ def shade_run(run: I32, y: int, plane: F64, segments: F64, things: F64, places: 
                 aside + aside_x * i,
                 aside_x,
                 length,
-                1.0 / (reach * reach),
+                (1.0 + inner) / (reach * reach),
+                inner,
                 least,
             )
     for i in range(0, count, LANES):

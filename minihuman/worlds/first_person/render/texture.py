@@ -280,9 +280,13 @@ def occlude(
     aside_x: float,
     length: float,
     scale: float,
+    inner: float,
     least: float,
 ) -> None:
-    """Note of sixteen pixels how near a segment on their face is, if it is nearer than others: the square, by a scale.
+    """Note of sixteen pixels how near a segment on their face is, if it is nearer than others.
+
+    That is the square of the distance by ``scale``, less ``inner``: 1 where it no longer darkens them, 0 or less where
+    they are darkest.
 
     ``along`` is how far they are along it from its start and ``aside`` how far beside it, metres, over distance.
     """
@@ -291,9 +295,8 @@ def occlude(
     far = 1.0 / ops.larger(ops.single(inverse_x, LANES) * steps + ops.single(inverse, LANES), ops.single(least, LANES))
     on, off = ((by * steps + to) * far for by, to in ways)
     beyond = ops.larger(ops.larger(on - ops.single(length, LANES), on * -1.0), 0.0)
-    ops.store(
-        near, at, ops.smaller(ops.load(near, at, LANES), (beyond * beyond + off * off) * ops.single(scale, LANES))
-    )
+    square = (beyond * beyond + off * off) * ops.single(scale, LANES) - ops.single(inner, LANES)
+    ops.store(near, at, ops.larger(ops.smaller(ops.load(near, at, LANES), square), 0.0))
 
 
 @simd_function()

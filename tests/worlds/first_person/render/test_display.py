@@ -67,6 +67,18 @@ def test_a_wall_is_darker_at_its_corner_and_the_floor_around_a_thing():
     assert (around < 0.85).sum() > 200
 
 
+def test_an_edge_towards_the_viewer_is_not_shaded_like_a_corner():
+    shown = {}
+    for look in LOOKS:  # into YMaze's fork, where two arms meet in an edge, with slivers of wall beside it
+        world = gymnasium.make("minihuman/MiniWorld-YMaze-v0", look=look).unwrapped
+        world.reset(seed=9961)
+        world.agent.pos, world.agent.dir = (-4.534, 0.0, 0.838), 0.2623
+        shown[look] = world.picture(size_px=(800, 600)).astype(np.float64).mean(axis=2)
+    part = shown["display"] / np.maximum(shown["classic"], 1.0)
+    edge, wall = part[290:330, 476:496].mean(), part[290:330, 540:600].mean()
+    assert edge > 0.9 * wall
+
+
 def test_other_looks_are_refused():
     with pytest.raises(WorldError, match=r"look is 'photo'"):
         gymnasium.make("minihuman/MiniWorld-OneRoom-v0", look="photo")
