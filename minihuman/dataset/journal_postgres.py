@@ -25,11 +25,6 @@ create table if not exists minihuman_lines (
     primary key (journal, number)
 )
 """
-_ADDED = """
-select generation, number, line
-from minihuman_journals left join minihuman_lines on journal = name and number > %s
-where name = %s order by number
-"""
 _ADD = """
 insert into minihuman_lines (journal, number, line)
 select %s, number, line from unnest(%s::bigint[], %b::bytea[]) as added (number, line)
@@ -117,6 +112,8 @@ class Database:
         try:
             yield
         finally:
+            if not timer.is_alive():  # it shut the connection, after the last answer: the next call makes another
+                self.close()
             timer.cancel()
 
 
@@ -165,22 +162,22 @@ class PostgresJournal(Journal[Line], Generic[Line]):
 
     def read(self) -> Sequence[Line]:
         """All lines."""
-        with self._asking(self._database.ask) as cursor:
-            return self._read_on(cursor)
+        with self._asking(self._database.ask) as cursor:  # lines taken out in between change the next generation
+            row = cursor.execute("select generation from minihuman_journals where name = %s", [self._name]).fetchone()
+            return self._read_on(cursor, row[0]) if row else ()
 
     @contextmanager
     def hold(self) -> Iterator[LockedJournal[Line]]:
         """Keep others out by the lock of a row, which ends with the connection."""
         with self._asking(self._database.transaction) as cursor:
-            self._lock(cursor)
-            lines = self._read_on(cursor)
+            lines = self._read_on(cursor, self._locked(cursor))
             chain = self._chain.copy() if self._chained else None
             yield _LockedRows(cursor, self._name, self._last, lines, self._declaration, chain)
 
     def keep(self, wanted: Callable[[bytes], bool]) -> None:
         """Delete the others; readers read everything again."""
         with self._asking(self._database.transaction) as cursor:
-            self._lock(cursor)
+            self._locked(cursor)
             rows = cursor.execute(
                 "select number, line from minihuman_lines where journal = %s", [self._name]
             ).fetchall()
@@ -196,22 +193,20 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         """Let go of the connection; it is made again when it is needed."""
         self._database.close()
 
-    def _lock(self, cursor: "psycopg.Cursor[Any]") -> None:
-        """Lock the journal's row, made where there is none."""
-        lock = "select from minihuman_journals where name = %s for update"
-        while not cursor.execute(lock, [self._name]).rowcount:
+    def _locked(self, cursor: "psycopg.Cursor[Any]") -> int:
+        """Lock the journal's row, made where there is none; its generation."""
+        lock = "select generation from minihuman_journals where name = %s for update"
+        while (row := cursor.execute(lock, [self._name]).fetchone()) is None:
             make = "insert into minihuman_journals (name) values (%s) on conflict do nothing"
             cursor.execute(make, [self._name])
+        return int(row[0])
 
-    def _read_on(self, cursor: "psycopg.Cursor[Any]") -> Sequence[Line]:
-        rows = cursor.execute(_ADDED, [self._last, self._name]).fetchall()
-        if rows and rows[0][0] != self._generation:
-            self._generation, self._last, self._lines = rows[0][0], 0, []
+    def _read_on(self, cursor: "psycopg.Cursor[Any]", generation: int) -> Sequence[Line]:
+        if generation != self._generation:
+            self._generation, self._last, self._lines = generation, 0, []
             self._chain = LineChain(self._name)
-            rows = cursor.execute(_ADDED, [0, self._name]).fetchall()
-        for _, number, line in rows:
-            if number is None:  # nothing was added
-                break
+        ask = "select number, line from minihuman_lines where journal = %s and number > %s order by number"
+        for number, line in cursor.execute(ask, [self._name, self._last]).fetchall():
             chain = self._chain.copy()
             whole = chain.open(bytes(line), number) if self._chained else bytes(line)
             found = self._decode(whole, number) if whole else None

@@ -1,6 +1,7 @@
 """Journals: what one process adds all others read, once and in order, in files and in a database alike."""
 
 import multiprocessing
+import time
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -236,3 +237,19 @@ def test_people_come_go_and_are_forgotten_wherever_the_register_is(data: Path) -
     assert reused.participant == "sub-02"
     record_departure(data / "tried", ParticipantWithdrawn("sub-01", "now", "erased"))
     assert [line.participant for line in read_enrolled(data / "tried")] == ["sub-02"]
+
+
+@pytest.mark.program
+def test_reading_on_after_the_last_answer_for_longer_than_a_call_may_take_costs_no_later_call_its_answer(
+    url: str,
+) -> None:
+    """As a server does that decodes 200,000 lines on a busy machine: the connection was cut off meanwhile."""
+    from minihuman.dataset.journal_postgres import Database
+
+    slow = Database(fresh(url), "select 1", "a test", timeout_s=0.3)
+    with slow.ask() as cursor:
+        assert cursor.execute("select 7").fetchone() == (7,)
+        time.sleep(0.9)
+    with slow.ask() as cursor:
+        assert cursor.execute("select 8").fetchone() == (8,)
+    slow.close()
