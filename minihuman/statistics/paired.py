@@ -332,11 +332,10 @@ def _fit_reml(design: Values, at: Values, person: "pd.Series[str]", free: int) -
 
     bounds = ((0, _MAX_RATIO), (-_MAX_RATIO, _MAX_RATIO), (0, _MAX_RATIO))[:free]
     starts = ((0.5, 0.1, 0.1), (0.5, -0.1, 0.1))[: min(free, 2)]
-    found = [
-        optimize.minimize(lambda x: profile(x)[0], start[:free], bounds=bounds, tol=1e-10).x.tolist()
-        for start in starts
-    ]
-    best = min(found, key=lambda x: profile(x)[0], default=())
+    found: list[list[float]] = [] if free else [[]]
+    for start in starts:
+        found += [optimize.minimize(lambda x: profile(x)[0], start[:free], bounds=bounds, tol=1e-10).x.tolist()]
+    best = min(found, key=lambda x: profile(x)[0])
     loss, estimates, errors = profile(best)
     return -loss if np.all(np.abs(best) < _MAX_RATIO / 2) else -math.inf, estimates, errors
 

@@ -302,6 +302,16 @@ class Arrivals:
         log = read_log(folder)
         return log.end_reason if is_session_complete(log) else ""
 
+    def settle(self, admission: Admission) -> None:
+        """Hand a session over that was not started; of one whose log turned out to be complete, say that it ended."""
+        if self.leases is None or admission.lease is None:
+            return
+        if ended := self._read_end(admission.participant, admission.session):
+            with suppress(LogError, OSError):  # the log is here, and `gather` brings it to the store
+                self.leases.end(admission.lease, ended)
+                self._sync(admission.participant)
+        self.leases.release(admission.lease)
+
     def finish_ended(self) -> None:
         """Finish the logs of sessions that had ended for good when this server was killed.
 

@@ -577,8 +577,7 @@ class ConnectionFactory:
         try:
             hosted = await asyncio.to_thread(self._hosted, admission, facts, wake, ask_team)
         except (MinihumanError, OSError) as error:
-            if admission.lease is not None and self._arrivals.leases is not None:
-                await asyncio.to_thread(self._arrivals.leases.release, admission.lease)
+            await asyncio.to_thread(self._arrivals.settle, admission)
             LOG.warning("a session was not started: %s", error)
             # no database, or a log that another server left was complete: the page comes again, and is told
             return TurnedAway("wait", "") if isinstance(error, OSError | AllocationError) else self._turned("broken")

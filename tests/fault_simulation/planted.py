@@ -226,7 +226,7 @@ FOUND_BY = {  # the first seed that shows it
     "tabs mixed": 1,
 }
 FOUND_BY_TWO = {
-    "acknowledged before copied": 12,
+    "acknowledged before copied": 50,
     "resumed from its own file": 0,
     "outdated file kept": 29,
     "fence ignored": 3,

@@ -320,6 +320,9 @@ def test_a_page_whose_session_turns_out_to_be_complete_comes_again_and_is_told_s
     assert isinstance(first, TurnedAway)
     assert isinstance(second, TurnedAway)
     assert (first.reason, second.reason) == ("wait", "complete")
+    grant = table.acquire(name_session("tried", "sub-01", 1))
+    assert grant is not None
+    assert grant.ended == "complete", "no other server resumes it"
 
 
 @pytest.fixture(scope="module")
