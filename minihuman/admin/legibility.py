@@ -107,7 +107,7 @@ def _too_long(part: PlannedPart, words: InterfaceWords, faces: TypefaceSet) -> I
                 if not question_fits(_empty(item, words), NARROWEST_SCREEN_PX):
                     yield f"{part.name}, question {item.name!r}: {_does_not_fit(item.ask)}"
     for title in _titles(part):
-        if _width(title, faces) > _LONGEST_TITLE:
+        if measure_width_px(title, faces, 25) / 1000 > _LONGEST_TITLE:  # in the smallest type, by the height
             yield f"{part.name}, title: is too long for one line: {title[:40]!r}; shorten it"
 
 
@@ -118,11 +118,6 @@ def _does_not_fit(text: str) -> str:
 def _titles(part: PlannedPart) -> Iterator[str]:
     if isinstance(part.plan, PagePlan | QuestionsPlan | PlayPlan):
         yield part.plan.title
-
-
-def _width(title: str, faces: TypefaceSet) -> float:
-    """How long a title is in the smallest type it may be set in, as a share of the height."""
-    return measure_width_px(title, faces, 25) / 1000
 
 
 def _empty(item: QuestionItemSpec, words: InterfaceWords) -> Any:

@@ -71,7 +71,8 @@ def _write(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     datasets: dict[str, MinariStorage] = {}
     players: defaultdict[str, set[str]] = defaultdict(set)  # of each dataset
     for world, item, demonstration in replayed:
-        name = f"{item.log.plan.study}/{_versioned(world)}"
+        version = "" if world.rpartition("-v")[2].isdigit() else "-v0"  # Minari ids end in one
+        name = f"{item.log.plan.study}/{world}{version}"
         if name not in datasets:
             _require_room(out, _RESERVE_BYTES)
             datasets[name] = _begin(out, name, item, demonstration)
@@ -148,11 +149,6 @@ def _requirements(item: IncludedEpisode) -> list[str]:
     module, colon, _ = item.episode.plan.world.partition(":")
     theirs = packages_distributions().get(module.partition(".")[0], []) if colon else []
     return [f"{DISTRIBUTION}>={__version__}", *(f"{package}=={version(package)}" for package in dict.fromkeys(theirs))]
-
-
-def _versioned(name: str) -> str:
-    """Minari ids end in a version."""
-    return name if name.rpartition("-v")[2].isdigit() else f"{name}-v0"
 
 
 def _buffer(demonstration: ReplayedEpisode) -> EpisodeBuffer:

@@ -326,7 +326,8 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str, dev
     demonstrations = read_demonstrations(
         source, study.world, ObservationEncoder(study.missions, sight=study.sight), study.selection
     )
-    eyes: EncoderName = _EYES.get(study.sight, "grid" if _is_small(demonstrations) else "atari")
+    is_small = get_image_shape(demonstrations.space)[1] < 36  # what the Atari network needs
+    eyes: EncoderName = _EYES.get(study.sight, "grid" if is_small else "atari")
     training, validation = split_by_participant(
         demonstrations, share=study.cloning.validation_share, seed=study.cloning.seed
     )
@@ -451,10 +452,6 @@ def _card(demonstrations: Demonstrations, eyes: EncoderName, study: CloneStudy) 
         seed=study.cloning.seed,
         notes={"demonstrations": len(demonstrations.episodes)},
     )
-
-
-def _is_small(demonstrations: Demonstrations) -> bool:
-    return get_image_shape(demonstrations.space)[1] < 36  # what the Atari network needs
 
 
 def _sight(study: CloneStudy) -> str:

@@ -391,7 +391,8 @@ def count_clauses(episodes: pd.DataFrame, starts: pd.DataFrame, done: pd.DataFra
     """
     counted = episodes.loc[episodes["exclusion_reason"].isna(), [*_ATTEMPT, "block", "group"]]
     counted = counted.merge(starts[[*_ATTEMPT, "mission"]], on=_ATTEMPT)
-    counted = counted[counted["block"].isin(_blocks(counted, done))]
+    # the blocks whose worlds have instructions, as far as anything of one was done
+    counted = counted[counted["block"].isin(counted.merge(done[_ATTEMPT].drop_duplicates(), on=_ATTEMPT)["block"])]
     if counted.empty:
         return pd.DataFrame(columns=["block", "verb", "group", "asked", "done", "median_step"])
     steps = done[[*_ATTEMPT, "clause", "step"]]
@@ -413,11 +414,6 @@ def _asked(counted: pd.DataFrame) -> list[dict[str, Any]]:
         for row in counted.itertuples(index=False)
         for at, clause in enumerate(clauses(parse(str(row.mission))), start=1)
     ]
-
-
-def _blocks(counted: pd.DataFrame, done: pd.DataFrame) -> Any:
-    """The blocks whose worlds have instructions, as far as anything of one was done."""
-    return counted.merge(done[_ATTEMPT].drop_duplicates(), on=_ATTEMPT)["block"].unique()
 
 
 def clauses_table(rows: pd.DataFrame) -> Table | None:

@@ -143,14 +143,9 @@ def render_template(name: str, shown: Mapping[str, Any], templates: Path | None 
     environment = SandboxedEnvironment(
         autoescape=True, undefined=StrictUndefined, loader=ChoiceLoader(loaders), trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters["data_uri"] = _data_uri
+    environment.filters["data_uri"] = lambda png: f"data:image/png;base64,{base64.b64encode(png.read_bytes()).decode()}"
     try:
         return environment.get_template(name).render(shown)
     except TemplateError as error:
         line = f":{error.lineno}" if isinstance(error, TemplateSyntaxError) else ""
         raise ReportError(f"{templates}: {name}{line}: {error.message}") from error
-
-
-def _data_uri(path: Path) -> str:
-    """A PNG, to stand inside the page."""
-    return f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}"

@@ -422,17 +422,13 @@ def _make_host(
         protocol.files,
         logs=logs,
         learner=learner,
-        earlier=(_policies_in_log(path.log) if plan.segment > 1 else {}) | _policies_by_episode(logged),
+        earlier=(_policies_by_episode(read_log(path.log.parent).part_events) if plan.segment > 1 else {})
+        | _policies_by_episode(logged),
         stretches=ClipSampler(logs, seed=plan.study_seed, index=plan.participant.index),
         seed=plan.study_seed + 1_000_003 * plan.participant.index,
         patient=patient,
         unhurried=patient,
     )
-
-
-def _policies_in_log(log: Path) -> dict[int, str]:
-    """The policy that a session's log names last for each part."""
-    return _policies_by_episode(read_log(log.parent).part_events)
 
 
 def _policies_by_episode(events: Iterable[object]) -> dict[int, str]:

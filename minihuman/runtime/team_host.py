@@ -573,7 +573,7 @@ class TeamMember(RequestHandler):
             return None
         if isinstance(found, Team):
             return TeamJoined(t_ns, found)
-        return _at(found, t_ns)
+        return replace(found, t_ns=t_ns)
 
     def _ask(
         self, want: TeamRequest | ReadyRequest | JointRequest, play: RunningEpisode | None
@@ -592,7 +592,3 @@ class TeamMember(RequestHandler):
         self.table.leave(self)
         if self._then is not None:
             self._then.close()
-
-
-def _at(found: SeatsReady | JointTaken | TeamLost, t_ns: int) -> ActivityInput:
-    return replace(found, t_ns=t_ns)

@@ -73,7 +73,8 @@ def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
         rows = np.arange(first, first + len(lesson.actions))
         told.setdefault(_session(lesson.name), []).append(np.stack((seen_ns, rows)))
         first += len(lesson.actions)
-    sessions = {name: _in_time(np.concatenate(parts, axis=1)) for name, parts in told.items()}
+    joined = {name: np.concatenate(parts, axis=1) for name, parts in told.items()}
+    sessions = {name: each[:, np.argsort(each[0], kind="stable")] for name, each in joined.items()}
     nothing = np.zeros((2, 0), np.int64)
     candidates = max(1, int(np.ceil(LONGEST_MS * 1e6 / max(1, period_ns)))) + 1
     steps = np.full((len(dataset.ratings), candidates), -1)
@@ -98,10 +99,6 @@ def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
 def _session(lesson: str) -> str:
     """Whose clock a lesson's times are on: each session's begins at 0."""
     return lesson.partition(":")[0]
-
-
-def _in_time(told: NDArray[np.int64]) -> NDArray[np.int64]:
-    return told[:, np.argsort(told[0], kind="stable")]
 
 
 def find_delay(presses: Presses, steps: LabelledSteps) -> float | None:
