@@ -274,10 +274,10 @@ class SessionLeases:
         with self._guard:
             self.renew([lease])
             lease.follow(lambda: None, lambda: lease.copied_writes)
+            lease._ended = bool(reason) and not lease.lost  # before it is said: if the answer is lost, it is said again
             if lease.lost or (reason and not self._table.release(lease.session, lease.grant.fence, ended=reason)):
                 lease.lost = True
                 raise LeaseLostError(f"{lease.session} now runs on another server")
-            lease._ended = bool(reason)
 
     def store(self, lease: Lease, log: Path | None) -> None:
         """Keep a finished log in the place of the copies, or none where every server can have it from elsewhere.

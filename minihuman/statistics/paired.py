@@ -330,12 +330,14 @@ def _fit_reml(design: Values, at: Values, person: "pd.Series[str]", free: int) -
         logs = freedom * math.log(variance) + np.linalg.slogdet(inner)[1].sum() + np.linalg.slogdet(terms)[1]
         return float(logs) / 2, estimates, np.sqrt(variance * np.diag(np.linalg.inv(terms)))
 
+    def loss_of(entries: Sequence[float]) -> float:
+        return profile(entries)[0]
+
     bounds = ((0, _MAX_RATIO), (-_MAX_RATIO, _MAX_RATIO), (0, _MAX_RATIO))[:free]
-    starts = ((0.5, 0.1, 0.1), (0.5, -0.1, 0.1))[: min(free, 2)]
     found: list[list[float]] = [] if free else [[]]
-    for start in starts:
-        found += [optimize.minimize(lambda x: profile(x)[0], start[:free], bounds=bounds, tol=1e-10).x.tolist()]
-    best = min(found, key=lambda x: profile(x)[0])
+    for start in ((0.5, 0.1, 0.1), (0.5, -0.1, 0.1))[: min(free, 2)]:
+        found += [optimize.minimize(loss_of, start[:free], bounds=bounds, tol=1e-10).x.tolist()]
+    best = min(found, key=loss_of)
     loss, estimates, errors = profile(best)
     return -loss if np.all(np.abs(best) < _MAX_RATIO / 2) else -math.inf, estimates, errors
 

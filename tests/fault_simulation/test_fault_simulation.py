@@ -37,6 +37,10 @@ def test_what_failed_once_does_not_fail_again(seed: int) -> None:
     assert simulate(seed).failures == []
 
 
+def test_a_session_whose_end_was_said_without_an_answer_keeps_its_log() -> None:
+    assert simulate(94, machines=2).failures == []
+
+
 @pytest.mark.parametrize("name", PLANTED)
 def test_a_planted_fault_is_found(name: str) -> None:
     assert simulate(FOUND_BY[name], PLANTED[name]).failures
