@@ -98,18 +98,15 @@ def _write_labelled(chosen: IncludedEpisodes, out: Path, kind: Literal["sav", "d
                 if column.kind in ("text", "key"):
                     frame[column.name] = frame[column.name].fillna("").astype(object)
             labels: dict[str, Any] = {
-                column.name: _label(f"{column.meaning}{f' ({column.unit})' if column.unit else ''}", kind)
+                column.name: text if kind == "sav" else shorten(text, _LABEL_CHARACTERS, placeholder=" ...")
                 for column in described
+                for text in [f"{column.meaning}{f' ({column.unit})' if column.unit else ''}"]
             }
             answers = {flag: {0.0: "no", 1.0: "yes"} for flag in flags}
             paths.append(out / f"{name}.{kind}")
             write = pyreadstat.write_sav if kind == "sav" else pyreadstat.write_dta
             write(frame, str(paths[-1]), column_labels=labels, variable_value_labels=answers)
         return count_included(store).with_files(tuple(paths))
-
-
-def _label(text: str, kind: str) -> str:
-    return text if kind == "sav" else shorten(text, _LABEL_CHARACTERS, placeholder=" ...")
 
 
 def export_hugging_face(chosen: IncludedEpisodes, out: Path) -> ExportResult:
