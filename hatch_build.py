@@ -21,7 +21,8 @@ class LibraryHook(BuildHookInterface):  # type: ignore[type-arg]
 
     def initialize(self, version: str, build_data: dict[str, object]) -> None:
         """Build, and say for which machines the wheel is."""
-        environment = os.environ | {"PYTHONPATH": self.root}
+        path = os.pathsep.join(filter(None, [self.root, os.environ.get("PYTHONPATH")]))  # pip's has what a build needs
+        environment = os.environ | {"PYTHONPATH": path}
         subprocess.run(
             [sys.executable, "-m", "minihuman.worlds.build", "--native", "--stale"], env=environment, check=True
         )
