@@ -25,6 +25,7 @@ _DISTRIBUTIONS = {  # by module
     "google": "protobuf",
 }
 _INTERRUPTED = 130  # as shells say it of a program that Ctrl-C ended
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # of a terminal, which Gymnasium puts into its warnings
 
 
 def main() -> None:
@@ -121,7 +122,7 @@ def _usage_line(error: click.UsageError) -> str:
 
 
 def _format_warning(message: Warning | str, *_: object) -> str:
-    return f"Warning: {escape_control_characters(str(message))}\n"
+    return f"Warning: {escape_control_characters(_COLOURS.sub('', str(message)))}\n"
 
 
 def _complain(line: str) -> None:

@@ -72,6 +72,8 @@ def new(
     language: Annotated[
         str, Option(help="The language of the study: en, de, fr, es, zh, ja, ar, he, or another.")
     ] = "en",
+    episodes: Annotated[int, Option(help="The number of episodes in each block.", min=1)] = 5,
+    participants: Annotated[int, Option(help="The number of participants.", min=1)] = 20,
     yes: Annotated[bool, Option("--yes", "-y", help="Ask no questions; use the defaults.")] = False,
 ) -> None:
     """Write a ready-to-run protocol after a few questions.
@@ -87,8 +89,8 @@ def new(
     from minihuman.trust import Trust, list_foreign_modules
 
     chosen = tuple(one.strip() for one in template.split(",") if one.strip())
-    usual = ProtocolDraft(templates=chosen, language=language, world=world)
-    usual = replace(usual, name=make_study_name(name or usual.name))
+    called = make_study_name(name or "my-study")
+    usual = ProtocolDraft(called, world, episodes, participants, templates=chosen, language=language)
     draft = usual if yes else _asked(usual)
     path = folder / f"{draft.name}.toml"
     if path.exists():
