@@ -242,14 +242,15 @@ def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck 
 
 
 def _expand(short: Any) -> NumberedMessage:
-    at_ns = 1000 * short.at
+    at_ns, ago = 1000 * short.at, [getattr(short, name, 0) for name in ("ago", "flip", "submit")]
+    if max(ago) > short.at:
+        raise ValueError("a time is before the session's start")
+    stamp_ns, flip_ns, submit_ns = (at_ns - 1000 * each for each in ago)
     match short.__struct_config__.tag:
         case "k":
-            stamp_ns = max(0, at_ns - 1000 * short.ago)
             key = KeyMessage(short.key, short.down == 1, stamp_ns, short.symbol, short.repeat, digest=short.digest)
             return NumberedMessage(short.n, at_ns, key)
         case "s":
-            submit_ns, flip_ns = (max(0, at_ns - 1000 * ago) for ago in (short.submit, short.flip))
             shown = DisplayedMessage(submit_ns, flip_ns, episode=short.episode, step=short.step, node=short.node)
             return NumberedMessage(short.n, at_ns, shown)
     return NumberedMessage(short.n, at_ns, TickMessage(short.digest))
