@@ -613,8 +613,9 @@ class ConnectionFactory:
                         admission.part, self._disk, facts, self._settings, at_sync=wake, at_team_change=ask_team
                     )
         plan = admission.plan or self._arrivals.plan(admission)
-        if admission.lease is not None and self._arrivals.leases is not None and admission.lease.grant.copied:
-            self._arrivals.leases.store(admission.lease, SegmentPath.of_plan(self._data, plan).log)
+        lease, leases = admission.lease, self._arrivals.leases
+        if lease is not None and leases is not None and (lease.grant.copied or plan.segment > 1):
+            leases.store(lease, SegmentPath.of_plan(self._data, plan).log)  # else the next server has the later one alone
         return start_host(plan, self._disk, facts, self._settings, at_sync=wake, at_team_change=ask_team)
 
     def _inbox(self, admission: Admission) -> CommandInbox:
