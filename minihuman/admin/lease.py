@@ -212,8 +212,7 @@ class SessionLeases:
                 current_system().disk.rename(unfinished, path)
                 for above in path.parents[:4]:
                     sync_folder(above)
-                stamp_ns = current_system().clock.wall_ns() - round(lease.grant.idle_s * 1e9)
-                os.utime(path, ns=(stamp_ns, stamp_ns))
+                os.utime(path, ns=2 * (current_system().clock.wall_ns() - round(lease.grant.idle_s * 1e9),))
 
     def recover(self, part: Path, *, only_ended: bool = False) -> FinalizedLog | None:
         """Finish a live file that a killed server left, under the session's lease and with all that was acknowledged.

@@ -439,9 +439,10 @@ class Connection:
             self.host.close_agent()
             for file in self._hosted.files:
                 file.leave()
-            is_released = self._leases is not None and self.lease is not None and self._leases.release(self.lease)
-            for file in self._hosted.files if is_released and self.dismissed else ():
-                put_aside(file.where.part, SUPERSEDED)
+            if self._leases is not None and self.lease is not None and self._leases.release(self.lease):
+                with suppress(OSError):  # else it is put aside when the session is leased here again
+                    for file in self._hosted.files if self.dismissed else ():
+                        put_aside(file.where.part, SUPERSEDED)
 
 
 def _record_end(log: Path) -> bool:

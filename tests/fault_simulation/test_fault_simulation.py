@@ -17,6 +17,7 @@ FAILED_ONCE = (  # a hole that an fsync left, a blank live file, a line taken ba
 FAILED_ONCE_WITH_TWO = (
     94,  # the end of a session was said, and the answer lost: its log was not kept
     298,  # a server that never reached the database finished a segment, and the next went on without it
+    301,  # a live file was to be put aside on a disk that had failed
     425,  # a segment was finished on one server, resumed from its copy, and then thrown away beside the finished one
 )
 
