@@ -104,10 +104,7 @@ class LeaseTable(abc.ABC):
 
 def open_lease_table(study_dir: Path) -> LeaseTable | None:
     """The leases of a study; None where its journals are files."""
-    url = find_database_url(study_dir)
-    if not url:
-        return None
-    return PostgresLeaseTable(url)
+    return PostgresLeaseTable(url) if (url := find_database_url(study_dir)) else None
 
 
 @dataclass(slots=True, eq=False)
@@ -203,6 +200,8 @@ class SessionLeases:
             path = folder / name
             here = path.read_bytes() if path.exists() else None
             grows = name.endswith(PART_SUFFIX)
+            if grows and (log := path.with_suffix("")).name not in copies and log.exists():
+                put_aside(log, SUPERSEDED)  # the first segment was finished here, and then another server went on
             if here is None or not (here.startswith(data) if grows else here == data):
                 if here is not None:
                     put_aside(path, SUPERSEDED)
@@ -213,8 +212,7 @@ class SessionLeases:
                 current_system().disk.rename(unfinished, path)
                 for above in path.parents[:4]:
                     sync_folder(above)
-                stamp_ns = current_system().clock.wall_ns() - round(lease.grant.idle_s * 1e9)
-                os.utime(path, ns=(stamp_ns, stamp_ns))
+                os.utime(path, ns=2 * (current_system().clock.wall_ns() - round(lease.grant.idle_s * 1e9),))
 
     def recover(self, part: Path, *, only_ended: bool = False) -> FinalizedLog | None:
         """Finish a live file that a killed server left, under the session's lease and with all that was acknowledged.

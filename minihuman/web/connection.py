@@ -439,9 +439,10 @@ class Connection:
             self.host.close_agent()
             for file in self._hosted.files:
                 file.leave()
-            is_released = self._leases is not None and self.lease is not None and self._leases.release(self.lease)
-            for file in self._hosted.files if is_released and self.dismissed else ():
-                put_aside(file.where.part, SUPERSEDED)
+            if self._leases is not None and self.lease is not None and self._leases.release(self.lease):
+                with suppress(OSError):  # else it is put aside when the session is leased here again
+                    for file in self._hosted.files if self.dismissed else ():
+                        put_aside(file.where.part, SUPERSEDED)
 
 
 def _record_end(log: Path) -> bool:
@@ -613,8 +614,9 @@ class ConnectionFactory:
                         admission.part, self._disk, facts, self._settings, at_sync=wake, at_team_change=ask_team
                     )
         plan = admission.plan or self._arrivals.plan(admission)
-        if admission.lease is not None and self._arrivals.leases is not None and admission.lease.grant.copied:
-            self._arrivals.leases.store(admission.lease, SegmentPath.of_plan(self._data, plan).log)
+        lease, leases = admission.lease, self._arrivals.leases
+        if lease is not None and leases is not None and (lease.grant.copied or plan.segment > 1):
+            leases.store(lease, SegmentPath.of_plan(self._data, plan).log)  # else the next one has only the rest
         return start_host(plan, self._disk, facts, self._settings, at_sync=wake, at_team_change=ask_team)
 
     def _inbox(self, admission: Admission) -> CommandInbox:

@@ -199,6 +199,23 @@ def test_what_a_late_server_has_is_put_aside_not_resumed(servers: tuple[Server, 
     assert aside.read_bytes() == b"copied,mine"
 
 
+def test_a_log_that_was_finished_and_not_stored_is_put_aside_for_the_copy(
+    servers: tuple[Server, Server], clock: Clock
+) -> None:
+    one, _ = servers
+    one.host()
+    one.record(b"acknowledged")
+    one.renew()
+    log = one.part.with_name("sub-01_ses-01.mcap")
+    log.write_bytes(b"finished")
+    one.part.unlink()
+    clock.now_s += TTL_S + 1
+    one.host()
+    assert one.part.read_bytes() == b"acknowledged"
+    assert not log.exists(), "the live file goes on, and would be thrown away at its end"
+    assert log.with_name(f"{log.name}.superseded-1").read_bytes() == b"finished"
+
+
 def test_a_torn_end_that_was_taken_off_is_replaced_in_the_copy(servers: tuple[Server, Server], clock: Clock) -> None:
     one, other = servers
     one.host()
