@@ -246,14 +246,15 @@ def _expand(short: Any) -> NumberedMessage:
     if max(ago) > short.at:
         raise ValueError("a time is before the session's start")
     stamp_ns, flip_ns, submit_ns = (at_ns - 1000 * each for each in ago)
+    what: PageMessage
     match short.__struct_config__.tag:
         case "k":
-            key = KeyMessage(short.key, short.down == 1, stamp_ns, short.symbol, short.repeat, digest=short.digest)
-            return NumberedMessage(short.n, at_ns, key)
+            what = KeyMessage(short.key, short.down == 1, stamp_ns, short.symbol, short.repeat, digest=short.digest)
         case "s":
-            shown = DisplayedMessage(submit_ns, flip_ns, episode=short.episode, step=short.step, node=short.node)
-            return NumberedMessage(short.n, at_ns, shown)
-    return NumberedMessage(short.n, at_ns, TickMessage(short.digest))
+            what = DisplayedMessage(submit_ns, flip_ns, episode=short.episode, step=short.step, node=short.node)
+        case _:
+            what = TickMessage(short.digest)
+    return NumberedMessage(short.n, at_ns, what)
 
 
 class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):

@@ -222,7 +222,7 @@ FOUND_BY = {  # the first seed that shows it
     "sent taken for arrived": 0,
     "lost commit unnoticed": 171,
     "slot freed twice": 0,
-    "time from the wall clock": 40,
+    "time from the wall clock": 191,
     "tabs mixed": 1,
 }
 FOUND_BY_TWO = {
