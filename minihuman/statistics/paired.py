@@ -313,8 +313,7 @@ def _fit_reml(design: Values, at: Values, person: "pd.Series[str]", free: int) -
     Returns:
         Its logarithm but for a constant, minus infinity without a maximum; the estimates, and their standard errors.
     """
-    own = np.column_stack([np.ones(len(at)), at / at.std()])
-    whose = pd.get_dummies(person).to_numpy(float)
+    own, whose = np.column_stack([np.ones(len(at)), at / at.std()]), pd.get_dummies(person).to_numpy(float)
     among = np.einsum("rp,ra,rb->pab", whose, own, own)
     between = np.einsum("rp,ra,rb->pab", whose, own, design)
     freedom = len(design) - design.shape[1] + 1
@@ -330,7 +329,7 @@ def _fit_reml(design: Values, at: Values, person: "pd.Series[str]", free: int) -
         logs = freedom * math.log(variance) + np.linalg.slogdet(inner)[1].sum() + np.linalg.slogdet(terms)[1]
         return float(logs) / 2, estimates, np.sqrt(variance * np.diag(np.linalg.inv(terms)))
 
-    def loss_of(entries: Sequence[float]) -> float:
+    def loss_of(entries: Any) -> float:
         return profile(entries)[0]
 
     bounds = ((0, _MAX_RATIO), (-_MAX_RATIO, _MAX_RATIO), (0, _MAX_RATIO))[:free]
