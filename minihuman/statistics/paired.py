@@ -318,7 +318,7 @@ def _fit_reml(design: Values, at: Values, person: "pd.Series[str]", free: int) -
     between = np.einsum("rp,ra,rb->pab", whose, own, design)
     freedom = len(design) - design.shape[1] + 1
 
-    def profile(entries: Sequence[float]) -> tuple[float, Values, Values]:
+    def profile(entries: Values | Sequence[float]) -> tuple[float, Values, Values]:
         first, shared, rest = (*entries, 0.0, 0.0, 0.0)[:3]
         factor = np.array([[first, 0.0], [shared, math.sqrt(rest)]])  # a square root: rest = 0 is no saddle
         inner, outer = np.eye(2) + factor.T @ among @ factor, factor.T @ between
@@ -329,7 +329,7 @@ def _fit_reml(design: Values, at: Values, person: "pd.Series[str]", free: int) -
         logs = freedom * math.log(variance) + np.linalg.slogdet(inner)[1].sum() + np.linalg.slogdet(terms)[1]
         return float(logs) / 2, estimates, np.sqrt(variance * np.diag(np.linalg.inv(terms)))
 
-    def loss_of(entries: Any) -> float:
+    def loss_of(entries: Values | Sequence[float], /) -> float:
         return profile(entries)[0]
 
     bounds = ((0, _MAX_RATIO), (-_MAX_RATIO, _MAX_RATIO), (0, _MAX_RATIO))[:free]
