@@ -89,8 +89,8 @@ def new(
     from minihuman.trust import Trust, list_foreign_modules
 
     chosen = tuple(one.strip() for one in template.split(",") if one.strip())
-    called = make_study_name(name or "my-study")
-    usual = ProtocolDraft(called, world, episodes, participants, templates=chosen, language=language)
+    study = make_study_name(name or "my-study")
+    usual = ProtocolDraft(study, world, episodes, participants, templates=chosen, language=language)
     draft = usual if yes else _asked(usual)
     path = folder / f"{draft.name}.toml"
     if path.exists():
