@@ -37,8 +37,8 @@ COMPILE_NOTICE = (
     "`python -m minihuman.worlds.build --native`"
 )
 NO_COMPILER = (
-    "kernels of {} are in no library that fits them, and Numba, which would compile them, is not installed: "
-    "pip install 'minihuman-lab[dev]'"
+    "kernels of {} are in no library that fits them, and Numba, which would compile them, is not installed: after an "
+    "update run `pip install -e .` again in minihuman's folder; for kernels that you write, `pip install numba`"
 )
 HERE = [sys.platform, platform.machine().lower().replace("amd", "x86_").replace("arm64", "aarch64")]  # as LLVM has it
 
