@@ -84,7 +84,8 @@ end:
 }
 """
 # Whether a library is for this processor: which bits cpuid sets says what instructions there are, and xgetbv that the
-# system keeps the wide registers. v2 is of 2009, v3 of 2013.
+# system keeps the wide registers. v2 is of 2009 (SSE3, SSSE3, CX16, SSE4.1, SSE4.2, POPCNT), v3 of 2013 (those, FMA,
+# MOVBE, OSXSAVE, AVX, F16C; BMI1, AVX2, BMI2; LZCNT).
 _CPUID = 'call { i32, i32, i32, i32 } asm "cpuid", "={ax},={bx},={cx},={dx},{ax},{cx},~{dirflag},~{fpsr},~{flags}"'
 _RUNS_HERE = {
     "generic": """
