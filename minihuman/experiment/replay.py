@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import fields, replace
-from itertools import islice
+from itertools import islice, pairwise, takewhile
 from typing import Any, get_args, get_type_hints
 
 from minihuman.errors import LogError, MinihumanError, WorldError
@@ -237,10 +237,20 @@ def _feed_next_input(session: SessionMachine, coming: list[Event]) -> list[Event
         if happened.t_ns < event.t_ns:  # it came late, behind something that left no event
             session.receive(ScreenShown(event.t_ns, 0, 0) if session.phase in _OVER_PARTS else Tick(event.t_ns))
         return session.receive(happened)
+    if (behind := _find_input_behind(coming, session)) is not None:
+        return session.receive(behind, at_ns=event.t_ns)
     stop = _find_stop(coming, session.phase)
     if stop is not None and stop.reason in _EXTERNAL_STOP_REASONS:
         return session.receive(stop)
     return session.receive(Tick(event.t_ns)) or (session.receive(stop) if stop else [])
+
+
+def _find_input_behind(coming: list[Event], session: SessionMachine) -> Input | None:
+    """The input whose time was over before it did anything: else the next one would find a new world prepared."""
+    for before, event in pairwise(takewhile(lambda one: one.t_ns == coming[0].t_ns, coming)):
+        if before == Noted(event.t_ns, "phase", Phase.PREPARING) and isinstance(event, KeyPressed | AxisMoved | Noted):
+            return _find_input(event, session)
+    return None
 
 
 def _find_input(event: Event, session: SessionMachine) -> Input | None:

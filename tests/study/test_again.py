@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace as replace_field
 
-from minihuman.experiment.machine.events import EpisodeStarted, KeyPressed
-from minihuman.experiment.machine.inputs import KeyDown, ScreenShown, Tick
+from minihuman.experiment.machine.events import EpisodeStarted, KeyPressed, Noted
+from minihuman.experiment.machine.inputs import ExperimenterCommand, FocusChanged, KeyDown, KeyUp, ScreenShown, Tick
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.replay import compare_replay
 from minihuman.worlds.adapters.world import World
@@ -69,3 +70,33 @@ def test_what_an_enter_did_at_ready_cannot_be_changed(verdict):
         for event in desk.events
     ]
     assert list(compare_replay(changed, World)) != []
+
+
+@pytest.mark.parametrize("what", ["key", "release", "focus", "experimenter"])
+@pytest.mark.parametrize("late_ms", [0, 20])
+def test_an_input_that_ends_the_last_picture_and_finds_the_next_world_being_made_is_proven(what, late_ms):
+    plan = corridor_plan(blocks=2, episodes=1, max_steps=2, hold_ms=300)
+    other = [replace_field(plan.episodes[1], options={"start": 1})]
+    desk = Desk(replace_field(plan, episodes=(plan.episodes[0], *other)))
+    desk.press("enter")
+    desk.act("forward", "forward")
+    assert desk.session.phase is Phase.HOLD
+    late(desk, 40)
+    desk.now_ns += 400 * MS
+    used_ns = desk.now_ns - late_ms * MS
+    happened = {
+        "key": KeyDown(used_ns, "1", "1"),
+        "release": KeyUp(used_ns, "1", "1"),
+        "focus": FocusChanged(desk.now_ns, False),
+        "experimenter": ExperimenterCommand(desk.now_ns, "note", "somebody came in"),
+    }[what]
+    desk.recorder.write(desk.session.receive(happened, at_ns=desk.now_ns))
+    before = [event.text for event in desk.of(Noted) if event.kind == "phase"]
+    assert Phase.PREPARING in before
+    assert (before[-1] == Phase.READY) == (what == "key")  # time passes once for the session, once for what a press did
+    desk.give(FocusChanged(desk.now_ns + MS, True))
+    desk.pass_ms(20)
+    desk.press("enter")
+    desk.act("forward")
+    assert len(desk.of(EpisodeStarted)) == 2
+    assert list(compare_replay(desk.events, World)) == []
