@@ -23,7 +23,7 @@ class LibraryHook(BuildHookInterface):  # type: ignore[type-arg]
         """Build, and say for which machines the wheel is."""
         path = os.pathsep.join(filter(None, [self.root, os.environ.get("PYTHONPATH")]))  # pip's has what a build needs
         environment = os.environ | {"PYTHONPATH": path}
-        command = [sys.executable, "-m", "minihuman.worlds.build", "--native", "--stale"]
+        command = [sys.executable, "-m", "kernel_build", "--native", "--stale"]
         # elsewhere no library was ever loaded yet: Numba is among what is installed there, and compiles instead
         subprocess.run(command, env=environment, check=sys.platform == "linux")
         build_data["artifacts"] = [f"{LIBRARY}/*"]

@@ -50,7 +50,7 @@ for _ in range(100):
 """
 BUILD = """
 import subprocess, sys
-subprocess.run([sys.executable, "-m", "minihuman.worlds.build", "--native", "{folder}/library"], check=True)
+subprocess.run([sys.executable, "-m", "kernel_build", "--native", "{folder}/library"], check=True)
 """
 DEMO = "protocols/demo.toml"
 SESSIONS = 10  # of the demo's study, which are plotted and reported

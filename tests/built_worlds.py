@@ -21,4 +21,4 @@ def build_worlds() -> None:
         return
     with Path(tempfile.gettempdir(), f"minihuman-build-{os.getuid()}").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        subprocess.run([sys.executable, "-m", "minihuman.worlds.build", "--native", "--stale"], check=True)
+        subprocess.run([sys.executable, "-m", "kernel_build", "--native", "--stale"], check=True)

@@ -1,12 +1,12 @@
 """Kernels: functions that run as machine code from a library that was compiled when minihuman was built.
 
-``python -m minihuman.worlds.build --native`` makes the library, in the folder ``compiled`` beside this module; so does
-an installation. A kernel is taken from it only where all sources that its module is made of are as they were then;
+In a checkout, ``python -m kernel_build --native`` makes the library, in the folder ``compiled`` beside this module; so
+does an installation. A kernel is taken from it only where all sources that its module is made of are as they were then;
 after an edit, Numba compiles it when it is called, in each process anew. Nothing is fused or reordered, so a kernel
 computes the same on every machine and either way. With NUMBA_DISABLE_JIT=1 kernels run as the plain Python in which
 they are written, and with MINIHUMAN_KERNELS=jit Numba compiles them even where there is a library.
 
-Only ``minihuman.worlds.build`` imports Numba and llvmlite, and this module imports that only to compile.
+In the package, only ``minihuman.worlds.build`` imports Numba and llvmlite; this module imports that only to compile.
 """
 
 import ctypes
@@ -34,7 +34,7 @@ LIBRARY_FOLDER = Path(__file__).parent / "compiled"
 MANIFEST = "manifest.json"
 COMPILE_NOTICE = (
     "the worlds are not compiled as they are now; each process compiles them anew until "
-    "`python -m minihuman.worlds.build --native`"
+    "`python -m kernel_build --native`"
 )
 NO_COMPILER = (
     "kernels of {} are in no library that fits them, and Numba, which would compile them, is not installed: after an "
@@ -224,7 +224,7 @@ class _Method(ctypes.Structure):
 
 
 class KernelLibrary:
-    """A shared library of kernels, made by ``minihuman.worlds.build``.
+    """A shared library of kernels, made by ``kernel_build``.
 
     Each kernel is a C function that Python calls as it calls functions of its own; the library imports nothing of
     Python's or NumPy's but finds in a table where that is.

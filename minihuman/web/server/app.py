@@ -210,9 +210,7 @@ class WebServer:
     async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:
         worlds = collect_world_facts(block.world for block in self._arrivals.protocol.blocks)
         if json.loads((_FOLDER / "worlds/manifest.json").read_text(encoding="utf-8"))["sources"] != kernels_digest():
-            LOG.warning(
-                "the page's modules are of other rules, so none computes: run `python -m minihuman.worlds.build`"
-            )
+            LOG.warning("the page's modules are of other rules, so none computes: run `python -m kernel_build`")
         self._factory.facts = {"player": "human", **await asyncio.to_thread(collect_machine_facts), **worlds}
         works = (self._grow, self._look_after, self._poll, self._keep_leases, self._finish_ended)
         tasks = [asyncio.create_task(work()) for work in works]

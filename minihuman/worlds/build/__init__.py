@@ -1,1 +1,1 @@
-"""Compiles the worlds' kernels ahead of time, to WebAssembly for the page."""
+"""What kernels are, and their compilation by Numba; ``kernel_build`` beside the package compiles them ahead of time."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import gymnasium
 import pytest
 
-from minihuman.worlds.build.page_modules import MANIFEST, PAGE, linker_version
+from kernel_build.page_modules import MANIFEST, PAGE, linker_version
 from minihuman.worlds.catalogue import WORLDS, is_compiled_grid
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.source_digest import kernels_digest
@@ -39,14 +39,14 @@ def test_the_committed_modules_are_those_of_the_manifest_and_small():
 
 
 def test_the_committed_modules_are_built_from_the_kernels_beside_them():
-    assert _manifest()["sources"] == kernels_digest(), "run `python -m minihuman.worlds.build`"
+    assert _manifest()["sources"] == kernels_digest(), "run `python -m kernel_build`"
 
 
 @pytest.mark.program
 def test_building_again_gives_the_committed_modules(tmp_path):
     if linker_version(PAGE) is None:
         pytest.skip("no wasm-ld, neither Debian's lld nor PyPI's ziglang")
-    subprocess.run([sys.executable, "-m", "minihuman.worlds.build", str(tmp_path)], check=True)
+    subprocess.run([sys.executable, "-m", "kernel_build", str(tmp_path)], check=True)
     new, kept = json.loads((tmp_path / MANIFEST).read_text(encoding="utf-8")), _manifest()
     tools = "numba", "llvmlite", "linker"
     if any(new[tool] != kept[tool] for tool in tools):

@@ -23,8 +23,8 @@ import llvmlite
 import llvmlite.binding as llvm
 import numba
 
+from kernel_build.entries import compile_for, results_of, write_table_entry
 from minihuman.errors import MinihumanError
-from minihuman.worlds.build.entries import compile_for, results_of, write_table_entry
 from minihuman.worlds.build.exports import EXPORTS, NUMBER
 from minihuman.worlds.kernels import KERNELS
 from minihuman.worlds.source_digest import kernels_digest
@@ -193,7 +193,7 @@ def build_page_modules(folder: Path) -> dict[str, Any]:
         BuildError: if Numba compiles for this machine's own processor, not as in `PORTABLE`, or there is no linker.
     """
     if any(os.environ.get(name) != value for name, value in PORTABLE.items()):
-        raise BuildError("build the page modules with `python -m minihuman.worlds.build`, which sets Numba's target")
+        raise BuildError("build the page modules with `python -m kernel_build`, which sets Numba's target")
     folder.mkdir(parents=True, exist_ok=True)
     modules: dict[str, Any] = {}
     for name, exports in EXPORTS.items():

@@ -11,8 +11,9 @@ from typing import Any
 import llvmlite.binding as llvm
 from numba.core.registry import cpu_target
 
-from minihuman.worlds.build import compilation, entries
-from minihuman.worlds.build.page_modules import Target, link_objects, machine_for, retarget
+from kernel_build import compiler_digest, entries
+from kernel_build.page_modules import Target, link_objects, machine_for, retarget
+from minihuman.worlds.build import compilation
 from minihuman.worlds.kernels import (
     API,
     API_FUNCTIONS,
@@ -225,10 +226,11 @@ def build_library(folder: Path, *, everywhere: bool = False) -> None:
         if path.exists():
             files.append({"file": path.name, "runs on": [system, machine]})
     modules = sorted({name.rpartition(".")[0] for name in names})
-    needed = {module: import_closure(module, compilation.__name__, entries.__name__) for module in modules}
+    needed = {module: import_closure(module, compilation.__name__) for module in modules}
     paths = sorted({path for each in needed.values() for path in each})
     manifest = {
         "api": API,
+        "compiler": compiler_digest(),
         "files": files,
         "kernels": names,
         "sources": [[path, source_digest(path)] for path in paths],
