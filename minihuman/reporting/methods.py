@@ -254,8 +254,15 @@ def _describe(one: EpisodePlan, spec: BlockSpec | None) -> str:
         f"{options}, {one.view} view, at most {one.max_steps} steps"
         f"{f' or {spec.max_episode_s:g} s' if spec is not None and spec.max_episode_s else ''} each; {_pace(one)}; "
         f"actions {', '.join(one.actions)} on {offered} keys of {pool}{distractors}; "
-        f"{_SHOWN if one.show_keys else _TO_FIND}"
+        f"{_SHOWN if one.show_keys else _TO_FIND}{_moved(spec)}"
     )
+
+
+def _moved(spec: BlockSpec | None) -> str:
+    """How the view got from one picture to the next, where it did not change at once."""
+    if spec is None or not spec.motion_ms:
+        return ""
+    return f"; the view moved to each new picture for {spec.motion_ms:g} ms, from the beginning of which times count"
 
 
 def _episodes(one: EpisodePlan, spec: BlockSpec | None) -> str:

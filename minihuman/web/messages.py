@@ -388,6 +388,7 @@ class EpisodeRules(msgspec.Struct, tag="rules", tag_field="t"):
     held: bool  # the last picture stays for a while
     keep: int  # pictures before this number are of no use any more, but for those on a screen
     computed: WorldState | None = None  # where the page computes it; else scenes are sent ahead
+    motion: float = 0.0  # ms from a picture that the page computes to the next
     team: Literal["", "turns", "ticks"] = ""  # whose joint steps the server closes
 
 

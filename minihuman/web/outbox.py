@@ -232,6 +232,7 @@ class Outbox:
                 team=("ticks" if play.real_time else "turns") if of_team else "",
                 held=getattr(self._session.part.part.plan, "hold_ms", 0.0) > 0,
                 keep=keep,
+                motion=getattr(self._session.part.part.plan, "motion_ms", None) or 0.0,
                 computed=None if self._computed is None else self._page_state(self._computed),
             )
         )

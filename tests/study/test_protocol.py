@@ -71,6 +71,8 @@ def test_the_papers_study_is_two_groups_of_ten_episodes_a_block_on_keys_one_to_n
         ('"2", "3", "4", "5"]', '"2"]', "demo.toml: $.blocks[0].actions has 3 for 2 keys in $.keys.pool"),
         ('"grid", "first-person"]', '"grid", "attic"]', "demo.toml: $.groups[0].blocks[1] is 'attic', which is no"),
         ("[keys]", '[keys]\nspare_keys = "distractor"', "demo.toml: $.blocks[0].distractors is empty"),
+        ("episodes = 2", "episodes = 2\nmotion_ms = 100", "demo.toml: $.blocks[0].motion_ms is for built-in first-per"),
+        ("episodes = 2", "episodes = 2\nmotion_ms = -1", "demo.toml: $.blocks[0].motion_ms is -1; use 0 to 1000 ms"),
         ("episodes = 2", "episodes = 2\nseeds = [1]", "demo.toml: $.blocks[0].seeds has 1 seeds for 2 episodes"),
         ("episodes = 2", "episodes = 2\nseeds = [1, -2]", "demo.toml: $.blocks[0].seeds has a negative seed"),
         ("episodes = 2", 'episodes = 2\npace = "real_time"', "demo.toml: $.blocks[0].step_period_ms is 0.0"),

@@ -568,3 +568,55 @@ def test_a_page_that_lies_of_its_steps_is_named_and_its_neighbour_notices_nothin
     assert sorted(map(bool, named)) == [False, True]
     for log in logs:
         assert list(find_log_differences(log, World)) == []
+
+
+WATCHES = """(ms) => {
+  const pictures = globalThis.pictures = [], end = performance.now() + ms;
+  const look = () => {
+    const canvas = document.querySelector("#screen canvas");
+    const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+    pictures.push(data.reduce((sum, byte, at) => (sum * 31 + byte * (at % 7 + 1)) % 4294967291, 0));
+    if (performance.now() < end) requestAnimationFrame(look);
+  };
+  requestAnimationFrame(look);
+}"""
+
+
+@pytest.mark.program
+def test_a_view_moves_to_the_next_picture_and_a_step_counts_as_seen_from_the_beginning_of_it(tmp_path: Path) -> None:
+    path = tmp_path / "moving.toml"
+    block = BLOCK.format(name="four", world="MiniWorld-FourRooms-v0", actions=WALKS, more="motion_ms = 400")
+    path.write_text(PALETTES.replace("{blocks}", "['four']") + block)
+    protocol = decode_protocol(path.read_bytes())
+    plan = expand_protocol(protocol, enrol_participant(protocol, 0))
+    (episode,) = plan.episodes
+    world = World(episode.world, episode.options)
+    world.reset(episode.seed)
+    before = world.frame(episode.view, (400, 300))
+    with serving(path, tmp_path) as server, browsing() as sit_down:
+        somebody = sit_down(f"http://127.0.0.1:{server.port}/#t={server.tokens[0]}")
+        somebody.to_play()
+        by = time.monotonic() + PATIENCE_S
+        while not np.array_equal(picture_of(somebody), before) and time.monotonic() < by:
+            time.sleep(0.05)
+        somebody.page.evaluate(WATCHES, 900)
+        somebody.press(next(key for key, name in episode.key_map.keys.items() if name == "turn_left"))
+        world.step(world.action_names.index("turn_left"))
+        after = world.frame(episode.view, (400, 300))
+        while not np.array_equal(picture_of(somebody), after) and time.monotonic() < by:
+            time.sleep(0.05)
+        np.testing.assert_array_equal(picture_of(somebody), after)
+        time.sleep(1)
+        seen = somebody.page.evaluate("pictures")
+        assert len(set(seen)) >= 5  # before, after, and between them
+        while somebody.state["playing"] and not somebody.state["ended"]:
+            somebody.press(sorted(episode.key_map.keys)[0])
+        somebody.to_end()
+        assert somebody.errors == []
+    [log] = tmp_path.rglob("*.mcap")
+    events = read_events(log)
+    stepped = next(event for event in events if isinstance(event, Stepped))
+    shown = next(event for event in events if isinstance(event, FrameShown) and event.step == 1)
+    assert 0 < shown.flip_ns - stepped.t_ns + 10**6
+    assert shown.flip_ns - stepped.t_ns < 350_000_000
+    assert list(find_log_differences(log, World)) == []

@@ -8,18 +8,34 @@ from minihuman.display.drawing.play_screens import Box
 from minihuman.display.drawing.screen import compose_screen
 from minihuman.display.drawing.sheet import Size
 from minihuman.display.windows.blocking_window import BlockingWindow
+from minihuman.display.windows.window import Clock
 from minihuman.errors import LogError
-from minihuman.experiment.machine.inputs import Input
-from minihuman.experiment.machine.screens import TextScreen
+from minihuman.experiment.machine.inputs import Input, KeyDown
+from minihuman.experiment.machine.screens import Motion, PlayScreen, TextScreen
 
 SIZE_PX = (320, 240)
+
+
+BLACK = np.zeros((60, 80, 3), np.uint8)
+
+
+class Steady:
+    """A clock that goes on by 4 ms whenever it is looked at."""
+
+    def __init__(self) -> None:
+        self.now_ns = 0
+
+    def __call__(self) -> int:
+        self.now_ns += 4_000_000
+        return self.now_ns
 
 
 class Kept(BlockingWindow):
     """Keeps what its display shows."""
 
-    def __init__(self) -> None:
-        super().__init__(lambda: 0)
+    def __init__(self, clock: Clock = lambda: 0) -> None:
+        super().__init__(clock)
+        self.coming: list[Input] = []
         self.display = np.zeros((SIZE_PX[1], SIZE_PX[0], 3), np.uint8)
         self.flips = 0
 
@@ -28,12 +44,14 @@ class Kept(BlockingWindow):
         return SIZE_PX
 
     def _flip(self, frame: NDArray[np.uint8], changed: Box) -> None:
-        left, top, right, bottom = changed
-        self.display[top:bottom, left:right] = frame[top:bottom, left:right]
+        left, top, width, height = changed
+        there = np.s_[top : top + height, left : left + width]
+        self.display[there] = frame[there]
         self.flips += 1
 
     def _arrived(self, timeout_ns: int | None) -> list[Input]:
-        return []
+        arrived, self.coming = self.coming, []
+        return arrived
 
     def _want(self, *, text: bool, pointer: bool) -> None:
         pass
@@ -74,3 +92,35 @@ def test_no_two_keys_have_one_time_even_where_the_toolkit_gives_them_one() -> No
     window = Kept()
     heard = [window._key(True, "a", "a", 50), window._key(True, "b", "b", 50), window._key(False, "a", "a", 49)]
     assert [event.t_ns for (event,) in heard] == [50, 51, 52]
+
+
+def test_a_view_that_moves_is_drawn_frame_by_frame_while_the_window_waits_and_ends_as_it_is() -> None:
+    clock = Steady()
+    window, whole = Kept(clock), np.full((60, 80, 3), 250, np.uint8)
+    shares: list[float] = []
+
+    def draw(share: float) -> NDArray[np.uint8]:
+        shares.append(share)
+        return np.full((60, 80, 3), round(share * 200), np.uint8)
+
+    screen = PlayScreen(whole, "find it", "1 of 2", motion=Motion(100_000_000, draw))
+    shown = window.show(screen)
+    assert shown.flip_ns < 20_000_000  # counts from its first frame
+    assert window.flips == 1
+    window.wait(clock() + 1_000_000_000)
+    assert shares == sorted(shares)
+    assert len(shares) == 4
+    assert window.flips == 5  # and the picture itself
+    np.testing.assert_array_equal(window.display, compose_screen(screen, SIZE_PX))
+
+
+def test_an_input_comes_through_a_view_that_moves_and_the_next_screen_ends_it() -> None:
+    clock = Steady()
+    window = Kept(clock)
+    window.show(PlayScreen(np.zeros((60, 80, 3), np.uint8), "", "", motion=Motion(10**9, lambda share: BLACK)))
+    window.coming = [KeyDown(5, "1")]
+    assert window.wait(clock() + 1_000_000_000) == [KeyDown(5, "1")]
+    assert window.flips == 1
+    window.show(TextScreen("one", "words", ""))
+    window.wait(clock() + 100_000_000)
+    assert window.flips == 2

@@ -6,7 +6,7 @@ and desktop), and the picture of a screen. Labs register windows in the entry-po
 
 import abc
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,6 +96,7 @@ class KeyRepeater:
 
 DEFAULT_SIZE_PX: Size = (1280, 720)
 TITLE = "minihuman"
+_FRAME_NS = 16_666_667  # at 60 Hz: a view that moves is drawn for the next frame
 
 
 class BlockingWindow(Window):
@@ -109,6 +110,8 @@ class BlockingWindow(Window):
         self._frame = np.zeros((0, 0, 3), np.uint8)  # what the display shows
         self._last_key_ns = -(1 << 62)
         self._accepts = (False, False)  # text, pointer
+        self._moving: PlayScreen | None = None  # whose view is still on its way
+        self._moves_from_ns = 0
         self._pressed_in: str | None = None  # the spot in which a mouse button is down
 
     @property
@@ -145,11 +148,25 @@ class BlockingWindow(Window):
         return self.show_after(screen, lambda: None)
 
     def show_after(self, screen: Screen, written: Callable[[], None]) -> ScreenShown:
-        """Draw a screen, wait for ``written``, and flip.
+        """Draw a screen, wait for ``written``, and flip. One that moves goes on while the window waits for input.
 
         Raises:
             LogError: as ``written`` does; the display stays as it is.
         """
+        self._moving = screen if isinstance(screen, PlayScreen) and screen.motion else None
+        self._moves_from_ns = self._clock()
+        return self._put(screen if self._moving is None else self._on_its_way(self._moving), written)
+
+    def _on_its_way(self, moving: PlayScreen) -> PlayScreen:
+        """A moving screen as it will be a frame from now; at the end, the screen itself."""
+        assert moving.motion is not None
+        share = (self._clock() + _FRAME_NS - self._moves_from_ns) / moving.motion.lasts_ns
+        if share < 1:
+            return replace(moving, picture=moving.motion.draw(share), motion=None)
+        self._moving = None
+        return moving
+
+    def _put(self, screen: Screen, written: Callable[[], None]) -> ScreenShown:
         width, height = self.size_px
         if self._frame.shape[:2] != (height, width):
             self._shown, self._frame = None, np.empty((height, width, 3), np.uint8)
@@ -180,9 +197,12 @@ class BlockingWindow(Window):
         """Block until an input comes or the clock reaches ``until_ns``; what has arrived is returned even so."""
         while True:
             due_ns = min((t for t in (until_ns, self._held.next_repeat_ns) if t is not None), default=None)
-            arrived = self._arrived(None if due_ns is None else max(0, due_ns - self._clock()))
+            timeout_ns = None if due_ns is None else max(0, due_ns - self._clock())
+            arrived = self._arrived(timeout_ns if self._moving is None else 0)
             if arrived:
                 return arrived
+            if self._moving is not None:
+                self._put(self._on_its_way(self._moving), lambda: None)
             now_ns = self._clock()
             if repeats := self._held.repeats(now_ns):
                 return list(repeats)

@@ -91,6 +91,7 @@ class PlayPlan(msgspec.Struct, frozen=True):
     computed: ComputedBy | msgspec.UnsetType = msgspec.UNSET  # who steps and draws first in a browser; unset before
     trial: "TrialRules | msgspec.UnsetType" = msgspec.UNSET  # unset where episodes are no trials
     bindings: Bindings | msgspec.UnsetType = msgspec.UNSET  # unset where keys alone act
+    motion_ms: float | msgspec.UnsetType = msgspec.UNSET  # from a step's picture to the next; unset: at once
     design: DesignSpec | msgspec.UnsetType = msgspec.UNSET  # that resolves each episode; unset where none does
 
 

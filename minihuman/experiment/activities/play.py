@@ -6,6 +6,7 @@ and screens.
 
 from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -29,12 +30,13 @@ from minihuman.experiment.machine.events import (
 )
 from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, ScreenShown
 from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, RunningEpisode
-from minihuman.experiment.machine.screens import BlankScreen, PlayScreen, Screen, TextScreen
+from minihuman.experiment.machine.screens import BlankScreen, Motion, PlayScreen, Screen, TextScreen
 from minihuman.experiment.machine.transitions import Phase, PhaseTransition, TransitionCause, TransitionTable
 from minihuman.experiment.plan.designs import DesignSpec, PlayedEpisode, make_design
 from minihuman.experiment.plan.random_streams import make_draw
 from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart
 from minihuman.worlds.hashing import hash64
+from minihuman.worlds.pose import Pose
 
 
 def _another_episode_follows(play: "PlayActivity") -> bool:
@@ -304,6 +306,7 @@ class BlockScreens:
         self._plan = plan
         self._context = context
         self._shows_progress = shows_progress
+        self._seen: tuple[int, int, Pose | None] | None = None  # the latest step's episode, number and pose
 
     def before(self, phase: StrEnum, reader: PageReader) -> Screen | None:
         """A screen without an episode; None where the phase shows one."""
@@ -362,7 +365,16 @@ class BlockScreens:
             score_text=screen_texts.format_score(words, scored) if held and self._plan.points is not None else "",
             labels=words.labels(tuple(key for key, _ in legend)),
             accepts_pointer=play.takes_clicks,
+            motion=self._motion(play) if self._plan.motion_ms and self._context.renders_steps else None,
         )
+
+    def _motion(self, play: RunningEpisode) -> Motion | None:
+        """How the view gets to a step's picture from the one before."""
+        before, self._seen = self._seen, (play.plan.episode, play.steps, play.world.pose())
+        if before is None or before[2] is None or before[:2] != (play.plan.episode, play.steps - 1):
+            return None
+        assert self._plan.motion_ms is not msgspec.UNSET
+        return Motion(round(self._plan.motion_ms * 1e6), partial(play.picture_between, before[2]))
 
     def _mission(self, play: RunningEpisode) -> str:
         return self._plan.mission or self._context.words.mission(play.mission)

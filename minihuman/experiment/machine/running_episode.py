@@ -4,7 +4,7 @@ import copy
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -23,6 +23,7 @@ from minihuman.experiment.machine.events import (
 )
 from minihuman.experiment.machine.inputs import ScreenShown
 from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.worlds.pose import Pose
 
 if TYPE_CHECKING:
     from minihuman.experiment.activities.block_plans import Bindings, SpotBinding
@@ -147,6 +148,16 @@ class RunningEpisode:
             return EMPTY_IMAGE
         with catch_world_errors():
             return self.world.frame(self.plan.view, self._picture_px, self.plan.palette)
+
+    def picture_between(self, before: Pose, share: float) -> NDArray[np.uint8]:
+        """The picture a share (0..1) of the way from an earlier pose, in a first-person world."""
+        env: Any = self.world.unwrapped
+        assert self._picture_px is not None
+        with catch_world_errors():
+            picture: NDArray[np.uint8] = env.picture_between(
+                before, share, size_px=self._picture_px, palette=self.plan.palette
+            )
+        return picture
 
     def record_shown(self, shown: ScreenShown) -> FrameShown:
         """Take note that a picture reached the display; by default the present one.

@@ -1,8 +1,8 @@
 """Screens: what a participant should see now, as values. Windows and pages draw them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +63,13 @@ class BlankScreen:
     locale: TextLocale = TextLocale()
 
 
+class Motion(NamedTuple):
+    """A view that moves from one picture to the next."""
+
+    lasts_ns: int
+    draw: Callable[[float], NDArray[np.uint8]]  # at a share of the way, 0..1
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PlayScreen:
     """The world's picture, with the mission above and the progress line below; target "picture"."""
@@ -82,6 +89,7 @@ class PlayScreen:
     controller_text: str = ""  # the same in words
     flash: OutcomeMark = ""  # the frame for a moment: a press was taken
     accepts_pointer: bool = False  # a click in the picture is an action
+    motion: Motion | None = None  # how the view gets here; windows may leave it out
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -120,6 +120,8 @@ def _describe_block(plan: SessionPlan, number: int, play: PlayPlan) -> Iterator[
         yield f"  keys   {f'seat {seat}: ' if of_seats else ''}{keys}{' (shown)' if first.show_keys else ''}"
     yield f"  pace   {_describe_pace(first)}; at most {first.max_steps} steps"
     yield f"  in a browser computed by the {play.computed}"
+    if play.motion_ms:
+        yield f"  view   moves for {play.motion_ms:g} ms from each picture to the next"
     yield from _describe_limits(play)
     if play.design:
         yield f"  design {play.design.name} chooses each episode, or ends the block, from the episodes before"

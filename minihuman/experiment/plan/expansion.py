@@ -283,6 +283,7 @@ def _plan_play(
         show_points=block.show_points,
         mission=block.mission,
         computed=_computed_by(block),
+        motion_ms=block.motion_ms or msgspec.UNSET,
     )
 
 

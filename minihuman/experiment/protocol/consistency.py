@@ -25,6 +25,7 @@ from minihuman.experiment.protocol.specs import (
 )
 from minihuman.experiment.protocol.validation_errors import FieldError
 from minihuman.experiment.words import LANGUAGES, flatten_words, load_words
+from minihuman.worlds.catalogue import is_first_person
 
 if TYPE_CHECKING:
     from minihuman.experiment.protocol.protocol import BlockSpec, GroupSpec, Protocol
@@ -334,6 +335,11 @@ def _check_block(block: "BlockSpec", protocol: "Protocol") -> Iterator[FieldErro
             yield "design", f"{block.design.name!r}: {error}"
     if block.computed == "page" and block.hold == "repeat":
         yield "computed", "is 'page', but held keys repeat: a page does not compute them; use 'server'"
+    if block.motion_ms and not (is_first_person(block.world) and block.view == "partial"):
+        yield "motion_ms", "is for built-in first-person worlds with view = 'partial'; remove it"
+    longest = min(1000.0, block.step_period_ms or 1000.0)
+    if not 0 <= block.motion_ms <= longest:
+        yield "motion_ms", f"is {block.motion_ms:g}; use 0 to {longest:g} ms"
     if block.key_map == "fixed" and set(block.fixed_keys.values()) != set(block.actions):
         yield (
             "fixed_keys",

@@ -123,6 +123,7 @@ class BlockSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     auto_repeat: bool = False  # on_key: holding a key steps again
     view: ShownView = "partial"
     palette: Palette = "classic"
+    motion_ms: float = 0.0  # the view moves from one step's picture to the next for so long; 0: it changes at once
     record_observations: bool = False  # the log holds what was observed, beside its hash
     instructions: str = ""
     feedback: str | dict[Literal["goal", "timeout", "failure"], str] = ""  # after each episode, or by its outcome

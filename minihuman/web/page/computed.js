@@ -15,6 +15,7 @@ import { FirstPersonWorld, GridWorld, Kernels, Scene } from "./world.js";
 
 const FOLDER = "/static/worlds";
 const TERMINATED = 1, TRUNCATED = 2;
+const AGENT = 1, CARRIED = 2, COLUMNS = 9, MOVING = 4; // of a first-person state: rows, and what of one moves
 /** @type {Record<string, any>} by NumPy's names */
 const TYPES = {
   int32: Int32Array, int64: BigInt64Array, uint8: Uint8Array, uint32: Uint32Array, float64: Float64Array,
@@ -139,11 +140,14 @@ export class ComputedScenes {
     for (const known of this.#scenes.keys()) if (known < name && known !== this.start.scene) this.#scenes.delete(known);
   }
 
-  /** The picture of a scene, as long as no other is drawn; null until it can be drawn. @param {number} name */
-  draw(name) {
+  /**
+   * The picture of a scene, or a share of the way to it, as long as no other is drawn; null until it can be drawn.
+   * @param {number} name @param {any} [from] what was saved of the scene before @param {number} [share]
+   */
+  draw(name, from, share = 1) {
     const scene = this.#scenes.get(name);
     if (!scene) return null;
-    this.world.restore(scene.saved);
+    this.world.restore(from && share < 1 ? between(from, scene.saved, share) : scene.saved);
     return this.artist.draw();
   }
 
@@ -176,6 +180,17 @@ export class ComputedScenes {
     const ends = status & TERMINATED ? TERMINATED : isTruncated ? TRUNCATED : 0;
     return [this.#add(world.save(), step, world.digest(reward, ends)), ends > 0];
   }
+}
+
+/** A first-person state, its agent and what it carries a share of the way from another. @param {any} from @param {any} to @param {number} share */
+function between(from, to, share) {
+  const things = to.things.slice();
+  for (const whose of [AGENT, CARRIED]) {
+    const row = to.numbers[whose] * COLUMNS;
+    if (row < 0 || from.numbers[whose] !== to.numbers[whose]) continue;
+    for (let at = row; at < row + MOVING; at++) things[at] = from.things[at] + share * (to.things[at] - from.things[at]);
+  }
+  return { ...to, things };
 }
 
 /** What a world is restored from. @param {WorldPosition} state @returns {any} */

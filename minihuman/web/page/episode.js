@@ -37,6 +37,7 @@ import { UNTIMED } from "./stream.js";
 export const RESERVED = new Set(["escape", "f8", "f9", "f12"]);
 const UNPACKED_STEPS = 2;
 const PRESS_MS = 120;
+const FRAME_MS = 1000 / 60;
 const TELLS_TIME = new Set(["tick", "key", "axis", "focus", "asked"]); // before these the session makes the step that is due
 
 /**
@@ -77,6 +78,7 @@ export class EpisodePlayer {
   /** @type {Map<number, Graph>} */ #graphs = new Map();
   /** @type {Map<number, Agent>} the agent beside the person, by episode; of the latest */ #agents = new Map();
   #ratedAt = -Infinity;
+  /** @type {{ play: Play, step: number, saved: any } | null} the scene that was drawn last */ #seen = null;
   /** @type {EpisodeComputer | null} */ computer = null;
 
   /**
@@ -277,10 +279,7 @@ export class EpisodePlayer {
     const { scenes } = this.#graphOf(play.number);
     if (!this.view.canvas) return;
     if (!(scenes instanceof Map)) {
-      const drawn = scenes.draw(scene);
-      if (!drawn) { scenes.artist.unpacked.then(() => { if (this.play === play) this.#paint(play); }); return; }
-      play.drawn = what;
-      this.view.putDrawn(drawn, scenes.artist.isFlat);
+      if (!this.#move(play, scenes, what)) { scenes.artist.unpacked.then(() => { if (this.play === play) this.#paint(play); }); return; }
       this.#reportStep(play, undefined, step);
       return;
     }
@@ -293,6 +292,24 @@ export class EpisodePlayer {
     };
     if (picture.ready) put();
     else this.images.unpack(picture).then(() => { if (this.play === play && play.drawn === what) put(); });
+  }
+
+  // Draw a scene, or where `motion` asks for it the way there, frame by frame: it counts as seen when that begins.
+  /** @param {Play} play @param {ComputedScenes} scenes @param {string} what @returns {boolean} whether it could be drawn */
+  #move(play, scenes, what) {
+    const { scene, step, rules: { motion } } = play, { isFlat } = scenes.artist, before = this.#seen, since = performance.now();
+    const from = motion && !isFlat && before?.play === play && before.step === step - 1 ? before.saved : null;
+    const draw = () => {
+      const share = from ? (performance.now() - since + FRAME_MS) / motion : 1;
+      const drawn = scenes.draw(scene, from, share);
+      if (drawn) this.view.putDrawn(drawn, isFlat);
+      if (drawn && share < 1) requestAnimationFrame(() => { if (this.play === play && play.drawn === what) draw(); });
+      return drawn !== null;
+    };
+    if (!draw()) return false;
+    play.drawn = what;
+    this.#seen = { play, step, saved: scenes.get(scene)?.saved };
+    return true;
   }
 
   /** @param {Play} play @param {number | undefined} scene a name that the server knows @param {number} step */

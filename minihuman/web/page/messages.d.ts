@@ -23,7 +23,7 @@ export interface Refusal { t: "refused"; reason: string; words: string; leave: s
 export type Control = Welcome | Pong | Refusal | { t: "acked"; through: number };
 
 export interface Rules {
-  t: "rules"; episode: number; keep: number; actions: Record<string, number>; most_steps: number; real_time: boolean;
+  t: "rules"; episode: number; keep: number; motion: number; actions: Record<string, number>; most_steps: number; real_time: boolean;
   period: number; noop: number | null; auto_repeat: boolean; computed: WorldState | null; team?: "" | "turns" | "ticks";
 }
 export interface GridPosition { world: "grid"; step: number; row: number[]; rng_state: string[] }

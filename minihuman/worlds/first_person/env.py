@@ -441,6 +441,24 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         """The agent's view or the world from above, uint8[H, W, 3] of exactly ``size_px`` (width, height)."""
         return self._pictures.draw(self.stage, view=view, size_px=size_px, palette=palette)
 
+    def picture_between(
+        self, before: Pose, share: float, *, size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
+    ) -> NDArray[np.uint8]:
+        """The agent's view, a share (0..1) of the way from an earlier pose to where it is, which it stays."""
+        agent, carried, pose = self.agent, self.agent.carrying, self.pose()
+        moved = [agent] if carried is None else [agent, carried]
+        stay = [(one, one.pos, one.dir) for one in moved]
+        starts, ends = ((one.x, one.y, one.z, one.yaw_rad) for one in (before, pose))
+        x, y, z, agent.dir = (start + share * (end - start) for start, end in zip(starts, ends, strict=True))
+        agent.pos = x, y, z
+        if carried is not None:
+            carried.pos, carried.dir = self.stage.carrying_position(agent.pos, carried), agent.dir
+        try:
+            return self.picture(size_px=size_px, palette=palette)
+        finally:
+            for one, pos, heading in stay:
+                one.pos, one.dir = pos, heading
+
     def depth(self, *, size_px: tuple[int, int] = (80, 60)) -> NDArray[np.float32]:
         """How far away what the agent sees is, metres along its view, float32[H, W]."""
         return self._pictures.depth(self.stage, size_px=size_px)

@@ -259,3 +259,28 @@ def two_rooms(env, *openings, **height):
 def test_a_world_that_cannot_be_built_says_why(build, said):
     with pytest.raises(WorldError, match=said):
         Odd(build).reset(seed=0)
+
+
+def test_a_picture_on_the_way_is_the_earlier_one_at_its_start_and_this_one_at_its_end_and_changes_nothing():
+    env = make("PutNext", trig=1)
+    other = make("PutNext", trig=1)
+    rng, carried = np.random.default_rng(3), 0
+    for each in (env, other):
+        each.reset(seed=4)
+    for _ in range(300):
+        before, earlier, held = env.pose(), env.picture(size_px=(80, 60)), env.agent.carrying
+        action = int(rng.choice([0, 1, 2, 2, 2, 4]))
+        (seen, _, goal, late, _), (also, *_) = (each.step(action) for each in (env, other))
+        np.testing.assert_array_equal(seen, also)
+        now, state = env.picture(size_px=(80, 60)), env.state_hash()
+        if env.agent.carrying is held:
+            np.testing.assert_array_equal(env.picture_between(before, 0.0, size_px=(80, 60)), earlier)
+        between = env.picture_between(before, 0.5, size_px=(80, 60))
+        if env.pose() != before:
+            assert (between != now).any()
+        np.testing.assert_array_equal(env.picture_between(before, 1.0, size_px=(80, 60)), now)
+        assert env.state_hash() == state == other.state_hash()
+        carried += env.agent.carrying is not None
+        if goal or late:
+            _ = [each.reset(seed=carried) for each in (env, other)]
+    assert carried > 0
