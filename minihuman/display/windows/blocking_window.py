@@ -198,7 +198,7 @@ class BlockingWindow(Window):
         while True:
             due_ns = min((t for t in (until_ns, self._held.next_repeat_ns) if t is not None), default=None)
             timeout_ns = None if due_ns is None else max(0, due_ns - self._clock())
-            arrived = self._arrived(timeout_ns if self._moving is None else 0)
+            arrived = self._arrived(timeout_ns if self._moving is None else _FRAME_NS // 2)
             if arrived:
                 return arrived
             if self._moving is not None:
