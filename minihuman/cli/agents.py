@@ -131,7 +131,43 @@ def teach(
     print(f"{out}: {learner} of {taught.labelled_steps} steps by people, {taught.steps} in all; {made.sha256[:16]}")
 
 
-learn = Subgroup("learn", help="Train agents on people's data.", commands=(clone, teach))
+def ppo(
+    world: Annotated[str, Argument("The world to learn, such as minihuman/MiniGrid-DoorKey-5x5-v0.", "WORLD")],
+    out: Annotated[Path, Option(help="The policy file to write; its learning curve is written beside it as CSV.")],
+    steps: Annotated[int, Option(min=1, help="The number of steps, of all worlds together.")] = 300_000,
+    worlds: Annotated[int, Option(min=1, help="The number of worlds that are stepped together.")] = 16,
+    memory: Annotated[bool, Option(help="Remember an episode's steps, by a gated recurrent unit.")] = False,
+    missions: Annotated[bool, Option(help="Also let the policy observe the mission.")] = False,
+    device: Annotated[str, Option(help="Where the network is trained: cpu or cuda.")] = "cpu",
+    seed: Annotated[int, Option(min=0, help="The random seed of worlds, network and choices.")] = 1,
+) -> None:
+    """Train a policy by proximal policy optimisation, without people's data, and write its learning curve.
+
+    Example: minihuman learn ppo minihuman/MiniGrid-DoorKey-5x5-v0 --out door.pt
+    """
+    need_torch()
+    from minihuman.learn.batch_ppo import BatchPpoSettings, train_batch
+
+    if out.exists():
+        raise LearnError(f"{out} already exists; choose another file with --out")
+    settings = BatchPpoSettings(steps=steps, worlds=worlds, memory=memory, device=device)
+    with show_progress(f"training in {world}") as show:
+        curve = train_batch(
+            world,
+            out,
+            settings,
+            missions=missions,
+            seed=seed,
+            follow=lambda point: show(f"{point.steps} of {steps} steps, {point.success:.0%} of episodes succeed"),
+        )
+    last = curve[-1]
+    print(
+        f"{out}: {last.steps} steps, {last.episodes} episodes; of the latest, {last.success:.0%} succeeded, mean "
+        f"return {last.return_mean:.3f}"
+    )
+
+
+learn = Subgroup("learn", help="Train agents, on people's data or without.", commands=(clone, ppo, teach))
 
 
 class LevelKind(StrEnum):

@@ -48,6 +48,7 @@ class PolicyCard:
     seed: int
     notes: dict[str, Any] = field(default_factory=dict)
     other_worlds: tuple[str, ...] = ()  # in which it was trained, too
+    memory: bool = False  # whether it remembers an episode's steps
 
     @property
     def worlds(self) -> tuple[str, ...]:
@@ -88,7 +89,7 @@ def load_policy(path: Path) -> tuple[Policy, PolicyCard]:
     weights: Any = content.get("weights")
     try:
         if (problem := _find_misfit(card, weights)) is None:
-            policy = build_policy(card.observation_space, len(card.action_names), card.eyes)
+            policy = build_policy(card.observation_space, len(card.action_names), card.eyes, memory=card.memory)
             policy.load_state_dict(weights)
             policy.set_training_mode(False)
             return policy, card

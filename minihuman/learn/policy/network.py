@@ -6,7 +6,7 @@ what they prepare for batches. The sums are the same in another order; a test ho
 """
 
 from collections.abc import Callable
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from gymnasium import spaces
@@ -158,6 +158,11 @@ class Policy(MultiInputActorCriticPolicy):
     The same numbers (a test compares them); choosing an action takes half the time, which is a quarter of a step.
     """
 
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.memory: nn.GRUCell | None = None
+        self._hidden = torch.zeros(1, self.features_dim)  # what is remembered of the episode that is played
+
     def forward(
         self,
         obs: dict[str, torch.Tensor],  # type: ignore[override]
@@ -191,15 +196,61 @@ class Policy(MultiInputActorCriticPolicy):
 
     def think(self, obs: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
         """Log-probabilities float32[batch, actions] and values float32[batch, 1]; gradients flow."""
-        features = self.features_extractor({**obs, "image": obs["image"].float().div_(255)})
-        logits = self.action_net(self.mlp_extractor.policy_net(features))
-        return torch.log_softmax(logits, dim=1), self.value_net(self.mlp_extractor.value_net(features))
+        return self._judge(self._see(obs))
 
     def think_of(self, seen: Observation) -> tuple[torch.Tensor, torch.Tensor]:
-        """The same for one observation: log-probabilities float32[actions] and the value float32[1]; no gradients."""
+        """The same for one observation: log-probabilities float32[actions] and the value float32[1]; no gradients.
+
+        A memory takes it in: to be asked once at each step, and told by `forget` where an episode begins.
+        """
         with torch.no_grad():
-            log_probs, values = self.think({name: torch.as_tensor(part)[None] for name, part in seen.items()})
+            obs = {name: torch.as_tensor(part)[None] for name, part in seen.items()}
+            log_probs, values, self._hidden = self.think_on(obs, self._hidden, torch.zeros(1))
         return log_probs[0], values[0]
+
+    def add_memory(self) -> None:
+        """Remember the steps of an episode, in as many numbers as the features of one."""
+        self.memory = nn.GRUCell(self.features_dim, self.features_dim)
+
+    def forget(self) -> None:
+        """An episode begins."""
+        self._hidden = torch.zeros(1, self.features_dim)
+
+    def think_on(
+        self, obs: dict[str, torch.Tensor], hidden: torch.Tensor, starts: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """`think`, one step of several episodes, with what is remembered afterwards.
+
+        Args:
+            obs: what is seen.
+            hidden: what is remembered, float32[batch, features]; left alone without a memory.
+            starts: 1.0 where an episode begins, float32[batch].
+        """
+        features = self._see(obs)
+        if self.memory is not None:
+            features = hidden = self.memory(features, hidden * (1 - starts)[:, None])
+        return *self._judge(features), hidden
+
+    def think_through(
+        self, obs: dict[str, torch.Tensor], hidden: torch.Tensor, starts: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """`think` of steps one after the other, all float32 or uint8[steps, batch, ...], flattened; gradients flow."""
+        features = self._see({name: part.flatten(0, 1) for name, part in obs.items()})
+        if self.memory is not None:
+            found = []
+            for now, start in zip(features.view(*starts.shape, -1), starts, strict=True):
+                hidden = self.memory(now, hidden * (1 - start)[:, None])
+                found.append(hidden)
+            features = torch.cat(found)
+        return self._judge(features)
+
+    def _see(self, obs: dict[str, torch.Tensor]) -> torch.Tensor:
+        features: torch.Tensor = self.features_extractor({**obs, "image": obs["image"].float().div_(255)})
+        return features
+
+    def _judge(self, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        logits = self.action_net(self.mlp_extractor.policy_net(features))
+        return torch.log_softmax(logits, dim=1), self.value_net(self.mlp_extractor.value_net(features))
 
 
 def get_policy_settings(eyes: EncoderName) -> dict[str, object]:
@@ -214,14 +265,17 @@ def get_policy_settings(eyes: EncoderName) -> dict[str, object]:
     }
 
 
-def build_policy(observation_space: spaces.Dict, actions: int, eyes: EncoderName) -> Policy:
+def build_policy(observation_space: spaces.Dict, actions: int, eyes: EncoderName, *, memory: bool = False) -> Policy:
     """A policy without a training algorithm round it, on the CPU."""
-    return Policy(
+    policy = Policy(
         observation_space,
         spaces.Discrete(actions),
         lambda _: 3e-4,
         **get_policy_settings(eyes),  # type: ignore[arg-type]
     )
+    if memory:
+        policy.add_memory()
+    return policy
 
 
 ForwardPass = tuple[torch.Tensor, torch.Tensor]  # logits float32[actions], value float32[1]

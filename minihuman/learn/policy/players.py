@@ -44,6 +44,7 @@ class PolicyPlayer(SimulatedParticipant):
         path, self._policy, card = next((one for one in self._files if plan.world in one[2].worlds), self._files[0])
         _require_world(path, card, plan, world)
         self._encoder = card.eyesight.episode_encoder()
+        self._policy.forget()
         key_of = {action: key for key, action in reversed(plan.key_map.keys.items())}
         self._keys = [(n, key_of[name]) for n, name in enumerate(card.action_names) if name in key_of]
         if not self._keys:
@@ -88,6 +89,7 @@ class PolicyAgent(BaseAgent):
                 f"{self._path} takes action {missing[0]!r}, which {plan.world} does not have; use another policy"
             )
         self._encoder = card.eyesight.episode_encoder()
+        self._policy.forget()
         self._places = [world.action_names.index(name) for name in card.action_names]
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:

@@ -1,0 +1,250 @@
+"""PPO over a batch of worlds in one process, with or without a memory: `minihuman learn ppo`.
+
+Schulman et al., "Proximal Policy Optimization Algorithms" (2017), with the details that Stable-Baselines3 has, too:
+advantages by GAE, normalised in each minibatch; the value at a step limit counts, the one at an end does not. A memory
+is a gated recurrent unit behind the encoder, trained through whole rollouts. The batch steps all worlds in compiled
+code, the network sees them together, and a rollout stays in one block of memory.
+"""
+
+import csv
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+from torch import nn
+
+from minihuman.errors import LearnError
+from minihuman.learn.policy.file import PolicyCard, save_policy
+from minihuman.learn.policy.network import EncoderName, Policy, build_policy
+from minihuman.learn.policy.observation import SPREAD, ObservationEncoder, encode_mission, get_image_shape
+
+Batch = dict[str, torch.Tensor]  # what worlds show: uint8[n, channels, height, width], float32[n, 9]
+RECENT = 100  # episodes that a point of the curve is over
+
+
+@dataclass(frozen=True, slots=True)
+class BatchPpoSettings:
+    """Settings of a training: the defaults suit grids and rooms that are learned in some 100,000 steps."""
+
+    steps: int = 300_000  # of all worlds together
+    worlds: int = 16
+    rollout: int = 128  # steps of each world between updates
+    epochs: int = 4
+    minibatches: int = 4
+    learning_rate: float = 7e-4
+    discount: float = 0.99
+    trace: float = 0.95  # of GAE
+    clip: float = 0.2
+    entropy: float = 0.01
+    value: float = 0.5
+    gradient: float = 0.5  # the longest
+    memory: bool = False
+    device: str = "cpu"
+
+
+@dataclass(frozen=True, slots=True)
+class CurvePoint:
+    """Where a training stood after an update."""
+
+    steps: int
+    episodes: int
+    return_mean: float  # over the latest episodes, NaN before the first
+    success: float  # the share of them that ended with a reward
+    cpu_s: float
+
+
+def train_batch(
+    world: str,
+    out: Path,
+    settings: BatchPpoSettings,
+    *,
+    options: dict[str, Any] | None = None,
+    missions: bool = False,
+    seed: int = 1,
+    follow: Callable[[CurvePoint], None] = lambda _: None,
+) -> list[CurvePoint]:
+    """Train a policy in a batch of a world, write it and, beside it, its learning curve as CSV.
+
+    Args:
+        world: a Gymnasium id with a batch of its own: every built-in world.
+        out: the policy file.
+        options: keyword arguments of the world.
+        missions: whether the policy observes the mission, one of "go to the COLOUR KIND".
+        seed: of worlds, network and choices.
+        follow: called after each update.
+
+    Raises:
+        LearnError: if the world has no batch, no image, or other missions.
+    """
+    torch.manual_seed(seed)
+    torch.set_num_threads(1)  # small networks: more threads only wait for each other
+    made = gymnasium.make(world, disable_env_checker=True, **(options or {})).unwrapped
+    eyesight = ObservationEncoder(missions)
+    space = eyesight.space(made)
+    eyes: EncoderName = "atari" if get_image_shape(space)[1] > 20 else "codes"
+    names: tuple[str, ...] = made.action_names  # type: ignore[attr-defined]
+    policy = build_policy(space, len(names), eyes, memory=settings.memory).to(settings.device)
+    run = _Run(policy, _make_batch(world, settings.worlds, options or {}), eyes == "codes", missions, settings, seed)
+    curve: list[CurvePoint] = []
+    while run.steps < settings.steps:
+        curve.append(run.update())
+        follow(curve[-1])
+    card = PolicyCard(
+        *(world, options or {}, names, get_image_shape(space), eyesight, eyes, "batch ppo", run.steps, seed),
+        notes={"settings": asdict(settings)},
+        memory=settings.memory,
+    )
+    save_policy(policy.cpu(), card, out)
+    with out.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(asdict(curve[0])))
+        writer.writeheader()
+        writer.writerows(map(asdict, curve))
+    return curve
+
+
+def _make_batch(world: str, count: int, options: dict[str, Any]) -> gymnasium.vector.VectorEnv[Any, Any, Any]:
+    try:
+        return gymnasium.make_vec(
+            world,
+            num_envs=count,
+            vectorization_mode="vector_entry_point",
+            autoreset_mode=AutoresetMode.SAME_STEP,
+            **options,
+        )
+    except gymnasium.error.Error:
+        raise LearnError(f"{world} has no batch of worlds; choose a world of minihuman's own") from None
+
+
+_encode_mission = lru_cache(maxsize=1024)(encode_mission)
+
+
+class _Run:
+    """A training: its worlds, what they show, and the network's memory of each."""
+
+    def __init__(
+        self,
+        policy: Policy,
+        worlds: gymnasium.vector.VectorEnv[Any, Any, Any],
+        spreads: bool,
+        missions: bool,
+        settings: BatchPpoSettings,
+        seed: int,
+    ) -> None:
+        self.steps = self.episodes = 0
+        self._policy, self._worlds, self._settings = policy, worlds, settings
+        self._spread = np.array(SPREAD if spreads else (1, 1, 1), np.uint8)
+        self._missions = missions
+        self._optimizer = torch.optim.Adam(policy.parameters(), settings.learning_rate, eps=1e-5, fused=True)
+        self._seen = self._encode(worlds.reset(seed=seed)[0])
+        self._hidden = torch.zeros(settings.worlds, policy.features_dim, device=settings.device)
+        self._starts = torch.ones(settings.worlds, device=settings.device)  # 1.0 where an episode begins
+        self._returns = np.zeros(settings.worlds)
+        self._recent: deque[tuple[float, bool]] = deque(maxlen=RECENT)
+
+    def update(self) -> CurvePoint:
+        """Collect a rollout and learn from it."""
+        hidden = self._hidden
+        rollout = self._collect()
+        for group in self._optimizer.param_groups:  # falls to nothing
+            group["lr"] = self._settings.learning_rate * max(0.0, 1 - self.steps / self._settings.steps)
+        self._learn(rollout, hidden)
+        returns = [each for each, _ in self._recent]
+        good = [ended for _, ended in self._recent]
+        mean, success = (float(np.mean(each)) if each else float("nan") for each in (returns, good))
+        return CurvePoint(self.steps, self.episodes, mean, success, time.process_time())
+
+    def _collect(self) -> Batch:
+        settings, policy = self._settings, self._policy
+        kept: dict[str, list[torch.Tensor]] = {}
+        rewards = torch.zeros(settings.rollout, settings.worlds)
+        with torch.no_grad():
+            for t in range(settings.rollout):
+                now = {f"seen {name}": part for name, part in self._seen.items()}
+                log_probs, values, self._hidden = policy.think_on(self._seen, self._hidden, self._starts)
+                actions = torch.multinomial(log_probs.exp(), 1).squeeze(1)
+                chosen = log_probs.gather(1, actions[:, None]).squeeze(1)
+                now |= {"actions": actions, "log_probs": chosen, "values": values.squeeze(1), "starts": self._starts}
+                for name, part in now.items():
+                    kept.setdefault(name, []).append(part)
+                rewards[t] = self._step(actions.cpu().numpy())
+            _, last, _ = policy.think_on(self._seen, self._hidden, self._starts)
+        rollout = {name: torch.stack(parts) for name, parts in kept.items()}
+        rewards, ends = rewards.to(settings.device), torch.cat((rollout["starts"][1:], self._starts[None]))
+        following = torch.cat((rollout["values"][1:], last.T))
+        advantage, advantages = torch.zeros_like(last.squeeze(1)), []
+        for t in reversed(range(settings.rollout)):
+            goes_on = settings.discount * (1 - ends[t])
+            surprise = rewards[t] + goes_on * following[t] - rollout["values"][t]
+            advantage = surprise + goes_on * settings.trace * advantage
+            advantages.append(advantage)
+        rollout["advantages"] = torch.stack(advantages[::-1])
+        return rollout
+
+    def _step(self, actions: NDArray[np.int64]) -> torch.Tensor:
+        """Step every world; rewards float32[n], with the value of what lay behind a step limit."""
+        raw, rewards, terminated, truncated, infos = self._worlds.step(actions)
+        rewards, over = np.asarray(rewards, np.float32), terminated | truncated
+        self._returns += rewards
+        for i in np.flatnonzero(over).tolist():
+            self._recent.append((float(self._returns[i]), bool(terminated[i] and rewards[i] > 0)))
+        self.steps, self.episodes = self.steps + len(actions), self.episodes + int(over.sum())
+        self._returns[over] = 0.0
+        limited = np.flatnonzero(truncated & ~terminated)
+        if len(limited):
+            seen = self._encode([infos["final_obs"][i] for i in limited])
+            starts = torch.zeros(len(limited), device=self._settings.device)
+            _, beyond, _ = self._policy.think_on(seen, self._hidden[limited], starts)
+            rewards[limited] += self._settings.discount * beyond.squeeze(1).cpu().numpy()
+        self._seen = self._encode(raw)
+        self._starts = torch.as_tensor(over, dtype=torch.float32, device=self._settings.device)
+        return torch.from_numpy(rewards)
+
+    def _learn(self, rollout: Batch, hidden: torch.Tensor) -> None:
+        settings, policy = self._settings, self._policy
+        returns = rollout["advantages"] + rollout["values"]
+        parts = settings.worlds if settings.memory else settings.worlds * settings.rollout
+        for _ in range(settings.epochs):
+            for chosen in torch.randperm(parts).chunk(settings.minibatches):
+                if settings.memory:  # whole rollouts of some worlds
+                    some = {name: part[:, chosen] for name, part in rollout.items()}
+                    of, begun = returns[:, chosen].flatten(), hidden[chosen]
+                else:
+                    some = {name: part.flatten(0, 1)[chosen][None] for name, part in rollout.items()}
+                    of, begun = returns.flatten()[chosen], hidden[:0]
+                seen = {name.removeprefix("seen "): part for name, part in some.items() if name.startswith("seen ")}
+                log_probs, values = policy.think_through(seen, begun, some["starts"])
+                log_prob = log_probs.gather(1, some["actions"].flatten()[:, None]).squeeze(1)
+                advantages = some["advantages"].flatten()
+                advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+                ratio = (log_prob - some["log_probs"].flatten()).exp()
+                clipped = ratio.clamp(1 - settings.clip, 1 + settings.clip)
+                gain = torch.min(ratio * advantages, clipped * advantages).mean()
+                entropy = -(log_probs.exp() * log_probs).sum(dim=1).mean()
+                error = (values.squeeze(1) - of).square().mean()
+                loss = settings.value * error - gain - settings.entropy * entropy
+                self._optimizer.zero_grad(set_to_none=True)
+                loss.backward()  # type: ignore[no-untyped-call]
+                nn.utils.clip_grad_norm_(policy.parameters(), settings.gradient)
+                self._optimizer.step()
+
+    def _encode(self, raw: Any) -> Batch:
+        """What worlds show, on the device: a batch's observation, or single ones in a list."""
+        if isinstance(raw, list):
+            first = raw[0]
+            names = first if isinstance(first, dict) else ()
+            raw = {name: [one[name] for one in raw] for name in names} if names else np.stack(raw)
+        image = np.asarray(raw["image"] if isinstance(raw, dict) else raw) * self._spread
+        device = self._settings.device
+        seen = {"image": torch.from_numpy(np.ascontiguousarray(np.moveaxis(image, -1, 1))).to(device)}
+        if self._missions:
+            seen["mission"] = torch.from_numpy(np.stack([_encode_mission(text) for text in raw["mission"]])).to(device)
+        return seen
