@@ -10,7 +10,7 @@ import csv
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,8 @@ from minihuman.errors import LearnError
 from minihuman.learn.policy.file import PolicyCard, save_policy
 from minihuman.learn.policy.network import EncoderName, Policy, build_policy
 from minihuman.learn.policy.observation import SPREAD, ObservationEncoder, encode_mission, get_image_shape
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.team import TeamWorld
 
 Batch = dict[str, torch.Tensor]  # what worlds show: uint8[n, channels, height, width], float32[n, 9]
 RECENT = 100  # episodes that a point of the curve is over
@@ -87,19 +89,32 @@ def train_batch(
     """
     torch.manual_seed(seed)
     torch.set_num_threads(1)  # small networks: more threads only wait for each other
-    made = gymnasium.make(world, disable_env_checker=True, **(options or {})).unwrapped
+    options = options or {}
+    made: Any = World(world, options).unwrapped
     eyesight = ObservationEncoder(missions)
     space = eyesight.space(made)
-    eyes: EncoderName = "atari" if get_image_shape(space)[1] > 20 else "codes"
-    names: tuple[str, ...] = made.action_names  # type: ignore[attr-defined]
-    policy = build_policy(space, len(names), eyes, memory=settings.memory).to(settings.device)
-    run = _Run(policy, _make_batch(world, settings.worlds, options or {}), eyes == "codes", missions, settings, seed)
+    channels, height, _ = get_image_shape(space)
+    eyes: EncoderName = "atari" if height > 20 else "codes" if channels == 3 else "planes"
+    worlds = _Seats(made.team, settings) if hasattr(made, "team") else _make_batch(world, settings.worlds, options)
+    settings = replace(settings, worlds=worlds.num_envs)
+    policy = build_policy(space, len(made.action_names), eyes, memory=settings.memory).to(settings.device)
+    run = _Run(policy, worlds, eyes == "codes", missions, settings, seed)
     curve: list[CurvePoint] = []
     while run.steps < settings.steps:
         curve.append(run.update())
         follow(curve[-1])
     card = PolicyCard(
-        *(world, options or {}, names, get_image_shape(space), eyesight, eyes, "batch ppo", run.steps, seed),
+        *(
+            world,
+            options,
+            made.action_names,
+            get_image_shape(space),
+            eyesight,
+            eyes,
+            "batch ppo",
+            run.steps,
+            seed,
+        ),
         notes={"settings": asdict(settings)},
         memory=settings.memory,
     )
@@ -124,6 +139,31 @@ def _make_batch(world: str, count: int, options: dict[str, Any]) -> gymnasium.ve
         raise LearnError(f"{world} has no batch of worlds; choose a world of minihuman's own") from None
 
 
+class _Seats:
+    """Every seat of a batch of team worlds as a world of its own: one policy plays with itself.
+
+    What a world pays for useful steps (`TeamBatch.shaping`, where it has that) falls to nothing by the middle of the
+    training, as for Carroll et al., "On the Utility of Learning about Humans for Human-AI Coordination" (2019).
+    """
+
+    def __init__(self, team: TeamWorld, settings: BatchPpoSettings) -> None:
+        self._batch = team.batch(max(1, settings.worlds // team.bodies))
+        self._bodies, self._steps, self._shaped_steps = team.bodies, 0, settings.steps / 2
+        self.num_envs = self._batch.num_worlds * team.bodies
+
+    def reset(self, *, seed: int) -> tuple[NDArray[Any], dict[str, Any]]:
+        return self._batch.reset(seed).reshape(self.num_envs, *self._batch.observations.shape[2:]), {}
+
+    def step(self, actions: NDArray[np.int64]) -> tuple[Any, ...]:
+        _, rewards, ends = self._batch.step(actions.reshape(-1, self._bodies))
+        left = max(0.0, 1 - self._steps / self._shaped_steps)
+        rewards = rewards + left * getattr(self._batch, "shaping", 0.0)
+        self._steps += self.num_envs
+        over = np.repeat(ends, self._bodies)
+        seen = self._batch.observations.reshape(self.num_envs, *self._batch.observations.shape[2:])
+        return seen, rewards.ravel(), over, np.zeros_like(over), {}
+
+
 _encode_mission = lru_cache(maxsize=1024)(encode_mission)
 
 
@@ -133,7 +173,7 @@ class _Run:
     def __init__(
         self,
         policy: Policy,
-        worlds: gymnasium.vector.VectorEnv[Any, Any, Any],
+        worlds: Any,  # a batch, or the seats of one
         spreads: bool,
         missions: bool,
         settings: BatchPpoSettings,
@@ -141,7 +181,7 @@ class _Run:
     ) -> None:
         self.steps = self.episodes = 0
         self._policy, self._worlds, self._settings = policy, worlds, settings
-        self._spread = np.array(SPREAD if spreads else (1, 1, 1), np.uint8)
+        self._spread = np.array(SPREAD if spreads else 1, np.uint8)
         self._missions = missions
         self._optimizer = torch.optim.Adam(policy.parameters(), settings.learning_rate, eps=1e-5, fused=True)
         self._seen = self._encode(worlds.reset(seed=seed)[0])

@@ -7,16 +7,18 @@ import sys
 import numpy as np
 import pytest
 import torch
+from msgspec.structs import replace as replace_field
 
 from minihuman.errors import LearnError
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.protocol.protocol import decode_protocol
-from minihuman.learn.batch_ppo import BatchPpoSettings, _make_batch, _Run, train_batch
+from minihuman.learn.batch_ppo import BatchPpoSettings, _make_batch, _Run, _Seats, train_batch
 from minihuman.learn.policy.file import load_policy
 from minihuman.learn.policy.network import build_policy
 from minihuman.learn.policy.observation import ObservationEncoder
-from minihuman.learn.policy.players import PolicyPlayer
+from minihuman.learn.policy.players import PolicyAgent, PolicyPlayer
 from minihuman.worlds.adapters.world import World
+from minihuman.worlds.team import make_team
 
 EMPTY = "minihuman/MiniGrid-Empty-5x5-v0"
 SMALL = BatchPpoSettings(steps=256, worlds=4, rollout=16, minibatches=2)
@@ -137,3 +139,45 @@ def test_the_command_trains_and_refuses_what_has_no_batch_and_a_file_that_is_the
     assert "already exists" in again.stderr
     with pytest.raises(LearnError, match="has no batch of worlds"):
         train_batch("CartPole-v1", tmp_path / "cart.pt", SMALL)
+
+
+@pytest.mark.parametrize("world", ["minihuman/Team-CrampedRoom-v0", "minihuman/Team-FourRooms-v0"])
+def test_a_policy_that_played_with_itself_sees_in_a_seat_what_it_saw_in_training(tmp_path, world):
+    settings = BatchPpoSettings(steps=512, worlds=8, rollout=32)
+    curve = train_batch(world, tmp_path / "team.pt", settings)
+    assert curve[-1].steps == 512
+    agent = PolicyAgent(str(tmp_path / "team.pt"))
+    policy, card = load_policy(tmp_path / "team.pt")
+    seats = _Seats(make_team(world), settings)
+    run = _Run(policy, seats, card.eyes == "codes", False, settings, 4)
+    trained, _ = seats.reset(seed=9)
+    at = World(world, {"seat": 1})
+    at.reset(5)
+    at.unwrapped.team.restore(seats._batch._worlds[2].save() if seats._batch._worlds else at.unwrapped.team.save())
+    agent.begin(replace_field(expand_one(), world=world), at)
+    assert agent.action_probabilities(at).sum() == pytest.approx(1, abs=1e-5)
+    raw = at.unwrapped.team.observation(1)
+    np.testing.assert_array_equal(raw, trained[5])  # the third world's second seat
+    seen = card.eyesight.episode_encoder().encode(at.unwrapped, raw)
+    np.testing.assert_array_equal(seen["image"], run._encode(trained)["image"][5].numpy())
+
+
+def test_seats_share_their_worlds_rewards_and_the_pay_for_useful_steps_falls_to_nothing():
+    settings = BatchPpoSettings(steps=4_000, worlds=16)
+    seats = _Seats(make_team("minihuman/Team-CrampedRoom-v0"), settings)
+    apart = make_team("minihuman/Team-CrampedRoom-v0").batch(8)
+    seats.reset(seed=1)
+    apart.reset(seed=1)
+    rng, paid = np.random.default_rng(2), [0.0, 0.0]
+    for step in range(250):
+        actions = rng.integers(0, 6, 16)
+        seen, rewards, over, limited, _ = seats.step(actions)
+        observations, joint, ends = apart.step(actions.reshape(8, 2))
+        left = max(0.0, 1 - 16 * step / 2_000)
+        np.testing.assert_allclose(rewards.reshape(8, 2), joint + left * apart.shaping)
+        np.testing.assert_array_equal(seen.reshape(observations.shape), observations)
+        np.testing.assert_array_equal(over, np.repeat(ends, 2))
+        assert not limited.any()
+        paid[step >= 125] += float((rewards.reshape(8, 2) - joint).sum())
+    assert paid[0] > 0
+    assert paid[1] == 0

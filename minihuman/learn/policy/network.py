@@ -16,7 +16,7 @@ from torch import nn
 
 from minihuman.learn.policy.observation import SPREAD, Observation
 
-EncoderName = Literal["grid", "atari", "map", "codes", "near"]
+EncoderName = Literal["grid", "atari", "map", "codes", "near", "planes"]
 
 MISSION_FEATURES = 32
 IMAGE_FEATURES = 64
@@ -66,6 +66,27 @@ def _padded_convolutions(channels: int, n_flat: int, *, first_stride: int) -> li
         nn.Linear(n_flat, IMAGE_FEATURES),
         nn.ReLU(),
     ]
+
+
+class PlaneEncoder(nn.Sequential):
+    """Two 3x3 convolutions (32, 32) and a linear layer: for a kitchen's planes, whose numbers it takes as they are."""
+
+    def __init__(self, space: spaces.Box) -> None:
+        channels, height, width = space.shape
+        super().__init__(
+            nn.Conv2d(channels, 32, 3, padding=1),
+            nn.ReLU(),
+            nn.Conv2d(32, 32, 3, padding=1),
+            nn.ReLU(),
+            nn.Flatten(),
+            nn.Linear(32 * height * width, IMAGE_FEATURES),
+            nn.ReLU(),
+        )
+
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
+        """float32[batch, 64] of planes in 0 to 1."""
+        features: torch.Tensor = super().forward(image * 255)
+        return features
 
 
 class CodeEncoder(nn.Module):
@@ -133,6 +154,8 @@ class MissionImageExtractor(BaseFeaturesExtractor):
                 self.image = LocalCodeEncoder(image)
             case "map":
                 self.image = MapEncoder(image)
+            case "planes":
+                self.image = PlaneEncoder(image)
             case "atari":
                 self.image = NatureCNN(image, IMAGE_FEATURES)
         for layer in self.image.modules():

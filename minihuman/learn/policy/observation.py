@@ -13,6 +13,7 @@ from minihuman.worlds.go_to_obj import KINDS
 from minihuman.worlds.grid.core.cells import colour_of, kind_of, state_of
 from minihuman.worlds.grid.core.state import CARRYING, STEP
 from minihuman.worlds.grid.engine import GridEngine
+from minihuman.worlds.grid.team_grid import TeamGrid
 
 Observation = dict[str, NDArray[Any]]
 Scaling = Literal["spread", "raw"]
@@ -77,12 +78,15 @@ class ObservationEncoder:
             raw: Its own observation.
             remembered: Cells that were in view before, by x * height + y; where the sight is "remembered" alone.
         """
-        codes = isinstance(raw, dict)  # a grid's cells, not a picture
+        # a grid's cells, not a picture
+        codes = isinstance(raw, dict) or isinstance(getattr(world, "team", None), TeamGrid)
         if self.sight == "remembered":
             assert remembered is not None, "an EpisodeEncoder passes the remembered cells"
             image = encode_remembered_grid(world, remembered)
         else:
-            image = encode_whole_grid(world) if self.sight == "whole" else raw["image"] if codes else raw
+            image = (
+                encode_whole_grid(world) if self.sight == "whole" else raw["image"] if isinstance(raw, dict) else raw
+            )
         if codes and self.scaling == "spread":
             image = image * np.array(SPREAD, np.uint8)
         seen: Observation = {"image": np.ascontiguousarray(np.moveaxis(image, -1, 0))}
@@ -101,12 +105,13 @@ class ObservationEncoder:
             return 3, side, side
         inner = world.observation_space
         picture = inner["image"] if isinstance(inner, spaces.Dict) and "image" in inner.spaces else inner
-        if not isinstance(picture, spaces.Box) or len(picture.shape) != 3 or picture.shape[-1] != 3:
+        is_picture = isinstance(picture, spaces.Box) and len(picture.shape) == 3
+        if not is_picture or (picture.shape[-1] != 3 and not hasattr(world, "team")):
             raise LearnError(
                 f"{world} has the observation space {inner}; choose a world whose observations contain an image with "
                 "three channels"
             )
-        return 3, picture.shape[0], picture.shape[1]
+        return picture.shape[2], picture.shape[0], picture.shape[1]
 
 
 def get_image_shape(space: spaces.Dict) -> tuple[int, int, int]:
