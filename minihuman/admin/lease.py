@@ -20,7 +20,7 @@ from pathlib import Path
 from minihuman.dataset.journal import find_database_url
 from minihuman.errors import LogError
 from minihuman.log.paths import PART_SUFFIX, study_folder
-from minihuman.log.record.finalization import FinalizedLog, put_aside, recover_log
+from minihuman.log.record.finalization import UNFINISHED_SUFFIX, FinalizedLog, NotPublishedError, put_aside, recover_log
 from minihuman.log.system import current_system, monotonic_s, sync_folder, write_durably
 
 TTL_S = 10.0
@@ -226,11 +226,10 @@ class SessionLeases:
 
         Raises:
             LeaseHeldError: if the session runs on another server.
-            OSError: if the database cannot be asked, or a file cannot be read or written.
+            OSError: if the database cannot be asked, or a file cannot be read or written; the file stays.
             LogError: if the log cannot be finished.
         """
-        session = int(part.parent.name.removeprefix("ses-"))
-        lease = self.acquire(name_session(study_folder(part).name, part.parent.parent.name, session))
+        lease = self.acquire(f"{study_folder(part).name}/{part.parent.parent.name}/{part.parent.name}")
         try:
             if not lease.grant.ended and not only_ended:
                 self.restore(lease, part.parent)
@@ -238,9 +237,9 @@ class SessionLeases:
                 put_aside(part, SUPERSEDED)
             if not part.exists() or (only_ended and not lease.grant.ended):
                 return None
-            finished = recover_log(part)
-            if finished.readable:
-                self.store(lease, None if lease.grant.ended else finished.path)
+            finished = recover_log(part, lambda log: self.publish(lease, log))
+            if finished.readable and lease.grant.ended:  # nobody resumes it
+                self.store(lease, None)
             return finished
         finally:
             self.release(lease)
@@ -284,11 +283,24 @@ class SessionLeases:
             LeaseLostError: if another server has the session.
             OSError: if the database cannot be asked, or the log cannot be read.
         """
-        files = {log.name: log.read_bytes()} if log is not None and log.exists() else {}
+        files = {log.name.removesuffix(UNFINISHED_SUFFIX): log.read_bytes()} if log is not None and log.exists() else {}
         if not self._table.store(lease.session, lease.grant.fence, files):
             lease.lost = True
             raise LeaseLostError(f"{lease.session} now runs on another server")
         lease._copied = {}
+
+    def publish(self, lease: Lease, log: Path) -> None:
+        """Keep a log in the place of the copies before it has its name: what could not be resumed is not there twice.
+
+        Raises:
+            NotPublishedError: if the database or the log cannot be read, or another server has the session.
+        """
+        try:
+            self.store(lease, log)
+        except (OSError, LeaseLostError) as error:
+            raise NotPublishedError(
+                f"{log.name.removesuffix(UNFINISHED_SUFFIX)} cannot be kept in the database yet: {error}"
+            ) from error
 
     def release(self, lease: Lease) -> bool:
         """Hand a session over, after copying the rest; False where the database cannot be asked: the lease runs out."""

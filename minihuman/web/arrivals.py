@@ -161,13 +161,16 @@ class Arrivals:
         Raises:
             AllocationError: if there is nothing left to play, or it is not the day.
             LogError: if an earlier log is damaged, or is being written.
+            OSError: if it cannot be kept where every server has it.
         """
+        leases, lease = self.leases, admission.lease
         return plan_next_session(
             self.protocol,
             self._data,
             participant=admission.participant,
             session=admission.session,
             utc_offset_min=admission.utc_offset_min,
+            publish=lambda log: leases.publish(lease, log) if leases is not None and lease is not None else None,
         )
 
     def decline(self, admission: Admission, why: str) -> None:

@@ -494,12 +494,8 @@ class WebServer:
     async def _look_at_lease(self, connection: Connection) -> None:
         assert connection.lease is not None
         connection.changed.set()  # there is something to acknowledge
-        if connection.finishing:
-            return
-        if connection.lease.lost:
-            await self._give_up(connection, CLOSE_BUSY)
-        elif connection.lease.wanted:
-            await self._give_up(connection, ANOTHER)
+        if not connection.finishing and (connection.lease.lost or connection.lease.wanted):
+            await self._give_up(connection, CLOSE_BUSY if connection.lease.lost else ANOTHER)
 
     async def _give_up(self, connection: Connection, code: int) -> None:
         """Leave a session to another server."""
