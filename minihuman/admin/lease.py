@@ -237,8 +237,10 @@ class SessionLeases:
                 put_aside(part, SUPERSEDED)
             if not part.exists() or (only_ended and not lease.grant.ended):
                 return None
-            finished = recover_log(part, lambda log: self.publish(lease, log))
-            if finished.readable and lease.grant.ended:  # nobody resumes it
+            if not lease.grant.ended:
+                return recover_log(part, lambda log: self.publish(lease, log))
+            finished = recover_log(part)  # the copy stays until then: it says whose session it is
+            with suppress(OSError):
                 self.store(lease, None)
             return finished
         finally:

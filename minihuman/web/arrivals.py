@@ -149,7 +149,7 @@ class Arrivals:
             return Rejection("preview")
         try:
             return self._admit(arrival, who)
-        except LeaseHeldError:
+        except (LeaseHeldError, RemoteStoreError):  # another server's log may be there
             return Rejection("wait")
         except (AllocationError, LogError) as error:
             LOG.warning("a participant was refused: %s", error)
@@ -286,9 +286,6 @@ class Arrivals:
                 with suppress(*(() if lease.grant.copied else (RemoteStoreError,))):
                     self._sync(participant)
                 leases.restore(lease, session_folder(self._data, self.protocol.study.name, participant, session))
-        except RemoteStoreError as error:  # another server's log is there
-            leases.release(lease)
-            raise LeaseHeldError(str(error)) from error
         except BaseException:
             leases.release(lease)
             raise

@@ -219,7 +219,9 @@ class ProcessDisk(FileSystem):
         self._operation(f"rename {source.name} {target.name}")
         self._refuse(source, errno.EIO)
         _OS.rename(source, target)
-        content = self.volume.live.pop(source)
+        content = self.volume.live.pop(source, None)
+        if content is None:  # it was written past this disk, and durably
+            content = _Content(bytearray(target.read_bytes()))
         self.volume.live[target] = content
         self.volume.changed(source, target, content)
 
