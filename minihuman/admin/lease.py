@@ -20,7 +20,14 @@ from pathlib import Path
 from minihuman.dataset.journal import find_database_url
 from minihuman.errors import LogError
 from minihuman.log.paths import PART_SUFFIX, study_folder
-from minihuman.log.record.finalization import UNFINISHED_SUFFIX, FinalizedLog, NotPublishedError, put_aside, recover_log
+from minihuman.log.record.finalization import (
+    UNFINISHED_SUFFIX,
+    FinalizedLog,
+    NotPublishedError,
+    find_leftovers,
+    put_aside,
+    recover_log,
+)
 from minihuman.log.system import current_system, monotonic_s, sync_folder, write_durably
 
 TTL_S = 10.0
@@ -235,6 +242,8 @@ class SessionLeases:
                 self.restore(lease, part.parent)
             elif lease.grant.ended and self._table.read_files(lease.session).get(part.name) != part.read_bytes():
                 put_aside(part, SUPERSEDED)
+            if not part.exists() and not lease.grant.ended:  # finish what the other server left, as it is here now
+                part = next(iter(find_leftovers(part.parent)), part)
             if not part.exists() or (only_ended and not lease.grant.ended):
                 return None
             if not lease.grant.ended:
@@ -394,12 +403,17 @@ class PostgresLeaseTable(LeaseTable):
             cursor.execute(extend, [TTL_S, [*held]])
             pieces = [(each.session, each.piece) for each in ordered if each.piece is not None and each.session in held]
             if pieces:
-                replace = "delete from minihuman_log_copies where session = %s and file = %s and start >= %s"
-                cursor.executemany(replace, [(session, piece.file, piece.start) for session, piece in pieces])
-                rows = [(session, piece.file, piece.start, piece.data) for session, piece in pieces]
-                cursor.executemany(_INSERT, rows)
-                stamp = "update minihuman_leases set copied_at = clock_timestamp() where session = any(%s)"
-                cursor.execute(stamp, [[session for session, _ in pieces]])
+                cursor.executemany(
+                    "delete from minihuman_log_copies where session = %s and file = %s and start >= %s",
+                    [(session, piece.file, piece.start) for session, piece in pieces],
+                )
+                cursor.executemany(
+                    _INSERT, [(session, piece.file, piece.start, piece.data) for session, piece in pieces]
+                )
+                cursor.execute(
+                    "update minihuman_leases set copied_at = clock_timestamp() where session = any(%s)",
+                    [[session for session, _ in pieces]],
+                )
             return held
 
     def store(self, session: str, fence: int, files: Mapping[str, bytes]) -> bool:

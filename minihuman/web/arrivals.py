@@ -262,7 +262,6 @@ class Arrivals:
 
     def _next_session(self, participant: str) -> tuple[int, Lease | None] | str:
         """The first of a participant's sessions that is not complete, leased; if all are, why the last one ended."""
-        ended = ""
         if self.leases is None:
             with suppress(RemoteStoreError):  # it is away: what is here is what there is
                 self._sync(participant)
@@ -285,7 +284,10 @@ class Arrivals:
             if not lease.grant.ended:
                 with suppress(*(() if lease.grant.copied else (RemoteStoreError,))):
                     self._sync(participant)
-                leases.restore(lease, session_folder(self._data, self.protocol.study.name, participant, session))
+                folder = session_folder(self._data, self.protocol.study.name, participant, session)
+                leases.restore(lease, folder)
+                if lease.grant.copied and not (folder.is_dir() and list_sessions(folder)):
+                    raise LeaseHeldError(f"the log of {lease.session} is in the remote store, which does not show it")
         except BaseException:
             leases.release(lease)
             raise

@@ -614,7 +614,7 @@ class ConnectionFactory:
                     )
         plan = admission.plan or self._arrivals.plan(admission)
         lease, leases = admission.lease, self._arrivals.leases
-        if lease is not None and leases is not None and (lease.grant.copied or plan.segment > 1):
+        if lease is not None and leases is not None and plan.segment > 1:
             leases.publish(lease, SegmentPath.of_plan(self._data, plan).log)  # else the next one has only the rest
         return start_host(plan, self._disk, facts, self._settings, at_sync=wake, at_team_change=ask_team)
 

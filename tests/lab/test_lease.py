@@ -1,6 +1,7 @@
 """Leases: one server has a session, another gets it where the first one left it, and a late one can write nothing."""
 
 import asyncio
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
@@ -500,6 +501,38 @@ def test_a_complete_log_that_could_be_put_nowhere_is_stored_when_its_end_is_trie
     asyncio.run(play())
     assert (server.files, server.heads) == ([LOG], 1)
     assert [*table.read_files("tried/sub-01/ses-01")] == [LOG]
+
+
+def test_a_segment_that_is_in_a_store_that_is_away_is_not_played_again(clock: Clock, tmp_path: Path) -> None:
+    """A folder of another machine that is not mounted looks empty."""
+    table = MemoryLeaseTable(clock)
+    server = _Host(table, clock, tmp_path)
+    store, away = tmp_path / "store", tmp_path / "away"
+    (server.data / STORE_URL_FILE_NAME).write_text(str(store))
+
+    async def play() -> None:
+        connection = await server.host()
+        connection.stop("connection_lost", "the page did not come back")
+        connection.finish()
+        connection.host.close()
+
+    async def comes() -> Connection | TurnedAway:
+        connection = await ConnectionFactory(server.arrivals, server.data, {}).connect(server.hello)
+        if isinstance(connection, Connection):
+            connection.leave()
+            connection.host.close()
+        return connection
+
+    asyncio.run(play())
+    assert table.read_files("tried/sub-01/ses-01") == {}, "every server has it from the store"
+    shutil.rmtree(server.study_dir / "sub-01")  # as on a server that has not had the session
+    store.rename(away)
+    refused = asyncio.run(comes())
+    assert isinstance(refused, TurnedAway)
+    assert refused.reason == "wait"
+    away.rename(store)
+    assert isinstance(asyncio.run(comes()), Connection)
+    assert server.files == [LOG, "sub-01_ses-01_seg-02.mcap.part"]
 
 
 @pytest.fixture(scope="module")
