@@ -395,12 +395,13 @@ class PostgresLeaseTable(LeaseTable):
                 on leases.session = mine.session and leases.fence = mine.fence
             where ended = '' order by leases.session for update of leases
         """
-        extend = """
-            update minihuman_leases set until = clock_timestamp() + make_interval(secs => %s) where session = any(%s)
-        """
         with self._renewals.transaction() as cursor:
             held = dict(cursor.execute(lock, [names, fences]).fetchall())
-            cursor.execute(extend, [TTL_S, [*held]])
+            cursor.execute(
+                "update minihuman_leases set until = clock_timestamp() + make_interval(secs => %s)"
+                " where session = any(%s)",
+                [TTL_S, [*held]],
+            )
             pieces = [(each.session, each.piece) for each in ordered if each.piece is not None and each.session in held]
             if pieces:
                 cursor.executemany(
@@ -449,10 +450,12 @@ class PostgresLeaseTable(LeaseTable):
 
     def forget(self, prefix: str) -> None:
         """Delete the copies; the numbers of leases go on."""
-        take = """
-            update minihuman_leases set fence = fence + 1, until = '-infinity', ended = '', copied_at = null
-            where starts_with(session, %s)
-        """
         with self._database.transaction() as cursor:
-            cursor.execute(take, [prefix])
+            cursor.execute(
+                """
+                update minihuman_leases set fence = fence + 1, until = '-infinity', ended = '', copied_at = null
+                where starts_with(session, %s)
+                """,
+                [prefix],
+            )
             cursor.execute("delete from minihuman_log_copies where starts_with(session, %s)", [prefix])
