@@ -149,11 +149,11 @@ class Arrivals:
             return Rejection("preview")
         try:
             return self._admit(arrival, who)
-        except (LeaseHeldError, RemoteStoreError):  # another server's log may be there
+        except LeaseHeldError:
             return Rejection("wait")
         except (AllocationError, LogError) as error:
             LOG.warning("a participant was refused: %s", error)
-            return Rejection("broken")
+            return Rejection("wait" if isinstance(error, RemoteStoreError) else "broken")
 
     def plan(self, admission: Admission) -> SessionPlan:
         """Plan a participant's next segment; a log that was cut off is finished first.
@@ -287,7 +287,9 @@ class Arrivals:
                 folder = session_folder(self._data, self.protocol.study.name, participant, session)
                 leases.restore(lease, folder)
                 if lease.grant.copied and not (folder.is_dir() and list_sessions(folder)):
-                    raise LeaseHeldError(f"the log of {lease.session} is in the remote store, which does not show it")
+                    raise RemoteStoreError(
+                        f"the log of {lease.session} is in the remote store, which does not show it; is it mounted?"
+                    )
         except BaseException:
             leases.release(lease)
             raise
