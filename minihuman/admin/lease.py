@@ -20,7 +20,14 @@ from pathlib import Path
 from minihuman.dataset.journal import find_database_url
 from minihuman.errors import LogError
 from minihuman.log.paths import PART_SUFFIX, study_folder
-from minihuman.log.record.finalization import FinalizedLog, put_aside, recover_log
+from minihuman.log.record.finalization import (
+    UNFINISHED_SUFFIX,
+    FinalizedLog,
+    NotPublishedError,
+    find_leftovers,
+    put_aside,
+    recover_log,
+)
 from minihuman.log.system import current_system, monotonic_s, sync_folder, write_durably
 
 TTL_S = 10.0
@@ -226,21 +233,24 @@ class SessionLeases:
 
         Raises:
             LeaseHeldError: if the session runs on another server.
-            OSError: if the database cannot be asked, or a file cannot be read or written.
+            OSError: if the database cannot be asked, or a file cannot be read or written; the file stays.
             LogError: if the log cannot be finished.
         """
-        session = int(part.parent.name.removeprefix("ses-"))
-        lease = self.acquire(name_session(study_folder(part).name, part.parent.parent.name, session))
+        lease = self.acquire(f"{study_folder(part).name}/{part.parent.parent.name}/{part.parent.name}")
         try:
             if not lease.grant.ended and not only_ended:
                 self.restore(lease, part.parent)
             elif lease.grant.ended and self._table.read_files(lease.session).get(part.name) != part.read_bytes():
                 put_aside(part, SUPERSEDED)
+            if not part.exists() and not lease.grant.ended:  # finish what the other server left, as it is here now
+                part = next(iter(find_leftovers(part.parent)), part)
             if not part.exists() or (only_ended and not lease.grant.ended):
                 return None
-            finished = recover_log(part)
-            if finished.readable:
-                self.store(lease, None if lease.grant.ended else finished.path)
+            if not lease.grant.ended:
+                return recover_log(part, lambda log: self.publish(lease, log))
+            finished = recover_log(part)  # the copy stays until then: it says whose session it is
+            with suppress(OSError):
+                self.store(lease, None)
             return finished
         finally:
             self.release(lease)
@@ -284,11 +294,24 @@ class SessionLeases:
             LeaseLostError: if another server has the session.
             OSError: if the database cannot be asked, or the log cannot be read.
         """
-        files = {log.name: log.read_bytes()} if log is not None and log.exists() else {}
+        files = {log.name.removesuffix(UNFINISHED_SUFFIX): log.read_bytes()} if log is not None and log.exists() else {}
         if not self._table.store(lease.session, lease.grant.fence, files):
             lease.lost = True
             raise LeaseLostError(f"{lease.session} now runs on another server")
         lease._copied = {}
+
+    def publish(self, lease: Lease, log: Path) -> None:
+        """Keep a log in the place of the copies before it has its name: what could not be resumed is not there twice.
+
+        Raises:
+            NotPublishedError: if the database or the log cannot be read, or another server has the session.
+        """
+        try:
+            self.store(lease, log)
+        except (OSError, LeaseLostError) as error:
+            raise NotPublishedError(
+                f"{log.name.removesuffix(UNFINISHED_SUFFIX)} cannot be kept in the database yet: {error}"
+            ) from error
 
     def release(self, lease: Lease) -> bool:
         """Hand a session over, after copying the rest; False where the database cannot be asked: the lease runs out."""
@@ -372,20 +395,26 @@ class PostgresLeaseTable(LeaseTable):
                 on leases.session = mine.session and leases.fence = mine.fence
             where ended = '' order by leases.session for update of leases
         """
-        extend = """
-            update minihuman_leases set until = clock_timestamp() + make_interval(secs => %s) where session = any(%s)
-        """
         with self._renewals.transaction() as cursor:
             held = dict(cursor.execute(lock, [names, fences]).fetchall())
-            cursor.execute(extend, [TTL_S, [*held]])
+            cursor.execute(
+                "update minihuman_leases set until = clock_timestamp() + make_interval(secs => %s)"
+                " where session = any(%s)",
+                [TTL_S, [*held]],
+            )
             pieces = [(each.session, each.piece) for each in ordered if each.piece is not None and each.session in held]
             if pieces:
-                replace = "delete from minihuman_log_copies where session = %s and file = %s and start >= %s"
-                cursor.executemany(replace, [(session, piece.file, piece.start) for session, piece in pieces])
-                rows = [(session, piece.file, piece.start, piece.data) for session, piece in pieces]
-                cursor.executemany(_INSERT, rows)
-                stamp = "update minihuman_leases set copied_at = clock_timestamp() where session = any(%s)"
-                cursor.execute(stamp, [[session for session, _ in pieces]])
+                cursor.executemany(
+                    "delete from minihuman_log_copies where session = %s and file = %s and start >= %s",
+                    [(session, piece.file, piece.start) for session, piece in pieces],
+                )
+                cursor.executemany(
+                    _INSERT, [(session, piece.file, piece.start, piece.data) for session, piece in pieces]
+                )
+                cursor.execute(
+                    "update minihuman_leases set copied_at = clock_timestamp() where session = any(%s)",
+                    [[session for session, _ in pieces]],
+                )
             return held
 
     def store(self, session: str, fence: int, files: Mapping[str, bytes]) -> bool:
@@ -421,10 +450,12 @@ class PostgresLeaseTable(LeaseTable):
 
     def forget(self, prefix: str) -> None:
         """Delete the copies; the numbers of leases go on."""
-        take = """
-            update minihuman_leases set fence = fence + 1, until = '-infinity', ended = '', copied_at = null
-            where starts_with(session, %s)
-        """
         with self._database.transaction() as cursor:
-            cursor.execute(take, [prefix])
+            cursor.execute(
+                """
+                update minihuman_leases set fence = fence + 1, until = '-infinity', ended = '', copied_at = null
+                where starts_with(session, %s)
+                """,
+                [prefix],
+            )
             cursor.execute("delete from minihuman_log_copies where starts_with(session, %s)", [prefix])

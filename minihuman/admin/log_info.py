@@ -226,8 +226,7 @@ def recover_logs(given: Iterable[Path], note: AuditNote = NO_NOTE) -> Iterator[R
 
 
 def _recover(part: Path) -> FinalizedLog | None:
-    table = open_lease_table(study_folder(part))
-    return recover_log(part) if table is None else SessionLeases(table).recover(part)
+    return SessionLeases(table).recover(part) if (table := open_lease_table(study_folder(part))) else recover_log(part)
 
 
 def _record_recovery(log: Path, what: str, note: AuditNote) -> None:

@@ -1,5 +1,6 @@
 """Decide what a participant plays next: a new session, or the unfinished rest of one that was cut short."""
 
+from collections.abc import Callable
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
@@ -44,6 +45,7 @@ def plan_next_session(
     note: AuditNote | None = None,
     prefix: str = "sub",
     utc_offset_min: int | None = None,
+    publish: Callable[[Path], None] = lambda _: None,
 ) -> SessionPlan:
     """Take the participant's slot and plan what is to be played; a session that is not complete is resumed.
 
@@ -59,6 +61,7 @@ def plan_next_session(
         prefix: of a new participant's code.
         utc_offset_min: how many minutes the participant's local time is ahead of UTC; None takes that of the session
             before.
+        publish: keeps what is finished first where every server has it, before it has its name here.
 
     Raises:
         AllocationError: if there is no slot to take, or the session is complete.
@@ -77,7 +80,7 @@ def plan_next_session(
         record_intervention(study_dir, entry)
     folder = session_folder(data, protocol.study.name, who.id, session)
     for part in find_leftovers(folder):
-        if (finished := recover_log(part)).readable:
+        if (finished := recover_log(part, publish)).readable:
             record_missing_heads(finished.path)
             recovered = LogRecovered(finished.path.name, now_text(), f"ended: {finished.end_reason}", "resumed")
             record_intervention(study_dir, recovered)

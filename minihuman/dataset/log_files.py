@@ -27,6 +27,7 @@ from minihuman.errors import LogError, ProtocolError
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.paths import find_log_folders, group_sessions, raise_as_log_error
 from minihuman.log.salvage.summary_section import read_first_metadata
+from minihuman.log.system import current_system
 from minihuman.operating_system import count_processes
 
 _UP = 3  # from a session's folder to its study's: <study>/sub-07/ses-01
@@ -51,7 +52,8 @@ def read_withdrawn_codes(study_dir: Path) -> frozenset[str]:
     if url := find_database_url(study_dir):
         from minihuman.dataset.journal_postgres import PostgresJournal
 
-        with closing(PostgresJournal(url, f"{study_dir.name}/{ENROLMENT_FILE_NAME}", _code, chained=True)) as register:
+        open_one = current_system().open_database_journal or PostgresJournal  # not the one that is kept open
+        with closing(open_one(url, f"{study_dir.name}/{ENROLMENT_FILE_NAME}", _code, chained=True)) as register:
             return frozenset(register.read())
     if not (study_dir / ENROLMENT_FILE_NAME).is_file():
         return frozenset()

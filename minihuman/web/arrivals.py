@@ -153,7 +153,7 @@ class Arrivals:
             return Rejection("wait")
         except (AllocationError, LogError) as error:
             LOG.warning("a participant was refused: %s", error)
-            return Rejection("broken")
+            return Rejection("wait" if isinstance(error, RemoteStoreError) else "broken")
 
     def plan(self, admission: Admission) -> SessionPlan:
         """Plan a participant's next segment; a log that was cut off is finished first.
@@ -161,13 +161,16 @@ class Arrivals:
         Raises:
             AllocationError: if there is nothing left to play, or it is not the day.
             LogError: if an earlier log is damaged, or is being written.
+            OSError: if it cannot be kept where every server has it.
         """
+        leases, lease = self.leases, admission.lease
         return plan_next_session(
             self.protocol,
             self._data,
             participant=admission.participant,
             session=admission.session,
             utc_offset_min=admission.utc_offset_min,
+            publish=lambda log: leases.publish(lease, log) if leases is not None and lease is not None else None,
         )
 
     def decline(self, admission: Admission, why: str) -> None:
@@ -259,7 +262,6 @@ class Arrivals:
 
     def _next_session(self, participant: str) -> tuple[int, Lease | None] | str:
         """The first of a participant's sessions that is not complete, leased; if all are, why the last one ended."""
-        ended = ""
         if self.leases is None:
             with suppress(RemoteStoreError):  # it is away: what is here is what there is
                 self._sync(participant)
@@ -282,10 +284,12 @@ class Arrivals:
             if not lease.grant.ended:
                 with suppress(*(() if lease.grant.copied else (RemoteStoreError,))):
                     self._sync(participant)
-                leases.restore(lease, session_folder(self._data, self.protocol.study.name, participant, session))
-        except RemoteStoreError as error:  # another server's log is there
-            leases.release(lease)
-            raise LeaseHeldError(str(error)) from error
+                folder = session_folder(self._data, self.protocol.study.name, participant, session)
+                leases.restore(lease, folder)
+                if lease.grant.copied and not (folder.is_dir() and list_sessions(folder)):
+                    raise RemoteStoreError(
+                        f"the log of {lease.session} is in the remote store, which does not show it; is it mounted?"
+                    )
         except BaseException:
             leases.release(lease)
             raise

@@ -238,7 +238,6 @@ class Connection:
         self._hosted = hosted
         self._inbox = inbox
         self._closed = False  # its log is
-        self._recorded = False  # in the enrolment log, and where finished logs are kept
         clock = current_system().clock  # the wall clock may have been set back since a session began
         self._zero_ns = clock.monotonic_ns() - max(clock.wall_ns() - hosted.started_ns, hosted.host.last_at_ns)
         self._incoming = IncomingStream()
@@ -401,33 +400,33 @@ class Connection:
 
         Raises:
             LeaseLostError: if another server has the session: it did not end here.
-            OSError: if the enrolment log cannot be written, or the lease cannot be ended.
+            OSError: if the enrolment log cannot be written, the lease cannot be ended, or the log of a session that
+                another server can resume cannot be kept where that server has it.
         """
-        reason = self.host.session.end_reason
+        reason, leases, lease = self.host.session.end_reason, self._leases, self.lease
         is_final = self.agreed and reason in FINAL_END_REASONS
         if not self._closed:
-            if self._leases is not None and self.lease is not None:
-                with suppress(LogError):  # said below, where it is closed
-                    for file in self._hosted.files:
+            if leases is not None and lease is not None:
+                for file in self._hosted.files:
+                    with suppress(LogError):  # said below, where it is closed
                         file.drain()
-                self._leases.end(self.lease, str(reason) if is_final else "")
-            self._closed = True
+                    if not is_final:
+                        file.publish = lambda log: leases.publish(lease, log)
+                leases.end(lease, str(reason) if is_final else "")
             try:
                 self.path = self._hosted.recorder.close()
             except LogError as error:
                 LOG.warning("a session's log was not finished: %s", error)
                 self.broken = True
-            finally:
-                self.host.close_agent()
-        if self.path is not None and not self._recorded:
+            self._closed = True
+            self.host.close_agent()
+        if self.path is not None:
             is_stored = _record_end(self.path)
-            self._recorded = True
-            if self._leases is not None and self.lease is not None:
+            if leases is not None and lease is not None:
                 has_store = (study_folder(self.path).parent / STORE_URL_FILE_NAME).is_file()
-                everywhere = is_stored if has_store else is_final
-                self._leases.store(self.lease, None if everywhere else self.path)
-        if self._leases is not None and self.lease is not None:
-            self._leases.release(self.lease)
+                leases.store(lease, None if (is_stored if has_store else is_final) else self.path)
+        if leases is not None and lease is not None:
+            leases.release(lease)
         self.finished = True
 
     def leave(self) -> None:
@@ -615,8 +614,8 @@ class ConnectionFactory:
                     )
         plan = admission.plan or self._arrivals.plan(admission)
         lease, leases = admission.lease, self._arrivals.leases
-        if lease is not None and leases is not None and (lease.grant.copied or plan.segment > 1):
-            leases.store(lease, SegmentPath.of_plan(self._data, plan).log)  # else the next one has only the rest
+        if lease is not None and leases is not None and plan.segment > 1:
+            leases.publish(lease, SegmentPath.of_plan(self._data, plan).log)  # else the next one has only the rest
         return start_host(plan, self._disk, facts, self._settings, at_sync=wake, at_team_change=ask_team)
 
     def _inbox(self, admission: Admission) -> CommandInbox:

@@ -1,4 +1,7 @@
-"""A database that holds journals and leases: away, cut off from one server, or losing a commit or the word of it."""
+"""A database that holds journals and leases: away, cut off from one server, or losing a commit or the word of it.
+
+A server may die at a commit of its own: before it, or when it is done.
+"""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -8,7 +11,8 @@ import msgspec
 
 from minihuman.admin.lease import LeaseGrant, LeaseRenewal
 from minihuman.dataset.journal import Journal, LineChain, LineDecoder, LockedJournal
-from tests.fault_simulation.schedule import Schedule
+from tests.fault_simulation.schedule import ProcessKilled, Schedule
+from tests.fault_simulation.volume import ProcessDisk
 from tests.lab.lease_table import MemoryLeaseTable
 
 T = TypeVar("T")
@@ -34,6 +38,8 @@ class Database:
         self.asker = ""  # the machine whose turn it is
         self.lost_commits = 0.0  # probability that a commit is undone, and the program is told so
         self.lost_answers = 0.0  # that it is done, and the program hears that it failed
+        self.lost_stores = 0.0  # the same of finished logs alone, half of them done
+        self.process: ProcessDisk | None = None  # whose turn it is
 
     def open_journal(
         self, url: str, name: str, decode: LineDecoder[Any], *, chained: bool = False, declaration: Any = None
@@ -43,6 +49,8 @@ class Database:
 
     def ask(self) -> None:
         """Refuse where it is away."""
+        if self.process is not None and self.process.dead:
+            raise ProcessKilled
         if self.away or self.asker in self.cut_off:
             raise DatabaseError("the database cannot be queried: connection refused")
 
@@ -53,15 +61,22 @@ class Database:
     def transact(self, what: str, do: Callable[[], T]) -> T:
         """Do something, or lose it, or lose the word of it."""
         self.ask()
-        if self.schedule.chance(self.lost_commits):
+        is_store = what.startswith("store ")
+        dies = self.process is not None and self.process.commit(what)
+        if self.schedule.chance(self.lost_commits) or (is_store and self._loses_store()):
             self.schedule.note(f"lost: {what}")
             raise DatabaseError("the database cannot be queried: the connection was lost")
         self.schedule.note(f"commit of {what}")
         found = do()
-        if self.schedule.chance(self.lost_answers):
+        if dies and self.process is not None:
+            self.process.die()
+        if self.schedule.chance(self.lost_answers) or (is_store and self._loses_store()):
             self.schedule.note(f"answer lost: {what}")
             raise DatabaseError("the database cannot be queried: the connection was lost")
         return found
+
+    def _loses_store(self) -> bool:
+        return self.lost_stores > 0 and self.schedule.chance(self.lost_stores)
 
 
 class LeaseDatabase(MemoryLeaseTable):
@@ -130,6 +145,9 @@ class DatabaseJournal(Journal[Any]):
             whole = self._chain.open(row, number) if self._chained else row
             lines.append(self._decode(whole, number) if whole else None)
         return tuple(line for line in lines if line is not None)
+
+    def close(self) -> None:
+        """Let go of the connection."""
 
     @contextmanager
     def hold(self) -> Iterator["_LockedTable"]:

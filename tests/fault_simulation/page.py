@@ -173,7 +173,10 @@ class Tab:
                 self._leave(reason)
             else:
                 self.person.errors.append(reason)
-                self.person.reload()
+                if self is self.person.tab:
+                    self.person.reload()
+                else:  # nobody looks at it
+                    self.finished = True
         else:
             self.schedule.after(self._retry_s, self.open)
             self._retry_s = min(3.0, self._retry_s * 1.6)

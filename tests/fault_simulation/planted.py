@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,8 @@ from typing import Any
 from minihuman.admin.enrolment_entries import SlotFreed, open_enrolment_log
 from minihuman.admin.enrolment_log import now_text
 from minihuman.admin.lease import Lease, LeaseGrant, LeaseRenewal, SessionLeases
-from minihuman.log.record.finalization import FinalizedLog, recover_log
+from minihuman.log.paths import study_folder
+from minihuman.log.record.finalization import FinalizedLog, NotPublishedError, recover_log
 from minihuman.log.system import current_system
 from minihuman.web.connection import Connection
 from tests.fault_simulation.database import Database, DatabaseError, LeaseDatabase
@@ -174,6 +176,27 @@ class OutdatedFileKept(SessionLeases):
         return super().recover(part, only_ended=only_ended) if only_ended else recover_log(part)
 
 
+class NamedBeforeStored(SessionLeases):
+    """A finished log has its name and its head in the enrolment log, whether every server can have it or not."""
+
+    def publish(self, lease: Lease, log: Path) -> None:
+        """Let it be finished in any case."""
+        with suppress(NotPublishedError):
+            super().publish(lease, log)
+
+
+class CopyDroppedBeforeFinished(SessionLeases):
+    """What an ended session was is replaced in the database before its live file is finished."""
+
+    def recover(self, part: Path, *, only_ended: bool = False) -> FinalizedLog | None:
+        """Store the file that is about to be finished under another name."""
+        name = f"{study_folder(part).name}/{part.parent.parent.name}/{part.parent.name}"
+        if (lease := self.acquire(name)).grant.ended:
+            self.store(lease, part.with_suffix(""))
+        self.release(lease)
+        return super().recover(part, only_ended=only_ended)
+
+
 class FenceIgnored(LeaseDatabase):
     """A session is leased to whoever asks, and every holder may write: whose number is the newest is not looked at."""
 
@@ -211,6 +234,10 @@ PLANTED_IN_LEASES: dict[str, Parts] = {
     "outdated file kept": Parts(leases=OutdatedFileKept),
     "fence ignored": Parts(lease_table=FenceIgnored),
 }
+PLANTED_AT_COMMITS: dict[str, Parts] = {
+    "named before stored": Parts(leases=NamedBeforeStored),
+    "copy dropped before finished": Parts(leases=CopyDroppedBeforeFinished),
+}
 FOUND_BY = {  # the first seed that shows it
     "acknowledged before fsync": 1,
     "failed fsync swallowed": 14,
@@ -227,7 +254,11 @@ FOUND_BY = {  # the first seed that shows it
 }
 FOUND_BY_TWO = {
     "acknowledged before copied": 50,
-    "resumed from its own file": 0,
+    "resumed from its own file": 1,
     "outdated file kept": 29,
-    "fence ignored": 3,
+    "fence ignored": 11,
+}
+FOUND_BY_AT_COMMITS = {
+    "named before stored": 2,
+    "copy dropped before finished": 4,
 }

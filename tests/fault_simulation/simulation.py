@@ -21,6 +21,7 @@ from minihuman.admin.enrolment_entries import SlotTaken, list_taken_slots, read_
 from minihuman.admin.lease import TTL_S, SessionLeases
 from minihuman.admin.manifest import record_missing_heads
 from minihuman.admin.recruitment import Recruitment, hash_link_token
+from minihuman.admin.remote_store import STORE_URL_FILE_NAME
 from minihuman.admin.verify.log import verify_enrolment, verify_session
 from minihuman.dataset import journal
 from minihuman.dataset.journal import URL_FILE_NAME
@@ -77,6 +78,8 @@ HAZARDS = (
 )
 OF_DISKS = ("power", "full", "short", "failing", "unsynced")
 HAZARDS_OF_TWO = (*HAZARDS, *("partition",) * 4, *("reload",) * 4)
+HAZARDS_AT_COMMITS = (*HAZARDS_OF_TWO, *("absent",) * 8, *("stores",) * 4, *("remote",) * 3)
+FAULTS_AT_COMMITS_S = 45.0  # longer than a session is kept for a page that is away
 _MEMORY = Path("/dev/shm")
 
 
@@ -193,6 +196,8 @@ class Machine:
         self.loop = ServerLoop(self.schedule)
         if not faults_over and ops_left is None and self.schedule.chance(0.2):
             self.loop.turns_left = rng.randint(20, 1000)
+        elif self._simulation.at_commits and not faults_over and ops_left is None and self.schedule.chance(0.6):
+            self.disk.commits_left = rng.randint(0, 15)
         self.schedule.note("server starts")
         self.run_until_idle(self._begin)
 
@@ -211,14 +216,17 @@ class Machine:
         """Do something in the server's process, and all that it can do now."""
         if self.loop is None:
             return
-        self._simulation.database.asker = self.name
+        self._simulation.database.asker, self._simulation.database.process = self.name, self.disk
         try:
             with use_system(self.system):
                 do()
                 self.loop.run_until_idle()
         except ProcessKilled:
-            self._simulation.outcome.happened["killed at a step of its own"] += 1
+            what = "a commit" if (self.disk.commits_left or 0) < 0 else "a step"
+            self._simulation.outcome.happened[f"killed at {what} of its own"] += 1
             self.kill()
+        finally:
+            self._simulation.database.process = None
 
     def kill(self, *, power: bool = False, away_s: float | None = None) -> None:
         """End its process; with ``power`` the machine's, too."""
@@ -227,6 +235,8 @@ class Machine:
         self.schedule.note("power cut" if power else "server killed")
         self._end(self.loop)
         if power:
+            if self._simulation.at_commits:  # logs of the shared store come and go past the disk
+                self.volume.adopt()
             self.volume.power_cut()
         longest_s = 3 if self._leases is None or self.schedule.chance(0.5) else 20
         self.schedule.after(self.schedule.rng.random() * longest_s if away_s is None else away_s, self.start)
@@ -272,11 +282,15 @@ class Simulation:
         seed: of all that happens.
         parts: what it is made of.
         machines: how many, each with a server.
+        at_commits: whether several servers die at commits, too, and finished logs cannot always be stored: in the
+            database, and in half of the runs in a folder that all machines have. Some participants stay away for a
+            while, so that their segments end.
     """
 
-    def __init__(self, seed: int, parts: Parts = Parts(), *, machines: int = 1) -> None:
+    def __init__(self, seed: int, parts: Parts = Parts(), *, machines: int = 1, at_commits: bool = False) -> None:
         self.schedule = Schedule(seed)
         self.parts = parts
+        self.at_commits = at_commits
         self.outcome = Outcome(seed, trace=self.schedule.trace)
         rng, several = self.schedule.rng, machines > 1
         self.protocol = _protocol(
@@ -291,10 +305,16 @@ class Simulation:
         if rng.random() < 0.4 or several:
             for machine in self.machines:
                 (machine.data / URL_FILE_NAME).write_text(f"{URL}?{machine.name}")
+        self._store = self.folder / "store"
+        if at_commits and rng.random() < 0.5:
+            self._store.mkdir()
+            for machine in self.machines:
+                (machine.data / STORE_URL_FILE_NAME).write_text(str(self._store))
         self.study_dir = self.machines[0].data / self.protocol.study.name
         self.faults_over = False
         self.logged: list[logging.LogRecord] = []
-        self._faults_s = FAULTS_OF_TWO_S if several else FAULTS_S
+        self._faults_s = FAULTS_AT_COMMITS_S if at_commits else FAULTS_OF_TWO_S if several else FAULTS_S
+        self._hazards = HAZARDS_AT_COMMITS if at_commits else HAZARDS_OF_TWO if several else HAZARDS
         self._all_sockets: list[Socket] = []
         self._twice = rng.choice([0.0, 0.0, 0.05])
         self._swapped = rng.choice([0.0, 0.0, 0.0, 0.02])
@@ -352,7 +372,7 @@ class Simulation:
             self.schedule.after(0, machine.start)
         for person in self.people:
             self.schedule.after(0.01 + rng.random() * 2, person.arrive)
-        for _ in range(rng.randint(1, 5) * len(self.machines)):
+        for _ in range(rng.randint(1, 5) * len(self.machines) * (2 if self.at_commits else 1)):
             self.schedule.after(rng.random() * self._faults_s, self._go_wrong)
         self.schedule.after(self._faults_s + 1, self._heal)
         until_ns = round((self._faults_s + PATIENCE_S) * 1e9)
@@ -386,7 +406,7 @@ class Simulation:
     def _go_wrong(self) -> None:
         rng = self.schedule.rng
         person = rng.choice(self.people)
-        what = rng.choice(HAZARDS if len(self.machines) == 1 else HAZARDS_OF_TWO)
+        what = rng.choice(self._hazards)
         machine = self.machines[0] if len(self.machines) == 1 else rng.choice(self.machines)
         self.outcome.happened[what] += 1
         self.schedule.note(f"fault: {what} {machine.name}")
@@ -434,10 +454,30 @@ class Simulation:
                 self.database.lost_commits = 0.3
             case "answers":
                 self.database.lost_answers = 0.3
+            case "absent":
+                if person.tab is not None and not person.end:
+                    person.tab.leave()
+                    self.schedule.after(10 + rng.random() * 20, person.arrive)
+            case "stores":
+                self.database.lost_stores = 0.5
+                self.schedule.after(rng.random() * 20, lambda: setattr(self.database, "lost_stores", 0.0))
+            case "remote":
+                self._take_store_away()
+                self.schedule.after(rng.random() * 20, self._bring_store_back)
 
     def _cut_power(self, machine: Machine) -> None:
         if not self.faults_over:
             machine.kill(power=True)
+
+    def _take_store_away(self) -> None:
+        if self._store.is_dir():
+            self._store.rename(self._store.with_name("store away"))
+            self._store.touch()
+
+    def _bring_store_back(self) -> None:
+        if self._store.is_file():
+            self._store.unlink()
+            self._store.with_name("store away").rename(self._store)
 
     def _heal(self) -> None:
         """Everything works again."""
@@ -445,12 +485,13 @@ class Simulation:
         for machine in self.machines:
             disk = machine.disk
             disk.full = disk.failing = disk.unsynced = False
-            disk.ops_left, disk.short = None, 0.0
+            disk.ops_left, disk.commits_left, disk.short = None, None, 0.0
             if machine.loop is not None:
                 machine.loop.turns_left = None
         self.database.away = False
         self.database.cut_off.clear()
-        self.database.lost_commits = self.database.lost_answers = 0.0
+        self.database.lost_commits = self.database.lost_answers = self.database.lost_stores = 0.0
+        self._bring_store_back()
         self._twice = self._swapped = 0.0
         self.schedule.note("faults are over")
         for person in self.people:
@@ -608,6 +649,6 @@ def _unwind(loop: ServerLoop) -> None:
     loop.close()
 
 
-def simulate(seed: int, parts: Parts = Parts(), *, machines: int = 1) -> Outcome:
+def simulate(seed: int, parts: Parts = Parts(), *, machines: int = 1, at_commits: bool = False) -> Outcome:
     """Run a seed."""
-    return Simulation(seed, parts, machines=machines).run()
+    return Simulation(seed, parts, machines=machines, at_commits=at_commits).run()

@@ -28,6 +28,12 @@ class _Content:
             _apply(self.durable, change, blank=lost)
         self.pending = []
 
+    def as_programs_see_it(self) -> bytes:
+        seen = bytearray(self.durable)
+        for change in self.pending:
+            _apply(seen, change)
+        return bytes(seen)
+
     def after_a_cut(self, schedule: Schedule) -> bytes:
         left = bytearray(self.durable)
         if self.pending:
@@ -106,11 +112,14 @@ class Volume:
                 self.live[path] = self._entries[path] = _Content(bytearray(data))
 
     def adopt(self) -> None:
-        """Take what is there as durable."""
+        """Take what is there, and was written past this disk, as durable."""
+        for path in [path for path in self.live if not path.exists()]:
+            self._entries.pop(path, None)
+            del self.live[path]
         for path in self.root.rglob("*"):
             if path.is_dir():
                 self._folders.add(path)
-            elif path not in self.live:
+            elif path not in self.live or self.live[path].as_programs_see_it() != path.read_bytes():
                 self.live[path] = self._entries[path] = _Content(bytearray(path.read_bytes()))
 
 
@@ -124,6 +133,7 @@ class ProcessDisk(FileSystem):
 
     def __init__(self, volume: Volume, *, ops_left: int | None = None) -> None:
         self.volume, self.ops_left = volume, ops_left
+        self.commits_left: int | None = None  # it is killed at this commit of a database's
         self.dead = False
         self.on_kill: Callable[[], None] = lambda: None
         self.full = self.failing = self.unsynced = False  # no room, no device, no fsync
@@ -180,7 +190,7 @@ class ProcessDisk(FileSystem):
         wall_ns = self.volume.clock.wall_ns()
         os.utime(fd, ns=(wall_ns, wall_ns))
         if dying:
-            self._die()
+            self.die()
         return taken
 
     def sync(self, fd: int) -> None:
@@ -209,7 +219,9 @@ class ProcessDisk(FileSystem):
         self._operation(f"rename {source.name} {target.name}")
         self._refuse(source, errno.EIO)
         _OS.rename(source, target)
-        content = self.volume.live.pop(source)
+        content = self.volume.live.pop(source, None)
+        if content is None:  # it was written past this disk, and durably
+            content = _Content(bytearray(target.read_bytes()))
         self.volume.live[target] = content
         self.volume.changed(source, target, content)
 
@@ -234,10 +246,24 @@ class ProcessDisk(FileSystem):
         if self.ops_left >= 0:
             return False
         if dies:
-            self._die()
+            self.die()
         return True
 
-    def _die(self) -> None:
+    def commit(self, what: str) -> bool:
+        """Count a commit of the process in a database; whether it dies once that is done, or before."""
+        if self.dead:
+            raise ProcessKilled
+        if self.commits_left is None or what == "renew":  # there are hundreds
+            return False
+        self.commits_left -= 1
+        if self.commits_left >= 0:
+            return False
+        if self.volume.schedule.chance(0.5):
+            self.die()
+        return True
+
+    def die(self) -> None:
+        """Be killed."""
         self.dead = True
         raise ProcessKilled
 

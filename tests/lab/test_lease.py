@@ -1,11 +1,13 @@
 """Leases: one server has a session, another gets it where the first one left it, and a late one can write nothing."""
 
 import asyncio
-from collections.abc import Callable, Iterator
+import shutil
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
 
+from minihuman.admin.enrolment_entries import ChainHeadRecorded, read_enrolment_log
 from minihuman.admin.lease import (
     RENEWAL_INTERVAL_S,
     TTL_S,
@@ -19,8 +21,11 @@ from minihuman.admin.lease import (
 )
 from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.recruitment import ParticipantArrived, Recruitment, hash_link_token
+from minihuman.admin.remote_store import STORE_URL_FILE_NAME
 from minihuman.experiment.machine.inputs import Stop
 from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.log.paths import session_folder
+from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.disk import GroupCommit
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.connection import Connection, ConnectionFactory, HostStorage, TurnedAway, start_host
@@ -340,6 +345,194 @@ def test_a_page_whose_session_turns_out_to_be_complete_comes_again_and_is_told_s
     grant = table.acquire(name_session("tried", "sub-01", 1))
     assert grant is not None
     assert grant.ended == "complete", "no other server resumes it"
+
+
+class _Failing(MemoryLeaseTable):
+    """A database that is cut off when something is to be stored."""
+
+    stores = True
+
+    def store(self, session: str, fence: int, files: Mapping[str, bytes]) -> bool:
+        if not self.stores:
+            raise OSError("the database is cut off")
+        return super().store(session, fence, files)
+
+
+class _Host:
+    """A server with a participant who came by a link, and whose session is recorded."""
+
+    def __init__(self, table: LeaseTable, clock: Clock, folder: Path) -> None:
+        protocol = decode_protocol(study(folder, episodes=1, max_steps=4).read_bytes())
+        self.data = folder / "one"
+        self.study_dir = self.data / "tried"
+        self.arrivals = Arrivals(protocol, self.data, SessionLeases(table, clock=clock))
+        plan_next_session(protocol, self.data)
+        recruits = Recruitment(self.study_dir)
+        (token,) = recruits.issue(1)
+        with recruits.exclusive() as file:
+            file.write(ParticipantArrived(hash_link_token(token), "sub-01", file.now()))
+        self.hello = Hello(MESSAGE_VERSION, token, facts={"browser": "Chromium", "window_px": "1600 x 900"})
+
+    async def host(self) -> Connection:
+        """Let the page come, and the participant play a little."""
+        factory = ConnectionFactory(self.arrivals, self.data, {})
+        factory.facts = {"player": "human"}
+        connection = await factory.connect(self.hello)
+        assert isinstance(connection, Connection)
+        presses = [((1 + number) * 400_000_000, key, True) for number, key in enumerate(["enter", *"12"])]
+        PageModel(connection.host, presses, frame_ns=16_000_000).run()
+        return connection
+
+    @property
+    def files(self) -> list[str]:
+        """What is in the session's folder."""
+        return sorted(path.name for path in session_folder(self.data, "tried", "sub-01", 1).iterdir())
+
+    @property
+    def heads(self) -> int:
+        """How many segments' ends the enrolment log has."""
+        return sum(isinstance(line, ChainHeadRecorded) for line in read_enrolment_log(self.study_dir))
+
+
+LOG = PART.removesuffix(".part")
+
+
+def test_a_segment_that_could_not_be_stored_has_no_name_and_no_head_until_it_is(clock: Clock, tmp_path: Path) -> None:
+    table = _Failing(clock)
+    server = _Host(table, clock, tmp_path)
+
+    async def play() -> None:
+        connection = await server.host()
+        connection.stop("connection_lost", "the page did not come back")
+        table.stores = False
+        for _ in range(2):
+            with pytest.raises(OSError, match="cut off"):
+                connection.finish()
+            assert (server.files, server.heads) == ([PART], 0), "another server may go on with the copy"
+        table.stores = True
+        connection.finish()
+        connection.host.close()
+
+    asyncio.run(play())
+    assert (server.files, server.heads) == ([LOG], 1)
+    [log] = server.data.rglob(LOG)
+    assert table.read_files("tried/sub-01/ses-01") == {LOG: log.read_bytes()}
+    assert read_log(log).clean
+
+
+def test_a_segment_that_could_not_be_stored_and_is_anothers_now_is_put_aside(clock: Clock, tmp_path: Path) -> None:
+    table = _Failing(clock)
+    server = _Host(table, clock, tmp_path)
+
+    async def play() -> None:
+        connection = await server.host()
+        connection.stop("connection_lost", "the page did not come back")
+        table.stores = False
+        with pytest.raises(OSError, match="cut off"):
+            connection.finish()
+        table.stores = True
+        clock.now_s += TTL_S + 1
+        assert table.acquire("tried/sub-01/ses-01") is not None
+        with pytest.raises(LeaseLostError):
+            connection.finish()
+        connection.dismiss(4100)
+        connection.leave()
+        connection.host.close()
+
+    asyncio.run(play())
+    assert (server.files, server.heads) == ([f"{PART}.superseded-1"], 0)
+
+
+@pytest.mark.parametrize("copied", [True, False])
+def test_what_a_killed_server_left_is_finished_only_where_it_could_be_stored(
+    clock: Clock, tmp_path: Path, copied: bool
+) -> None:
+    table = _Failing(clock)
+    server = _Host(table, clock, tmp_path)
+
+    async def play() -> None:
+        connection = await server.host()
+        for file in connection._hosted.files:
+            file.leave()
+        if copied:
+            assert connection.lease is not None
+            server.arrivals.leases and server.arrivals.leases.renew([connection.lease])
+        connection.host.close()
+
+    async def comes() -> Connection | TurnedAway:
+        factory = ConnectionFactory(server.arrivals, server.data, {})
+        factory.facts = {"player": "human", "rules": "of another release, so that it is not resumed"}
+        return await factory.connect(server.hello)
+
+    asyncio.run(play())
+    clock.now_s += TTL_S + 1
+    table.stores = False
+    refused = asyncio.run(comes())
+    assert isinstance(refused, TurnedAway)
+    assert refused.reason == "wait"
+    assert (server.files, server.heads) == ([PART], 0)
+    table.stores = True
+    clock.now_s += TTL_S + 1
+    connection = asyncio.run(comes())
+    assert isinstance(connection, Connection)
+    connection.host.close()
+    assert (LOG in server.files, PART in server.files, server.heads) == (True, False, 1)
+    assert [*table.read_files("tried/sub-01/ses-01")] == [LOG]
+
+
+def test_a_complete_log_that_could_be_put_nowhere_is_stored_when_its_end_is_tried_again(
+    clock: Clock, tmp_path: Path
+) -> None:
+    table = _Failing(clock)
+    server = _Host(table, clock, tmp_path)
+    (server.data / STORE_URL_FILE_NAME).write_text(str(tmp_path / "no folder"))
+    (tmp_path / "no folder").write_text("in the place of the store")
+
+    async def play() -> None:
+        connection = await server.host()
+        connection.stop("complete", "")
+        table.stores = False
+        with pytest.raises(OSError, match="cut off"):
+            connection.finish()
+        table.stores = True
+        connection.finish()
+        connection.host.close()
+
+    asyncio.run(play())
+    assert (server.files, server.heads) == ([LOG], 1)
+    assert [*table.read_files("tried/sub-01/ses-01")] == [LOG]
+
+
+def test_a_segment_that_is_in_a_store_that_is_away_is_not_played_again(clock: Clock, tmp_path: Path) -> None:
+    """A folder of another machine that is not mounted looks empty."""
+    table = MemoryLeaseTable(clock)
+    server = _Host(table, clock, tmp_path)
+    store, away = tmp_path / "store", tmp_path / "away"
+    (server.data / STORE_URL_FILE_NAME).write_text(str(store))
+
+    async def play() -> None:
+        connection = await server.host()
+        connection.stop("connection_lost", "the page did not come back")
+        connection.finish()
+        connection.host.close()
+
+    async def comes() -> Connection | TurnedAway:
+        connection = await ConnectionFactory(server.arrivals, server.data, {}).connect(server.hello)
+        if isinstance(connection, Connection):
+            connection.leave()
+            connection.host.close()
+        return connection
+
+    asyncio.run(play())
+    assert table.read_files("tried/sub-01/ses-01") == {}, "every server has it from the store"
+    shutil.rmtree(server.study_dir / "sub-01")  # as on a server that has not had the session
+    store.rename(away)
+    refused = asyncio.run(comes())
+    assert isinstance(refused, TurnedAway)
+    assert refused.reason == "wait"
+    away.rename(store)
+    assert isinstance(asyncio.run(comes()), Connection)
+    assert server.files == [LOG, "sub-01_ses-01_seg-02.mcap.part"]
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ unchanged; only then is the live file removed or, if it could not be read to its
 import itertools
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +17,7 @@ from google.protobuf.message import Message as Protobuf
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import Writer
 
-from minihuman.errors import LogError, NewerLogError
+from minihuman.errors import LogError, MinihumanError, NewerLogError
 from minihuman.experiment.machine.events import EpisodeEnded, EpisodesSkipped, Event, SessionEnded, SessionStarted
 from minihuman.log import integrity, names, topics
 from minihuman.log.codec import RECORD_TOPICS, decode_event
@@ -34,10 +34,15 @@ from minihuman.log.salvage.scan import LogScanner, MissingMessages
 from minihuman.log.system import current_system, sync_folder, write_durably
 
 UNNUMBERED = 0  # the sequence of a preview
+UNFINISHED_SUFFIX = ".finishing"  # of a log until it has its name
 EPISODE_BYTES = 16 * 1024  # an episode with fewer shares its chunk with the next
 _PREVIEW_TOPICS = frozenset(topic.name for topic in topics.TOPICS if topic.is_preview)
 _SUMMARY_TOPICS = frozenset({topics.SKIP, topics.PLAN, topics.EPISODE_END, topics.SESSION_END})  # for a segment's end
 _HEAD = (names.SEGMENT_METADATA, names.FACTS_METADATA)
+
+
+class NotPublishedError(MinihumanError, OSError):
+    """A log could not be kept where every server has it, so it was not finished; the live file stays."""
 
 
 class LogCopier:
@@ -284,12 +289,23 @@ class FinalizedLog:
         return f"{line}; the file was {self.damage}{kept}" if self.damage else line
 
 
-def finish_log(where: SegmentPath, *, clean: bool, promised: ExpectedContent | None = None) -> FinalizedLog:
+def finish_log(
+    where: SegmentPath,
+    *,
+    clean: bool,
+    promised: ExpectedContent | None = None,
+    publish: Callable[[Path], None] = lambda _: None,
+) -> FinalizedLog:
     """Turn a live file into the session's log, or merge it into it. The caller holds the file's lock.
 
-    ``promised`` is what its recorder wrote; a segment that holds less is not clean.
+    Args:
+        where: the live file, and the log.
+        clean: whether the session ended normally.
+        promised: what its recorder wrote; a segment that holds less is not clean.
+        publish: keeps the log where every server has it, before the log has its name here.
 
     Raises:
+        NotPublishedError: if ``publish`` does; the live file stays.
         LogError: if the session's log is damaged or holds another run of this segment; the live file stays.
         OSError: if the disk is full; the live file stays.
     """
@@ -303,19 +319,39 @@ def finish_log(where: SegmentPath, *, clean: bool, promised: ExpectedContent | N
         raise LogError(
             f"{where.log} already holds a different segment {where.segment}; move that log away, then recover again"
         )
-    temporary = where.log.with_name(f"{where.log.name}.finishing")
+    temporary = where.log.with_name(f"{where.log.name}{UNFINISHED_SUFFIX}")
     try:
         result = _rewrite(where, temporary, with_log=bool(earlier), clean=clean, promised=promised)
         if new:  # else a finish that was cut off before it removed the live file
+            publish(temporary)
             current_system().disk.rename(temporary, where.log)
             sync_folder(where.log.parent)
     finally:
         _remove(temporary)
+    if not new and not result.damage:  # all of it has to be in the log: it may have been resumed since
+        logged = _read_record(where.log)
+        held = [message[0] for message in _read_record(where.part) if message in logged]
+        if len(held) < result.messages:
+            result = replace(
+                result,
+                damage="longer than its segment in the log",
+                steps=held.count(topics.STEP),
+                messages=len(held),
+            )
     if result.damage:  # what could not be read may still be of use
         return replace(result, damaged_copy_path=put_aside(where.part, "as-found"))
     current_system().disk.unlink(where.part)
     sync_folder(where.part.parent)
     return result
+
+
+def _read_record(path: Path) -> Iterator[tuple[str, int, int, int, bytes]]:
+    """Read what a file's messages say, in its order and without previews."""
+    return (
+        (record.channel.topic, *record[1:])
+        for record in LogScanner(path)
+        if isinstance(record, LogMessage) and record.channel.topic in RECORD_TOPICS
+    )
 
 
 def _is_blank(part: Path) -> bool:
@@ -324,10 +360,15 @@ def _is_blank(part: Path) -> bool:
         return not file.read(8).strip(b"\0")
 
 
-def recover_log(part: Path) -> FinalizedLog:
+def recover_log(part: Path, publish: Callable[[Path], None] = lambda _: None) -> FinalizedLog:
     """Finish a cut-off log; it is marked as not clean.
 
+    Args:
+        part: the live file.
+        publish: as in ``finish_log``.
+
     Raises:
+        NotPublishedError: if ``publish`` does; the live file stays.
         LogError: if a running session still writes it, it is gone, its session's log is damaged, or the disk is full;
             the live file stays.
     """
@@ -335,7 +376,9 @@ def recover_log(part: Path) -> FinalizedLog:
     with hold_leftover(part):
         try:
             with raise_as_log_error(part, "recovered"):
-                return finish_log(where, clean=False)
+                return finish_log(where, clean=False, publish=publish)
+        except NotPublishedError:
+            raise
         except OSError as error:
             raise LogError(f"{part} could not be recovered and is unchanged: {error.strerror}") from error
 
@@ -369,7 +412,7 @@ def _is_whole(log: Path) -> bool:
 
 
 def _repaired(log: Path) -> FinalizedLog:
-    temporary = log.with_name(f"{log.name}.finishing")
+    temporary = log.with_name(f"{log.name}{UNFINISHED_SUFFIX}")
     try:
         scan = LogScanner(log)
         with _written(temporary) as copy:

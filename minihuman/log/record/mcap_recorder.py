@@ -8,7 +8,7 @@ is resumed here: the same segment, without a gap.
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from minihuman.log.names import SCHEMA_VERSION, SEGMENT_METADATA, STEP
 from minihuman.log.paths import SegmentPath
 from minihuman.log.record.disk import FileWriter, LiveFile, RecorderSettings
 from minihuman.log.record.file_lock import create_live_file, open_leftover
-from minihuman.log.record.finalization import ExpectedContent, FinalizedLog, finish_log
+from minihuman.log.record.finalization import ExpectedContent, FinalizedLog, NotPublishedError, finish_log
 from minihuman.log.record.live_log import LiveLogEncoder
 from minihuman.log.record.recorder import Recorder
 from minihuman.log.salvage.records import LogMessage
@@ -145,6 +145,7 @@ class McapRecorder(Recorder):
             )
         file = LiveFile(self._fd, self.where.part, settings, crc=0 if left is None else left.crc)
         self._disk = FileWriter(file, settings)
+        self.publish: Callable[[Path], None] = lambda _: None  # as in ``finish_log``
         self._ended = False
         self._closed = False
 
@@ -217,6 +218,7 @@ class McapRecorder(Recorder):
         Raises:
             LogError: if something could not be written; what could is kept, and the message says where.
             LossError: if the log holds less than was written, because the live file was damaged meanwhile.
+            NotPublishedError: if ``publish`` does; then it can be called again.
         """
         if self._closed:
             return self.where.log if self.where.log.exists() else None
@@ -227,12 +229,16 @@ class McapRecorder(Recorder):
             promised = ExpectedContent(
                 self._live.messages, self._disk.file.crc, self._disk.late, self._disk.longest_wait_s
             )
-            return self._whole(finish_log(self.where, clean=self._ended, promised=promised)).path
+            return self._whole(finish_log(self.where, clean=self._ended, promised=promised, publish=self.publish)).path
+        except NotPublishedError:
+            self._closed = False
+            raise
         except OSError as error:
             self._disk.failure = error
             raise self._error() from error
         finally:
-            os.close(self._fd)
+            if self._closed:
+                os.close(self._fd)
 
     def _whole(self, finished: FinalizedLog) -> FinalizedLog:
         if not finished.damage or not self._live.messages:  # nothing was written, so nothing is lost

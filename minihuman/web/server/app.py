@@ -445,8 +445,7 @@ class WebServer:
         """Finish what this server left when it was killed, as soon as the database can be asked."""
         while True:
             try:
-                await asyncio.to_thread(self._arrivals.finish_ended)
-                return
+                return await asyncio.to_thread(self._arrivals.finish_ended)
             except OSError:
                 await asyncio.sleep(TTL_S)
             except MinihumanError as error:
@@ -484,20 +483,13 @@ class WebServer:
             is_away = False
             renewed_s = now_s if due else renewed_s
             for connection in held:
+                connection.changed.set()  # there is something to acknowledge
                 try:
-                    await self._look_at_lease(connection)
+                    lease = None if connection.finishing else connection.lease
+                    if lease is not None and (lease.lost or lease.wanted):
+                        await self._give_up(connection, CLOSE_BUSY if lease.lost else ANOTHER)
                 except Exception:  # of one connection; the others go on
                     LOG.exception("a session could not be left to another server")
-
-    async def _look_at_lease(self, connection: Connection) -> None:
-        assert connection.lease is not None
-        connection.changed.set()  # there is something to acknowledge
-        if connection.finishing:
-            return
-        if connection.lease.lost:
-            await self._give_up(connection, CLOSE_BUSY)
-        elif connection.lease.wanted:
-            await self._give_up(connection, ANOTHER)
 
     async def _give_up(self, connection: Connection, code: int) -> None:
         """Leave a session to another server."""

@@ -11,7 +11,7 @@ from minihuman.experiment.machine.events import Event, SessionEnded
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.log.names import END_METADATA
 from minihuman.log.read.session_reader import read_events, read_log
-from minihuman.log.record.finalization import CHUNK_BYTES, find_leftovers, recover_log
+from minihuman.log.record.finalization import CHUNK_BYTES, NotPublishedError, find_leftovers, recover_log
 from minihuman.log.record.mcap_recorder import McapRecorder
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
@@ -173,3 +173,86 @@ def test_a_finished_log_has_index_checksums_and_large_chunks(tmp_path: Path) -> 
     assert attachments["protocol.toml"] == FIRST.protocol_toml
     assert b"numpy==" in attachments["packages.txt"]
     assert b'"0":{"keys":{"3":"left"' in attachments["key_maps.json"]
+
+
+def test_a_live_file_that_went_on_after_its_segment_was_finished_is_put_aside(tmp_path: Path) -> None:
+    events = session_events(FIRST, steps=8)
+    log = recover_log(_left_over(tmp_path, FIRST, events[:40])).path
+    before = log.read_bytes()
+    log.rename(tmp_path / "kept")
+    part = _left_over(tmp_path, FIRST, events[:60])
+    longer = part.read_bytes()
+    (tmp_path / "kept").rename(log)
+    finished = recover_log(part)
+    assert log.read_bytes() == before
+    aside = part.with_name(f"{part.name}.as-found-1")
+    assert (finished.damaged, finished.damaged_copy_path) == (True, aside)
+    assert "the file was longer than its segment in the log" in finished.describe()
+    assert (part.exists(), aside.read_bytes()) == (False, longer)
+    assert finished.steps == sum(type(event).__name__ == "Stepped" for event in events[:40])
+
+
+def test_a_live_file_that_its_log_holds_and_goes_on_after_is_removed(tmp_path: Path) -> None:
+    """It was resumed elsewhere from an earlier state: the log has all of it, and more."""
+    events = session_events(FIRST, steps=8)
+    log = recover_log(_left_over(tmp_path, FIRST, events[:60])).path
+    before = log.read_bytes()
+    log.rename(tmp_path / "kept")
+    part = _left_over(tmp_path, FIRST, events[:40])
+    (tmp_path / "kept").rename(log)
+    assert not recover_log(part).damaged
+    assert [path.name for path in log.parent.iterdir()] == [log.name]
+    assert log.read_bytes() == before
+
+
+def test_a_log_has_its_name_only_once_it_was_published(tmp_path: Path) -> None:
+    part = _left_over(tmp_path, FIRST, _first_events())
+    log = part.with_suffix("")
+    seen = []
+
+    def refuse(unfinished: Path) -> None:
+        seen.append(unfinished.name)
+        raise NotPublishedError("the database is away")
+
+    with pytest.raises(NotPublishedError, match="the database is away"):
+        recover_log(part, refuse)
+    assert seen == [f"{log.name}.finishing"]
+    assert [path.name for path in log.parent.iterdir()] == [part.name]
+    found = []
+    recover_log(part, lambda unfinished: found.append((unfinished.read_bytes(), log.exists())))
+    assert found == [(log.read_bytes(), False)]
+
+
+def test_a_recorder_whose_log_was_not_published_can_be_closed_again(tmp_path: Path) -> None:
+    recorder = McapRecorder(tmp_path, FIRST, started_ns=STARTED_NS)
+    recorder.write(_first_events())
+
+    def refuse(_: Path) -> None:
+        raise NotPublishedError("the database is away")
+
+    recorder.publish = refuse
+    for _ in range(2):
+        with pytest.raises(NotPublishedError):
+            recorder.close()
+    assert find_leftovers(tmp_path) == [], "it is still locked"
+    assert recorder.where.part.exists()
+    recorder.publish = lambda _: None
+    log = recorder.close()
+    assert log is not None
+    assert (list(read_events(log)), read_log(log).clean) == (_first_events(), True)
+    assert recorder.close() == log
+
+
+def test_a_recorder_whose_log_was_not_published_can_leave_it(tmp_path: Path) -> None:
+    recorder = McapRecorder(tmp_path, FIRST, started_ns=STARTED_NS)
+    recorder.write(_first_events())
+
+    def refuse(_: Path) -> None:
+        raise NotPublishedError("the database is away")
+
+    recorder.publish = refuse
+    with pytest.raises(NotPublishedError):
+        recorder.close()
+    recorder.leave()
+    assert find_leftovers(tmp_path) == [recorder.where.part]
+    assert list(read_events(recover_log(recorder.where.part).path)) == _first_events()
