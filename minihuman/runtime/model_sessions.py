@@ -1,7 +1,8 @@
 """Sessions with a language model in the participant's place: several side by side, resumed after any cut.
 
-Every request is durable before it is sent and every answer before it has an effect. A live file that a killed program
-left is resumed at the same call, so that no stored answer is asked for again.
+Every request is durable before it is sent. Its answer and what came of it become durable in this order, at the latest
+with the session's next request: by one fsync. A live file that a killed program left is resumed at the same call, so
+that no stored answer is asked for again.
 """
 
 import threading
@@ -44,6 +45,7 @@ from minihuman.runtime.machine import collect_machine_facts, collect_world_facts
 from minihuman.runtime.session_loop import run_session
 from minihuman.simulation.chat_client import ChatAnswer, ChatClient, ModelClient, ModelUnavailableError
 from minihuman.simulation.model_conversation import (
+    ANSWER_RULES,
     HOLD_MS,
     NS_PER_MS,
     WAIT,
@@ -337,9 +339,10 @@ class ResumableRecorder(WrappedRecorder):
         self.leave = False
 
     def record(self, call: ModelCall) -> None:
-        """Make a call durable."""
+        """Write a call down; a request is durable then, and all that came before it."""
         self._log.begin([call])
-        self._log.drain()
+        if call.state == "asked":
+            self._log.drain()
 
     def close(self) -> Path | None:
         """Finish the log, or leave it to be resumed."""
@@ -490,7 +493,8 @@ def _play(
     try:
         if left is None:
             facts = {"player": run.name, **collect_machine_facts(), **collect_world_facts(list_world_ids(plan))}
-            session = SessionMachine(plan, World, facts | {"window": "model"}, picture_px=find_picture_size(spec))
+            facts |= {"window": "model", "answer_rules": ANSWER_RULES}
+            session = SessionMachine(plan, World, facts, picture_px=find_picture_size(spec))
         else:
 
             def follow(session: SessionMachine, event: Event | None) -> None:

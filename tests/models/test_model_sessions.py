@@ -119,6 +119,34 @@ def test_what_is_no_answer_is_never_a_key(tmp_path: Path, environment: pytest.Mo
     assert all_as_logged(tmp_path)
 
 
+def test_only_a_question_that_may_be_left_out_offers_to_skip_it(
+    tmp_path: Path, environment: pytest.MonkeyPatch
+) -> None:
+    text = study("text", invalid="end").replace('ask = "What did you do?"', 'ask = "What did?"\nrequired = false')
+
+    def skip(question: str) -> Reply:
+        return lambda messages, number: "Answer: skip" if question in text_of(messages) else play(messages, number)
+
+    for number, (rules, question, offers) in enumerate(
+        [
+            ("1", "What did?", 6),  # as sessions were recorded until 26 November 2026
+            (model_conversation.ANSWER_RULES, "What did?", 1),
+            (model_conversation.ANSWER_RULES, "Was it hard?", 0),
+        ]
+    ):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        with pytest.MonkeyPatch.context() as before:
+            before.setattr("minihuman.runtime.model_sessions.ANSWER_RULES", rules)
+            (log,), endpoint = run(folder, text, skip(question), environment)
+        offered = [request for request in endpoint.requests if "'skip'" in text_of(request)]
+        assert len(offered) == offers
+        assert rules == "1" or all("What did?" in text_of(request) for request in offered)
+        answers = {event.item: event.value for event in log.part_events if isinstance(event, Answered)}
+        assert (log.end_reason, answers.get("said")) == (("complete", "null") if offers else ("player_failed", None))
+        assert all_as_logged(folder)
+
+
 @pytest.mark.parametrize(("invalid", "asked"), [("retry", 3), ("no_op", 3), ("end", 1)])
 def test_after_too_many_invalid_answers_the_session_ends(
     tmp_path: Path, environment: pytest.MonkeyPatch, invalid: str, asked: int
@@ -366,11 +394,14 @@ def test_two_programs_of_one_study_at_once_share_its_slots(tmp_path: Path, envir
     assert [(log.end_reason, len(calls(log))) for log in logs] == [("complete", 15)] * 6
 
 
-def count_in_flight(data: Path) -> int:
-    """The calls of live files that have no end."""
-    events = (event for part in data.rglob("*.mcap.part") for event in read_events(part))
-    states = Counter(event.state for event in events if isinstance(event, ModelCall))
-    return 2 * states["asked"] - states.total()
+def find_in_flight(data: Path) -> set[tuple[str, int]]:
+    """The calls of live files that have no end: whose, and which."""
+    found = set()
+    for part in data.rglob("*.mcap.part"):
+        for event in read_events(part):
+            if isinstance(event, ModelCall):
+                (found.add if event.state == "asked" else found.remove)((part.name, event.call))
+    return found
 
 
 KILLS = 100 if os.environ.get("MINIHUMAN_LONG") else 3
@@ -387,7 +418,7 @@ def test_after_a_kill_no_stored_answer_is_asked_again(tmp_path: Path, environmen
     sessions, parallel = max(8, KILLS * 2 // 3), 8
     process: list[subprocess.Popen[bytes]] = []
     kill_at: list[int] = []
-    in_flight: list[int] = []  # after each kill
+    in_flight: list[set[tuple[str, int]]] = []  # after each kill; the next may come before all are resumed
     full, kill = threading.Event(), 0  # so many calls are in flight as are to be at this kill
 
     def reply(messages: list[dict[str, Any]], number: int) -> str:
@@ -405,7 +436,7 @@ def test_after_a_kill_no_stored_answer_is_asked_again(tmp_path: Path, environmen
             options = ["--participants", left, "--parallel", str(parallel)]
             process.append(subprocess.Popen([*command, *options], cwd=tmp_path, stdout=subprocess.DEVNULL))
             process[-1].wait()
-            in_flight.append(count_in_flight(tmp_path / "data"))
+            in_flight.append(find_in_flight(tmp_path / "data"))
         assert process[-1].returncode == 0
     logs = [read_log(path) for path in (tmp_path / "data").rglob("*.mcap")]
     states = Counter(call.state for log in logs for call in log.part_events if isinstance(call, ModelCall))
@@ -413,8 +444,9 @@ def test_after_a_kill_no_stored_answer_is_asked_again(tmp_path: Path, environmen
     assert states["answered"] == sessions * 15
     assert states["asked"] == states["answered"] + states["unknown"]
     assert len(endpoint.requests) <= states["asked"], "each request was on the disk before it was sent"
-    print(f"{KILLS} kills, {len(endpoint.requests)} requests, {states}, in flight {Counter(in_flight[:-1])}")
-    assert max(in_flight[:-1]) <= parallel
-    assert states["unknown"] == sum(in_flight[:-1]), "each is counted, once"
+    counts = Counter(len(calls) for calls in in_flight[:-1])
+    print(f"{KILLS} kills, {len(endpoint.requests)} requests, {states}, in flight {sorted(counts.items())}")
+    assert max(counts) <= parallel
+    assert states["unknown"] == len(set().union(*in_flight)), "each is counted, once"
     assert all(call.price > 0 for log in logs for call in calls(log, "unknown"))
     assert all_as_logged(tmp_path)
