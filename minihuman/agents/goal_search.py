@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import SimulationError
+from minihuman.worlds.adapters.seat import SeatEnv
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.layouts.one_room import GoalEnv
@@ -62,6 +63,11 @@ def build_search(world: World, view: str, noise: JudgementNoise, rng: np.random.
         SimulationError: if no planner knows the world's goal.
     """
     env = world.unwrapped
+    if isinstance(env, SeatEnv):
+        from minihuman.agents.team_agents import Kitchen, KitchenSearch  # compiled: only where it is used
+
+        if isinstance(env.team, Kitchen):
+            return KitchenSearch(world)
     if view == "full" and not world.subgoals():
         return FullViewSearch(world)
     if isinstance(env, GridEngine | GridFromInside):

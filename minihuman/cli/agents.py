@@ -139,6 +139,7 @@ class LevelKind(StrEnum):
 
     grid = "grid"
     three_d = "first-person"
+    kitchen = "kitchen"
 
 
 def new(

@@ -18,7 +18,8 @@ from mcap.stream_reader import StreamReader
 
 from minihuman import export, report, simulate, verify
 from minihuman.display.drawing.screen import repaint_screen
-from minihuman.errors import SimulationError, WorldError
+from minihuman.errors import AllocationError, SimulationError, WorldError
+from minihuman.experiment.activities.team_play import JointStepped
 from minihuman.experiment.machine.events import Answered, ModelCall, PointerUsed
 from minihuman.experiment.machine.inputs import Input
 from minihuman.log.model.session_log import SessionLog
@@ -323,6 +324,59 @@ def test_a_call_whose_answer_was_lost_is_repeated_or_ends_the_session(
     (log,), _ = run(tmp_path, text, play, environment)
     assert (log.end_reason, len(calls(log, "unknown")), len(calls(log))) == (reason, 1, answered)
     assert all_as_logged(tmp_path)
+
+
+KITCHEN = """
+kind = "team"
+view = "full"
+options = { layout = "drawn", ends_at_soup = true }
+team = { seats = ["person", "scripted:cook"], partner_disclosure = "debrief" }
+"""
+
+
+def kitchen_study(more: str = "") -> str:
+    text = study("picture", block=KITCHEN).replace('"left", "right", "forward"', '"left", "up", "interact"')
+    return (
+        text.replace("MiniGrid-Empty-5x5", "Team-ForcedCoordination").replace("max_steps = 4", "max_steps = 9") + more
+    )
+
+
+def test_a_model_takes_a_seat_beside_an_agent_and_after_a_kill_the_agent_does_the_same(
+    tmp_path: Path, environment: pytest.MonkeyPatch
+) -> None:
+    def press_the_first(messages: list[dict[str, Any]], number: int) -> str:
+        return "Answer: 1" if "one key of" in text_of(messages) else play(messages, number)
+
+    (whole,), _ = run(tmp_path, kitchen_study(), press_the_first, environment)
+    (tmp_path / "killed").mkdir()
+    joint = [event.actions for event in whole.part_events if isinstance(event, JointStepped)]
+    assert (whole.end_reason, len(joint), len(calls(whole))) == ("complete", 18, 1 + 18 + 6)
+    assert len({action for _, action in joint}) > 2, "the agent acts"
+    read, lost = ModelWindow._read, iter((5, 16))
+
+    def lose_some(window: ModelWindow, asked: ModelCall, *rest: Any) -> ModelCall:
+        if asked.call == wanted[0]:
+            wanted[0] = next(lost, 0)
+            window._recorder.leave = True
+            raise SessionLeft(RunStoppedError("killed"))
+        return read(window, asked, *rest)
+
+    wanted = [next(lost)]
+    environment.setattr(ModelWindow, "_read", lose_some)
+    for _ in range(2):
+        with pytest.raises(RunStoppedError, match="killed"):
+            run(tmp_path / "killed", kitchen_study(), press_the_first, environment)
+    (log,), _ = run(tmp_path / "killed", kitchen_study(), press_the_first, environment)
+    assert [event.actions for event in log.part_events if isinstance(event, JointStepped)] == joint
+    assert (log.end_reason, len(calls(log)), len(calls(log, "unknown"))) == ("complete", 25, 2)
+    assert all_as_logged(tmp_path)
+    assert all_as_logged(tmp_path / "killed")
+
+
+def test_a_team_of_two_people_is_refused_a_model(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    with pytest.raises(AllocationError, match="is for 2 people, who cannot play together with a language model"):
+        run(tmp_path, kitchen_study().replace('"scripted:cook"', '"person"'), play, environment)
+    assert not (tmp_path / "data").exists()
 
 
 def test_a_world_without_words_is_refused_before_anything_is_asked(
