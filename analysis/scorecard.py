@@ -16,6 +16,7 @@ import sys
 import time
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import suppress
 from pathlib import Path
 
 from minihuman.errors import ReportError
@@ -38,10 +39,8 @@ QUICK = {"human-like": 2, "exploring": 1}
 def play(protocol: Path, data: Path, player: str, runs: int) -> tuple[str, float]:
     """Have one player play one set; return who played what, and the CPU seconds that it took."""
     began_s = time.process_time()
-    try:
+    with suppress(ReportError):  # it cannot play any level of this set; the last scoring says why
         run_baseline([protocol], data, {player: runs})
-    except ReportError:  # it cannot play any level of this set; the last scoring says why
-        pass
     return f"{player} on {protocol.stem}", time.process_time() - began_s
 
 

@@ -64,7 +64,7 @@ FAMILIES: dict[str, tuple[Family, ...]] = {
         Family("rooms", "MiniWorld-FourRooms-v0", ("turn_left", "turn_right", "move_forward"), 175, _LOOK),
         Family("hallway", "MiniWorld-Hallway-v0", ("turn_left", "turn_right", "move_forward"), 65, _LOOK),
     ),
-    "kitchen": (Family("kitchen", "Team-ForcedCoordination-v0", COOK, 65, _SERVE, _TEAM),),
+    "kitchen": (Family("kitchen", "Team-ForcedCoordination-v0", COOK, 60, _SERVE, _TEAM),),
 }
 _PROTOCOL_START = """\
 # Baseline levels: {count} levels in {families}, drawn from seed {seed}. Written by `minihuman bench new`.
