@@ -84,7 +84,8 @@ class ModelRun:
     spent: SpentTotals = field(default_factory=SpentTotals)
     stopped: str = ""  # why
     lock: threading.Lock = field(default_factory=threading.Lock)
-    group_commit: GroupCommit = field(default_factory=GroupCommit)  # of all calls in flight
+    # one sync for all calls in flight: none of them waits for a picture, and each takes longer than a sync
+    group_commit: GroupCommit = field(default_factory=lambda: GroupCommit(max_single_syncs=1))
 
     @classmethod
     def of_model(cls, player: str, **settings: Any) -> "ModelRun":
