@@ -32,8 +32,10 @@ def simulate_people(kind: str, out: Path, *, people: int, levels: int) -> Path:
     if left > 0:
         path = out / f"people-{kind}.toml"
         path.parent.mkdir(parents=True, exist_ok=True)
-        limits = f"max_steps = {MANY}\noptions = {{ max_steps = {MANY} }}"
-        path.write_text(re.sub(r"max_steps = \d+", limits, compose_baseline(kind, SEED, levels=levels)))
+        text = compose_baseline(kind, SEED, levels=levels)
+        options = "" if "\noptions = { " in text else f"\noptions = {{ max_steps = {MANY} }}"
+        text = text.replace("\noptions = { ", f"\noptions = {{ max_steps = {MANY}, ")
+        path.write_text(re.sub(r"\nmax_steps = \d+", f"\nmax_steps = {MANY}{options}", text))
         run = ["simulate", str(path), "--participants", str(left), "--seed", "1", "--data", str(study.parent)]
         subprocess.run([sys.executable, "-m", "minihuman", *run], check=True, stdout=subprocess.DEVNULL)
     return study

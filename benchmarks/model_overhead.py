@@ -3,8 +3,8 @@
     python benchmarks/model_overhead.py [--sessions 32] [--latency-ms 300]
 
 The endpoint is scripted and runs in a process of its own, so its time is not counted. All sessions are in flight
-at once. A call is made durable before its request is sent, and again before its answer has an effect: how many fsyncs
-that takes is counted.
+at once. A request is made durable before it is sent, together with the answer before it and with all others that wait:
+how many syncs of a file or of a file system that takes is counted.
 """
 
 import argparse
@@ -93,7 +93,8 @@ def measure(sessions: int, latency_ms: float, steps: int) -> None:
             def count_call(name: str, sync: Callable[[int], None]) -> Callable[[int], None]:
                 return lambda fd: (syncs.update([name]), sync(fd))[1]  # noqa: B023 - read in this round only
 
-            group = GroupCommit(sync_one=count_call("file", sync_file), sync_all=count_call("system", sync_file_system))
+            syncing = {"sync_one": count_call("file", sync_file), "sync_all": count_call("system", sync_file_system)}
+            group = GroupCommit(**syncing, max_single_syncs=1)
             run = ModelRun.of_model("model:scripted", group_commit=group)
             study, data = read_protocol(protocol), Path(folder) / str(count)
             list(simulate_models(study, data, participants=count, parallel=count, run=run))
@@ -102,7 +103,8 @@ def measure(sessions: int, latency_ms: float, steps: int) -> None:
     total = sessions * steps
     print(f"minihuman {minihuman.__version__}, Python {platform.python_version()}, {os.cpu_count()} cores")
     print(f"{sessions} sessions in flight, {total} steps of 640 x 480: {1e3 * cpu_s / total:.2f} CPU-ms a step")
-    print(f"{2 * total} durable events by {syncs.total()} fsyncs ({dict(syncs)}): {syncs.total() / total:.2f} a call")
+    print(f"{2 * total} durable events by {syncs.total()} syncs ({dict(syncs)}): {syncs.total() / total:.2f} a call")
+    print(f"{group.rounds} rounds, each of what was waiting then")
     print(f"{total / wall_s:.0f} steps/s; with answers of {latency_ms:g} ms at most {sessions * 1e3 / latency_ms:.0f}")
 
 

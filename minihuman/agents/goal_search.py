@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import SimulationError
+from minihuman.worlds.adapters.seat import SeatEnv
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.layouts.one_room import GoalEnv
@@ -62,6 +63,8 @@ def build_search(world: World, view: str, noise: JudgementNoise, rng: np.random.
         SimulationError: if no planner knows the world's goal.
     """
     env = world.unwrapped
+    if (kitchen := build_kitchen_search(world)) is not None:
+        return kitchen
     if view == "full" and not world.subgoals():
         return FullViewSearch(world)
     if isinstance(env, GridEngine | GridFromInside):
@@ -69,6 +72,16 @@ def build_search(world: World, view: str, noise: JudgementNoise, rng: np.random.
     if isinstance(env, FirstPersonEnv) and env.targets():
         return RoomSearch(world, noise, rng)
     return FullViewSearch(world)
+
+
+def build_kitchen_search(world: World) -> GoalSearch | None:
+    """Make the search for a cook's seat; None in a world that is no kitchen."""
+    if not isinstance(world.unwrapped, SeatEnv):
+        return None
+    from minihuman.agents.team_agents import KitchenSearch  # compiled: only where they are used
+    from minihuman.worlds.grid.kitchen import Kitchen
+
+    return KitchenSearch(world) if isinstance(world.unwrapped.team, Kitchen) else None
 
 
 class FullViewSearch(GoalSearch):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.agents.agent import BaseAgent
+from minihuman.agents.goal_search import FullViewSearch
 from minihuman.errors import SimulationError
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.worlds.adapters.world import World
@@ -76,7 +77,7 @@ class CookAgent(BaseAgent):
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
         """The next action towards what is most urgent; now and then another where somebody is in the way."""
-        action, is_blocked = _KitchenView(world.unwrapped.team, world.unwrapped.seat).choose()
+        action, is_blocked = KitchenView(world.unwrapped.team, world.unwrapped.seat).choose()
         chances = np.zeros(len(world.action_names), np.float32)
         chances[action] = 1
         if is_blocked:
@@ -85,7 +86,16 @@ class CookAgent(BaseAgent):
         return chances
 
 
-class _KitchenView:
+class KitchenSearch(FullViewSearch):
+    """What a simulated person wants to do in a kitchen, all of which is in sight: what the agent ``cook`` does."""
+
+    def plan(self) -> list[str]:
+        """The next action."""
+        env = self._world.unwrapped
+        return [self._world.action_names[KitchenView(env.team, env.seat).choose()[0]]]
+
+
+class KitchenView:
     """A kitchen as one cook sees it in one step."""
 
     def __init__(self, kitchen: Kitchen, seat: int) -> None:

@@ -175,6 +175,7 @@ class LevelKind(StrEnum):
 
     grid = "grid"
     three_d = "first-person"
+    kitchen = "kitchen"
 
 
 def new(

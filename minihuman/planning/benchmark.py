@@ -20,6 +20,7 @@ from minihuman.runtime.simulated_session import simulate
 LEVELS_PER_FAMILY = 5
 TURNS = ("left", "right", "forward")
 HANDS = (*TURNS, "pickup", "drop", "toggle")
+COOK = ("up", "down", "left", "right", "interact", "stay")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +32,21 @@ class Family:
     actions: tuple[str, ...]
     max_steps: int
     instructions: str = "Do what the line above the picture says. You are the triangle."
+    settings: str = ""  # further lines of its block
 
 
 # the step limits are those that eight in ten simulated people keep (analysis/baseline_difficulty.py)
 _LOOK = "You see the world from inside. Find the red box."
+_SERVE = (
+    "You are the cook with the white ring; your partner is in the other room. Cook a soup of three onions together and "
+    "bring it to the serving hatch. Put what your partner needs on the counters between you."
+)
+_TEAM = """\
+kind = "team"
+view = "full"
+options = { layout = "drawn", ends_at_soup = true }
+team = { seats = ["person", "scripted:cook"], partner_disclosure = "always" }
+"""
 FAMILIES: dict[str, tuple[Family, ...]] = {
     "grid": (
         Family("empty", "MiniGrid-Empty-8x8-v0", TURNS, 20),
@@ -52,9 +64,10 @@ FAMILIES: dict[str, tuple[Family, ...]] = {
         Family("rooms", "MiniWorld-FourRooms-v0", ("turn_left", "turn_right", "move_forward"), 175, _LOOK),
         Family("hallway", "MiniWorld-Hallway-v0", ("turn_left", "turn_right", "move_forward"), 65, _LOOK),
     ),
+    "kitchen": (Family("kitchen", "Team-ForcedCoordination-v0", COOK, 60, _SERVE, _TEAM),),
 }
 _PROTOCOL_START = """\
-# Baseline levels: {count} levels in {families} families, drawn from seed {seed}. Written by `minihuman bench new`.
+# Baseline levels: {count} levels in {families}, drawn from seed {seed}. Written by `minihuman bench new`.
 
 [study]
 name = "{name}"
@@ -84,14 +97,14 @@ actions = [{actions}]
 max_steps = {max_steps}
 key_map = "shown"
 instructions = "{instructions}"
-"""
+{settings}"""
 
 
 def compose_baseline(kind: str, seed: int, *, levels: int = LEVELS_PER_FAMILY) -> str:
     """The protocol of a set of levels, as TOML.
 
     Args:
-        kind: "grid" or "first-person".
+        kind: "grid", "first-person" or "kitchen".
         seed: that the levels' own seeds are drawn from; a new one gives unseen levels.
         levels: of each family.
     """
@@ -100,7 +113,7 @@ def compose_baseline(kind: str, seed: int, *, levels: int = LEVELS_PER_FAMILY) -
     seeds = drawn.reshape(len(families), levels).tolist()
     head = _PROTOCOL_START.format(
         count=len(families) * levels,
-        families=len(families),
+        families="1 family" if len(families) == 1 else f"{len(families)} families",
         seed=seed,
         name=f"baseline-{kind}-{seed}",
         modality="both" if kind == "grid" else "picture",
@@ -115,6 +128,7 @@ def compose_baseline(kind: str, seed: int, *, levels: int = LEVELS_PER_FAMILY) -
             actions=", ".join(f'"{action}"' for action in family.actions),
             max_steps=family.max_steps,
             instructions=family.instructions,
+            settings=family.settings,
         )
         for family, its in zip(families, seeds, strict=True)
     )

@@ -1,7 +1,8 @@
 """Sessions with a language model in the participant's place: several side by side, resumed after any cut.
 
-Every request is durable before it is sent and every answer before it has an effect. A live file that a killed program
-left is resumed at the same call, so that no stored answer is asked for again.
+Every request is durable before it is sent. Its answer and what came of it become durable in this order, at the latest
+with the session's next request: by one fsync. A live file that a killed program left is resumed at the same call, so
+that no stored answer is asked for again.
 """
 
 import threading
@@ -40,10 +41,13 @@ from minihuman.log.record.file_lock import is_being_recorded, lock_file
 from minihuman.log.record.finalization import recover_log
 from minihuman.log.record.mcap_recorder import LeftoverSegment, McapRecorder, resume_segment
 from minihuman.log.record.recorder import WrappedRecorder
+from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
 from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.team_host import require_one_process
 from minihuman.simulation.chat_client import ChatAnswer, ChatClient, ModelClient, ModelUnavailableError
 from minihuman.simulation.model_conversation import (
+    ANSWER_RULES,
     HOLD_MS,
     NS_PER_MS,
     WAIT,
@@ -62,7 +66,7 @@ FRAME_NS = 16_666_667
 MAX_USELESS_KEYS = 100  # in a row, without a step
 MAX_SAME_QUESTION = 20
 RETRY_WAIT_S = 0.5  # doubled each time, 30 s at most
-_PLAYABLE = ("play", "page", "questions", "keyboard_check")
+_PLAYABLE = ("play", "team", "page", "questions", "keyboard_check")
 
 
 class RunStoppedError(MinihumanError, RuntimeError):
@@ -80,7 +84,8 @@ class ModelRun:
     spent: SpentTotals = field(default_factory=SpentTotals)
     stopped: str = ""  # why
     lock: threading.Lock = field(default_factory=threading.Lock)
-    group_commit: GroupCommit = field(default_factory=GroupCommit)  # of all calls in flight
+    # one sync for all calls in flight: none of them waits for a picture, and each takes longer than a sync
+    group_commit: GroupCommit = field(default_factory=lambda: GroupCommit(max_single_syncs=1))
 
     @classmethod
     def of_model(cls, player: str, **settings: Any) -> "ModelRun":
@@ -337,9 +342,10 @@ class ResumableRecorder(WrappedRecorder):
         self.leave = False
 
     def record(self, call: ModelCall) -> None:
-        """Make a call durable."""
+        """Write a call down; a request is durable then, and all that came before it."""
         self._log.begin([call])
-        self._log.drain()
+        if call.state == "asked":
+            self._log.drain()
 
     def close(self) -> Path | None:
         """Finish the log, or leave it to be resumed."""
@@ -396,6 +402,7 @@ def require_playable(protocol: Protocol) -> None:
     Raises:
         SimulationError: if there is one, if groups are drawn after an answer, or if a world cannot be put into words.
     """
+    require_one_process(protocol, "with a language model in a seat; give the other seats to agents")
     kinds = {block.kind for block in protocol.blocks} | {one.kind for one in protocol.activities}
     if kinds - {*_PLAYABLE}:
         raise SimulationError(
@@ -469,19 +476,25 @@ def play_participant(protocol: Protocol, data: Path, run: ModelRun) -> list[Path
             plan = plan_next_session(protocol, data, participant=begun, prefix="model")
             log = McapRecorder(data, plan, started_ns=time.time_ns(), settings=settings)
     if log is not None:
-        path, reason = _play(plan, run, log, left)
+        path, reason = _play(protocol, data, plan, run, log, left)
     logs = [path] if path else []
     for session in range(plan.session + 1, len(protocol.sessions) + 1):
         if reason != "complete":
             break
         plan = plan_next_session(protocol, data, participant=plan.participant.id, session=session, any_day=True)
-        path, reason = _play(plan, run, McapRecorder(data, plan, started_ns=time.time_ns(), settings=settings))
+        log = McapRecorder(data, plan, started_ns=time.time_ns(), settings=settings)
+        path, reason = _play(protocol, data, plan, run, log)
         logs += [path] if path else []
     return logs
 
 
 def _play(
-    plan: SessionPlan, run: ModelRun, log: McapRecorder, left: LeftoverSegment | None = None
+    protocol: Protocol,
+    data: Path,
+    plan: SessionPlan,
+    run: ModelRun,
+    log: McapRecorder,
+    left: LeftoverSegment | None = None,
 ) -> tuple[Path | None, str]:
     """Play one session, or the rest of one; return its log and why it ended."""
     spec = decode_logged_protocol(plan.protocol_toml).model
@@ -490,7 +503,8 @@ def _play(
     try:
         if left is None:
             facts = {"player": run.name, **collect_machine_facts(), **collect_world_facts(list_world_ids(plan))}
-            session = SessionMachine(plan, World, facts | {"window": "model"}, picture_px=find_picture_size(spec))
+            facts |= {"window": "model", "answer_rules": ANSWER_RULES}
+            session = SessionMachine(plan, World, facts, picture_px=find_picture_size(spec))
         else:
 
             def follow(session: SessionMachine, event: Event | None) -> None:
@@ -504,12 +518,13 @@ def _play(
             clock.advance_to(max(event.t_ns for event in left.events))
             log.begin(unwritten)
         window = ModelWindow(session, clock, run.make_client(spec), spec, run, record, recorder)
+        agent = make_agent_host(protocol, plan, data, patient=True)
     except BaseException:
         recorder.close()
         raise
     recorder.leave = False
     try:
-        path = run_session(session, window, recorder, clock, finished=record_log_end)
+        path = run_session(session, window, recorder, clock, agent=agent, finished=record_log_end)
     except SessionLeft as left_at:
         raise left_at.error from None
     finally:

@@ -9,13 +9,14 @@ import hashlib
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.display.drawing.screen import picture_size_px, repaint_screen
+from minihuman.experiment.activities.questions.questionnaire import QuestionsActivity
 from minihuman.experiment.machine.events import Event, KeyPressed, ModelCall, PointerUsed, TextTyped
 from minihuman.experiment.machine.inputs import (
     Input,
@@ -46,6 +47,7 @@ NS_PER_MS = 1_000_000
 HOLD_MS = 90.0
 TOKENS_PER_PICTURE = 1_500  # an estimate, for calls whose answer is lost
 WAIT, SKIP = "wait", "skip"
+ANSWER_RULES = "2"  # the fact "answer_rules" of a session; before, every question offered to leave it out
 
 RULES = (
     "You take part in a study in the place of a person, and are shown the screens that a person is shown. Each message "
@@ -71,6 +73,7 @@ class AnswerRule:
     number: bool = False  # 0 to 100
     text: bool = False
     may_wait: bool = False
+    may_skip: bool = False
 
     def read(self, answer: str) -> str | None:
         """How an answer is read ("key 3"); None for one that is not valid."""
@@ -84,7 +87,7 @@ class AnswerRule:
         if self.buttons:
             button = word.replace(" ", "_")
             return f"button {button}" if button in self.buttons else None
-        if word == SKIP:
+        if word == SKIP and self.may_skip:
             return SKIP
         if self.targets:
             numbers = [int(number) for number in re.findall(r"\d+", word)] if _NUMBERS.fullmatch(word) else []
@@ -113,38 +116,38 @@ def find_answer_rule(screen: Screen, session: SessionMachine) -> AnswerRule | No
             if "decline" in labels:
                 request = " or ".join(f"'{name}' ({label})" for name, label in labels.items())
                 return AnswerRule("page", f"Answer with {request}.", buttons=tuple(labels))
-        case QuestionScreen(item=item):
-            return _find_question_rule(item)
+        case QuestionScreen(item=item) if isinstance(part := session.part, QuestionsActivity):
+            rule, known = _find_question_rule(item), part.context.facts.get("answer_rules", "1") == ANSWER_RULES
+            if known and part.draft.question.required:
+                return rule
+            return replace(rule, request=f"{rule.request} '{SKIP}' leaves it out.", may_skip=True)
     return None
 
 
 def _find_question_rule(item: Any) -> AnswerRule:
-    skip = f" '{SKIP}' leaves it out."
     match item:
         case OptionList(options=options, many=many, chosen=chosen):
             targets = tuple(f"option:{number}" for number in range(len(options)))
             request = "Answer with the numbers of all that apply." if many else "Answer with one option's number."
-            return AnswerRule("question", request + skip, targets=targets, many=many, chosen=chosen)
+            return AnswerRule("question", request, targets=targets, many=many, chosen=chosen)
         case RatingScale(points=points):
             targets = tuple(f"option:{number}" for number in range(len(points)))
-            return AnswerRule("question", f"Answer with one number from 1 to {len(points)}.{skip}", targets=targets)
+            return AnswerRule("question", f"Answer with one number from 1 to {len(points)}.", targets=targets)
         case RatingMatrix(rows=rows, points=points):
             targets = tuple(f"option:{number}" for number in range(len(rows) * len(points)))
             return AnswerRule(
                 "question",
-                f"Answer with the numbers of one point for each statement.{skip}",
+                "Answer with the numbers of one point for each statement.",
                 targets=targets,
                 many=True,
             )
         case ShapeCanvas(shapes=shapes):
             targets = tuple(shape.target for shape in shapes if shape.target)
-            return AnswerRule("question", f"Answer with one shape's number.{skip}", targets=targets)
+            return AnswerRule("question", "Answer with one shape's number.", targets=targets)
         case Slider():
-            return AnswerRule(
-                "question", "Answer with a number from 0 (left end) to 100 (right end)." + skip, number=True
-            )
+            return AnswerRule("question", "Answer with a number from 0 (left end) to 100 (right end).", number=True)
     typed = len(item.text) if isinstance(item, TextField) else 0
-    return AnswerRule("question", "Answer with a text of one line." + skip, text=True, typed=typed)
+    return AnswerRule("question", "Answer with a text of one line.", text=True, typed=typed)
 
 
 def list_inputs(reading: str, rule: AnswerRule, t_ns: int) -> list[Input]:

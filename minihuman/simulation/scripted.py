@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from minihuman.agents.goal_search import find_shortest_path
+from minihuman.agents.goal_search import GoalSearch, build_kitchen_search, find_shortest_path
 from minihuman.errors import SimulationError
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.plugins import read_settings
@@ -100,16 +100,16 @@ class GridExplorer:
 
 
 class ExploringParticipant(SimulatedParticipant):
-    """Explores what it has not seen yet, and carries out the mission once it knows how."""
+    """Explores what it has not seen yet, and carries out the mission once it knows how; in kitchens it is a cook."""
 
     def __init__(self, argument: str, rng: np.random.Generator) -> None:
         self._key_of: dict[str, str] = {}
-        self._searcher: GridExplorer | None = None
+        self._searcher: GridExplorer | GoalSearch | None = None
 
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
         """Start exploring."""
         self._key_of = {action: key for key, action in reversed(plan.key_map.keys.items())}
-        self._searcher = GridExplorer(world)
+        self._searcher = build_kitchen_search(world) or GridExplorer(world)
 
     def press(self, world: World) -> KeyPress:
         """Press the next key of the plan.

@@ -79,6 +79,19 @@ def test_the_papers_design_is_put_to_simulated_people(tmp_path, monkeypatch, cap
     assert "five a group" in capsys.readouterr().out
 
 
+def test_the_scorecard_is_one_command_and_a_second_run_plays_nothing_again(tmp_path, monkeypatch):
+    arguments = tmp_path / "out", "--data", tmp_path / "bench", "--processes", 1, "--quick"
+    run(monkeypatch, "scorecard.py", *arguments)
+    rows = pd.read_csv(tmp_path / "out" / "scores.csv").set_index("player")
+    assert rows["levels"].to_dict() == {"human-like": 13, "exploring": 11}, "the expert plays grids and kitchens"
+    assert (tmp_path / "out" / "scores.png").stat().st_size > 10_000
+    assert "exploring does not play baseline-first-person" in (tmp_path / "out" / "scores.md").read_text()
+    played = sorted((tmp_path / "bench").rglob("*.mcap"))
+    assert len(played) == 2 * 3 + 2
+    run(monkeypatch, "scorecard.py", *arguments)
+    assert sorted((tmp_path / "bench").rglob("*.mcap")) == played
+
+
 def test_what_new_readers_judge_is_drawn_again_by_its_seed(tmp_path, monkeypatch):
     for folder in ("first", "again"):
         run(monkeypatch, "readers/draw.py", tmp_path / folder, "--seed", 3)

@@ -53,7 +53,10 @@ def serve_endpoint(reply: Reply = play) -> Iterator[Endpoint]:
         protocol_version = "HTTP/1.1"
 
         def do_POST(self) -> None:
-            body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+            sent = self.rfile.read(length := int(self.headers["Content-Length"]))
+            if len(sent) < length:  # by a program that was killed
+                raise ConnectionAbortedError
+            body = json.loads(sent)
             with endpoint.lock:
                 endpoint.requests.append(body["messages"])
                 endpoint.keys.add(self.headers["Authorization"])

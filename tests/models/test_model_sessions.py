@@ -18,7 +18,8 @@ from mcap.stream_reader import StreamReader
 
 from minihuman import export, report, simulate, verify
 from minihuman.display.drawing.screen import repaint_screen
-from minihuman.errors import SimulationError, WorldError
+from minihuman.errors import AllocationError, SimulationError, WorldError
+from minihuman.experiment.activities.team_play import JointStepped
 from minihuman.experiment.machine.events import Answered, ModelCall, PointerUsed
 from minihuman.experiment.machine.inputs import Input
 from minihuman.log.model.session_log import SessionLog
@@ -117,6 +118,34 @@ def test_what_is_no_answer_is_never_a_key(tmp_path: Path, environment: pytest.Mo
     assert {call.reading for call in calls(log) if call.verdict == "invalid"} == {""}
     assert sum(len(episode.actions) for episode in log.episodes) == 8
     assert all_as_logged(tmp_path)
+
+
+def test_only_a_question_that_may_be_left_out_offers_to_skip_it(
+    tmp_path: Path, environment: pytest.MonkeyPatch
+) -> None:
+    text = study("text", invalid="end").replace('ask = "What did you do?"', 'ask = "What did?"\nrequired = false')
+
+    def skip(question: str) -> Reply:
+        return lambda messages, number: "Answer: skip" if question in text_of(messages) else play(messages, number)
+
+    for number, (rules, question, offers) in enumerate(
+        [
+            ("1", "What did?", 6),  # as sessions were recorded until 26 November 2026
+            (model_conversation.ANSWER_RULES, "What did?", 1),
+            (model_conversation.ANSWER_RULES, "Was it hard?", 0),
+        ]
+    ):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        with pytest.MonkeyPatch.context() as before:
+            before.setattr("minihuman.runtime.model_sessions.ANSWER_RULES", rules)
+            (log,), endpoint = run(folder, text, skip(question), environment)
+        offered = [request for request in endpoint.requests if "'skip'" in text_of(request)]
+        assert len(offered) == offers
+        assert rules == "1" or all("What did?" in text_of(request) for request in offered)
+        answers = {event.item: event.value for event in log.part_events if isinstance(event, Answered)}
+        assert (log.end_reason, answers.get("said")) == (("complete", "null") if offers else ("player_failed", None))
+        assert all_as_logged(folder)
 
 
 @pytest.mark.parametrize(("invalid", "asked"), [("retry", 3), ("no_op", 3), ("end", 1)])
@@ -297,6 +326,59 @@ def test_a_call_whose_answer_was_lost_is_repeated_or_ends_the_session(
     assert all_as_logged(tmp_path)
 
 
+KITCHEN = """
+kind = "team"
+view = "full"
+options = { layout = "drawn", ends_at_soup = true }
+team = { seats = ["person", "scripted:cook"], partner_disclosure = "debrief" }
+"""
+
+
+def kitchen_study(more: str = "") -> str:
+    text = study("picture", block=KITCHEN).replace('"left", "right", "forward"', '"left", "up", "interact"')
+    return (
+        text.replace("MiniGrid-Empty-5x5", "Team-ForcedCoordination").replace("max_steps = 4", "max_steps = 9") + more
+    )
+
+
+def test_a_model_takes_a_seat_beside_an_agent_and_after_a_kill_the_agent_does_the_same(
+    tmp_path: Path, environment: pytest.MonkeyPatch
+) -> None:
+    def press_the_first(messages: list[dict[str, Any]], number: int) -> str:
+        return "Answer: 1" if "one key of" in text_of(messages) else play(messages, number)
+
+    (whole,), _ = run(tmp_path, kitchen_study(), press_the_first, environment)
+    (tmp_path / "killed").mkdir()
+    joint = [event.actions for event in whole.part_events if isinstance(event, JointStepped)]
+    assert (whole.end_reason, len(joint), len(calls(whole))) == ("complete", 18, 1 + 18 + 6)
+    assert len({action for _, action in joint}) > 2, "the agent acts"
+    read, lost = ModelWindow._read, iter((5, 16))
+
+    def lose_some(window: ModelWindow, asked: ModelCall, *rest: Any) -> ModelCall:
+        if asked.call == wanted[0]:
+            wanted[0] = next(lost, 0)
+            window._recorder.leave = True
+            raise SessionLeft(RunStoppedError("killed"))
+        return read(window, asked, *rest)
+
+    wanted = [next(lost)]
+    environment.setattr(ModelWindow, "_read", lose_some)
+    for _ in range(2):
+        with pytest.raises(RunStoppedError, match="killed"):
+            run(tmp_path / "killed", kitchen_study(), press_the_first, environment)
+    (log,), _ = run(tmp_path / "killed", kitchen_study(), press_the_first, environment)
+    assert [event.actions for event in log.part_events if isinstance(event, JointStepped)] == joint
+    assert (log.end_reason, len(calls(log)), len(calls(log, "unknown"))) == ("complete", 25, 2)
+    assert all_as_logged(tmp_path)
+    assert all_as_logged(tmp_path / "killed")
+
+
+def test_a_team_of_two_people_is_refused_a_model(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    with pytest.raises(AllocationError, match="is for 2 people, who cannot play together with a language model"):
+        run(tmp_path, kitchen_study().replace('"scripted:cook"', '"person"'), play, environment)
+    assert not (tmp_path / "data").exists()
+
+
 def test_a_world_without_words_is_refused_before_anything_is_asked(
     tmp_path: Path, environment: pytest.MonkeyPatch
 ) -> None:
@@ -366,11 +448,14 @@ def test_two_programs_of_one_study_at_once_share_its_slots(tmp_path: Path, envir
     assert [(log.end_reason, len(calls(log))) for log in logs] == [("complete", 15)] * 6
 
 
-def count_in_flight(data: Path) -> int:
-    """The calls of live files that have no end."""
-    events = (event for part in data.rglob("*.mcap.part") for event in read_events(part))
-    states = Counter(event.state for event in events if isinstance(event, ModelCall))
-    return 2 * states["asked"] - states.total()
+def find_in_flight(data: Path) -> set[tuple[str, int]]:
+    """The calls of live files that have no end: whose, and which."""
+    found = set()
+    for part in data.rglob("*.mcap.part"):
+        for event in read_events(part):
+            if isinstance(event, ModelCall):
+                (found.add if event.state == "asked" else found.remove)((part.name, event.call))
+    return found
 
 
 KILLS = 100 if os.environ.get("MINIHUMAN_LONG") else 3
@@ -387,7 +472,7 @@ def test_after_a_kill_no_stored_answer_is_asked_again(tmp_path: Path, environmen
     sessions, parallel = max(8, KILLS * 2 // 3), 8
     process: list[subprocess.Popen[bytes]] = []
     kill_at: list[int] = []
-    in_flight: list[int] = []  # after each kill
+    in_flight: list[set[tuple[str, int]]] = []  # after each kill; the next may come before all are resumed
     full, kill = threading.Event(), 0  # so many calls are in flight as are to be at this kill
 
     def reply(messages: list[dict[str, Any]], number: int) -> str:
@@ -405,7 +490,7 @@ def test_after_a_kill_no_stored_answer_is_asked_again(tmp_path: Path, environmen
             options = ["--participants", left, "--parallel", str(parallel)]
             process.append(subprocess.Popen([*command, *options], cwd=tmp_path, stdout=subprocess.DEVNULL))
             process[-1].wait()
-            in_flight.append(count_in_flight(tmp_path / "data"))
+            in_flight.append(find_in_flight(tmp_path / "data"))
         assert process[-1].returncode == 0
     logs = [read_log(path) for path in (tmp_path / "data").rglob("*.mcap")]
     states = Counter(call.state for log in logs for call in log.part_events if isinstance(call, ModelCall))
@@ -413,8 +498,9 @@ def test_after_a_kill_no_stored_answer_is_asked_again(tmp_path: Path, environmen
     assert states["answered"] == sessions * 15
     assert states["asked"] == states["answered"] + states["unknown"]
     assert len(endpoint.requests) <= states["asked"], "each request was on the disk before it was sent"
-    print(f"{KILLS} kills, {len(endpoint.requests)} requests, {states}, in flight {Counter(in_flight[:-1])}")
-    assert max(in_flight[:-1]) <= parallel
-    assert states["unknown"] == sum(in_flight[:-1]), "each is counted, once"
+    counts = Counter(len(calls) for calls in in_flight[:-1])
+    print(f"{KILLS} kills, {len(endpoint.requests)} requests, {states}, in flight {sorted(counts.items())}")
+    assert max(counts) <= parallel
+    assert states["unknown"] == len(set().union(*in_flight)), "each is counted, once"
     assert all(call.price > 0 for log in logs for call in calls(log, "unknown"))
     assert all_as_logged(tmp_path)

@@ -45,10 +45,10 @@ LONG = bool(os.environ.get("MINIHUMAN_LONG"))
 STEPS = 64 if LONG else 3  # of each kind of picture, in a window and in a browser
 MODELS = 64 if LONG else 1
 SIZE_PX = (640, 480)
-BLOCKS = (
+BLOCKS = (  # without hands nobody picks up or puts, so that those episodes last to their limit
     ("partial", "MiniGrid-DoorKey-8x8-v0", ("left", "right", "forward"), 'view = "partial"'),
-    ("full", "BabyAI-GoTo-v0", ("left", "right", "forward"), 'view = "full"'),
-    ("text", "BabyAI-GoToLocal-v0", ("left", "right", "forward"), 'view = "text"\nkey_map = "shown"'),
+    ("full", "BabyAI-Pickup-v0", ("left", "right", "forward"), 'view = "full"'),
+    ("text", "BabyAI-PutNextLocal-v0", ("left", "right", "forward"), 'view = "text"\nkey_map = "shown"'),
     ("safe", "MiniGrid-FourRooms-v0", ("left", "right", "forward"), 'palette = "colour-safe"'),
     ("inside", "MiniWorld-FourRooms-v0", ("turn_left", "turn_right", "move_forward"), ""),
 )

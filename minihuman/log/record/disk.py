@@ -344,7 +344,7 @@ def _take_waiting(jobs: "queue.SimpleQueue[WriteJob | None]") -> list[WriteJob |
 
 GATHER_S = 0.1  # so long a write waits for others of its file
 COMMIT_WINDOW_S = 0.02  # so much earlier it is done where another file's round is due
-_MAX_SINGLE_SYNCS = 12  # files that are fsynced by themselves; a disk that keeps up has seldom more in a round
+MAX_SINGLE_SYNCS = 12  # files that are fsynced by themselves; a disk that keeps up has seldom more in a round
 
 
 class GroupCommit:
@@ -353,11 +353,17 @@ class GroupCommit:
     Args:
         sync_one: makes one file durable.
         sync_all: makes all files on a file's file system durable, or fails.
+        max_single_syncs: with more files in a round, ``sync_all`` is called once instead.
     """
 
     def __init__(
-        self, *, sync_one: Callable[[int], None] = sync_file, sync_all: Callable[[int], None] = sync_file_system
+        self,
+        *,
+        sync_one: Callable[[int], None] = sync_file,
+        sync_all: Callable[[int], None] = sync_file_system,
+        max_single_syncs: int = MAX_SINGLE_SYNCS,
     ) -> None:
+        self._max_single_syncs = max_single_syncs
         self.rounds = 0  # done so far
         self._sync_one = sync_one
         self._sync_all = sync_all
@@ -428,7 +434,7 @@ class GroupCommit:
 
     def _failed(self, fds: Sequence[int]) -> dict[int, OSError]:
         """Make files durable; which of them could not be, and why."""
-        if len(fds) > _MAX_SINGLE_SYNCS:
+        if len(fds) > self._max_single_syncs:
             try:
                 for fd in {os.fstat(fd).st_dev: fd for fd in fds}.values():
                     self._sync_all(fd)

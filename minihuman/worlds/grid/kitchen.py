@@ -206,6 +206,25 @@ KITCHENS: Mapping[str, KitchenLayout] = MappingProxyType(
 )
 
 
+DRAWN = "drawn"  # the layout that is drawn from an episode's seed
+
+
+def draw_layout(seed: int) -> KitchenLayout:
+    """Draw a kitchen of two rooms with counters between them, in which a soup takes both cooks.
+
+    One room has the onions and the plates, the other the pot and the hatch; only the counters are in reach of both.
+    """
+    *draws, swapped, mirrored = np.random.SeedSequence(seed).generate_state(8).tolist()
+    rows = [[*"XXXXXXX"], *([*"X  X  X"] for _ in range(4)), [*"XXXXXXX"]]
+    for right, letters in enumerate(("OD1", "PS2") if swapped % 2 else ("OD2", "PS1")):
+        edge = [*((0, y) for y in range(1, 5)), *((x, y) for x in (1, 2) for y in (0, 5))]
+        for letter in letters:
+            places = [(x, y) for x in (1, 2) for y in range(1, 5)] if letter.isdigit() else edge
+            x, y = places.pop(draws.pop() % len(places))
+            rows[y][6 - x if right == mirrored % 2 else x] = letter
+    return KitchenLayout("/".join(map("".join, rows)))
+
+
 KitchenRules = Literal["2019", "1.1.0"]
 YAWS_RAD = (np.pi / 2, -np.pi / 2, 0.0, np.pi)  # by direction: up, down, right, left
 SOUP_2019 = 5  # what a soup earned in the recordings of 2019
@@ -219,9 +238,10 @@ class Kitchen(TeamWorld):
 
     Args:
         layout: A name of `KITCHENS`, a floor plan in its letters ("XXPXX/O  2O/X1  X/XDXSX"), or a
-            `KitchenLayout`.
+            `KitchenLayout`; "drawn": another one from each seed, by `draw_layout`.
         rules: "1.1.0": as that version; "2019": as its human data were recorded.
         max_steps: Joint steps of an episode.
+        ends_at_soup: The first soup that earns something ends the episode, as a success.
 
     Attributes:
         layout: Floor plan and orders.
@@ -233,9 +253,17 @@ class Kitchen(TeamWorld):
     idle_action = fields.STAY
 
     def __init__(
-        self, *, layout: str | KitchenLayout = "cramped_room", rules: KitchenRules = "1.1.0", max_steps: int = 400
+        self,
+        *,
+        layout: str | KitchenLayout = "cramped_room",
+        rules: KitchenRules = "1.1.0",
+        max_steps: int = 400,
+        ends_at_soup: bool = False,
     ) -> None:
-        if isinstance(layout, str):
+        self._drawn, self._ends_at_soup = layout == DRAWN, ends_at_soup
+        if layout == DRAWN:
+            layout = draw_layout(0)
+        elif isinstance(layout, str):
             layout = KitchenLayout(layout) if "/" in layout else KITCHENS[check_one_of("layout", layout, KITCHENS)]
         old = check_one_of("rules", rules, ("2019", "1.1.0")) == "2019"
         self.rules: KitchenRules = rules
@@ -253,7 +281,10 @@ class Kitchen(TeamWorld):
         self._nothing = TeamStep((0.0,) * self.bodies, False, False)
 
     def reset(self, seed: int) -> None:
-        """Begin a new episode. Nothing in it is drawn: every seed begins the same."""
+        """Begin a new episode. Only a drawn layout depends on the seed."""
+        if self._drawn:
+            self.layout = draw_layout(seed)
+            self._start = _start_row(self.layout, self.rules == "2019", self.max_steps)
         self.row[:] = self._start
         observe(self.row, self._flat_images)
 
@@ -277,7 +308,10 @@ class Kitchen(TeamWorld):
             return self._nothing._replace(truncated=ended)
         delivered = tuple(outcomes[:cooks])
         info = {"delivered": delivered, "shaping": tuple(outcomes[cooks:])}
-        return TeamStep((sum(delivered),) * cooks, False, ended, info)
+        done = self._ends_at_soup and sum(delivered) > 0
+        if done:
+            self.row[fields.PHASE] = fields.OVER
+        return TeamStep((sum(delivered),) * cooks, done, ended and not done, info)
 
     def observation(self, body: int) -> NDArray[np.uint8]:
         """The whole kitchen in layers, the observer's own first: uint8[width, height, 5 * cooks + 16]."""
@@ -323,7 +357,13 @@ class Kitchen(TeamWorld):
         observe(self.row, self._flat_images)
 
     def batch(self, num_worlds: int) -> "KitchenBatch":
-        """So many kitchens like this one, stepped by one call."""
+        """So many kitchens like this one, stepped by one call.
+
+        Raises:
+            WorldError: if they would not all begin alike and end by their time.
+        """
+        if self._drawn or self._ends_at_soup:
+            raise WorldError('kitchens with layout="drawn" or ends_at_soup=True have no batch; step each by itself')
         return KitchenBatch(self, num_worlds)
 
 

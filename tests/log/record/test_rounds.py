@@ -110,6 +110,20 @@ def test_one_person_alone_is_fsynced_alone():
 
 
 @pytest.mark.usefixtures("one_device")
+def test_a_round_of_two_files_is_one_sync_where_that_is_asked_for():
+    disk = SlowDisk(32, 0.002)
+    rounds = GroupCommit(sync_one=disk.one, sync_all=disk.all, max_single_syncs=1)
+    for _ in range(10):
+        before = disk.turns, rounds.rounds
+        files = [File(fd, disk) for fd in disk.written]
+        for file in files:
+            file._waiting = 1
+        rounds.commit(files)
+        assert (disk.turns - before[0], rounds.rounds - before[1]) == (1, 1)
+    assert disk.kept == disk.written == dict.fromkeys(range(32), 10)
+
+
+@pytest.mark.usefixtures("one_device")
 def test_a_file_that_fails_fails_alone():
     disk = SlowDisk(30, 0.002)
     disk.bad.add(7)

@@ -5,9 +5,10 @@ import os
 import numpy as np
 import pytest
 
+from minihuman.agents.team_agents import KitchenView
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.core import kitchen_rules as fields
-from minihuman.worlds.grid.kitchen import KITCHENS, Kitchen, KitchenLayout
+from minihuman.worlds.grid.kitchen import KITCHENS, Kitchen, KitchenLayout, draw_layout
 
 from . import overcooked
 
@@ -102,6 +103,42 @@ def test_a_floor_plan_of_ones_own_is_a_kitchen():
     ):
         earned.append(kitchen.step([action]).rewards[0])
     assert earned == [*[0.0] * (len(earned) - 1), 20.0]
+
+
+def cook_together(kitchen, alone=False, steps=100):
+    """The steps until the first soup, of two cooks or of the first one alone; 0 for none."""
+    for step in range(1, steps + 1):
+        actions = [KitchenView(kitchen, body).choose()[0] for body in range(2)]
+        done = kitchen.step([actions[0], kitchen.idle_action] if alone else actions)
+        assert done.terminated == (sum(done.rewards) > 0)
+        if done.terminated:
+            assert (done.rewards, done.truncated) == ((20.0, 20.0), False)
+            return step
+    return 0
+
+
+def test_a_drawn_kitchen_takes_two_cooks_and_ends_at_its_first_soup():
+    kitchen, plans, took = Kitchen(layout="drawn", ends_at_soup=True), set(), []
+    for seed in range(200):
+        kitchen.reset(seed)
+        plans.add(kitchen.layout.plan)
+        saved = kitchen.save()
+        assert cook_together(kitchen, alone=True) == 0, "a soup takes both"
+        kitchen.restore(saved)
+        took.append(cook_together(kitchen))
+        with pytest.raises(WorldError, match="no episode is running"):
+            kitchen.step([4, 4])
+        kitchen.reset(seed)
+        assert np.array_equal(kitchen.save(), saved)
+    assert len(plans) == 200
+    assert 30 <= min(took) <= max(took) <= 70
+    assert draw_layout(1).plan == "XPXXXXX/X  X  D/X  X 1X/X  X  X/S 2X  X/XXXXXOX"
+
+
+def test_kitchens_that_do_not_begin_and_end_alike_have_no_batch():
+    for options in ({"layout": "drawn"}, {"ends_at_soup": True}):
+        with pytest.raises(WorldError, match="no batch; step each by itself"):
+            Kitchen(**options).batch(2)
 
 
 @pytest.mark.parametrize(
