@@ -239,10 +239,9 @@ class Regrouped:
 
 def invert(p: Any, estimate: float, error: float, *, exact: bool) -> tuple[Near, Near]:
     """The interval that a test does not reject; drawn resamples leave p uncertain by five standard errors."""
-    slack = 0.0 if exact else 5 * math.sqrt(2 * 0.05 * 0.95 / RESAMPLES)
     bounds = []
     for side in (-1, 1):
-        near, middle, far = (search(p, estimate, side * error, 0.05 + more) for more in (slack, 0.0, -slack))
+        near, middle, far = (search(p, estimate, side * error, alpha) for alpha in slack_around(0.05, exact=exact))
         bounds.append(Near(middle, max(abs(middle - near), abs(far - middle)) + 2e-5 * error))
     return bounds[0], bounds[1]
 
@@ -923,6 +922,69 @@ def restricted_mean(times: Any, observed: Any, until: float) -> float:
     return float(np.sum(np.diff(edges) * heights))
 
 
+def curve_error(times: Any, seen: Any, until: float) -> tuple[float, float]:
+    """A restricted mean and its squared error: Greenwood's, by n / (n - 1)."""
+    events = np.unique(times[seen & (times <= until)])
+    came = np.array([(seen & (times == event)).sum() for event in events], float)
+    watched = np.array([(times >= event).sum() for event in events], float)
+    heights = np.concatenate([[1.0], np.cumprod(1 - came / watched)])
+    pieces = np.diff(np.concatenate([[0.0], events, [until]])) * heights
+    left = pieces[::-1].cumsum()[::-1][1:]  # the area behind each event
+    lost = np.where(watched > came, came / (watched * np.maximum(watched - came, 1)), 0.0)
+    return float(pieces.sum()), float((left**2 * lost).sum()) * len(times) / (len(times) - 1)
+
+
+def known_until(groups: Sequence[tuple[Any, Any]]) -> float:
+    """Up to where both curves are known: to the last time of all where a curve came to 0."""
+    lasts = [float(times.max()) for times, _ in groups]
+    known = [math.inf if seen[times == last].all() else last for (times, seen), last in zip(groups, lasts, strict=True)]
+    return min(*known, max(lasts))
+
+
+def studentised(groups: Sequence[tuple[Any, Any]]) -> tuple[float, float, tuple[float, float]] | None:
+    """How far apart two restricted means are, in standard errors; None below five events in a group."""
+    until = known_until(groups)
+    if min(int((seen & (times <= until)).sum()) for times, seen in groups) < 5:
+        return None
+    (first, one), (second, other) = (curve_error(*group, until) for group in groups)
+    apart = 0.0 if abs(first - second) <= 1e-9 * until else abs(first - second)
+    error = math.sqrt(one + other)
+    return (apart / error if error else math.inf if apart else 0.0), error, (one, other)
+
+
+def regrouped_curves(groups: Sequence[tuple[Any, Any]], apart: float, until: float) -> tuple[Any, Any]:
+    """The interval of the difference and its p: curves, horizon and errors of every regrouping, written out."""
+    n, m = (len(times) for times, _ in groups)
+    found = studentised(groups)
+    if found is None or not found[1] > 0:
+        return None, "n/a"
+    observed, error, parts = found
+    times, seen = (np.concatenate(part) for part in zip(*groups, strict=True))
+    orders = Regrouped(times[:n], times[n:])
+    told = [studentised([(times[o[:n]], seen[o[:n]]), (times[o[n:]], seen[o[n:]])]) for o in orders.orders]
+    others = np.array(sorted((one[0] for one in told if one is not None), reverse=True))
+    extra = int(not orders.exact)
+    ranks = [math.ceil(alpha * (len(others) + extra)) - extra for alpha in slack_around(0.05, exact=orders.exact)]
+    if ranks[1] < 1 or not math.isfinite(others[ranks[1] - 1]):
+        return None, "n/a"
+    p = (int((others >= observed * (1 - 1e-9)).sum()) + extra) / (len(others) + extra)
+    most = [others[max(rank, 1) - 1] for rank in ranks]
+    if min(n, m) < 4 or (n != m and min(n, m) < 10):
+        freedom = sum(parts) ** 2 / (parts[0] ** 2 / (n - 1) + parts[1] ** 2 / (m - 1))
+        freedom = freedom if min(n, m) > 3 else min(n, m) - 1
+        p = max(p, float(2 * stats.t.sf(observed, freedom)))
+        most = [max(one, float(stats.t.isf(0.025, freedom))) for one in most]
+    wide, middle, narrow = (one * error for one in sorted(most, reverse=True))
+    spread = max(wide - middle, middle - narrow) + 1e-6 * error
+    return (Near(apart - middle, spread), Near(apart + middle, spread)), near_p(p, exact=orders.exact)
+
+
+def slack_around(alpha: float, *, exact: bool) -> tuple[float, float, float]:
+    """A level, and five standard errors of what drawn resamples make of it to both sides."""
+    slack = 0.0 if exact else 5 * math.sqrt(2 * alpha * (1 - alpha) / RESAMPLES)
+    return alpha + slack, alpha, alpha - slack
+
+
 def expected_survival(rows: pd.DataFrame, begun: Sequence[Row], order: Sequence[str]) -> Iterator[tuple[str, Any]]:
     watched: Counter[tuple[str, int]] = Counter()
     for row in begun:
@@ -941,21 +1003,9 @@ def expected_survival(rows: pd.DataFrame, begun: Sequence[Row], order: Sequence[
         n = [len(times) for times, _ in groups]
         if min(n) < 2:
             continue
-        lasts = [float(times.max()) for times, _ in groups]
-        known = [
-            math.inf if seen[times == last].all() else last for (times, seen), last in zip(groups, lasts, strict=True)
-        ]
-        until = min(*known, max(lasts))
+        until = known_until(groups)
         means = [restricted_mean(*one, until) for one in groups]
-        pseudo = []
-        for (times, seen), mean in zip(groups, means, strict=True):
-            many, places = len(times), np.arange(len(times))
-            without = [restricted_mean(times[places != at], seen[places != at], until) for at in places]
-            pseudo.append(many * mean - (many - 1) * np.array(without))
-        bounds, of_means = None, "n/a"
-        if min(int((seen & (times <= until)).sum()) for times, seen in groups) >= 5:
-            test = Regrouped(*pseudo)
-            bounds, of_means = test.interval(), near_p(test.p(), exact=test.exact)
+        bounds, of_means = regrouped_curves(groups, means[0] - means[1], until)
         censored = [stats.CensoredData.right_censored(times, ~seen) for times, seen in groups]
         p = math.nan
         if any(seen.any() for _, seen in groups):
