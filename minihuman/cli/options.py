@@ -132,11 +132,10 @@ def print_json(value: object) -> None:
     """Print a value as one line of JSON; paths and dates as texts, NumPy's numbers as numbers."""
     import msgspec
 
-    print(msgspec.json.encode(value, enc_hook=_encode_other).decode(), flush=True)
-
-
-def _encode_other(value: Any) -> object:
-    return value.item() if hasattr(value, "item") else str(value)
+    print(
+        msgspec.json.encode(value, enc_hook=lambda one: one.item() if hasattr(one, "item") else str(one)).decode(),
+        flush=True,
+    )
 
 
 def print_account(lines: Iterable[str]) -> None:

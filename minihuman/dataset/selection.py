@@ -301,7 +301,8 @@ class Selection:
         if any(rule.exclusion.level == "participant" for rule in rules):
             of_session = self._find_participant_reason(log, of_session)
         asked = [self._asks_for(log, episode, tags) for episode, tags in zip(log.episodes, theirs, strict=True)]
-        wanted = any(asked) if log.episodes else self._asks_for_session(log)
+        # a session without an episode is not asked for where episodes of one kind are
+        wanted = any(asked) if log.episodes else self._is_of(log) and not (self.outcome or self.block or self.only)
         return SelectedSession(log, tuple(theirs), tuple(asked), tuple(reasons), wanted, marks, of_session)
 
     def _apply_rules(
@@ -356,10 +357,6 @@ class Selection:
             and self._is_of(log)
             and (not self.only or bool(theirs & set(self.only)))
         )
-
-    def _asks_for_session(self, log: SessionLog) -> bool:
-        """Whether a session without an episode is asked for: not where episodes of one kind are."""
-        return self._is_of(log) and not (self.outcome or self.block or self.only)
 
     def _is_of(self, log: SessionLog) -> bool:
         return (not self.participant or log.plan.participant.id in self.participant) and (

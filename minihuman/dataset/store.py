@@ -721,7 +721,10 @@ def format_result_csv(answer: pa.Table) -> str:
 
 def format_result_lines(answer: pa.Table) -> Iterator[str]:
     """The first rows, in columns; what is missing is a dot."""
-    rows = [[_format_cell(value) for value in row.values()] for row in answer.slice(0, MAX_SHOWN_ROWS).to_pylist()]
+    rows = [
+        ["." if one is None else f"{one:.6g}" if isinstance(one, float) else str(one) for one in row.values()]
+        for row in answer.slice(0, MAX_SHOWN_ROWS).to_pylist()
+    ]
     widths = [max(map(len, column)) for column in zip(answer.column_names, *rows, strict=True)]
     numbers = [pa.types.is_integer(kind) or pa.types.is_floating(kind) for kind in answer.schema.types]
     for row in (answer.column_names, *rows):
@@ -729,7 +732,3 @@ def format_result_lines(answer: pa.Table) -> Iterator[str]:
         yield "  ".join(cell.rjust(width) if number else cell.ljust(width) for cell, width, number in cells).rstrip()
     if answer.num_rows > MAX_SHOWN_ROWS:
         yield f"({answer.num_rows} rows, {MAX_SHOWN_ROWS} of them shown; --csv prints all)"
-
-
-def _format_cell(value: object) -> str:
-    return "." if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)

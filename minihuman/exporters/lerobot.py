@@ -173,7 +173,8 @@ def build_card(about: AboutSpec, world: str, info: Mapping[str, Any], tasks: Seq
     }
     if about.title:
         front["pretty_name"] = about.title
-    lines = ["---", *_yaml(front), "---", "", f"# {about.title or world}", ""]
+    matter = (f"{name}: {msgspec.json.encode(value).decode()}" for name, value in front.items())  # JSON is YAML
+    lines = ["---", *matter, "---", "", f"# {about.title or world}", ""]
     lines += [about.description, ""] if about.description else []
     lines += [
         f"{info['total_episodes']} episodes, {info['total_frames']} frames of `{world}`.",
@@ -199,11 +200,6 @@ def build_card(about: AboutSpec, world: str, info: Mapping[str, Any], tasks: Seq
     ):
         lines += ["", f"{name}: {'; '.join(values)}"] if values else []
     return "\n".join(lines) + "\n"
-
-
-def _yaml(front: Mapping[str, Any]) -> list[str]:
-    """Front matter: JSON is YAML, a key a line."""
-    return [f"{name}: {msgspec.json.encode(value).decode()}" for name, value in front.items()]
 
 
 FORMAT_VERSION = "v3.0"

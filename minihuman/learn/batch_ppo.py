@@ -7,6 +7,7 @@ code, the network sees them together, and a rollout stays in one block of memory
 """
 
 import csv
+import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -197,9 +198,7 @@ class _Run:
         for group in self._optimizer.param_groups:  # falls to nothing
             group["lr"] = self._settings.learning_rate * max(0.0, 1 - self.steps / self._settings.steps)
         self._learn(rollout, hidden)
-        returns = [each for each, _ in self._recent]
-        good = [ended for _, ended in self._recent]
-        mean, success = (float(np.mean(each)) if each else float("nan") for each in (returns, good))
+        mean, success = np.mean(self._recent or [(math.nan, math.nan)], axis=0).tolist()
         return CurvePoint(self.steps, self.episodes, mean, success, time.process_time())
 
     def _collect(self) -> Batch:
@@ -279,12 +278,9 @@ class _Run:
     def _encode(self, raw: Any) -> Batch:
         """What worlds show, on the device: a batch's observation, or single ones in a list."""
         if isinstance(raw, list):
-            first = raw[0]
-            names = first if isinstance(first, dict) else ()
-            raw = {name: [one[name] for one in raw] for name in names} if names else np.stack(raw)
+            raw = {name: [one[name] for one in raw] for name in raw[0]} if isinstance(raw[0], dict) else np.stack(raw)
         image = np.asarray(raw["image"] if isinstance(raw, dict) else raw) * self._spread
-        device = self._settings.device
-        seen = {"image": torch.from_numpy(np.ascontiguousarray(np.moveaxis(image, -1, 1))).to(device)}
+        seen = {"image": torch.from_numpy(np.ascontiguousarray(np.moveaxis(image, -1, 1)))}
         if self._missions:
-            seen["mission"] = torch.from_numpy(np.stack([_encode_mission(text) for text in raw["mission"]])).to(device)
-        return seen
+            seen["mission"] = torch.from_numpy(np.stack([_encode_mission(text) for text in raw["mission"]]))
+        return {name: part.to(self._settings.device) for name, part in seen.items()}

@@ -193,10 +193,6 @@ def _encode_wall(wall: tuple[float, float, float, float]) -> v1.Wall:
     return v1.Wall(x0=x0, z0=z0, x1=x1, z1=z1)
 
 
-def _encode_part(part: PlannedPart) -> v1.Part:
-    return v1.Part(kind=part.kind, name=part.name, plan_json=_to_json(part.plan))
-
-
 def _decode_part(message: v1.Part) -> PlannedPart:
     """A part as its kind reads it; as plain JSON where this machine has no such kind, so that the log opens even so."""
     plan = msgspec.json.decode(message.plan_json)
@@ -239,7 +235,12 @@ _SESSION_PLAN = MessageCodec(
         "participant": nested("participant", _PARTICIPANT),
         "texts": repeated("texts", MessageCodec(BlockText, v1.BlockText)),
         "episodes": repeated("episodes", _EPISODE_PLAN),
-        "parts": repeated("parts", CustomCodec(_encode_part, _decode_part)),
+        "parts": repeated(
+            "parts",
+            CustomCodec(
+                lambda part: v1.Part(kind=part.kind, name=part.name, plan_json=_to_json(part.plan)), _decode_part
+            ),
+        ),
         "words": json_field("words_json", default="{}"),
         "language": FieldCodec("language", decode=lambda language: language or ENGLISH),
         "standing": json_field("standing_json", ResumeState, default="{}"),

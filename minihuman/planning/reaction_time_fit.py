@@ -88,7 +88,8 @@ def fit_reaction_times(times: ReactionTimes, *, floor_ms: float) -> ReactionTime
         prior = float((((point - start) / _PRIOR_SDS) ** 2).sum()) / 2
         return prior - float(log_density(times, _values(point), floor_ms=floor_ms).sum())
 
-    start = np.array([_to_line(name, value) for name, value in zip(PARAMETER_NAMES, _START, strict=True)])
+    named = zip(PARAMETER_NAMES, _START, strict=True)
+    start = np.array([math.log(one / (1 - one) if name in _CHANCES else one) for name, one in named])
     options: Any = {"maxiter": 4000, "maxfev": 4000, "xatol": 1e-3, "fatol": 1e-2, "adaptive": True}
     found = optimize.minimize(unlikely, start, method="Nelder-Mead", options=options)
     point = found.x
@@ -117,10 +118,6 @@ def fit_reaction_times(times: ReactionTimes, *, floor_ms: float) -> ReactionTime
 
 def _values(point: NDArray[np.float64]) -> dict[str, float]:
     return {name: _from_line(name, float(at)) for name, at in zip(PARAMETER_NAMES, point, strict=True)}
-
-
-def _to_line(name: str, value: float) -> float:
-    return math.log(value / (1 - value)) if name in _CHANCES else math.log(value)
 
 
 def _from_line(name: str, at: float) -> float:

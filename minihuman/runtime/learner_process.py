@@ -122,7 +122,7 @@ class LearnerProcess:
             return _read(self._answers.get(timeout=timeout_s) if timeout_s else self._answers.get_nowait())
         if died is not None:
             self._end()
-            return LearnerAnswer("", f"the learner died ({_describe_exit(died)})")
+            return LearnerAnswer("", f"the learner died ({f'signal {-died}' if died < 0 else f'exit status {died}'})")
         if time.monotonic() >= self._until_s:
             self._end()
             return LearnerAnswer("", "the learner took too long and was ended")
@@ -154,7 +154,3 @@ def _read(line: bytes) -> LearnerAnswer:
         return LearnerAnswer(str(answer["file"]), str(answer["failure"]))
     except (ValueError, KeyError, TypeError):
         return LearnerAnswer("", f"the learner answered {line[:200]!r}")
-
-
-def _describe_exit(code: int) -> str:
-    return f"signal {-code}" if code < 0 else f"exit status {code}"

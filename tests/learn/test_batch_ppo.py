@@ -137,8 +137,9 @@ def test_the_command_trains_and_refuses_what_has_no_batch_and_a_file_that_is_the
     again = subprocess.run(command, capture_output=True, text=True)
     assert again.returncode == 2
     assert "already exists" in again.stderr
-    with pytest.raises(LearnError, match="has no batch of worlds"):
-        train_batch("CartPole-v1", tmp_path / "cart.pt", SMALL)
+    for world, said in (("minigrid:MiniGrid-Empty-5x5-v0", "has no batch of worlds"), ("CartPole-v1", "an image with")):
+        with pytest.raises(LearnError, match=said):
+            train_batch(world, tmp_path / "other.pt", SMALL)
 
 
 @pytest.mark.parametrize("world", ["minihuman/Team-CrampedRoom-v0", "minihuman/Team-FourRooms-v0"])

@@ -655,7 +655,7 @@ class PlayActivity(Activity):
         elif self.phase is Phase.READY:
             self._prepare()
         self._flip_ns = None
-        if not self.phase_conditions.get(self.phase, _always)(self):
+        if not self.phase_conditions.get(self.phase, lambda _: True)(self):
             self._move(TransitionCause.DONE)
             return
         self._timer.begin(self.phase, self.context.now_ns)
@@ -755,10 +755,6 @@ class PlayActivity(Activity):
     @property
     def _rest_left_s(self) -> int:
         return self._timer.left_s(self.context.now_ns)
-
-
-def _always(_: object) -> bool:
-    return True
 
 
 PLAY = ActivityKind("play", PlayPlan, PlayActivity)

@@ -85,7 +85,7 @@ class PlaneEncoder(nn.Sequential):
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """float32[batch, 64] of planes in 0 to 1."""
-        features: torch.Tensor = super().forward(image * 255)
+        features: torch.Tensor = super().forward(image * 255)  # type: ignore[no-untyped-call]
         return features
 
 

@@ -105,8 +105,11 @@ class ObservationEncoder:
             return 3, side, side
         inner = world.observation_space
         picture = inner["image"] if isinstance(inner, spaces.Dict) and "image" in inner.spaces else inner
-        is_picture = isinstance(picture, spaces.Box) and len(picture.shape) == 3
-        if not is_picture or (picture.shape[-1] != 3 and not hasattr(world, "team")):
+        if (
+            not isinstance(picture, spaces.Box)
+            or len(picture.shape) != 3
+            or (picture.shape[-1] != 3 and not hasattr(world, "team"))
+        ):
             raise LearnError(
                 f"{world} has the observation space {inner}; choose a world whose observations contain an image with "
                 "three channels"

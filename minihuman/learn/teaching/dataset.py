@@ -194,7 +194,9 @@ class Dataset:
     def sha256(self) -> str:
         """A digest of everything a learner can see; equal data have equal digests."""
         digest = hashlib.sha256()
-        eyesight = _eyesight_words(self.eyesight)
+        # words that policy files carry the digest of: a format, whatever the classes are called
+        sees = self.eyesight
+        eyesight = f"Eyesight(missions={sees.missions!r}, scaling={sees.scaling!r}, sight={sees.sight!r})"
         head = (self.world, self.options, self.action_names, self.most_steps, eyesight, repr(self.space))
         digest.update(json.dumps(head, sort_keys=True).encode())
         for lesson in self.lessons:
@@ -213,18 +215,12 @@ class Dataset:
             for name, values in sorted(parts.items()):
                 digest.update(f"{name} {values.dtype} {values.shape}".encode())
                 digest.update(np.ascontiguousarray(values).tobytes())
-        ratings, comparisons = map(_rating_words, self.ratings), map(_comparison_words, self.comparisons)
+        ratings = (
+            f"Rating(t_ns={rating.t_ns!r}, value={rating.value!r}, lesson={rating.lesson!r})" for rating in self.ratings
+        )
+        comparisons = map(_comparison_words, self.comparisons)
         digest.update(f"({_tuple_words(ratings)}, {_tuple_words(comparisons)})".encode())
         return digest.hexdigest()
-
-
-# The words that go into the digest, which policy files carry: a format, whatever the classes are called.
-def _eyesight_words(eyesight: ObservationEncoder) -> str:
-    return f"Eyesight(missions={eyesight.missions!r}, scaling={eyesight.scaling!r}, sight={eyesight.sight!r})"
-
-
-def _rating_words(rating: LessonRating) -> str:
-    return f"Rating(t_ns={rating.t_ns!r}, value={rating.value!r}, lesson={rating.lesson!r})"
 
 
 def _comparison_words(comparison: Comparison) -> str:
