@@ -101,18 +101,14 @@ def _by_group(groups: Mapping[str, str], codes: Collection[str]) -> GroupCounts:
 
 def _session_flow(number: int, found: Mapping[tuple[int, str], SessionSummary]) -> SessionFlow:
     here = [one for (session, _), one in found.items() if session == number]
-    states = [(one.group, _flow_state(one)) for one in here]
+    left = {"screened_out": "out", "player_failed": "failed"}
+    states = [(one.group, left.get(one.end_reason, "complete" if one.complete else "unfinished")) for one in here]
     of = {
         state: Counter(group for group, its in states if its == state)
         for state in ("complete", "out", "unfinished", "failed")
     }
     began = Counter(one.group for one in here)
     return SessionFlow(began, of["complete"], of["out"], of["unfinished"], of["failed"])
-
-
-def _flow_state(one: SessionSummary) -> str:
-    left = {"screened_out": "out", "player_failed": "failed"}
-    return left.get(one.end_reason, "complete" if one.complete else "unfinished")
 
 
 def format_status(study_dir: Path, found: "StudyStatus | None" = None) -> Iterator[str]:

@@ -57,7 +57,7 @@ def build_methods(
         *_blocks(plans, specs),
         _measures(plans),
         _software(plans, qualities),
-        _statistics(),
+        f"This report: minihuman {__version__}, {', '.join(f'{name} {version(name)}' for name in _STATISTICS)}.",
     ]
 
 
@@ -320,8 +320,3 @@ def _software(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality
         f"{' and '.join(blocks)} ahead of the server (kernels {' and '.join(kernels)}), which compared every step with "
         "its own and recorded its own."
     )
-
-
-def _statistics() -> str:
-    versions = ", ".join(f"{name} {version(name)}" for name in _STATISTICS)
-    return f"This report: minihuman {__version__}, {versions}."

@@ -233,7 +233,8 @@ def compute_results(
     counted_people = participants[participants["exclusion_reason"].isna()]
     counted = episodes[episodes["exclusion_reason"].isna()]
     kept = blocks[blocks["exclusion_reason"].isna()]
-    order = _most_prepared_first(blocks)
+    counts = blocks.groupby("group")["block"].nunique()  # more blocks first: a transfer effect is of what came before
+    order = sorted((str(group) for group in counts.index), key=lambda group: (-int(counts[group]), group))
     target = analysis.block or find_target_block(kept)
     return Results(
         blocks=tuple(
@@ -508,12 +509,6 @@ def find_target_block(blocks: pd.DataFrame) -> str:
     played = [list(dict.fromkeys(part["block"])) for _, part in blocks.groupby("group")]
     common = [block for block in (played[0] if played else []) if all(block in theirs for theirs in played)]
     return str(common[-1]) if common else ""
-
-
-def _most_prepared_first(blocks: pd.DataFrame) -> list[str]:
-    """The groups, those with more blocks first: a transfer effect is of what came before."""
-    counts = blocks.groupby("group")["block"].nunique()
-    return sorted((str(group) for group in counts.index), key=lambda group: (-int(counts[group]), group))
 
 
 def summarise_group_rewards(each: pd.DataFrame) -> pd.DataFrame:

@@ -240,7 +240,9 @@ def _own_attributes(world: World) -> dict[str, bytes]:
     env = world.unwrapped
     if not isinstance(env, NativeWorld):
         return {}
-    ours = {name for kind in type(env).__mro__ if kind.__module__.startswith("minihuman.") for name in _set_by(kind)}
+    kinds = [kind for kind in type(env).__mro__ if kind.__module__.startswith("minihuman.")]
+    functions = [value for kind in kinds for value in vars(kind).values() if hasattr(value, "__code__")]
+    ours = {name for function in functions for name in function.__code__.co_names}  # what their code may set on self
     own = {}
     for name, value in vars(env).items():
         if name not in ours and not name.startswith("_"):
@@ -252,12 +254,6 @@ def _own_attributes(world: World) -> dict[str, bytes]:
                     "store only plain values in it, such as numbers and arrays"
                 ) from error
     return own
-
-
-def _set_by(kind: type) -> set[str]:
-    """The attributes that a class's own methods set on self: the names that their code stores."""
-    functions = [value for value in vars(kind).values() if hasattr(value, "__code__")]
-    return {name for function in functions for name in function.__code__.co_names}
 
 
 def _is_drawn(world: World, seed: int, actions: list[int]) -> None:

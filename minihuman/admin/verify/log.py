@@ -121,17 +121,14 @@ class MessageVerifier:
             wrong.append(f"{where}: log time {message.log_time}, by its own time {self._started_ns + event.t_ns}")
         if message.publish_time != self._started_ns + event_cause_ns(event):
             wrong.append(f"{where}: publish time {message.publish_time} is not when it was caused")
-        return event, wrong + self._viewers(message, drawn, where)
+        expected = list(self._previews.encode(topic, message.data))
+        return event, wrong + self._compare(expected, message, drawn, where)
 
     def left(self) -> list[str]:
         """What is for viewers at the end: the poses of an episode that was cut off, and nothing else."""
         if self._last is None:
             return [f"a message on {message.channel.topic} repeats nothing" for message in self._drawn]
         return self._compare(list(self._previews.finish()), self._last, self._drawn, "the segment's end")
-
-    def _viewers(self, message: LogMessage, drawn: list[LogMessage], where: str) -> list[str]:
-        expected = list(self._previews.encode(message.channel.topic, message.data))
-        return self._compare(expected, message, drawn, where)
 
     def _compare(
         self, expected: list[tuple[str, Message]], message: LogMessage, drawn: list[LogMessage], where: str

@@ -89,7 +89,10 @@ def build_strata(protocol: "Protocol") -> Strata | None:
     codes = {code: stratum for stratum, its in asked.strata.items() for code in its}
     if not codes and item is not None and find_question_kind(item.kind).answer_type in _CODED:
         codes = {code: str(code) for code in item.all_codes}
-    names = _name_intervals(asked.cut_points) if asked.cut_points else tuple(dict.fromkeys(codes.values()))
+    names = tuple(dict.fromkeys(codes.values()))
+    if cuts := asked.cut_points:
+        between = (f"{low:g} to below {high:g}" for low, high in pairwise(cuts))
+        names = (f"below {cuts[0]:g}", *between, f"{cuts[-1]:g} or more")
     if item is not None and not item.required:
         names = (*names, NO_ANSWER)
     return Strata(part, name, names, codes, asked.cut_points)
@@ -220,9 +223,3 @@ def _find_items(protocol: "Protocol", part: str) -> Sequence[QuestionItemSpec]:
     if asked is None or (asked.form and asked.form not in SHIPPED_FORMS):
         return ()
     return load_form(asked.form, protocol.study.language).items if asked.form else asked.items
-
-
-def _name_intervals(cuts: tuple[float, ...]) -> tuple[str, ...]:
-    """Names for what lies between cuts."""
-    inner = [f"{low:g} to below {high:g}" for low, high in pairwise(cuts)]
-    return (f"below {cuts[0]:g}", *inner, f"{cuts[-1]:g} or more")

@@ -93,7 +93,13 @@ def reproduce_policy(path: Path, dataset: Dataset, *, start: Path | None = None)
     request = LearningRequest(dataset, np.random.default_rng(made["seed"]), before)
     again = make_learner(f"{made['learner']}:{settings}").learn(request)
     differs = _differences(policy, again.policy)
-    return [*_other_code(made.get("code", {})), *differs] if differs else []
+    here = get_code_versions()
+    other = [
+        f"it was made by {name} {had}; here is {here[name]}"
+        for name, had in made.get("code", {}).items()
+        if had != here[name]
+    ]
+    return [*other, *differs] if differs else []
 
 
 @cache
@@ -107,12 +113,6 @@ def get_code_versions() -> dict[str, str]:
             digest.update(str(path.relative_to(PACKAGE)).encode() + b"\0" + path.read_bytes() + b"\0")
     made_by = {"minihuman": minihuman.__version__, **{name: version(name) for name in ("torch", "numpy")}}
     return made_by | {"sources_sha256": digest.hexdigest()}
-
-
-def _other_code(made_by: dict[str, str]) -> list[str]:
-    """List the versions that differ from those that made a policy."""
-    here = get_code_versions()
-    return [f"it was made by {name} {had}; here is {here[name]}" for name, had in made_by.items() if had != here[name]]
 
 
 def _started_from(start: Path, dataset: Dataset) -> Policy:

@@ -313,7 +313,8 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         looks: dict[str, Any] = {"tile_px": tile_px, "palette": palette, "kinds": self.kinds}
         picture = draw_grid(row, view=view, view_size=size, lit=lit, **looks)
         for place, (colour, opacity) in self.cell_marks.items():
-            if colour not in COLOURS or not (0 <= opacity <= 1 and self._has_cell(*place)):
+            inside = 0 <= place[0] < self.state.width and 0 <= place[1] < self.state.height
+            if colour not in COLOURS or not (0 <= opacity <= 1 and inside):
                 raise WorldError(
                     f"cell_marks has {place}: {(colour, opacity)}; give a cell of the grid, one of "
                     f"{', '.join(COLOURS)}, and an opacity from 0 to 1"
@@ -326,9 +327,6 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
             rgb = np.array(OBJECT_COLOURS[palette][COLOURS.index(colour)])
             cell[:] = (cell + (rgb - cell) * opacity).round()
         return picture
-
-    def _has_cell(self, x: int, y: int) -> bool:
-        return 0 <= x < self.state.width and 0 <= y < self.state.height
 
     def pose(self) -> Pose:
         """The agent's cell (column, 0, row) and direction."""
