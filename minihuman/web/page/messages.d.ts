@@ -46,7 +46,7 @@ export interface Agent {
 }
 export interface Now {
   t: "now"; episode: number; step: number; node: number; tick: number | null; through: number; who?: string;
-  action?: number; limit?: number | null;
+  action?: number; limit?: number | null; pace: number;
 }
 export interface NextScreens {
   t: "onward"; edges: [from: number, input: string, to: number][];
