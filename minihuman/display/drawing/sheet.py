@@ -3,8 +3,9 @@
 Lengths are fractions of the height. Nothing that must be read is set smaller than 1/40 of it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from PIL import Image, ImageDraw
 
@@ -24,6 +25,18 @@ ACCENT: Colour = (240, 176, 72)
 HIGHLIGHT: Colour = (86, 180, 233)
 GOOD: Colour = (0, 190, 140)
 BAD: Colour = (232, 110, 60)
+# What each is in the light theme: all that words are written in has a contrast of 4.5 or more, both ways round.
+LIGHT: Mapping[Colour, Colour] = {
+    BACKGROUND: (247, 246, 243),
+    SURFACE: (255, 255, 255),
+    EDGE: (110, 118, 128),
+    INK: (24, 27, 32),
+    MUTED_INK: (84, 93, 105),
+    ACCENT: (140, 80, 0),
+    HIGHLIGHT: (0, 98, 155),
+    GOOD: (0, 112, 80),
+    BAD: (176, 56, 16),
+}
 
 Size = tuple[int, int]  # width, height
 MARGIN = 0.03
@@ -31,6 +44,27 @@ LINE_HEIGHT = 1.45  # line height, of the type size
 TIGHT_LINE_HEIGHT = 1.2  # where there is little room
 MIN_TYPE_SIZE = 1 / 40
 OVERFLOW_TYPE_SIZE = 1 / 60  # a text too long even so is set smaller rather than cut off; `check` complains about it
+
+
+def find_colour(colour: Colour, theme: str) -> Colour:
+    """What a colour of the dark theme is in a theme."""
+    return LIGHT.get(colour, colour) if theme == "light" else colour
+
+
+class LightDraw(ImageDraw.ImageDraw):
+    """Draws in the light theme what is asked for in the dark one's colours."""
+
+
+def _draw_light(draw: Callable[..., None]) -> Callable[..., None]:
+    def drawn(self: LightDraw, *args: Any, **named: Any) -> None:
+        light = {name: find_colour(value, "light") for name, value in named.items() if name in ("fill", "outline")}
+        draw(self, *args, **{**named, **light})
+
+    return drawn
+
+
+for _name in ("ellipse", "line", "rectangle", "rounded_rectangle", "text"):
+    setattr(LightDraw, _name, _draw_light(getattr(ImageDraw.ImageDraw, _name)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +95,8 @@ class Sheet:
         self.size_px = size_px
         self.locale = locale
         self.faces = select_typefaces(locale.language, fonts=locale.fonts)
-        self.page = Image.new("RGB", size_px, BACKGROUND)
-        self.draw = ImageDraw.Draw(self.page)
+        self.page = Image.new("RGB", size_px, find_colour(BACKGROUND, locale.theme))
+        self.draw = (LightDraw if locale.theme == "light" else ImageDraw.ImageDraw)(self.page)
         self.spots: list[Spot] = []
 
     @property

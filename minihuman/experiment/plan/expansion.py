@@ -110,6 +110,8 @@ OUTCOMES = ("goal", "timeout", "failure", "abandoned")
 def list_changed_words(protocol: Protocol) -> dict[str, str]:
     """The interface's words of a study, as far as they are not English's: none for most English studies."""
     language, instead = protocol.study.language, flatten_words(protocol.words)
+    if protocol.study.theme != "dark":
+        instead["theme"] = protocol.study.theme  # so that it is in the log, with how else words are shown
     return instead if language == ENGLISH or language not in LANGUAGES else {**load_words(language), **instead}
 
 

@@ -86,6 +86,7 @@ export class ScreenView {
     const { images, flips, films, entry, episode } = this.parts;
     document.documentElement.lang = s.language;
     document.documentElement.dir = s.rtl ? "rtl" : "ltr";
+    document.documentElement.classList.toggle("light", s.theme === "light");
     this.main.className = s.kind;
     this.main.classList.toggle("timed", m.tick !== null);
     const isDrawn = entry.redraw(m, () => this.page.isPending(m.through), () => {
