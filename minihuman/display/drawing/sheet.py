@@ -9,7 +9,14 @@ from typing import Any
 
 from PIL import Image, ImageDraw
 
-from minihuman.display.text import draw_line, measure_width_px, select_typefaces, wrap_text
+from minihuman.display.text import (
+    EMPHASIS_MARK,
+    TypefaceSet,
+    draw_line,
+    measure_width_px,
+    select_typefaces,
+    wrap_text,
+)
 from minihuman.experiment.machine.screens import Button, TextLocale
 
 Colour = tuple[int, int, int]
@@ -94,7 +101,9 @@ class Sheet:
     def __init__(self, size_px: Size, locale: TextLocale) -> None:
         self.size_px = size_px
         self.locale = locale
-        self.faces = select_typefaces(locale.language, fonts=locale.fonts)
+        self.faces, self.bold = (
+            select_typefaces(locale.language, bold=bold, fonts=locale.fonts) for bold in (False, True)
+        )
         self.page = Image.new("RGB", size_px, find_colour(BACKGROUND, locale.theme))
         self.draw = (LightDraw if locale.theme == "light" else ImageDraw.ImageDraw)(self.page)
         self.spots: list[Spot] = []
@@ -112,12 +121,21 @@ class Sheet:
 
     def width_px(self, words: str, type_px: int) -> float:
         """How long a line is."""
-        return measure_width_px(words, self.faces, type_px)
+        return sum(measure_width_px(piece, faces, type_px) for piece, faces, _ in self._pieces(words))
+
+    def _pieces(self, words: str) -> list[tuple[str, TypefaceSet, bool]]:
+        """The pieces of a line, with their typefaces and whether each is emphasised."""
+        pieces = [(piece, bool(number % 2)) for number, piece in enumerate(words.split(EMPHASIS_MARK))]
+        return [(piece, self.bold if is_strong else self.faces, is_strong) for piece, is_strong in pieces]
 
     def put(self, place: tuple[float, float], words: str, type_px: int, colour: Colour, anchor: str = "l") -> None:
         """Set a line: ``place`` is the middle of its height at its left end, middle ("m") or right end ("r")."""
-        rtl = self.locale.rtl
-        draw_line(self.draw, place, words, faces=self.faces, size_px=type_px, colour=colour, anchor=anchor, rtl=rtl)
+        rtl, pieces = self.locale.rtl, self._pieces(words)
+        x = place[0] - {"l": 0.0, "m": 0.5, "r": 1.0}[anchor] * self.width_px(words, type_px)
+        for piece, faces, is_strong in reversed(pieces) if rtl else pieces:
+            ink = ACCENT if is_strong else colour
+            draw_line(self.draw, (x, place[1]), piece, faces=faces, size_px=type_px, colour=ink, rtl=rtl)
+            x += measure_width_px(piece, faces, type_px)
 
     def put_line(self, place: tuple[float, float], words: str, type_px: int, wide: float, colour: Colour) -> None:
         """Centre one line on a place, in smaller type if it would be too long; if it is even so, break it there."""
