@@ -121,6 +121,8 @@ class Sheet:
 
     def width_px(self, words: str, type_px: int) -> float:
         """How long a line is."""
+        if EMPHASIS_MARK not in words:
+            return measure_width_px(words, self.faces, type_px)
         return sum(measure_width_px(piece, faces, type_px) for piece, faces, _ in self._pieces(words))
 
     def _pieces(self, words: str) -> list[tuple[str, TypefaceSet, bool]]:
@@ -130,7 +132,11 @@ class Sheet:
 
     def put(self, place: tuple[float, float], words: str, type_px: int, colour: Colour, anchor: str = "l") -> None:
         """Set a line: ``place`` is the middle of its height at its left end, middle ("m") or right end ("r")."""
-        rtl, pieces = self.locale.rtl, self._pieces(words)
+        rtl = self.locale.rtl
+        if EMPHASIS_MARK not in words:
+            draw_line(self.draw, place, words, faces=self.faces, size_px=type_px, colour=colour, anchor=anchor, rtl=rtl)
+            return
+        pieces = self._pieces(words)
         x = place[0] - {"l": 0.0, "m": 0.5, "r": 1.0}[anchor] * self.width_px(words, type_px)
         for piece, faces, is_strong in reversed(pieces) if rtl else pieces:
             ink = ACCENT if is_strong else colour
