@@ -31,6 +31,7 @@ def configuration(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         "worlds.corridor",
         "worlds.duet",
         "worlds.levers",
+        "worlds.slow",
         "worlds.paddle",
         "worlds.wrapped",
         "export.changing",

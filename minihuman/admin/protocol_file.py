@@ -225,7 +225,9 @@ def _find_worlds(value: object) -> Iterator[NamedWorld]:
 
 def _find_pictures(protocol: Protocol) -> dict[str, str]:
     """The pictures of its pages, each with the field that names it."""
-    return {name: f"$.pages[{number}].images" for number, page in enumerate(protocol.pages) for name in page.images}
+    logo = {protocol.study.logo: "$.study.logo"} if protocol.study.logo else {}
+    pages = enumerate(protocol.pages)
+    return logo | {name: f"$.pages[{number}].images" for number, page in pages for name in page.images}
 
 
 def _find_policies(protocol: Protocol) -> dict[str, str]:

@@ -42,6 +42,8 @@ class RecordingQuality:
     clean: bool
     displays: tuple[dict[str, str], ...]  # each other one that a segment was played at
     software: tuple[dict[str, str], ...]  # the same
+    periods: int = 0  # of real time in which steps are made without a key, too
+    periods_missed: int = 0  # of them, without a step: the world or the machine was too slow
 
 
 class PlanOutline(msgspec.Struct, frozen=True):
@@ -94,6 +96,7 @@ def measure_recording_quality(log: SessionLog) -> RecordingQuality:
     to_flip = list_key_to_flip_ms(log)
     spread = tuple(float(one) for one in np.percentile(to_flip, (50, 95, 99))) if to_flip.size else (np.nan,) * 3
     pauses = [pause for segment in log.segments for pause in segment.pauses]
+    periods = [_periods(episode, pauses) for episode in log.episodes]
     return RecordingQuality(
         participant=log.plan.participant.id,
         session=log.plan.session,
@@ -110,6 +113,8 @@ def measure_recording_quality(log: SessionLog) -> RecordingQuality:
         clean=log.clean,
         displays=_of_segments(log, _DISPLAY),
         software=_of_segments(log, _SOFTWARE),
+        periods=int(sum(gaps.sum() for gaps in periods)),
+        periods_missed=int(sum((gaps - 1).sum() for gaps in periods)),
     )
 
 
@@ -132,6 +137,19 @@ def _missing(episode: EpisodeLog) -> int:
     """Pictures of an episode that were not shown; the reset has one too."""
     shown = set(np.asarray(episode.frames.column("step")).tolist())
     return len(episode.actions) + 1 - len(shown)
+
+
+def _periods(episode: EpisodeLog, pauses: Sequence[tuple[int, int]]) -> NDArray[np.int64]:
+    """How many periods lie between a step and the next, in real time without a pause between; [] if keys make steps."""
+    if episode.plan.pace != "real_time" or episode.plan.noop is None:
+        return np.empty(0, np.int64)
+    made_ns = episode.t_ns[1:]
+    is_paused = np.zeros(max(0, len(made_ns) - 1), bool)
+    for begin_ns, end_ns in pauses:
+        is_paused |= (made_ns[:-1] < end_ns) & (made_ns[1:] > begin_ns)
+    began_ns = next(iter(episode.frames.column("flip_ns")), 0)  # the clock starts with the first picture
+    gaps = np.diff((made_ns - began_ns) // round(episode.plan.step_period_ms * _NS_PER_MS))
+    return np.maximum(1, gaps[~is_paused])
 
 
 def _key_to_flip_ms(episode: EpisodeLog) -> NDArray[np.float64]:

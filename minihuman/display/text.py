@@ -319,6 +319,25 @@ _HEADING = 40  # characters of the longest heading
 _SHORT = 240  # characters that fit any page, however wide
 
 
+_EMPHASIS = re.compile(r"(?<![\w*])\*(?=[^\s*])((?:[^*\n]|\n(?!\n))*[^\s*])\*(?![\w*])")
+_LIST_ITEM = re.compile(r"(?m)^( *)[-*] (?=\S)")
+EMPHASIS_MARK = "\ue000"  # of a private use: no text has it
+
+
+def style_lines(lines: list[str]) -> list[str]:
+    """Lines as they are set: of ``*so*`` the marks go, and "- " at a line's beginning is a bullet.
+
+    What lies between the first and the second `EMPHASIS_MARK` of a line is emphasised, and so on.
+    """
+    text = _EMPHASIS.sub(rf"{EMPHASIS_MARK}\1{EMPHASIS_MARK}", _LIST_ITEM.sub("\\1\u2022 ", "\n".join(lines)))
+    styled, is_on = [], False
+    for line in text.split("\n"):
+        begins = EMPHASIS_MARK * is_on
+        is_on ^= line.count(EMPHASIS_MARK) % 2 == 1
+        styled.append(f"{begins}{line}{EMPHASIS_MARK * is_on}")
+    return styled
+
+
 def count_page_lines(*, picture: bool) -> int:
     """How many lines a page has."""
     return int(

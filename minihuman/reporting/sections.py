@@ -329,6 +329,9 @@ def quality_section(qualities: Sequence[RecordingQuality]) -> QualitySection:
         lead += (
             f"; in every session 99 % of frames appeared within {format_number(float(slowest.max()))} ms of their key"
         )
+    if periods := sum(one.periods for one in sat):
+        missed = sum(one.periods_missed for one in sat)
+        lead += f"; {missed} of {periods} periods of real time passed without a step"
     if len(sat) < len(qualities):
         none = f"{len(qualities) - len(sat)} sessions had neither keyboard nor display, so nothing was timed"
         lead = f"{lead}. {none}" if sat else none

@@ -327,9 +327,10 @@ class Connection:
             return
         if isinstance(numbered.what, _ACTS):
             self.acted_s = arrival_ns / 1e9
-        self._guarded(
+        if self._guarded(
             lambda: self.host.receive(numbered.n, numbered.at, numbered.what, more=more, arrival_ns=arrival_ns)
-        )
+        ):
+            self.host.record_step_time(current_system().clock.monotonic_ns() - arrival_ns)
 
     def poll(self) -> bool:
         """See whether a learner has made something; True if there is something to tell the page."""

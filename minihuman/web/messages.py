@@ -419,6 +419,7 @@ class EpisodeState(msgspec.Struct, tag="now", tag_field="t"):
     who: str = ""  # steers, "agent" or "person"; "" where an agent never does
     action: int = -1  # that the agent makes next, unless the person takes over; a team's: own, of a step that is open
     limit: int | None = None  # beside an agent: from when on keys do nothing
+    pace: int = 0  # ns that a step has taken the server lately
 
 
 class AgentControl(msgspec.Struct, tag="beside", tag_field="t"):

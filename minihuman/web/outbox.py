@@ -71,6 +71,7 @@ class Outbox:
         self.through = 0  # the last of the page's messages that was taken
         self.at_ns = 0  # when that was
         self.moved = 0  # the last of them that the page waits for, as it may lead somewhere
+        self.pace_ns = 0  # what a step has taken lately
         self.page_computes = False  # it has compiled the rules that are here
         self._session = session
         self._make_world = make_world
@@ -238,6 +239,14 @@ class Outbox:
         )
         self._send_look_ahead()
 
+    def record_step_time(self, took_ns: int) -> None:
+        """Take note of what a step's message took. A world too slow for its period is not looked ahead in as well."""
+        before_ns = self.pace_ns or took_ns
+        self.pace_ns = before_ns + (took_ns - before_ns) // 8
+        plan, graph = self._plan, self._look_ahead_graph
+        if plan is not None and graph is not None and plan.pace == "real_time":
+            graph.blind |= self.pace_ns > plan.step_period_ms * 1e6
+
     def _page_state(self, computed: ComputedEpisode) -> messages.WorldState:
         """Where the session is, once the page has the arrays for it."""
         for each in computed.arrays:
@@ -366,7 +375,10 @@ class Outbox:
             step = -1 if play is None else play.steps
             node = self._scenes[step] if 0 <= step < len(self._scenes) else -1
             episode = self._episode if play else -1
-            self.outgoing.add(messages.EpisodeState(self.through, tick_ns, episode, step, node, who, action, limit_ns))
+            pace_ns = self.pace_ns
+            self.outgoing.add(
+                messages.EpisodeState(self.through, tick_ns, episode, step, node, who, action, limit_ns, pace_ns)
+            )
 
     @property
     def _next_tick_ns(self) -> int | None:

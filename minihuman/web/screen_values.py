@@ -31,7 +31,9 @@ NumberPicture = Callable[[NDArray[np.uint8]], int]  # a picture's number; it is 
 def convert_screen(screen: screens.Screen, number: NumberPicture) -> dict[str, Any]:
     """Convert a screen to JSON values: its kind, its locale, and the fields of the kind."""
     kind, function = CONVERTERS.get(type(screen), ("page", _picture))
-    locale = {"language": screen.locale.language, "rtl": screen.locale.rtl}
+    locale: dict[str, Any] = {"language": screen.locale.language, "rtl": screen.locale.rtl}
+    if screen.locale.theme != "dark":
+        locale["theme"] = screen.locale.theme
     return {"kind": kind, **locale, **function(screen, number)}
 
 

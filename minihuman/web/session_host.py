@@ -15,7 +15,7 @@ from minihuman.experiment.activities.preferences import ClipRequest
 from minihuman.experiment.activities.team_play import PictureCorrected, TeamAnswerRequest
 from minihuman.experiment.keys import PAD_DEAD_ZONE
 from minihuman.experiment.machine import inputs
-from minihuman.experiment.machine.events import Event, KeyPressed, Linked, Noted
+from minihuman.experiment.machine.events import Event, KeyPressed, Linked, Noted, Stepped
 from minihuman.experiment.machine.session import SessionMachine, awaits_allocation
 from minihuman.experiment.replay import BROWSER_NOTE
 from minihuman.log.record.recorder import Recorder
@@ -191,8 +191,8 @@ class SessionHost:
         *,
         more: bool = False,
         arrival_ns: int | None = None,
-    ) -> None:
-        """Take a numbered message of the page's.
+    ) -> bool:
+        """Take a numbered message of the page's, and say whether the world made a step.
 
         Args:
             number: the message's.
@@ -211,7 +211,7 @@ class SessionHost:
         if at_ns <= self._mark_ns:
             self._write(self._passed_over(message, at_ns))
             self._taken.append(_PendingMessage(number, self._writes + awaits_allocation(self.session)))
-            return
+            return False
         if at_ns <= self.last_at_ns:
             raise messages.MessageError(
                 f"message {number} has time {at_ns} ns, which is not after the previous one's {self.last_at_ns} ns; "
@@ -239,6 +239,11 @@ class SessionHost:
         self._outbox.follow(events, answers=not waits)
         if not waits:
             self._answer()
+        return any(isinstance(event, Stepped) for event in events)
+
+    def record_step_time(self, took_ns: int) -> None:
+        """Take note of what the message of a step took: the page is to be no more steps ahead than the line is long."""
+        self._outbox.record_step_time(took_ns)
 
     def stop(self, stop: inputs.Stop | inputs.ExperimenterCommand) -> None:
         """End the session from outside, or do what the experimenter asks while no page is there.

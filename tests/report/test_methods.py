@@ -4,10 +4,13 @@ import re
 from collections import Counter
 from dataclasses import replace
 
+import msgspec
+import numpy as np
 import pytest
 
 from minihuman.admin.protocol_file import find_shipped_protocol
 from minihuman.dataset.recording_quality import PlanOutline, measure_recording_quality
+from minihuman.experiment.machine.events import Paused, Resumed
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.reporting.methods import build_methods, find_known_keys
@@ -61,6 +64,24 @@ def test_a_session_that_went_on_elsewhere_names_both_stations():
     assert "Run with Python 3.11 and 3.13." in build_methods([PlanOutline.of(corridor_plan())], [found])[-2]
     told = page(quality=quality_section([found]))
     assert [told.count(f"refresh_hz_reported {hz}") for hz in ("60.0", "144.0")] == [1, 1]
+
+
+def test_periods_of_real_time_without_a_step_are_counted_but_not_those_of_a_pause():
+    log = session(episodes=1, blocks=("grid",))
+    [played] = log.episodes
+    flip_ns = int(played.frames.column("flip_ns")[0])
+    steps = len(played.actions)
+    periods = [1, 2, 4, 90, 91, 94, *range(95, 89 + steps)]  # after the fourth there is a pause
+    t_ns = np.array([0, *(flip_ns + 20_000_000 * period + 3_000_000 for period in periods)])
+    plan = msgspec.structs.replace(played.plan, pace="real_time", step_period_ms=20.0, noop="left")
+    real_time = replace(played, start=replace(played.start, plan=plan), t_ns=t_ns)
+    pause = (Paused(int(t_ns[3]) + 1, "asked"), Resumed(int(t_ns[4]) - 1))
+    segment = replace(log.segments[0], notes=pause)
+    found = measure_recording_quality(replace(log, episodes=(real_time,), segments=(segment,)))
+    assert (found.periods, found.periods_missed) == (1 + 2 + 1 + 3 + steps - 6, 1 + 2)
+    lead = quality_section([replace(found, displays=({"window": "pygame"},))]).lead
+    assert lead.endswith(f"; 3 of {steps + 1} periods of real time passed without a step")
+    assert measure_recording_quality(log).periods == 0
 
 
 def test_blocks_that_the_page_computed_are_named_where_a_page_did():

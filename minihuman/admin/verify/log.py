@@ -452,11 +452,13 @@ def _plan(segment: _LogSegment) -> Iterator[str]:
 
 def _page_pictures(protocol: Protocol, plan: SessionPlan) -> dict[str, bytes]:
     """The pictures of pages by the names that the protocol has for them; the log holds them page by page."""
+    named = [(part.plan, protocol.page_for(part.name, plan.participant.group)) for part in plan.parts]
+    logo = protocol.study.logo
     return {
         name: picture
-        for part in plan.parts
-        if isinstance(part.plan, PagePlan) and (page := protocol.page_for(part.name, plan.participant.group))
-        for name, picture in zip(page.images, part.plan.pictures, strict=False)
+        for pages, page in named
+        if isinstance(pages, PagePlan)
+        for name, picture in zip((page and page.images) or (logo,), pages.pictures, strict=False)
     }
 
 

@@ -192,10 +192,11 @@ def draw_steering(frame: NDArray[np.uint8], screen: PlayScreen, picture: Box) ->
     stroke = max(3, height // 144)
     left, top, wide, high = picture
     box = (left - stroke, top - stroke, wide + 2 * stroke, high + 2 * stroke)
-    colour = _FLASHES.get(screen.flash) or _COLOURS[screen.controller]
-    _edges(frame, box, stroke, colour, dashed=screen.controller == "agent" and not screen.flash)
+    colour = sheet.find_colour(_FLASHES.get(screen.flash) or _COLOURS[screen.controller], screen.locale.theme)
+    ground = sheet.find_colour(sheet.BACKGROUND, screen.locale.theme)
+    _edges(frame, box, stroke, colour, ground if screen.controller == "agent" and not screen.flash else colour)
     text = _SIGNS.get(screen.flash, screen.controller_text)
-    line = _line(text, screen.locale.language, colour, box[2], round(height * _LINE))
+    line = _line(text, screen.locale.language, colour, ground, box[2], round(height * _LINE))
     below, start = box[1] + box[3], (width - line.shape[1]) // 2
     rows = min(len(line), height - below)
     frame[below : below + rows, start : start + line.shape[1]] = line[:rows]
@@ -203,9 +204,9 @@ def draw_steering(frame: NDArray[np.uint8], screen: PlayScreen, picture: Box) ->
     return left, box[1], width - 2 * left, box[3] + rows
 
 
-def _edges(frame: NDArray[np.uint8], box: Box, stroke: int, colour: sheet.Colour, *, dashed: bool) -> None:
+def _edges(frame: NDArray[np.uint8], box: Box, stroke: int, colour: sheet.Colour, gap: sheet.Colour) -> None:
     left, top, width, height = box
-    along_x, along_y = _dashes(width, stroke, colour, dashed), _dashes(height, stroke, colour, dashed)
+    along_x, along_y = _dashes(width, stroke, colour, gap), _dashes(height, stroke, colour, gap)
     frame[top : top + stroke, left : left + width] = along_x
     frame[top + height - stroke : top + height, left : left + width] = along_x
     frame[top : top + height, left : left + stroke] = along_y[:, None]
@@ -213,23 +214,23 @@ def _edges(frame: NDArray[np.uint8], box: Box, stroke: int, colour: sheet.Colour
 
 
 @lru_cache(maxsize=16)
-def _dashes(length: int, stroke: int, colour: sheet.Colour, dashed: bool) -> NDArray[np.uint8]:
+def _dashes(length: int, stroke: int, colour: sheet.Colour, gap: sheet.Colour) -> NDArray[np.uint8]:
     """A side of the frame, uint8[length, 3]: it begins and ends with a dash, so that corners are whole."""
     side = np.full((length, 3), colour, np.uint8)
-    if dashed:
-        dash = stroke * _DASH
-        gaps = max(1, round((length / dash - 1) / 2))
-        side[np.floor(np.arange(length) / length * (2 * gaps + 1)) % 2 == 1] = sheet.BACKGROUND
+    gaps = max(1, round((length / (stroke * _DASH) - 1) / 2))
+    side[np.floor(np.arange(length) / length * (2 * gaps + 1)) % 2 == 1] = gap
     return side
 
 
 @lru_cache(maxsize=16)
-def _line(text: str, language: str, colour: sheet.Colour, width: int, height: int) -> NDArray[np.uint8]:
+def _line(
+    text: str, language: str, colour: sheet.Colour, ground: sheet.Colour, width: int, height: int
+) -> NDArray[np.uint8]:
     """The line, uint8[height, width or more, 3]."""
     faces = select_typefaces(language)
     size_px = max(8, round(height / _LINE * MIN_TYPE_SIZE))
     width = max(width, 2 * round(measure_width_px(text, faces, size_px) / 2 + size_px))
-    image = Image.new("RGB", (width, height), sheet.BACKGROUND)
+    image = Image.new("RGB", (width, height), ground)
     start = (width - measure_width_px(text, faces, size_px)) / 2
     draw_line(ImageDraw.Draw(image), (start, height / 2), text, faces=faces, size_px=size_px, colour=colour)
     return np.asarray(image)

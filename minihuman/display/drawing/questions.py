@@ -2,6 +2,7 @@
 
 from minihuman.display.drawing import sheet as theme
 from minihuman.display.drawing.sheet import LINE_HEIGHT, MIN_TYPE_SIZE, Sheet, Size, Spot
+from minihuman.display.text import style_lines
 from minihuman.experiment.machine.screens import (
     OptionList,
     QuestionScreen,
@@ -29,9 +30,8 @@ def draw_question(screen: QuestionScreen, size_px: Size) -> Sheet:
     room = _room(screen) * high
     lines, type_px = sheet.fitted(screen.question, round(high * _TYPE), wide, room)
     y = top + high * _TOP
-    sheet.column(
-        lines, left, right, y + max(0.0, room - len(lines) * type_px * LINE_HEIGHT), type_px
-    )  # close to its answers
+    y += max(0.0, room - len(lines) * type_px * LINE_HEIGHT)  # close to its answers
+    sheet.column(style_lines(lines), left, right, y, type_px)
     box = (left, top + high * _TOP + room + high * 0.02, right, top + high * (_BOTTOM - 0.04))
     match screen.item:
         case OptionList():

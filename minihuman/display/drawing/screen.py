@@ -9,7 +9,7 @@ from importlib import import_module
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw
+from PIL import Image
 
 from minihuman.display.drawing import sheet
 from minihuman.display.drawing.play_screens import (
@@ -144,10 +144,10 @@ def _sheet(screen: PageScreen | QuestionScreen, size_px: Size) -> Sheet:
 
 def _blank(screen: BlankScreen, size_px: Size) -> Image.Image:
     """Nothing, or a cross of a thirtieth of the height."""
-    page = Image.new("RGB", size_px, sheet.BACKGROUND)
+    blank = sheet.Sheet(size_px, screen.locale)
     if screen.cross:
-        (width, height), draw = size_px, ImageDraw.Draw(page)
+        (width, height), draw = size_px, blank.draw
         reach, stroke = height / 60, max(2, round(height / 240))
         draw.line([(width / 2 - reach, height / 2), (width / 2 + reach, height / 2)], fill=sheet.INK, width=stroke)
         draw.line([(width / 2, height / 2 - reach), (width / 2, height / 2 + reach)], fill=sheet.INK, width=stroke)
-    return page
+    return blank.page

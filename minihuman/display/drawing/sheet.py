@@ -3,12 +3,20 @@
 Lengths are fractions of the height. Nothing that must be read is set smaller than 1/40 of it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from PIL import Image, ImageDraw
 
-from minihuman.display.text import draw_line, measure_width_px, select_typefaces, wrap_text
+from minihuman.display.text import (
+    EMPHASIS_MARK,
+    TypefaceSet,
+    draw_line,
+    measure_width_px,
+    select_typefaces,
+    wrap_text,
+)
 from minihuman.experiment.machine.screens import Button, TextLocale
 
 Colour = tuple[int, int, int]
@@ -24,6 +32,18 @@ ACCENT: Colour = (240, 176, 72)
 HIGHLIGHT: Colour = (86, 180, 233)
 GOOD: Colour = (0, 190, 140)
 BAD: Colour = (232, 110, 60)
+# What each is in the light theme: all that words are written in has a contrast of 4.5 or more, both ways round.
+LIGHT: Mapping[Colour, Colour] = {
+    BACKGROUND: (247, 246, 243),
+    SURFACE: (255, 255, 255),
+    EDGE: (110, 118, 128),
+    INK: (24, 27, 32),
+    MUTED_INK: (84, 93, 105),
+    ACCENT: (140, 80, 0),
+    HIGHLIGHT: (0, 98, 155),
+    GOOD: (0, 112, 80),
+    BAD: (176, 56, 16),
+}
 
 Size = tuple[int, int]  # width, height
 MARGIN = 0.03
@@ -31,6 +51,27 @@ LINE_HEIGHT = 1.45  # line height, of the type size
 TIGHT_LINE_HEIGHT = 1.2  # where there is little room
 MIN_TYPE_SIZE = 1 / 40
 OVERFLOW_TYPE_SIZE = 1 / 60  # a text too long even so is set smaller rather than cut off; `check` complains about it
+
+
+def find_colour(colour: Colour, theme: str) -> Colour:
+    """What a colour of the dark theme is in a theme."""
+    return LIGHT.get(colour, colour) if theme == "light" else colour
+
+
+class LightDraw(ImageDraw.ImageDraw):
+    """Draws in the light theme what is asked for in the dark one's colours."""
+
+
+def _draw_light(draw: Callable[..., None]) -> Callable[..., None]:
+    def drawn(self: LightDraw, *args: Any, **named: Any) -> None:
+        light = {name: find_colour(value, "light") for name, value in named.items() if name in ("fill", "outline")}
+        draw(self, *args, **{**named, **light})
+
+    return drawn
+
+
+for _name in ("ellipse", "line", "rectangle", "rounded_rectangle", "text"):
+    setattr(LightDraw, _name, _draw_light(getattr(ImageDraw.ImageDraw, _name)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +101,11 @@ class Sheet:
     def __init__(self, size_px: Size, locale: TextLocale) -> None:
         self.size_px = size_px
         self.locale = locale
-        self.faces = select_typefaces(locale.language, fonts=locale.fonts)
-        self.page = Image.new("RGB", size_px, BACKGROUND)
-        self.draw = ImageDraw.Draw(self.page)
+        self.faces, self.bold = (
+            select_typefaces(locale.language, bold=bold, fonts=locale.fonts) for bold in (False, True)
+        )
+        self.page = Image.new("RGB", size_px, find_colour(BACKGROUND, locale.theme))
+        self.draw = (LightDraw if locale.theme == "light" else ImageDraw.ImageDraw)(self.page)
         self.spots: list[Spot] = []
 
     @property
@@ -78,12 +121,27 @@ class Sheet:
 
     def width_px(self, words: str, type_px: int) -> float:
         """How long a line is."""
-        return measure_width_px(words, self.faces, type_px)
+        if EMPHASIS_MARK not in words:
+            return measure_width_px(words, self.faces, type_px)
+        return sum(measure_width_px(piece, faces, type_px) for piece, faces, _ in self._pieces(words))
+
+    def _pieces(self, words: str) -> list[tuple[str, TypefaceSet, bool]]:
+        """The pieces of a line, with their typefaces and whether each is emphasised."""
+        pieces = [(piece, bool(number % 2)) for number, piece in enumerate(words.split(EMPHASIS_MARK))]
+        return [(piece, self.bold if is_strong else self.faces, is_strong) for piece, is_strong in pieces]
 
     def put(self, place: tuple[float, float], words: str, type_px: int, colour: Colour, anchor: str = "l") -> None:
         """Set a line: ``place`` is the middle of its height at its left end, middle ("m") or right end ("r")."""
         rtl = self.locale.rtl
-        draw_line(self.draw, place, words, faces=self.faces, size_px=type_px, colour=colour, anchor=anchor, rtl=rtl)
+        if EMPHASIS_MARK not in words:
+            draw_line(self.draw, place, words, faces=self.faces, size_px=type_px, colour=colour, anchor=anchor, rtl=rtl)
+            return
+        pieces = self._pieces(words)
+        x = place[0] - {"l": 0.0, "m": 0.5, "r": 1.0}[anchor] * self.width_px(words, type_px)
+        for piece, faces, is_strong in reversed(pieces) if rtl else pieces:
+            ink = ACCENT if is_strong else colour
+            draw_line(self.draw, (x, place[1]), piece, faces=faces, size_px=type_px, colour=ink, rtl=rtl)
+            x += measure_width_px(piece, faces, type_px)
 
     def put_line(self, place: tuple[float, float], words: str, type_px: int, wide: float, colour: Colour) -> None:
         """Centre one line on a place, in smaller type if it would be too long; if it is even so, break it there."""

@@ -59,7 +59,7 @@ def _paragraphs(sheet: Sheet, body: str, box: tuple[float, float, float, float])
     """Set running text in the largest type that fits the box, in its middle; three lines or fewer are centred."""
     left, top, right, bottom = box
     lines, type_px = sheet.fitted(body, round(sheet.size_px[1] * BODY_TYPE_SIZE), right - left, bottom - top)
-    lines = sheet.wrap(body, type_px, _narrowest(sheet, body, type_px, right - left, len(lines)))
+    lines = text.style_lines(sheet.wrap(body, type_px, _narrowest(sheet, body, type_px, right - left, len(lines))))
     longest = max((sheet.width_px(line, type_px) for line in lines), default=0.0)
     y = top + max(0.0, (bottom - top - len(lines) * type_px * LINE_HEIGHT) / 2)
     if len(lines) > 3:
@@ -116,7 +116,7 @@ def draw_page(screen: PageScreen, size_px: Size) -> Sheet:
         _picture(sheet, screen.picture, screen.marks, (left, y, right, y + tall))
         y += high * text.PAGE_PICTURE_HEIGHT
         room -= high * text.PAGE_PICTURE_HEIGHT
-    lines = text.break_page_lines(screen.body, sheet.faces) if screen.body else []
+    lines = text.style_lines(text.break_page_lines(screen.body, sheet.faces)) if screen.body else []
     type_px = _type_px(sheet, lines, wide)
     if screen.pages == 1:  # a short text stands in the middle
         y += max(0.0, (room - len(lines) * type_px * LINE_HEIGHT) / 2)

@@ -18,6 +18,7 @@ class TextLocale:
     language: str = "en"
     rtl: bool = False  # from right to left
     fonts: tuple[str, ...] = ()  # files of faces that are asked first
+    theme: str = "dark"  # or "light": light words on a dark ground, or dark on light
 
 
 @dataclass(frozen=True, slots=True)

@@ -110,6 +110,8 @@ OUTCOMES = ("goal", "timeout", "failure", "abandoned")
 def list_changed_words(protocol: Protocol) -> dict[str, str]:
     """The interface's words of a study, as far as they are not English's: none for most English studies."""
     language, instead = protocol.study.language, flatten_words(protocol.words)
+    if protocol.study.theme != "dark":
+        instead["theme"] = protocol.study.theme  # so that it is in the log, with how else words are shown
     return instead if language == ENGLISH or language not in LANGUAGES else {**load_words(language), **instead}
 
 
@@ -169,6 +171,12 @@ def plan_parts(
             )
 
 
+def _list_images(protocol: Protocol, page: PageSpec) -> tuple[str, ...]:
+    """The files of a page's pictures: a consent and last words without one have the study's logo."""
+    has_logo = protocol.study.logo and (page.asks_consent or page.closing) and page.example is None
+    return page.images or ((protocol.study.logo,) if has_logo else ())
+
+
 def _build_default_page(protocol: Protocol, name: str, words: InterfaceWords) -> PageSpec:
     """The consent or the last words of ``[study]``."""
     study = protocol.study
@@ -182,19 +190,20 @@ def _plan_page(protocol: Protocol, page: PageSpec, words: InterfaceWords, faces:
     title = page.title
     if not title and (page.asks_consent or page.closing):
         title = words["consent.title" if page.asks_consent else "closing.title"]
-    missing = [name for name in page.images if name not in protocol.files]
+    images = _list_images(protocol, page)
+    missing = [name for name in images if name not in protocol.files]
     if missing:
         raise ProtocolError(
             f"page {page.name!r} uses the picture {missing[0]!r}, which is not in the protocol's folder; copy it there"
         )
-    pictures = len(page.images) or bool(page.example)
+    pictures = len(images) or bool(page.example)
     return PagePlan(
         title=title,
         pages=paginate_text(page.text, faces, pictures=pictures),
         agree=page.asks_consent,
         sha256=hashlib.sha256(page.text.encode()).hexdigest() if page.asks_consent else "",
         closing=page.closing,
-        pictures=tuple(protocol.files[name] for name in page.images),
+        pictures=tuple(protocol.files[name] for name in images),
         example=page.example,
     )
 

@@ -81,6 +81,8 @@ class StudySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     closing: str | None = None  # the last screen; absent: thanks in the study's language
     min_rest_s: float = 0.0  # the shortest break between blocks, seconds
     language: str = "en"  # of the interface's words: en de fr es zh ja ar he, or another with all its [words]
+    theme: Literal["dark", "light"] = "dark"  # of every screen
+    logo: str = ""  # a PNG file beside the protocol: above the consent and the last words
     fonts: tuple[str, ...] = ()  # files of faces installed where the study runs, asked for a character before ours
 
 

@@ -74,7 +74,7 @@ class InterfaceWords:
     @property
     def locale(self) -> TextLocale:
         """How they are written."""
-        return TextLocale(self.language, self.rtl, self._fonts)
+        return TextLocale(self.language, self.rtl, self._fonts, self.find("theme", "dark"))
 
     def action(self, name: str) -> str:
         """What an action is called; its name in the world where there is no word for it."""

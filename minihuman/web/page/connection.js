@@ -210,6 +210,7 @@ class Latency {
   #reportedMs = -Infinity;
   #reports = 0;
   /** @type {ReturnType<typeof setTimeout> | undefined} */ #timer;
+  least = Infinity; // ns, of all round trips on this socket
   /** @type {(message: import("./messages").Input) => void} */ report = () => {};
 
   /** @param {Outbox} outbox @param {{ isOpen(): boolean, send(message: object): void, close(): void }} socket */
@@ -221,6 +222,7 @@ class Latency {
   restart() {
     clearTimeout(this.#timer);
     this.#samples = [];
+    this.least = Infinity;
     this.#pings = this.#pingedMs = 0;
     this.#ping();
   }
@@ -239,6 +241,7 @@ class Latency {
     const back = this.outbox.now();
     this.#pingedMs = 0;
     const rtt = (back - sent) - (answered - received);
+    this.least = Math.min(this.least, rtt);
     this.#samples = [...this.#samples.slice(-7), { sent, received, answered, back, rtt }];
     const count = this.#samples.length;
     const soon = (this.#reports === 0 && count >= 3) || (this.#reports === 1 && count === 8); // a start is no quiet time

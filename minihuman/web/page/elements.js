@@ -25,6 +25,13 @@ export function flatten(children) {
 /** @param {keyof HTMLElementTagNameMap} tag @param {string} name @param {string | undefined} text */
 export const words = (tag, name, text) => (text ? el(tag, { class: name, text }) : null);
 
+const EMPHASIS = /(?<![\p{L}\p{N}_*])\*(?=[^\s*])((?:[^*\n]|\n(?!\n))*[^\s*])\*(?![\p{L}\p{N}_*])/u;
+const LIST_ITEM = /^( *)[-*] (?=\S)/gm;
+
+/** A paragraph of running text: "*so*" is emphasised, "- " begins an item. @param {Attributes} attributes @param {string} text */
+export const prose = (attributes, text) => (text ? el("p", attributes, text.replace(LIST_ITEM, "$1• ").split(EMPHASIS)
+  .map((piece, number) => (number % 2 ? el("em", { text: piece }) : piece))) : null);
+
 /** @param {string} cap @param {string} above */
 export const capOf = (cap, above, pressed = false) => el("span", { class: pressed ? "cap pressed" : "cap" },
   above ? el("small", { text: above }) : null, el("span", { text: cap }));

@@ -24,6 +24,8 @@ import { UNTIMED } from "./stream.js";
  * @property {Rules} rules
  * @property {Confirmed | null} confirmed
  * @property {Press[]} trail what the server has not heard of
+ * @property {number[]} asked the messages that it makes a step at and has not told of
+ * @property {number} pace ns that a step takes it
  * @property {number} frozen a message whose effect is not known; 0 for none
  * @property {number | null} nextTick
  * @property {Action} queued
@@ -83,14 +85,15 @@ export class EpisodePlayer {
 
   /**
    * @param {Outbox} outbox @param {ImageCache} images @param {FlipReporter} flips @param {() => void} schedule
-   * @param {() => number} taken by the session, of what is not acknowledged
+   * @param {() => number} taken by the session, of what is not acknowledged @param {() => number} least round trip, ns
    */
-  constructor(outbox, images, flips, schedule, taken) {
+  constructor(outbox, images, flips, schedule, taken, least) {
     this.outbox = outbox;
     this.images = images;
     this.flips = flips;
     this.schedule = schedule;
     this.taken = taken;
+    this.least = least;
     this.view = new EpisodeView(() => this.play?.agent?.controller_texts, () => this.#reportAgain());
   }
 
@@ -185,6 +188,8 @@ export class EpisodePlayer {
     const { rules } = this.#graphOf(m.episode);
     if (!rules) return;
     const play = this.play?.number === m.episode ? this.play : this.#begin(m.episode, rules, m.through);
+    play.asked = play.asked.filter((n) => n > m.through);
+    play.pace = m.pace;
     if (!this.#confirmComputed(play, m.through)) {
       play.confirmed = { step: m.step, scene: m.node, who: m.who, action: m.action, limit: m.limit };
       play.trail = play.trail.filter((press) => press.n > m.through);
@@ -211,7 +216,7 @@ export class EpisodePlayer {
   #begin(number, rules, through) {
     /** @type {Play} */
     const play = {
-      number, rules, confirmed: null, trail: [], step: -1, scene: -1, ended: false, known: false, frozen: 0,
+      number, rules, confirmed: null, trail: [], asked: [], pace: 0, step: -1, scene: -1, ended: false, known: false, frozen: 0,
       nextTick: null, queued: null, drawn: "", agent: this.#agents.get(number), who: "", agentDue: null, flipped: null,
     };
     for (const { n, at, what } of this.outbox.list()) {
@@ -350,6 +355,7 @@ export class EpisodePlayer {
     if (!play || play.frozen || play.ended) return;
     if (this.#isTickDue(play, at) && TELLS_TIME.has(kind)) {
       if (due !== null && at >= due && this.#computed(play)) return this.freeze(n); // the session ends the episode
+      if (!this.#computed(play)) play.asked.push(n);
       const action = this.#takeTick(play, at);
       if (action !== null) this.#step(play, { n, action });
     }
@@ -405,10 +411,21 @@ export class EpisodePlayer {
     return known && step === confirmed?.step && (confirmed.action ?? -1) >= 0;
   }
 
+  /**
+   * Whether the server has more steps to make than a round trip holds: time, and what repeats itself, waits for it, so
+   * that a world slower than its period slows down, as in a window, and does not fall behind.
+   */
+  get isBehind() {
+    const play = this.play;
+    if (!play || play.nextTick === null || play.frozen || play.ended) return false;
+    return play.asked.length > 1 + this.least() / Math.max(play.rules.period, play.pace);
+  }
+
   /** @param {number | null} time the earliest so far that the session wants to be told of */
   nextTime(time) {
     const play = this.play;
     if (!play) return time;
+    if (this.isBehind) return null;
     if (play.nextTick !== null && !play.frozen) time = time === null ? play.nextTick : Math.min(time, play.nextTick);
     if (play.agentDue !== null && this.#knowsAgent(play)) time = time === null ? play.agentDue : Math.min(time, play.agentDue);
     return time;

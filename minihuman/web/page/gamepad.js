@@ -27,11 +27,15 @@ export class GamepadReader {
   #name = "";
   #readMs = 0; // when it was read last
 
-  /** @param {Keyboard} keyboard @param {() => boolean} hasFocus @param {(what: Input, ms?: number) => void} send */
-  constructor(keyboard, hasFocus, send) {
+  /**
+   * @param {Keyboard} keyboard @param {() => boolean} hasFocus @param {(what: Input, ms?: number) => void} send
+   * @param {() => boolean} isBehind whether sticks are read later: each move makes the step that is due
+   */
+  constructor(keyboard, hasFocus, send, isBehind) {
     this.keyboard = keyboard;
     this.hasFocus = hasFocus;
     this.send = send;
+    this.isBehind = isBehind;
   }
 
   /** Read it from now on, or never. @param {boolean} isWanted */
@@ -46,17 +50,31 @@ export class GamepadReader {
     const now = performance.now();
     // Unplugged: its buttons are up, its sticks at rest. Without the focus the session has let go of its presses.
     if (!this.hasFocus()) this.#down.clear();
-    else if (pad ?? this.#name) this.#report(pad ?? NONE, Math.max(this.#readMs, Math.min(now, pad?.timestamp || now)));
+    else if (pad ?? this.#name) this.#report(pad ?? NONE, this.#timeOf(pad, now));
     this.#readMs = now;
   }
 
-  /** @param {Pick<Gamepad, "id" | "axes" | "buttons">} pad @param {number} ms when it changed: since it was read last */
+  /** When it changed: since it was read last. @param {Gamepad | null | undefined} pad @param {number} now */
+  #timeOf(pad, now) { return Math.max(this.#readMs, Math.min(now, pad?.timestamp || now)); }
+
+  /** Read the sticks that waited for a step: it was sent just now. */
+  readSticks() {
+    const pad = this.isWanted && this.hasFocus() && findGamepad();
+    if (pad) this.#move(pad, this.#timeOf(pad, performance.now()));
+  }
+
+  /** @param {Pick<Gamepad, "id" | "axes" | "buttons">} pad @param {number} ms */
   #report(pad, ms) {
     if (pad.id !== this.#name) {
       this.#name = pad.id;
       if (pad.id) this.send({ t: "pad", id: pad.id.slice(0, 64), axes: pad.axes.length, buttons: pad.buttons.length });
     }
     BUTTONS.forEach((name, number) => this.#hold(name, pad.buttons[number]?.pressed ?? false, ms));
+    if (!this.isBehind()) this.#move(pad, ms);
+  }
+
+  /** @param {Pick<Gamepad, "axes" | "buttons">} pad @param {number} ms */
+  #move(pad, ms) {
     AXES.forEach((axis, number) => {
       const value = levelOf((number < 4 ? pad.axes[number] : pad.buttons[number + 2]?.value) ?? 0);
       if (value !== (this.#levels.get(axis) ?? 0)) {

@@ -46,7 +46,7 @@ export interface Agent {
 }
 export interface Now {
   t: "now"; episode: number; step: number; node: number; tick: number | null; through: number; who?: string;
-  action?: number; limit?: number | null;
+  action?: number; limit?: number | null; pace: number;
 }
 export interface NextScreens {
   t: "onward"; edges: [from: number, input: string, to: number][];
@@ -60,7 +60,7 @@ export interface Over { t: "over"; words: string; code?: string; your_code?: str
 export type Numbered =
   | Rules | ArraysMessage | StateCorrection | Ahead | Agent | Now | NextScreens | ScreenMessage & { t: "screen" } | Frame | Over | { t: "ask"; number: number };
 
-interface Common { language: string; rtl: boolean; title: string; prompt: string; progress: string }
+interface Common { language: string; rtl: boolean; theme?: "light"; title: string; prompt: string; progress: string }
 export interface Button { name: string; label: string; enabled: boolean }
 export interface Key { cap: string; above: string; pressed: boolean; x: number; y: number; width: number }
 export type TextScreen = Common & { kind: "text"; body: string; keys: Key[]; wide: number; high: number };

@@ -31,7 +31,8 @@ class Page {
   #flips = new FlipReporter(() => this.#outbox.now(), (what) => this.#send(what));
   #films = new FilmViewer(this.#images, this.#flips, () => this.#schedule());
   #player = new EpisodePlayer(
-    this.#outbox, this.#images, this.#flips, () => this.#schedule(), () => this.#connection.taken);
+    this.#outbox, this.#images, this.#flips, () => this.#schedule(), () => this.#connection.taken,
+    () => this.#connection.latency.least);
   /** @type {ScreenMessage | null} what the server wants seen */ #screen = null;
   #entry = new TextEntry(() => this.#screen, (text) => this.#type(text), (m) => this.#view.show(m));
   #view = new ScreenView(
@@ -57,7 +58,7 @@ class Page {
     () => { this.#player.view.fit(); this.#films.fit(); });
   #gamepad = new GamepadReader(this.#keyboard, () => this.#isListening && this.#focused !== false, (what, ms) => {
     this.#send(ms === undefined || what.t !== "axis" ? what : { ...what, stamp: this.#outbox.timeOf(ms) });
-  });
+  }, () => this.#player.isBehind);
   #connection = new Connection(this.#outbox, readLink(this.#outbox), {
     welcome: (m) => {
       this.#keyboard.codes = this.#outbox.keys = m.keys;
@@ -240,6 +241,7 @@ class Page {
     if (this.#due !== null && at >= this.#due) this.#reportedDue = this.#due;
     if (this.#endsAt !== null && at >= this.#endsAt) this.#endsAt = null;
     if (!this.#player.play) this.#advance(n, "tick", at);
+    this.#gamepad.readSticks();
     this.#schedule();
   }
 
@@ -249,6 +251,7 @@ class Page {
    * @param {string} key @param {string} symbol @param {number} stamp @param {boolean} trusted @param {boolean} isRepeat
    */
   #press(key, symbol, stamp, trusted, isRepeat) {
+    if (isRepeat && this.#player.isBehind) return; // as a window that comes late, which makes one of those it missed
     const step = this.#player.computeStep(key, stamp, isRepeat, this.#due);
     const n = this.#send({ // what is as usual is left out
       t: "key", key, down: true, stamp, symbol: symbol || undefined, repeat: isRepeat || undefined,

@@ -1,6 +1,6 @@
 // Screens: one function per kind makes its elements; the server's values, and nothing else, go in.
 
-import { buttonsOf, capOf, el, fit, flatten, paint, words } from "./elements.js";
+import { buttonsOf, capOf, el, fit, flatten, paint, prose, words } from "./elements.js";
 import { drawWidget } from "./questions.js";
 
 /** @import { BlankScreen, FilmScreen, Over, PageScreen, PairScreen, PlayScreen, QuestionScreen, Refusal, ScreenMessage, TextScreen } from "./messages" */
@@ -28,7 +28,7 @@ export class ScreenView {
   #draw = {
     text: (/** @type {TextScreen} */ s, _ = null, check = s.keys.length ? this.page.touchTexts() : null) => [
       words("h1", "", check?.touch_check_title ?? s.title),
-      words("p", "body short", check?.touch_check_body ?? s.body),
+      prose({ class: "body short" }, check?.touch_check_body ?? s.body),
       s.keys.length ? el("ul", { class: "keyboard", style: { width: `${s.wide * 3}rem`, height: `${s.high * 3}rem` } },
         s.keys.map((key) => el("li", {
           "aria-label": `${key.cap} ${key.above}${key.pressed ? " ✓" : ""}`,
@@ -44,14 +44,14 @@ export class ScreenView {
     page: (/** @type {PageScreen} */ s) => [
       words("h1", "", s.title),
       s.picture === null ? null : this.#drawExample(s, s.picture),
-      words("p", s.body.length < 160 && s.picture === null ? "body short" : "body", s.body),
+      prose({ class: s.body.length < 160 && !/^ *[-*] /m.test(s.body) && s.picture === null ? "body short" : "body" }, s.body),
       buttonsOf(s.buttons),
       words("p", "prompt", s.prompt),
       words("p", "progress", s.progress),
     ],
     question: (/** @type {QuestionScreen} */ s) => [
       words("h1", "", s.title),
-      el("p", { class: "body", id: "ask", text: s.question }),
+      prose({ class: "body", id: "ask" }, s.question),
       drawWidget(s.item, this.parts.entry),
       el("p", { class: "note", role: "alert", text: s.note }),
       buttonsOf(s.buttons),
@@ -86,6 +86,7 @@ export class ScreenView {
     const { images, flips, films, entry, episode } = this.parts;
     document.documentElement.lang = s.language;
     document.documentElement.dir = s.rtl ? "rtl" : "ltr";
+    document.documentElement.classList.toggle("light", s.theme === "light");
     this.main.className = s.kind;
     this.main.classList.toggle("timed", m.tick !== null);
     const isDrawn = entry.redraw(m, () => this.page.isPending(m.through), () => {

@@ -1,5 +1,5 @@
 // Buttons on the screen that stand for keys, for hands without a keyboard: a tap is a press and a release, stamped as
-// keys are, and named "touch" in the log.
+// keys are, and named "touch" in the log. Where arrow keys are played with, a swipe over the picture presses one of them.
 
 import { el } from "./elements.js";
 
@@ -7,12 +7,14 @@ import { el } from "./elements.js";
 /** @import { Keyboard } from "./input.js" */
 
 const KEYS_OF = new Set(["play", "blank"]);
+const SWIPE_PX = 24;
 const OWN_BUTTONS = new Set(["page", "question", "pair", "film"]);
 
 export class TouchKeys {
   /** @type {Record<string, string>} what is printed on each key that the study is played with, Enter and Escape too */ caps = {};
   /** @type {Map<number, string>} which finger is on which key */ #fingers = new Map();
   /** @type {Record<string, string>} what the page says beside the session's words */ texts = {};
+  /** @type {Map<number, PointerEvent>} where each finger began that is no press yet */ #origins = new Map();
   isTouched = matchMedia("(pointer: coarse)").matches;
   #shown = "";
 
@@ -23,6 +25,10 @@ export class TouchKeys {
     this.resized = resized;
     bar.addEventListener("contextmenu", (event) => event.preventDefault());
     const release = (/** @type {PointerEvent} */ event) => this.#release(event);
+    addEventListener("pointerdown", (event) => {
+      if (event.target instanceof HTMLCanvasElement && !event.target.dataset.target) this.#origins.set(event.pointerId, event);
+    });
+    addEventListener("pointermove", (event) => this.#swipe(event));
     addEventListener("pointerup", release); // a press may lead to a screen with other buttons before the finger is up
     addEventListener("pointercancel", release);
   }
@@ -69,8 +75,23 @@ export class TouchKeys {
     return button;
   }
 
+  // It is a press from where its way is known until the finger is up.
+  /** @param {PointerEvent} event */
+  #swipe({ pointerId, clientX, clientY, timeStamp, isTrusted }) {
+    const from = this.isTouched && this.#origins.get(pointerId);
+    if (!from) return;
+    const x = clientX - from.clientX, y = clientY - from.clientY;
+    if (Math.hypot(x, y) < SWIPE_PX) return;
+    this.#origins.delete(pointerId);
+    const name = Math.abs(x) > Math.abs(y) ? (x < 0 ? "left" : "right") : (y < 0 ? "up" : "down");
+    if (!this.caps[name]) return;
+    this.#fingers.set(pointerId, name);
+    this.keyboard.press(name, "touch", timeStamp, isTrusted);
+  }
+
   /** @param {PointerEvent} event */
   #release(event) {
+    this.#origins.delete(event.pointerId);
     const name = this.#fingers.get(event.pointerId);
     if (name === undefined) return;
     this.#fingers.delete(event.pointerId);

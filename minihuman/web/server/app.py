@@ -313,6 +313,7 @@ class WebServer:
                 grown = connection.host.outgoing.last_number != sent
                 if grown or connection.safe() != safe:
                     connection.changed.set()
+                    await asyncio.sleep(0)  # the page hears of this before the next message is taken
                 if grown or isinstance(getattr(message, "what", None), messages.RoundTripMessage):
                     self._want_more(connection)  # there is more to find
         finally:

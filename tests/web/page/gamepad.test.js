@@ -5,7 +5,7 @@ import { beforeEach, test } from "node:test";
 
 import { GamepadReader } from "../../../minihuman/web/page/gamepad.js";
 
-let frame, pad, heard, hasFocus, now;
+let frame, pad, heard, hasFocus, isBehind, now, reader;
 
 beforeEach(() => {
   pad = {
@@ -14,6 +14,7 @@ beforeEach(() => {
   };
   heard = [];
   hasFocus = true;
+  isBehind = false;
   now = 100;
   globalThis.requestAnimationFrame = (then) => { frame = then; };
   Object.defineProperty(globalThis, "navigator", { configurable: true, value: { getGamepads: () => [null, pad] } });
@@ -22,9 +23,10 @@ beforeEach(() => {
     press: (name, _symbol, ms) => heard.push(`press ${name} ${ms}`),
     release: (name, ms) => heard.push(`release ${name} ${ms}`),
   };
-  new GamepadReader(keyboard, () => hasFocus, (what, ms) => {
+  reader = new GamepadReader(keyboard, () => hasFocus, (what, ms) => {
     if (what.t === "axis") heard.push(`${what.axis} ${what.value} ${ms}`);
-  }).want(true);
+  }, () => isBehind);
+  reader.want(true);
 });
 
 function read(ms) {
@@ -66,4 +68,17 @@ test("what changed is stamped by the gamepad's own time, but never before the la
   pad.timestamp = 147.5;
   read(159);
   assert.deepEqual(heard, ["press pad_east 113", "release pad_east 126", "pad_left_y 1 147.5", "press stick_down 147.5"]);
+});
+
+test("while the server is behind, sticks wait for the next step and buttons do not", () => {
+  isBehind = true;
+  pad.axes = [-1, 0, 0, 0];
+  pad.buttons[0] = { pressed: true, value: 1 };
+  read(110);
+  pad.axes = [0.55, 0, 0, 0];
+  read(126);
+  assert.deepEqual(heard, ["press pad_south 110"]);
+  now = 130;
+  reader.readSticks();
+  assert.deepEqual(heard.slice(1), ["pad_left_x 0.5 130"]);
 });
