@@ -11,7 +11,7 @@ from minihuman.display.text import TypefaceSet, find_installed_typeface, measure
 from minihuman.errors import ProtocolError
 from minihuman.experiment.activities.block_plans import PlayPlan
 from minihuman.experiment.activities.pages import PagePlan
-from minihuman.experiment.activities.questions.question import QuestionItemSpec, build_draft
+from minihuman.experiment.activities.questions.question import build_draft
 from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
 from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.screens import TextScreen
@@ -104,7 +104,11 @@ def _too_long(part: PlannedPart, words: InterfaceWords, faces: TypefaceSet) -> I
             if not text_fits(screen_texts.build_wrong_answer_screen(words, asked.wrong), NARROWEST_SCREEN_PX):
                 yield f"{part.name}, wrong: {_does_not_fit(asked.wrong)}"
             for item in asked.items:
-                if not question_fits(_empty(item, words), NARROWEST_SCREEN_PX):
+                draft = build_draft(item, rtl=words.rtl)
+                empty: Any = screen_texts.build_question_screen(
+                    words, title="", draft=draft, number=0, count=1, note=""
+                )
+                if not question_fits(empty, NARROWEST_SCREEN_PX):
                     yield f"{part.name}, question {item.name!r}: {_does_not_fit(item.ask)}"
     for title in _titles(part):
         if measure_width_px(title, faces, 25) / 1000 > _LONGEST_TITLE:  # in the smallest type, by the height
@@ -118,11 +122,6 @@ def _does_not_fit(text: str) -> str:
 def _titles(part: PlannedPart) -> Iterator[str]:
     if isinstance(part.plan, PagePlan | QuestionsPlan | PlayPlan):
         yield part.plan.title
-
-
-def _empty(item: QuestionItemSpec, words: InterfaceWords) -> Any:
-    draft = build_draft(item, rtl=words.rtl)
-    return screen_texts.build_question_screen(words, title="", draft=draft, number=0, count=1, note="")
 
 
 def _without_translation(plan: SessionPlan, words: InterfaceWords) -> Iterator[str]:

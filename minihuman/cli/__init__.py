@@ -30,7 +30,9 @@ _COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # of a terminal, which Gymnasium puts 
 
 def main() -> None:
     """Run the command line; what a user can put right (our errors, a file out of reach) is one line and exit 2."""
-    warnings.formatwarning = _format_warning  # type: ignore[assignment] # the text alone is of use here
+    warnings.formatwarning = lambda message, *_: (  # type: ignore[assignment] # the text alone is of use here
+        f"Warning: {escape_control_characters(_COLOURS.sub('', str(message)))}\n"
+    )
     code = _run()
     try:
         sys.stdout.flush()
@@ -119,10 +121,6 @@ def _can_import(distribution: str) -> bool:
 def _usage_line(error: click.UsageError) -> str:
     said = " ".join(error.format_message().split()).removesuffix(".")
     return said if error.ctx is None else f"{said} (see {error.ctx.command_path} --help)"
-
-
-def _format_warning(message: Warning | str, *_: object) -> str:
-    return f"Warning: {escape_control_characters(_COLOURS.sub('', str(message)))}\n"
 
 
 def _complain(line: str) -> None:

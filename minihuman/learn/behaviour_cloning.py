@@ -368,7 +368,8 @@ def build_card_text(
     lines = [
         f"# A policy cloned from {', '.join(players)} demonstrations of {study.world}",
         "",
-        f"Options: {demonstrations.options or 'none'}. It sees {_sight(study)}.",
+        f"Options: {demonstrations.options or 'none'}. It sees {_SIGHTS[study.sight]}"
+        f"{' and the mission' if study.missions else ''}.",
         f"Actions: {', '.join(demonstrations.action_names)}.",
         *(f"- {line}" for line in demonstrations.account.lines()),
         "",
@@ -454,10 +455,8 @@ def _card(demonstrations: Demonstrations, eyes: EncoderName, study: CloneStudy) 
     )
 
 
-def _sight(study: CloneStudy) -> str:
-    seen = {
-        "view": "the world's own observation",
-        "whole": "the whole grid, turned its way up",
-        "remembered": "the cells near it that were in view so far, turned its way up",
-    }
-    return seen[study.sight] + (" and the mission" if study.missions else "")
+_SIGHTS = {
+    "view": "the world's own observation",
+    "whole": "the whole grid, turned its way up",
+    "remembered": "the cells near it that were in view so far, turned its way up",
+}

@@ -188,11 +188,6 @@ class CustomCodec:
     decode: Callable[[Any], Any]
 
 
-def _encode_wall(wall: tuple[float, float, float, float]) -> v1.Wall:
-    x0, z0, x1, z1 = wall
-    return v1.Wall(x0=x0, z0=z0, x1=x1, z1=z1)
-
-
 def _decode_part(message: v1.Part) -> PlannedPart:
     """A part as its kind reads it; as plain JSON where this machine has no such kind, so that the log opens even so."""
     plan = msgspec.json.decode(message.plan_json)
@@ -202,7 +197,9 @@ def _decode_part(message: v1.Part) -> PlannedPart:
 
 
 POSE = MessageCodec(Pose, v1.Pose)
-_WALL = CustomCodec(_encode_wall, attrgetter("x0", "z0", "x1", "z1"))
+_WALL = CustomCodec(
+    lambda wall: v1.Wall(x0=wall[0], z0=wall[1], x1=wall[2], z1=wall[3]), attrgetter("x0", "z0", "x1", "z1")
+)
 _MAP = MessageCodec(
     Map,
     v1.Map,
@@ -271,10 +268,6 @@ def _encode_stored_observation(event: events.ObservationStored) -> v1.Observatio
     return v1.Observation(t_ns=event.t_ns, episode=event.episode, step=event.step, **held)
 
 
-def _decode_stored_observation(message: v1.Observation) -> events.ObservationStored:
-    return events.ObservationStored(message.t_ns, message.episode, message.step, decode_observation(message))
-
-
 def _encode_pause(event: events.Paused | events.Resumed) -> v1.Pause:
     if isinstance(event, events.Paused):
         return v1.Pause(t_ns=event.t_ns, paused=True, reason=event.reason)
@@ -323,7 +316,10 @@ _OWN_ROWS = tuple(
             events.ObservationStored,
             topics.OBSERVATION,
             {},
-            CustomCodec(_encode_stored_observation, _decode_stored_observation),
+            CustomCodec(
+                _encode_stored_observation,
+                lambda it: events.ObservationStored(it.t_ns, it.episode, it.step, decode_observation(it)),
+            ),
         ),
         (events.Stepped, topics.STEP, {"return_": FieldCodec("episode_return"), "pose": nested("pose", POSE)}),
         (events.FrameShown, topics.FRAME),

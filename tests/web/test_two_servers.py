@@ -131,7 +131,10 @@ def test_people_who_are_loaded_from_either_server_play_once_and_nothing_acknowle
         for name in (URL_FILE_NAME, STORE_URL_FILE_NAME):
             (elsewhere / name).write_text((machines[0].data / name).read_text())
         ends: dict[str, set[str]] = {}  # of complete logs, wherever they are
-        for data in (*(machine.data for machine in machines), elsewhere):
+        folders = (*(machine.data for machine in machines), elsewhere)
+        for data in folders:  # what a server was killed before it uploaded, `minihuman gather` puts there
+            sync_logs(data, "tried/")
+        for data in folders:
             for log in data.rglob("*.mcap"):
                 if read_log(log).end_reason == "complete":
                     ends.setdefault(log.name, set()).add(hashlib.sha256(log.read_bytes()).hexdigest())

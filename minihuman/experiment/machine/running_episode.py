@@ -273,6 +273,8 @@ class RunningEpisode:
             self.outcome = "goal" if transition.reward > 0 else "failure"
         elif truncated:
             self.outcome = "timeout"
+        is_answer = key and (held is None or key in held)  # to the latest picture that was there when it was pressed
+        seen_ns = [flip_ns for flip_ns in self._flips_ns if flip_ns <= key_t_ns] if is_answer else []
         return Stepped(
             t_ns=t_ns,
             episode=self.plan.episode,
@@ -285,7 +287,7 @@ class RunningEpisode:
             terminated=transition.terminated,
             truncated=truncated,
             pose=pose,
-            rt_ms=self._rt_ms(key_t_ns) if key and (held is None or key in held) else None,
+            rt_ms=(key_t_ns - seen_ns[-1]) / NS_PER_MS if seen_ns else None,
             state_hash=self._state_hash,
             observation_hash=transition.observation_hash,
             onset=transition.onset,
@@ -319,11 +321,6 @@ class RunningEpisode:
     @property
     def _period_ns(self) -> int:
         return max(1, round(self.plan.step_period_ms * NS_PER_MS))
-
-    def _rt_ms(self, key_t_ns: int) -> float | None:
-        """The key's time after the flip of the latest picture that was there when it was pressed."""
-        seen = [flip_ns for flip_ns in self._flips_ns if flip_ns <= key_t_ns]
-        return (key_t_ns - seen[-1]) / NS_PER_MS if seen else None
 
 
 def check_bindings(world: "World", bindings: "Bindings") -> None:

@@ -140,10 +140,8 @@ export class ComputedScenes {
     for (const known of this.#scenes.keys()) if (known < name && known !== this.start.scene) this.#scenes.delete(known);
   }
 
-  /**
-   * The picture of a scene, or a share of the way to it, as long as no other is drawn; null until it can be drawn.
-   * @param {number} name @param {any} [from] what was saved of the scene before @param {number} [share]
-   */
+  // The picture of a scene, or a share of the way to it, as long as no other is drawn; null until it can be drawn.
+  /** @param {number} name @param {any} [from] what was saved of the scene before @param {number} [share] */
   draw(name, from, share = 1) {
     const scene = this.#scenes.get(name);
     if (!scene) return null;

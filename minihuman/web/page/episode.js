@@ -411,10 +411,8 @@ export class EpisodePlayer {
     return known && step === confirmed?.step && (confirmed.action ?? -1) >= 0;
   }
 
-  /**
-   * Whether the server has more steps to make than a round trip holds: time, and what repeats itself, waits for it, so
-   * that a world slower than its period slows down, as in a window, and does not fall behind.
-   */
+  // Whether the server has more steps to make than a round trip holds: time, and what repeats itself, waits for it, so
+  // that a world slower than its period slows down, as in a window, and does not fall behind.
   get isBehind() {
     const play = this.play;
     if (!play || play.nextTick === null || play.frozen || play.ended) return false;

@@ -27,10 +27,8 @@ export class GamepadReader {
   #name = "";
   #readMs = 0; // when it was read last
 
-  /**
-   * @param {Keyboard} keyboard @param {() => boolean} hasFocus @param {(what: Input, ms?: number) => void} send
-   * @param {() => boolean} isBehind whether sticks are read later: each move makes the step that is due
-   */
+  // Whether sticks are read later is asked of `isBehind`: each move makes the step that is due.
+  /** @param {Keyboard} keyboard @param {() => boolean} hasFocus @param {(what: Input, ms?: number) => void} send @param {() => boolean} isBehind */
   constructor(keyboard, hasFocus, send, isBehind) {
     this.keyboard = keyboard;
     this.hasFocus = hasFocus;
