@@ -368,8 +368,9 @@ def build_card_text(
     lines = [
         f"# A policy cloned from {', '.join(players)} demonstrations of {study.world}",
         "",
-        f"Options: {demonstrations.options or 'none'}. It sees {_SIGHTS[study.sight]}"
-        f"{' and the mission' if study.missions else ''}.",
+        f"Options: {demonstrations.options or 'none'}. It sees "
+        + _SIGHTS[study.sight]
+        + (" and the mission." if study.missions else "."),
         f"Actions: {', '.join(demonstrations.action_names)}.",
         *(f"- {line}" for line in demonstrations.account.lines()),
         "",
