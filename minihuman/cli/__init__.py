@@ -30,7 +30,7 @@ _COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # of a terminal, which Gymnasium puts 
 
 def main() -> None:
     """Run the command line; what a user can put right (our errors, a file out of reach) is one line and exit 2."""
-    warnings.formatwarning = lambda message, *_: (  # type: ignore[assignment] # the text alone is of use here
+    warnings.formatwarning = lambda message, *_: (  # the text alone is of use here
         f"Warning: {escape_control_characters(_COLOURS.sub('', str(message)))}\n"
     )
     code = _run()
