@@ -17,7 +17,7 @@ from minihuman.admin.remote_store import upload_log
 from minihuman.dataset.caches import is_cache
 from minihuman.errors import LogError, name_file_in_errors
 from minihuman.log.names import CHAIN_KEY
-from minihuman.log.paths import require_folder, study_folder
+from minihuman.log.paths import find_log_folders, group_sessions, require_folder, study_folder
 from minihuman.log.salvage.summary_section import read_summary
 from minihuman.operating_system import hash_file, replace_durably
 
@@ -58,6 +58,16 @@ def record_missing_heads(log: Path) -> int:
     heads = _read_chain_heads(log)
     begun = heads and open_enrolment_log(study_folder(log)).begun
     return record_chain_heads(study_folder(log), heads, only_missing=True) if begun else 0
+
+
+def find_unrecorded_logs(study: Path) -> list[Path]:
+    """Finished logs of which the enrolment log lacks a chain head, as a server ended before it wrote that."""
+    known = {
+        (line.sealed, line.segment) for line in open_enrolment_log(study).read() if isinstance(line, ChainHeadRecorded)
+    }
+    sessions = [one for folder, names in find_log_folders(study) for one in group_sessions(folder, names).items()]
+    logs = [log for log, files in sessions if log in files]
+    return [log for log in logs if any((one.sealed, one.segment) not in known for one in _read_chain_heads(log))]
 
 
 def _read_chain_heads(log: Path) -> list[ChainHeadRecorded]:

@@ -57,7 +57,8 @@ def _run() -> int:
             _complain(line)
         return error.exit_code
     except click.UsageError as error:
-        _complain(_usage_line(error))
+        said = " ".join(error.format_message().split()).removesuffix(".")
+        _complain(said if error.ctx is None else f"{said} (see {error.ctx.command_path} --help)")
         return error.exit_code
     except click.Abort as error:  # also what Click makes of Ctrl-C
         return _INTERRUPTED if isinstance(error.__cause__, KeyboardInterrupt) else 1
@@ -116,11 +117,6 @@ def _can_import(distribution: str) -> bool:
         modules = [module for module, name in _DISTRIBUTIONS.items() if name == distribution]
         return find_spec(*modules or [distribution.replace("-", "_")]) is not None
     return False
-
-
-def _usage_line(error: click.UsageError) -> str:
-    said = " ".join(error.format_message().split()).removesuffix(".")
-    return said if error.ctx is None else f"{said} (see {error.ctx.command_path} --help)"
 
 
 def _complain(line: str) -> None:

@@ -152,7 +152,7 @@ def ppo(
         raise LearnError(f"{out} already exists; choose another file with --out")
     settings = BatchPpoSettings(steps=steps, worlds=worlds, memory=memory, device=device)
     with show_progress(f"training in {world}") as show:
-        curve = train_batch(
+        progress = train_batch(
             world,
             out,
             settings,
@@ -160,7 +160,7 @@ def ppo(
             seed=seed,
             follow=lambda point: show(f"{point.steps} of {steps} steps, {point.success:.0%} of episodes succeed"),
         )
-    last = curve[-1]
+    last = progress[-1]
     print(
         f"{out}: {last.steps} steps, {last.episodes} episodes; of the latest, {last.success:.0%} succeeded, mean "
         f"return {last.return_mean:.3f}"

@@ -100,10 +100,10 @@ def train_batch(
     settings = replace(settings, worlds=worlds.num_envs)
     policy = build_policy(space, len(made.action_names), eyes, memory=settings.memory).to(settings.device)
     run = _Run(policy, worlds, eyes == "codes", missions, settings, seed)
-    curve: list[CurvePoint] = []
+    progress: list[CurvePoint] = []
     while run.steps < settings.steps:
-        curve.append(run.update())
-        follow(curve[-1])
+        progress.append(run.update())
+        follow(progress[-1])
     card = PolicyCard(
         *(
             world,
@@ -121,10 +121,10 @@ def train_batch(
     )
     save_policy(policy.cpu(), card, out)
     with out.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(asdict(curve[0])))
+        writer = csv.DictWriter(file, list(asdict(progress[0])))
         writer.writeheader()
-        writer.writerows(map(asdict, curve))
-    return curve
+        writer.writerows(map(asdict, progress))
+    return progress
 
 
 def _make_batch(world: str, count: int, options: dict[str, Any]) -> gymnasium.vector.VectorEnv[Any, Any, Any]:

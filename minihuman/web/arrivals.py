@@ -14,7 +14,7 @@ from typing import Literal
 
 from minihuman.admin.enrolment_log import free_slot
 from minihuman.admin.lease import Lease, LeaseHeldError, SessionLeases, name_session
-from minihuman.admin.manifest import record_log_end
+from minihuman.admin.manifest import find_unrecorded_logs, record_log_end
 from minihuman.admin.next_session import is_session_complete, plan_next_session
 from minihuman.admin.recruitment import LinkIssued, ParticipantArrived, PlatformId, Recruitment, hash_link_token
 from minihuman.admin.remote_store import RemoteStoreError, sync_logs
@@ -317,10 +317,10 @@ class Arrivals:
         self.leases.release(admission.lease)
 
     def finish_ended(self) -> None:
-        """Finish the logs of sessions that had ended for good when this server was killed.
+        """Finish logs of sessions that had ended for good when this server was killed; record chain heads not recorded.
 
         Raises:
-            OSError: if the database cannot be asked, or a log cannot be written.
+            OSError: if the database or the remote store cannot be asked, or a log cannot be written.
             LogError: if a log cannot be finished.
         """
         for part in find_leftovers(self._study_dir) if self.leases is not None else ():
@@ -328,3 +328,5 @@ class Arrivals:
                 finished = self.leases and self.leases.recover(part, only_ended=True)
                 if finished and finished.readable:
                     record_log_end(finished.path)
+        for log in find_unrecorded_logs(self._study_dir) if self.leases is not None else ():
+            record_log_end(log)

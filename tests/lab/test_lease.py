@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.admin.enrolment_entries import ChainHeadRecorded, read_enrolment_log
+from minihuman.admin.enrolment_entries import ChainHeadRecorded, read_chain_heads, read_enrolment_log
 from minihuman.admin.lease import (
     RENEWAL_INTERVAL_S,
     TTL_S,
+    Lease,
     LeaseHeldError,
     LeaseLostError,
     LeaseRenewal,
@@ -19,6 +20,7 @@ from minihuman.admin.lease import (
     SessionLeases,
     name_session,
 )
+from minihuman.admin.manifest import find_unrecorded_logs
 from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.recruitment import ParticipantArrived, Recruitment, hash_link_token
 from minihuman.admin.remote_store import STORE_URL_FILE_NAME
@@ -27,6 +29,7 @@ from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.paths import session_folder
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.disk import GroupCommit
+from minihuman.log.record.finalization import recover_log
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.connection import Connection, ConnectionFactory, HostStorage, TurnedAway, start_host
 from minihuman.web.messages import MESSAGE_VERSION, Hello
@@ -281,11 +284,11 @@ def test_who_is_forgotten_is_taken_from_the_server_that_has_them(
     assert not other.part.exists()
 
 
-def test_only_the_server_that_ended_a_session_finishes_its_log_after_a_kill(
-    table: MemoryLeaseTable, clock: Clock, tmp_path: Path
-) -> None:
-    protocol = decode_protocol(study(tmp_path, episodes=1, max_steps=4).read_bytes())
-    machines = [tmp_path / "one", tmp_path / "other"]
+def leave_ended_session(
+    table: MemoryLeaseTable, clock: Clock, machines: list[Path]
+) -> tuple[Arrivals, Arrivals, Path, Lease]:
+    """Two servers, of which the first ended a session for good and was killed before its log was finished."""
+    protocol = decode_protocol(study(machines[0].parent, episodes=1, max_steps=4).read_bytes())
     one, other = (Arrivals(protocol, data, SessionLeases(table, clock=clock)) for data in machines)
     plan = plan_next_session(protocol, machines[0])
     made = start_host(
@@ -309,11 +312,33 @@ def test_only_the_server_that_ended_a_session_finishes_its_log_after_a_kill(
     made.files[0].leave()
     one.leases.end(lease, "complete")  # and killed
     made.host.close()
+    return one, other, part, lease
+
+
+def test_only_the_server_that_ended_a_session_finishes_its_log_after_a_kill(
+    table: MemoryLeaseTable, clock: Clock, tmp_path: Path
+) -> None:
+    machines = [tmp_path / "one", tmp_path / "other"]
+    one, other, part, lease = leave_ended_session(table, clock, machines)
+    stale = machines[1] / part.relative_to(machines[0])
     other.finish_ended()
     assert [path.name for path in stale.parent.iterdir()] == [f"{part.name}.superseded-1"]
     one.finish_ended()
     assert [path.name for path in part.parent.iterdir()] == ["sub-01_ses-01.mcap"]
     assert table.read_files(lease.session) == {}
+    assert find_unrecorded_logs(machines[0] / "tried") == []
+
+
+def test_the_head_of_a_log_is_recorded_by_a_server_that_was_killed_before_it_wrote_that(
+    table: MemoryLeaseTable, clock: Clock, tmp_path: Path
+) -> None:
+    one, _, part, _ = leave_ended_session(table, clock, [tmp_path / "one", tmp_path / "other"])
+    log = recover_log(part).path  # named, and killed
+    assert find_unrecorded_logs(tmp_path / "one/tried") == [log]
+    assert read_chain_heads(tmp_path / "one/tried", log.name) == {}
+    one.finish_ended()
+    assert find_unrecorded_logs(tmp_path / "one/tried") == []
+    assert [*read_chain_heads(tmp_path / "one/tried", log.name)] == ["1"]
 
 
 def test_a_page_whose_session_turns_out_to_be_complete_comes_again_and_is_told_so(

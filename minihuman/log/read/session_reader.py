@@ -27,7 +27,6 @@ from minihuman.log.model.session_log import (
     CUT_OFF,
     EpisodeLog,
     PartEvent,
-    PauseSpans,
     Segment,
     SegmentNote,
     SessionLog,
@@ -141,12 +140,6 @@ def build_key_columns(column: Callable[[str], FieldColumn], count: int) -> Event
         return np.where(found.is_present, found.values, NO_ACTION) if name == "action" else found.values
 
     return EventColumns(events.KeyPressed, cache(values), range(count))
-
-
-def _trim_vectors(rows: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """An episode's vectors without the columns that only another world's have; None where its actions are numbers."""
-    used = ~np.isnan(rows).all(axis=0)
-    return rows[:, used] if used.any() else None
 
 
 _BREAK = ""  # the topic that stands for messages that are missing
@@ -362,12 +355,14 @@ class SessionAssembler:
             check_step_numbers(episode, episode_numbers[its], step_numbers[its])
             attempts[episode] += 1
             with_reset = slice(its.start + number, its.stop + number + 1)  # every episode before has a reset too
+            first_ns, last_ns = (int(of_states["t_ns"][with_reset][at]) for at in (0, -1))
+            used = ~np.isnan(vectors[its]).all(axis=0)  # other columns are another world's
             yield EpisodeLog(
                 start=start,
                 **{name: column[with_reset] for name, column in of_states.items()},
                 **{name: column[its] for name, column in of_steps.items()},
                 step_keys=step_keys[its],
-                action_vectors=_trim_vectors(vectors[its]),
+                action_vectors=vectors[its][:, used] if used.any() else None,  # its actions are numbers
                 keys=rows.key_events[rows.keys.between(span.begin, span.end)],
                 frames=rows.frame_events[rows.frames.between(span.begin, nexts[number])],  # the last one stays
                 outcome=span.outcome,
@@ -375,7 +370,11 @@ class SessionAssembler:
                 observations=self._observations(span, its.stop - its.start),
                 segment=segment.number,
                 attempt=attempts[episode],
-                pauses=_between_offsets(segment.pauses, of_states["t_ns"][with_reset]),
+                pauses=tuple(
+                    (max(begin, first_ns), min(end, last_ns))
+                    for begin, end in segment.pauses
+                    if begin < last_ns and end > first_ns
+                ),
                 taught=_build_teaching(span, its.stop - its.start, segment.start_ns),
                 team=gather_team(span.formed, span.ready, span.activity_events, its.stop - its.start),
             )
@@ -490,12 +489,6 @@ def _build_teaching(span: _EpisodeDraft, steps: int, start_ns: int) -> TeachingR
     in_time = part_events_in_session_time(span.activity_events, start_ns)
     found = [event for event in in_time if isinstance(event, events.ActivityEvent)]
     return gather_teaching(found, steps=steps, actions=len(span.start.action_names), policy=span.policy)
-
-
-def _between_offsets(pauses: PauseSpans, t_ns: NDArray[np.int64]) -> PauseSpans:
-    """The pauses, or what of them lies between an episode's reset and its last step."""
-    first, last = int(t_ns[0]), int(t_ns[-1])
-    return tuple((max(begin, first), min(end, last)) for begin, end in pauses if begin < last and end > first)
 
 
 def read_events(path: Path) -> Iterator[events.Event]:

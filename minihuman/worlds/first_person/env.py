@@ -447,7 +447,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         """The agent's view, a share (0..1) of the way from an earlier pose to where it is, which it stays."""
         agent, carried, pose = self.agent, self.agent.carrying, self.pose()
         moved = [agent] if carried is None else [agent, carried]
-        stay = [(one, one.pos, one.dir) for one in moved]
+        placed = [(one, one.pos, one.dir) for one in moved]
         starts, ends = ((one.x, one.y, one.z, one.yaw_rad) for one in (before, pose))
         x, y, z, agent.dir = (start + share * (end - start) for start, end in zip(starts, ends, strict=True))
         agent.pos = x, y, z
@@ -456,7 +456,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         try:
             return self.picture(size_px=size_px, palette=palette)
         finally:
-            for one, pos, heading in stay:
+            for one, pos, heading in placed:
                 one.pos, one.dir = pos, heading
 
     def depth(self, *, size_px: tuple[int, int] = (80, 60)) -> NDArray[np.float32]:
