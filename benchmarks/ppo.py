@@ -177,8 +177,9 @@ def main() -> None:
         writer = csv.DictWriter(sys.stdout, FIELDS)
         writer.writerows({"world": world, "trainer": trainer, "seed": seed} | row for row in rows)
         return
-    names = ("torch", "stable-baselines3", "sb3-contrib", "gymnasium", "numpy")
-    print(", ".join(f"{name} {version(name)}" for name in names), f"; {read.steps} steps, 16 worlds, one thread")
+    names = ["torch", "stable-baselines3", "gymnasium", "numpy"]
+    names += ["sb3-contrib"] if "sb3 recurrent" in read.trainers else []
+    print(", ".join(f"{name} {version(name)}" for name in names) + f"; {read.steps} steps, 16 worlds, one thread")
     print(f"{'world':16}{'trainer':18}{'seed':>5}{'steps/CPU-s':>13}{'CPU-s':>8}{'success':>9}")
     for seed in range(read.first_seed, read.first_seed + read.seeds):
         for world in read.worlds:
