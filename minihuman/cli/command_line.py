@@ -59,7 +59,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {  # the commands of each module of 
         "payments": "Print the payment for each session as CSV.",
     },
     "agents": {
-        "learn": "Train agents on people's data.",
+        "learn": "Train agents, on people's data or without.",
         "bench": "Make benchmark sets of levels and score players on them.",
     },
     "machine": {

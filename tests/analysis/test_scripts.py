@@ -69,6 +69,22 @@ def test_every_script_is_tested():
     assert [path.name for path in scripts if path.name not in tests] == []
 
 
+def test_curves_of_trainings_are_compared_with_intervals_over_seeds(tmp_path, monkeypatch, capsys):
+    rows = [
+        {"world": "DoorKey", "trainer": trainer, "seed": seed, "steps": step, "success": min(1.0, step * speed / 4_000),
+         "cpu_s": step / 1_000}
+        for trainer, speed in (("ours", 4), ("sb3", 1))
+        for seed in (1, 2, 3)
+        for step in range(500, 3_001, 500)
+    ]  # fmt: skip
+    pd.DataFrame(rows).to_csv(tmp_path / "curves.csv", index=False)
+    run(monkeypatch, "ppo_curves.py", tmp_path)
+    ours, theirs = capsys.readouterr().out.splitlines()[2:]
+    assert ours == "| DoorKey | minihuman | 3 | 0.95 (0.95 to 0.95) | 1,000 (1,000 to 1,000) | 1,000 (1,000 to 1,000) |"
+    assert "| 0 of 3 learned |" in theirs
+    assert (tmp_path / "curves.svg").stat().st_size > 5_000
+
+
 def test_the_papers_design_is_put_to_simulated_people(tmp_path, monkeypatch, capsys):
     run(monkeypatch, "ten_people.py", tmp_path, "--people", 4, "--studies", 2, "--processes", 1)
     rows = pd.read_csv(tmp_path / "ten_people.csv")
@@ -122,7 +138,7 @@ def test_each_attacker_is_held_out_of_the_fit_of_the_evidence(tmp_path, monkeypa
 def test_the_baseline_sets_difficulty_is_what_simulated_people_make_it(tmp_path, monkeypatch):
     run(monkeypatch, "baseline_difficulty.py", tmp_path, "--quick")
     table = pd.read_csv(tmp_path / "baseline_difficulty.csv")
-    assert table["episodes"].tolist() == [2] * 12
+    assert table["episodes"].tolist() == [2] * 13
     assert (table["success_at_limit"] >= 0.8).all()
     committed = pd.read_csv(SCRIPTS / "baseline_difficulty.csv")
     limits = {family.name: family.max_steps for families in FAMILIES.values() for family in families}
@@ -137,7 +153,8 @@ def test_the_baseline_sets_policies_are_trained_for_every_family(tmp_path, monke
     for what in ("clone", "ppo"):
         run(monkeypatch, "baseline_policies.py", what, tmp_path, "--quick")
         worlds = [world for path in (tmp_path / what).glob("*.pt") for world in load_policy(path)[1].worlds]
-        wanted = [f"minihuman/{family.world}" for families in FAMILIES.values() for family in families]
+        every = [f"minihuman/{family.world}" for families in FAMILIES.values() for family in families]
+        wanted = [world for world in every if "/Team-" not in world]  # of kitchens "not trained" is said
         assert sorted(worlds) == sorted(wanted)
 
 

@@ -240,25 +240,25 @@ PLANTED_AT_COMMITS: dict[str, Parts] = {
 }
 FOUND_BY = {  # the first seed that shows it
     "acknowledged before fsync": 1,
-    "failed fsync swallowed": 14,
+    "failed fsync swallowed": 12,
     "short write taken as whole": 13,
     "last chunk dropped": 1,
     "folder not synced": 0,
-    "renamed before its content": 24,
+    "renamed before its content": 30,
     "resent as new": 0,
     "sent taken for arrived": 0,
     "lost commit unnoticed": 171,
     "slot freed twice": 0,
-    "time from the wall clock": 191,
-    "tabs mixed": 1,
+    "time from the wall clock": 894,
+    "tabs mixed": 42,
 }
 FOUND_BY_TWO = {
-    "acknowledged before copied": 50,
+    "acknowledged before copied": 1,
     "resumed from its own file": 1,
-    "outdated file kept": 29,
-    "fence ignored": 11,
+    "outdated file kept": 82,
+    "fence ignored": 3,
 }
 FOUND_BY_AT_COMMITS = {
     "named before stored": 2,
-    "copy dropped before finished": 4,
+    "copy dropped before finished": 111,
 }

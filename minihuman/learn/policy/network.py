@@ -294,7 +294,7 @@ def build_policy(observation_space: spaces.Dict, actions: int, eyes: EncoderName
         observation_space,
         spaces.Discrete(actions),
         lambda _: 3e-4,
-        **get_policy_settings(eyes),  # type: ignore[arg-type]
+        **get_policy_settings(eyes),
     )
     if memory:
         policy.add_memory()
