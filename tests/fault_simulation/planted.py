@@ -259,6 +259,6 @@ FOUND_BY_TWO = {
     "fence ignored": 3,
 }
 FOUND_BY_AT_COMMITS = {
-    "named before stored": 2,
+    "named before stored": 33,
     "copy dropped before finished": 111,
 }
