@@ -61,6 +61,7 @@ WORDS = {  # of every command; one that is new fails until it is listed here
     "payments": STUDY,
     "learn clone": f"{STUDY} --world minihuman/MiniGrid-FourRooms-v0 --out clone.pt",
     "learn teach": f"{STUDY} --world minihuman/MiniGrid-FourRooms-v0 --out teach.pt",
+    "learn ppo": "minihuman/MiniGrid-FourRooms-v0 --out ppo.pt",
     "bench new": "--out bench.toml",
     "bench run": f"{DEMO}",
     "plugins": "",
