@@ -51,7 +51,6 @@ def train_ours(world: str, steps: int, seed: int, *, memory: bool) -> list[dict[
 
 def train_theirs(world: str, steps: int, seed: int, *, memory: bool) -> list[dict[str, Any]]:
     import torch
-    from sb3_contrib import RecurrentPPO
     from stable_baselines3 import PPO
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.vec_env import VecEnv
@@ -138,8 +137,12 @@ def train_theirs(world: str, steps: int, seed: int, *, memory: bool) -> list[dic
         measured = {"return_mean": float(np.mean(returns)), "success": float(np.mean(good))}
         return {"steps": done, "episodes": worlds.episodes, **measured, "cpu_s": time.process_time() - began}
 
+    if memory:
+        from sb3_contrib import RecurrentPPO as Trainer
+    else:
+        Trainer = PPO
     their_network = get_policy_settings(eyes) | ({"lstm_hidden_size": 64 + 32 * missions} if memory else {})
-    trainer = (RecurrentPPO if memory else PPO)(
+    trainer = Trainer(
         "MultiInputLstmPolicy" if memory else "MultiInputPolicy",
         worlds,
         learning_rate=lambda left: settings.learning_rate * left,
