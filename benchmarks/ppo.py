@@ -137,12 +137,13 @@ def train_theirs(world: str, steps: int, seed: int, *, memory: bool) -> list[dic
         measured = {"return_mean": float(np.mean(returns)), "success": float(np.mean(good))}
         return {"steps": done, "episodes": worlds.episodes, **measured, "cpu_s": time.process_time() - began}
 
+    make: Any = PPO
     if memory:
-        from sb3_contrib import RecurrentPPO as Trainer
-    else:
-        Trainer = PPO
+        import sb3_contrib
+
+        make = sb3_contrib.RecurrentPPO
     their_network = get_policy_settings(eyes) | ({"lstm_hidden_size": 64 + 32 * missions} if memory else {})
-    trainer = Trainer(
+    trainer = make(
         "MultiInputLstmPolicy" if memory else "MultiInputPolicy",
         worlds,
         learning_rate=lambda left: settings.learning_rate * left,
