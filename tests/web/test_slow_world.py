@@ -98,11 +98,11 @@ def test_key_to_picture_stays_within_a_few_steps_though_each_takes_longer_than_i
     quality = measure_recording_quality(session)
     print(f"steps {np.mean(made):.0f} ms apart, missed {quality.periods_missed} of {quality.periods} periods")
     print(f"hold {hold}, {rtt_ms:g} ms: key to picture {np.round(to_picture_ms)} ms")
-    assert max(to_picture_ms) < rtt_ms + 6 * 1000 * STEP_S + 300, to_picture_ms
+    assert max(to_picture_ms) < rtt_ms + 20 * np.mean(made), to_picture_ms  # 280 steps late, when nothing bounded it
     assert list(find_log_differences(log, World)) == []
     assert len(episode.actions) == STEPS
     assert {1, 2} <= {*episode.actions}, "no press is lost"
     assert 10 < len(moved) < 1.2 * STEPS, "a stick is read about as often as the world steps"
-    assert 1000 * STEP_S * 0.9 < np.mean(made) < 1000 * STEP_S * 1.6, "a step each time that the world is ready for one"
+    assert 1000 * STEP_S * 0.9 < np.mean(made), "a step each time that the world is ready for one"
     assert quality.periods == quality.periods_missed + STEPS - 1
     assert quality.periods_missed == pytest.approx(np.sum(made) / PERIOD_MS - STEPS, abs=3)
