@@ -5,8 +5,16 @@ from dataclasses import replace
 import pytest
 from msgspec.structs import replace as replace_field
 
-from minihuman.experiment.machine.events import EpisodeStarted, KeyPressed, Noted
-from minihuman.experiment.machine.inputs import ExperimenterCommand, FocusChanged, KeyDown, KeyUp, ScreenShown, Tick
+from minihuman.experiment.machine.events import EpisodeStarted, KeyPressed, Noted, SessionEnded
+from minihuman.experiment.machine.inputs import (
+    AxisChanged,
+    ExperimenterCommand,
+    FocusChanged,
+    KeyDown,
+    KeyUp,
+    ScreenShown,
+    Tick,
+)
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.replay import compare_replay
 from minihuman.worlds.adapters.world import World
@@ -99,4 +107,21 @@ def test_an_input_that_ends_the_last_picture_and_finds_the_next_world_being_made
     desk.press("enter")
     desk.act("forward")
     assert len(desk.of(EpisodeStarted)) == 2
+    assert list(compare_replay(desk.events, World)) == []
+
+
+@pytest.mark.parametrize(
+    "happened",
+    [KeyDown, KeyUp, lambda t_ns, key, _: AxisChanged(t_ns, key, 0.5), lambda t_ns, *_: FocusChanged(t_ns, False)],
+    ids=["key", "release", "axis", "focus"],
+)
+def test_nothing_follows_the_end_of_a_session_that_an_input_finds_over(happened):
+    desk = Desk(corridor_plan(episodes=1, max_steps=2, hold_ms=300))
+    desk.press("enter")
+    desk.act("forward", "forward")
+    late(desk, 40)
+    desk.now_ns += 400 * MS
+    desk.give(happened(desk.now_ns, "pad_left_x", "pad_left_x"))
+    assert desk.session.over
+    assert isinstance(desk.events[-1], SessionEnded)
     assert list(compare_replay(desk.events, World)) == []

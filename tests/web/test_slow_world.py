@@ -103,6 +103,6 @@ def test_key_to_picture_stays_within_a_few_steps_though_each_takes_longer_than_i
     assert len(episode.actions) == STEPS
     assert {1, 2} <= {*episode.actions}, "no press is lost"
     assert 10 < len(moved) < 1.2 * STEPS, "a stick is read about as often as the world steps"
-    assert 1000 * STEP_S * 0.9 < np.mean(made), "a step each time that the world is ready for one"
+    assert np.mean(made) > 1000 * STEP_S * 0.9, "a step each time that the world is ready for one"
     assert quality.periods == quality.periods_missed + STEPS - 1
     assert quality.periods_missed == pytest.approx(np.sum(made) / PERIOD_MS - STEPS, abs=3)

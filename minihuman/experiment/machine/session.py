@@ -281,8 +281,10 @@ class SessionMachine:
             case AxisChanged():
                 self._let_time_pass(happened.t_ns)
                 self._context.axes[happened.axis] = happened.value
-                waited_ns = self._now_ns - happened.t_ns
-                self._context.emit(AxisMoved(self._now_ns, happened.axis, happened.value, waited_ns))
+                if not self.over:
+                    self._context.emit(
+                        AxisMoved(self._now_ns, happened.axis, happened.value, self._now_ns - happened.t_ns)
+                    )
             case ExperimenterCommand():
                 self._let_time_pass(happened.t_ns)
                 self._asked(happened)
