@@ -148,14 +148,14 @@ def ppo(
     need_torch()
     from minihuman.learn.batch_ppo import BatchPpoSettings, train_batch
 
-    if out.exists():
-        raise LearnError(f"{out} already exists; choose another file with --out")
-    settings = BatchPpoSettings(steps=steps, worlds=worlds, memory=memory, device=device)
+    for path in (out, out.with_suffix(".csv")):
+        if path.exists():
+            raise LearnError(f"{path} already exists; choose another file with --out")
     with show_progress(f"training in {world}") as show:
         progress = train_batch(
             world,
             out,
-            settings,
+            BatchPpoSettings(steps=steps, worlds=worlds, memory=memory, device=device),
             missions=missions,
             seed=seed,
             follow=lambda point: show(f"{point.steps} of {steps} steps, {point.success:.0%} of episodes succeed"),

@@ -246,7 +246,7 @@ def _feed_next_input(session: SessionMachine, coming: list[Event]) -> list[Event
 
 
 def _find_input_behind(coming: list[Event], session: SessionMachine) -> Input | None:
-    """The input whose time was over before it did anything: else the next one would find a new world prepared."""
+    """The input that came as a timed screen ended: behind a tick of its own it would find the next world prepared."""
     for before, event in pairwise(takewhile(lambda one: one.t_ns == coming[0].t_ns, coming)):
         if before == Noted(event.t_ns, "phase", Phase.PREPARING) and isinstance(event, KeyPressed | AxisMoved | Noted):
             return _find_input(event, session)

@@ -70,7 +70,6 @@ def train_batch(
     out: Path,
     settings: BatchPpoSettings,
     *,
-    options: dict[str, Any] | None = None,
     missions: bool = False,
     seed: int = 1,
     follow: Callable[[CurvePoint], None] = lambda _: None,
@@ -80,23 +79,23 @@ def train_batch(
     Args:
         world: a Gymnasium id with a batch of its own: every built-in world.
         out: the policy file.
-        options: keyword arguments of the world.
         missions: whether the policy observes the mission, one of "go to the COLOUR KIND".
         seed: of worlds, network and choices.
         follow: called after each update.
 
     Raises:
-        LearnError: if the world has no batch, no image, or other missions.
+        LearnError: if the world has no batch, no image, or other missions, or there is no such device.
     """
+    if settings.device != "cpu" and not (settings.device == "cuda" and torch.cuda.is_available()):
+        raise LearnError(f"device {settings.device!r} is not here; use cpu, or cuda where PyTorch finds a GPU")
     torch.manual_seed(seed)
     torch.set_num_threads(1)  # small networks: more threads only wait for each other
-    options = options or {}
-    made: Any = World(world, options).unwrapped
+    made: Any = World(world, {}).unwrapped
     eyesight = ObservationEncoder(missions)
     space = eyesight.space(made)
     channels, height, _ = get_image_shape(space)
     eyes: EncoderName = "atari" if height > 20 else "codes" if channels == 3 else "planes"
-    worlds = _Seats(made.team, settings) if hasattr(made, "team") else _make_batch(world, settings.worlds, options)
+    worlds = _Seats(made.team, settings) if hasattr(made, "team") else _make_batch(world, settings.worlds)
     settings = replace(settings, worlds=worlds.num_envs)
     policy = build_policy(space, len(made.action_names), eyes, memory=settings.memory).to(settings.device)
     run = _Run(policy, worlds, eyes == "codes", missions, settings, seed)
@@ -105,17 +104,15 @@ def train_batch(
         progress.append(run.update())
         follow(progress[-1])
     card = PolicyCard(
-        *(
-            world,
-            options,
-            made.action_names,
-            get_image_shape(space),
-            eyesight,
-            eyes,
-            "batch ppo",
-            run.steps,
-            seed,
-        ),
+        world=world,
+        world_options={},
+        action_names=made.action_names,
+        image_shape=get_image_shape(space),
+        eyesight=eyesight,
+        eyes=eyes,
+        trained_by="batch ppo",
+        steps=run.steps,
+        seed=seed,
         notes={"settings": asdict(settings)},
         memory=settings.memory,
     )
@@ -127,7 +124,7 @@ def train_batch(
     return progress
 
 
-def _make_batch(world: str, count: int, options: dict[str, Any]) -> gymnasium.vector.VectorEnv[Any, Any, Any]:
+def _make_batch(world: str, count: int, **options: Any) -> gymnasium.vector.VectorEnv[Any, Any, Any]:
     try:
         return gymnasium.make_vec(
             world,

@@ -260,9 +260,8 @@ def _describe(one: EpisodePlan, spec: BlockSpec | None) -> str:
 
 def _moved(spec: BlockSpec | None) -> str:
     """How the view got from one picture to the next, where it did not change at once."""
-    if spec is None or not spec.motion_ms:
-        return ""
-    return f"; the view moved to each new picture for {spec.motion_ms:g} ms, from the beginning of which times count"
+    moved = "; in windows, and in browsers whose page drew the world, the view moved to each new picture for"
+    return f"{moved} {spec.motion_ms:g} ms, from the beginning of which times count" if spec and spec.motion_ms else ""
 
 
 def _episodes(one: EpisodePlan, spec: BlockSpec | None) -> str:

@@ -3,6 +3,7 @@
 import csv
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -72,7 +73,7 @@ def expand_one():
 
 def make_run(world=EMPTY, settings=SMALL, **options):
     torch.manual_seed(1)
-    batch = _make_batch(world, settings.worlds, options)
+    batch = _make_batch(world, settings.worlds, **options)
     space = ObservationEncoder(False).space(World(world, options).unwrapped)
     policy = build_policy(space, int(batch.single_action_space.n), "codes", memory=settings.memory)
     policy.action_net.weight.data *= 100  # else all actions are as likely at first
@@ -136,7 +137,12 @@ def test_the_command_trains_and_refuses_what_has_no_batch_and_a_file_that_is_the
     assert trained.stdout.startswith(f"{out}: 512 steps, "), trained.stderr
     again = subprocess.run(command, capture_output=True, text=True)
     assert again.returncode == 2
-    assert "already exists" in again.stderr
+    assert f"{out} already exists" in again.stderr
+    out.unlink()
+    again = subprocess.run(command, capture_output=True, text=True)
+    assert f"{out.with_suffix('.csv')} already exists" in again.stderr, "a curve is not written over either"
+    with pytest.raises(LearnError, match="device 'gpu' is not here"):
+        train_batch(EMPTY, tmp_path / "other.pt", replace(SMALL, device="gpu"))
     for world, said in (("minigrid:MiniGrid-Empty-5x5-v0", "has no batch of worlds"), ("CartPole-v1", "an image with")):
         with pytest.raises(LearnError, match=said):
             train_batch(world, tmp_path / "other.pt", SMALL)

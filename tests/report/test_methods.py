@@ -98,6 +98,17 @@ def test_blocks_that_the_page_computed_are_named_where_a_page_did():
         ) is says
 
 
+@pytest.mark.parametrize("moves", [False, True])
+def test_a_view_that_moved_is_told_with_what_times_count_from(moves):
+    toml = find_shipped_protocol("fourrooms-transfer").read_text()
+    world = 'world = "minihuman/MiniWorld-FourRooms-v0"'
+    assert toml.count(world) == 1
+    study = decode_protocol((toml.replace(world, f"{world}\nmotion_ms = 120") if moves else toml).encode())
+    plan = PlanOutline.of(expand_protocol(study, enrol_participant(study, 0)))
+    text = " ".join(build_methods([plan], [], protocols=[study]))
+    assert text.count("the view moved to each new picture for 120 ms, from the beginning of which times count") == moves
+
+
 def test_a_session_whose_browser_had_other_kernels_is_not_said_to_have_been_stepped_by_its_page():
     study = decode_protocol(find_shipped_protocol("fourrooms-transfer").read_bytes())
     plans = [PlanOutline.of(expand_protocol(study, enrol_participant(study, index))) for index in range(8)]
