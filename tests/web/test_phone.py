@@ -1,7 +1,6 @@
 """A phone held upright: buttons on the screen stand for keys, and no tap is missed or counted twice."""
 
 import re
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -118,10 +117,18 @@ class Fingers:
         self.tap = phone.tap
 
     def wait_for(self, selector: str) -> None:
-        self.phone.until(f"document.querySelector({selector!r})?.getClientRects().length")
+        self.wait_until(f"document.querySelector({selector!r})?.getClientRects().length")
 
     def wait_for_text(self, text: str) -> None:
-        self.phone.until(f"document.body.innerText.includes({text!r})")
+        self.wait_until(f"document.body.innerText.includes({text!r})")
+
+    def wait_until(self, condition: str) -> None:
+        """Until it holds and what stands in the page is on the display: a tap before that answers nothing, by rule."""
+        self.phone.until(condition)
+        self.phone.run(
+            "window.wasSeen = false; requestAnimationFrame(() => requestAnimationFrame(() => { window.wasSeen = true; }));"
+        )
+        self.phone.until("window.wasSeen")
 
     def look(self, name: str) -> None:
         """Nothing serious by axe-core, nothing cut off or too small for a thumb, no word of keys."""
@@ -142,14 +149,14 @@ class Fingers:
     def play(self) -> str:
         """The whole study; the key that was tapped."""
         phone, tap = self.phone, self.tap
-        phone.until("s.welcomed && s.kind === 'page'")
+        self.wait_until("s.welcomed && s.kind === 'page'")
         self.look("consent")
         tap("[data-target=go_on]")
-        phone.until("s.kind === 'text'")
+        self.wait_until("s.kind === 'text'")
         self.look("keyboard-check")
         for key in "123456":
             tap(f"#touch [data-key='{key}']")
-        phone.until("s.kind === 'page'")
+        self.wait_until("s.kind === 'page'")
         tap("[data-target=go_on]")
         self.wait_for("#touch [data-key=enter]")
         self.look("ready")
@@ -177,9 +184,7 @@ class Fingers:
         self.look("feedback")
         tap("#touch [data-key=enter]")
         self.wait_for_text("Ready?")
-        while not phone.find("minihuman.state.playing"):
-            tap("#touch [data-key=enter]")
-            time.sleep(0.1)
+        tap("#touch [data-key=enter]")
         for number in range(3):
             phone.until(f"s.known && s.step === {number}")
             if not number:
@@ -193,7 +198,7 @@ class Fingers:
         self.look("choice")
         tap("[data-target='option:1']")
         tap("[data-target=go_on]")
-        phone.until("s.kind === 'page'")
+        self.wait_until("s.kind === 'page'")
         tap("[data-target=go_on]")
         phone.until("s.finished")
         return str(turning)
