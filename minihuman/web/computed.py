@@ -6,6 +6,7 @@ the session's own, that is noted, and the page gets the session's state. No I/O.
 """
 
 import hashlib
+import struct
 import zlib
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from minihuman.worlds.grid.object_kinds import ObjectKind
 
 TERMINATED, TRUNCATED = 1, 2  # in a digest
+_OUTCOME = struct.Struct("<dQ")
 MOST_UNKNOWN = 50  # steps that a page may leave open, as after a reload without a network
 
 
@@ -52,6 +54,7 @@ class PageWorld(World):
     def __init__(self, world_id: str, options: dict[str, Any] | None = None) -> None:
         super().__init__(world_id, options)
         self._keeps_steps = self.is_compiled
+        self._is_grid = isinstance(self.unwrapped, GridEngine)
         self._stepped: tuple[NDArray[Any], ...] = ()
 
     def step(self, action: Action) -> StepResult:
@@ -59,16 +62,14 @@ class PageWorld(World):
         result = super().step(action)
         if self._keeps_steps:  # a copy: an episode that has ended gives its world to the next one
             env = self.unwrapped
-            is_grid = isinstance(env, GridEngine)
-            self._stepped = (env.state.row.copy(), self.observation["image"]) if is_grid else copy_state(env)
+            self._stepped = (env.state.row.copy(), self._observation["image"]) if self._is_grid else copy_state(env)
         return result
 
     def digest(self, reward: float, *, terminated: bool, truncated: bool) -> str:
         """The digest of the last step and what came of it in the episode, 16 hexadecimal digits."""
-        ends = TERMINATED if terminated else TRUNCATED if truncated else 0
-        outcome = np.array([np.float64(reward).view(np.uint64), ends], np.uint64)
-        digest: Any = digest_step if isinstance(self.unwrapped, GridEngine) else digest_state
-        return f"{int(digest(*self._stepped, outcome)):016x}"
+        digest: Any = digest_step if self._is_grid else digest_state
+        outcome = bytearray(_OUTCOME.pack(reward, TERMINATED if terminated else TRUNCATED if truncated else 0))
+        return f"{int(digest(*self._stepped, np.frombuffer(outcome, np.uint64))):016x}"
 
 
 def can_compute(play: RunningEpisode) -> bool:
@@ -142,7 +143,6 @@ def _describe_grid(
     env: GridEngine, plan: EpisodePlan, picture_px: tuple[int, int]
 ) -> tuple[WorldState, list[ArraysMessage], None]:
     """What no step changes, and the arrays that the page needs."""
-    assert plan.view != "text", "no page computes it"
     tile_px, palette = env.tiles(plan.view, picture_px, plan.palette)
     tiles = pack_atlas(tile_px, palette, env.kinds)
     in_view = palette == "minigrid"

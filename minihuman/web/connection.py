@@ -101,11 +101,6 @@ class HostedSession:
     segment: str  # what the page calls the segment: it says nothing of whose it is
     files: list[McapRecorder] = field(default_factory=list)  # its log, once there is one
 
-    @property
-    def agreed(self) -> bool:
-        """Whether there was a consent, or none was asked for: whether anything is recorded."""
-        return bool(self.files)
-
 
 def start_host(
     plan: SessionPlan,
@@ -225,6 +220,7 @@ class Connection:
         self.segment = hosted.segment
         self.host: SessionHost = hosted.host
         self.changed = asyncio.Event()  # there is something to send
+        self.ping: tuple[int, int] | None = None  # of a batch: when it was sent and received; answered with the rest
         self.finishing = False
         self.delayed = False  # its end is, since the enrolment log is unavailable
         self.finished = False  # its log is on the disk, or never will be
@@ -249,8 +245,8 @@ class Connection:
 
     @property
     def agreed(self) -> bool:
-        """Whether anything is recorded."""
-        return self._hosted.agreed
+        """Whether anything is recorded: there was a consent, or none was asked for."""
+        return bool(self._hosted.files)
 
     def gone(self, number: int) -> None:
         """A socket is closed."""
@@ -327,9 +323,7 @@ class Connection:
             return
         if isinstance(numbered.what, _ACTS):
             self.acted_s = arrival_ns / 1e9
-        if self._guarded(
-            lambda: self.host.receive(numbered.n, numbered.at, numbered.what, more=more, arrival_ns=arrival_ns)
-        ):
+        if self._guarded(self.host.receive, numbered.n, numbered.at, numbered.what, more=more, arrival_ns=arrival_ns):
             self.host.record_step_time(current_system().clock.monotonic_ns() - arrival_ns)
 
     def poll(self) -> bool:
@@ -362,18 +356,18 @@ class Connection:
                 self.host.ask(request.what, request.text)
             else:
                 asked = ExperimenterCommand(max(self.now_ns(), self.host.last_at_ns + 1), request.what, request.text)
-                self._guarded(lambda asked=asked: self.host.stop(asked))  # type: ignore[misc]
+                self._guarded(self.host.stop, asked)
             self.changed.set()
 
     def stop(self, reason: str, detail: str) -> None:
         """End the session from outside."""
         at_ns = max(self.now_ns(), self.host.last_at_ns + 1)
-        self._guarded(lambda: self.host.stop(Stop(at_ns, reason, detail)))  # type: ignore[arg-type]
+        self._guarded(self.host.stop, Stop(at_ns, reason, detail))  # type: ignore[arg-type]
         self.changed.set()
 
-    def _guarded(self, do: Callable[[], bool | None]) -> bool | None:
+    def _guarded(self, do: Callable[..., bool | None], *arguments: object, **others: object) -> bool | None:
         try:
-            return do()
+            return do(*arguments, **others)
         except LogError as error:
             self.host.session.receive(Stop(self.host.last_at_ns, "disk_full", str(error)))
         except messages.MessageError:

@@ -213,13 +213,14 @@ _PRESS: list[Any] = [
     ("symbol", ShortText, ""),
 ]
 _SHOWN: list[Any] = [("flip", _AGO), ("submit", _AGO), ("episode", int), ("step", int), ("node", int, -1)]
-_SHORT: msgspec.json.Decoder[Any] = msgspec.json.Decoder(
-    msgspec.defstruct(
-        "_Press", [*_HEAD, *_PRESS, ("repeat", bool, False)], array_like=True, tag="k", forbid_unknown_fields=True
-    )
-    | msgspec.defstruct("_Shown", [*_HEAD, *_SHOWN], array_like=True, tag="s", forbid_unknown_fields=True)
-    | msgspec.defstruct("_Tick", [*_HEAD, ("digest", Digest, "")], array_like=True, tag="t", forbid_unknown_fields=True)
+_Press: Any = msgspec.defstruct(
+    "_Press", [*_HEAD, *_PRESS, ("repeat", bool, False)], array_like=True, tag="k", forbid_unknown_fields=True
 )
+_Shown: Any = msgspec.defstruct("_Shown", [*_HEAD, *_SHOWN], array_like=True, tag="s", forbid_unknown_fields=True)
+_Tick: Any = msgspec.defstruct(
+    "_Tick", [*_HEAD, ("digest", Digest, "")], array_like=True, tag="t", forbid_unknown_fields=True
+)
+_SHORT: msgspec.json.Decoder[Any] = msgspec.json.Decoder(_Press | _Shown | _Tick)
 
 
 def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck | Ping:
@@ -242,19 +243,18 @@ def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck 
 
 
 def _expand(short: Any) -> NumberedMessage:
-    at_ns, ago = 1000 * short.at, [getattr(short, name, 0) for name in ("ago", "flip", "submit")]
-    if max(ago) > short.at:
+    at_ns, kind = 1000 * short.at, type(short)
+    if kind is _Tick:
+        return NumberedMessage(short.n, at_ns, TickMessage(short.digest))
+    if (short.ago if kind is _Press else max(short.flip, short.submit)) > short.at:
         raise ValueError("a time is before the session's start")
-    stamp_ns, flip_ns, submit_ns = (at_ns - 1000 * each for each in ago)
-    what: PageMessage
-    match short.__struct_config__.tag:
-        case "k":
-            what = KeyMessage(short.key, short.down == 1, stamp_ns, short.symbol, short.repeat, digest=short.digest)
-        case "s":
-            what = DisplayedMessage(submit_ns, flip_ns, episode=short.episode, step=short.step, node=short.node)
-        case _:
-            what = TickMessage(short.digest)
-    return NumberedMessage(short.n, at_ns, what)
+    if kind is _Press:
+        stamp_ns = at_ns - 1000 * short.ago
+        what = KeyMessage(short.key, short.down == 1, stamp_ns, short.symbol, short.repeat, digest=short.digest)
+        return NumberedMessage(short.n, at_ns, what)
+    flip_ns, submit_ns = at_ns - 1000 * short.flip, at_ns - 1000 * short.submit
+    shown = DisplayedMessage(submit_ns, flip_ns, episode=short.episode, step=short.step, node=short.node)
+    return NumberedMessage(short.n, at_ns, shown)
 
 
 class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):
@@ -500,9 +500,9 @@ def encode_numbered(number: int, message: ServerMessage | PictureMessage) -> byt
     return _text(_NumberedServerMessage(number, message))
 
 
-def encode_ack(through: int) -> bytes:
-    """An acknowledgement of what is on the disk, as part of a batch."""
-    return _text(ServerAck(through))
+def encode_control(message: ServerAck | Pong) -> bytes:
+    """A message beside the stream, as part of a batch."""
+    return _text(message)
 
 
 def encode_unnumbered(message: Welcome | Refusal | Pong) -> str:
@@ -510,7 +510,7 @@ def encode_unnumbered(message: Welcome | Refusal | Pong) -> str:
     return _ENCODER.encode(message).decode()
 
 
-def _text(message: _NumberedServerMessage | ServerAck) -> bytes:
+def _text(message: _NumberedServerMessage | ServerAck | Pong) -> bytes:
     text = _ENCODER.encode(message)
     return _PART.pack(0, len(text)) + text
 

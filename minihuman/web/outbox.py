@@ -51,7 +51,11 @@ class PageSettings:
 
     picture_px: tuple[int, int] = (400, 300)
     encoding: ImageEncoding = "auto"
-    looks_ahead: bool = True
+
+
+_WITHOUT_EFFECT = (messages.DisplayedMessage, messages.RoundTripMessage, messages.LateInputMessage)
+_STEPPING = (messages.KeyMessage, messages.TickMessage)
+_ENDS = (EpisodeEnded, CorrectionEnded)
 
 
 class Outbox:
@@ -149,17 +153,15 @@ class Outbox:
 
     def waits_for(self, message: messages.PageMessage) -> bool:
         """Whether the page waits for word of where a message led: it knows of a step that it computed."""
-        if isinstance(message, messages.DisplayedMessage | messages.RoundTripMessage | messages.LateInputMessage):
-            return False
+        if isinstance(message, messages.KeyMessage):
+            return not message.digest if message.down else not self._ignores_releases
         if isinstance(message, messages.TickMessage):
             return not message.digest
-        if not isinstance(message, messages.KeyMessage):
-            return True
-        return not message.digest if message.down else not self._ignores_releases
+        return not isinstance(message, _WITHOUT_EFFECT)
 
     def compare(self, message: messages.PageMessage, events: Sequence[Event]) -> str:
         """Compare a message's step in the page with the session's; how they differ, "" if they do not."""
-        if self._computed is None or not isinstance(message, messages.KeyMessage | messages.TickMessage):
+        if self._computed is None or not isinstance(message, _STEPPING):
             return ""
         return self._computed.compare(message, events)
 
@@ -176,13 +178,15 @@ class Outbox:
         ``answers`` is false where more is followed before anything is sent.
         """
         coming = None if self._session.over else self._session.part.next_play
-        ended = any(isinstance(event, EpisodeEnded | CorrectionEnded) for event in events)
         for event in events:
             match event:
+                case Stepped() | CorrectionStepped() if event.episode == self._episode:
+                    if self._look_ahead_graph is None:
+                        self._scenes.append(-1)
+                    else:
+                        self._stepped(event, ended=any(isinstance(each, _ENDS) for each in events))
                 case EpisodeStarted() | CorrectionBegun() if self._session.play is not None:
                     self._look_from(self._session.play)
-                case Stepped() | CorrectionStepped() if event.episode == self._episode:
-                    self._stepped(event, ended=ended)
         if coming is not None:
             self._look_from(coming)
         if answers:
@@ -270,9 +274,7 @@ class Outbox:
         return own
 
     def _stepped(self, stepped: Stepped | CorrectionStepped, *, ended: bool) -> None:
-        if self._look_ahead_graph is None:
-            self._scenes.append(-1)
-            return
+        assert self._look_ahead_graph is not None
         if ended or self._session.play is None:  # its world may have been reset for the next episode
             edge = self._look_ahead_graph.root.edges.get(stepped.action)
             self._scenes.append(-1 if edge is None else edge[0].name)
@@ -296,8 +298,6 @@ class Outbox:
             self._send_pictures()
             self.outgoing.add(frame)
             return True
-        if not self._settings.looks_ahead:
-            return False
         if self._session.play is None and self._screen_prefetcher.grow(rtt_ns):
             return True
         if self._look_ahead_graph is None:
@@ -403,7 +403,7 @@ class Outbox:
         if control != self._sent_control:
             self._sent_control = control
             self.outgoing.add(control)
-        if self._look_ahead_graph is not None and action >= 0 and part.who == "agent" and self._settings.looks_ahead:
+        if self._look_ahead_graph is not None and action >= 0 and part.who == "agent":
             self._look_ahead_graph.look(action)
             self._send_look_ahead()
 

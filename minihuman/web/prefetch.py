@@ -195,7 +195,6 @@ class ScreenPrefetcher:
     """
 
     def __init__(self, number: NumberPicture, lend: WorldLender) -> None:
-        self.tried = 0  # inputs
         self._number = number
         self._lend = lend
         self._to_do: deque[tuple[_CopiedScreen, str]] = deque()
@@ -238,7 +237,6 @@ class ScreenPrefetcher:
 
     def _try(self, copied: _CopiedScreen, input_name: str) -> None:
         tried = copy_session(copied.session, self._lend)
-        self.tried += 1
         _, at_ns = _mark_shown(tried)
         due_ns = tried.next_tick_ns
         if input_name == _TICK and due_ns is not None:

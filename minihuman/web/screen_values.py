@@ -172,7 +172,6 @@ class ImageCache:
         self.next = 0  # the number of the next one
         self._numbers: dict[bytes, int] = {}
         self._packed: dict[int, PictureMessage] = {}  # not sent yet
-        self.used: set[str] = set()  # how they were packed
 
     def number(self, picture: NDArray[np.uint8]) -> int:
         """A picture's number, uint8[H, W, 3]; a new one is to be sent before it is named."""
@@ -183,7 +182,6 @@ class ImageCache:
             known = self._numbers[digest] = self.next
             self.next += 1
             packing, packed = _SHARED.of(digest, self._encoding, raw)
-            self.used.add("lossless" if packing == ZLIB else f"JPEG {JPEG_QUALITY}")
             self._packed[known] = PictureMessage(known, packing, raw.shape[1], raw.shape[0], packed)
         return known
 

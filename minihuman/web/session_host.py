@@ -131,7 +131,7 @@ class SessionHost:
         self._taken: deque[_PendingMessage] = deque()
         self._unheard = 0  # notes of what was done in segments before
         self._settled = 0  # the last message of the page's that is safe
-        self._link = PageClock()
+        self.link = PageClock()
         self._asked: dict[int, Callable[[int], inputs.Input | None]] = {}  # what happens at the page's echo
         self._write(unwritten)
 
@@ -146,11 +146,6 @@ class SessionHost:
     def outgoing(self) -> OutgoingStream[messages.ServerMessage | messages.PictureMessage]:
         """The messages to the page; another object after a restart."""
         return self._outbox.outgoing
-
-    @property
-    def rtt_ns(self) -> int | None:
-        """The shortest recent round trip; None until it was measured."""
-        return self._link.rtt_ns
 
     @property
     def has_agent(self) -> bool:
@@ -181,7 +176,7 @@ class SessionHost:
         self._settled = self._outbox.through = self._outbox.moved = settled
         self._taken.clear()
         self._mark_ns = self.last_at_ns
-        self._link = PageClock()
+        self.link = PageClock()
 
     def receive(
         self,
@@ -219,7 +214,7 @@ class SessionHost:
             )
         self.last_at_ns = self._outbox.at_ns = at_ns
         if arrival_ns is not None:
-            self._link.arrive(at_ns, arrival_ns)
+            self.link.arrive(at_ns, arrival_ns)
         if not self._begun and not isinstance(message, messages.TickMessage):
             self._write(self.session.receive(inputs.Tick(at_ns)))
         self._begun = True
@@ -312,8 +307,8 @@ class SessionHost:
     def _events(self, message: messages.PageMessage, at_ns: int) -> list[Event]:
         match message:
             case messages.RoundTripMessage():
-                linked = self._link.linked(at_ns, message)
-                drift = self._link.look(linked)
+                linked = self.link.linked(at_ns, message)
+                drift = self.link.look(linked)
                 return [Noted(at_ns, BROWSER_NOTE, drift), linked] if drift else [linked]
             case messages.GamepadMessage(id=name, axes=axes, buttons=buttons):
                 what = f"{axes} axes of -1 to 1, {buttons} buttons, dead zone {PAD_DEAD_ZONE}, read once a frame"
@@ -405,7 +400,7 @@ class SessionHost:
 
     def grow(self) -> bool:
         """Look one scene, or one screen, further ahead; False if there is nothing to look at."""
-        return self._outbox.grow(self._link.rtt_ns or _FAR_RTT_NS)
+        return self._outbox.grow(self.link.rtt_ns or _FAR_RTT_NS)
 
     def send_prefetched(self) -> None:
         """Send what was prefetched since the last message."""

@@ -4,7 +4,7 @@ import base64
 import hashlib
 import struct
 from collections.abc import Callable, Iterable, Mapping
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -50,8 +50,7 @@ def _canonical(value: Any, add: Callable[[bytes], None]) -> None:
     elif kind is int:
         add(b"i%d;" % value)
     elif kind is str:
-        encoded = value.encode()
-        add(b"s%d;" % len(encoded) + encoded)
+        add(_text_form(value))
     elif kind is tuple or kind is list:
         add(b"l%d;" % len(value))
         for item in value:
@@ -62,7 +61,7 @@ def _canonical(value: Any, add: Callable[[bytes], None]) -> None:
     elif kind is dict:
         add(b"d%d;" % len(value))
         for key in sorted(value):
-            _canonical(key, add)
+            add(_text_form(key)) if type(key) is str else _canonical(key, add)
             _canonical(value[key], add)
     else:
         _rarer(value, add)
@@ -93,6 +92,12 @@ def _rarer(value: Any, add: Callable[[bytes], None]) -> None:
             _canonical(list(value), add)
         case _:
             raise TypeError(f"{type(value).__name__} {value!r} cannot be hashed; it has no canonical form")
+
+
+@lru_cache(1024)
+def _text_form(text: str) -> bytes:
+    encoded = text.encode()
+    return b"s%d;" % len(encoded) + encoded
 
 
 @cache

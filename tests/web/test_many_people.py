@@ -25,7 +25,7 @@ from tests.web.protocols import study
 pytestmark = [pytest.mark.program, pytest.mark.long]
 SERVERS, PEOPLE = count(2, 8), count(4, 1_000)
 MS = 1_000_000
-SETTINGS = PageSettings(picture_px=(96, 96), looks_ahead=False)
+SETTINGS = PageSettings(picture_px=(96, 96))
 WEB = "image_size_px = [96, 96]\nopen_access = true"
 
 

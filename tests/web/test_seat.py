@@ -214,7 +214,7 @@ def test_the_line_is_measured_by_its_quickest_message(tmp_path: Path) -> None:
     linked = next(event for event in recorder.events if isinstance(event, Linked))
     assert (linked.least_rtt_ns, linked.rtt_ns, linked.error_ns) == (50 * MS, 80 * MS, 25 * MS)
     assert linked.offset_ns == 4995 * MS
-    assert seat.rtt_ns == 50 * MS
+    assert seat.link.rtt_ns == 50 * MS
 
 
 @pytest.mark.parametrize(("rate", "named"), [(1.0, 0), (1.0002, 0), (0.97, 5), (1.03, 5)])

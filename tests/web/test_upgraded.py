@@ -31,7 +31,7 @@ from tests.web.typed_page import TypedPage
 
 MS = 1_000_000
 RULES = {"rules": "ours", "pictures": "2", "version_minihuman": "1"}
-SETTINGS = PageSettings(picture_px=(96, 96), looks_ahead=False)
+SETTINGS = PageSettings(picture_px=(96, 96))
 
 
 def installed_in(folder: Path) -> Path:

@@ -26,8 +26,9 @@ HOLD_S = 0.08
 HEARD_S = 1.0  # so often a page says what it has heard, if there is more,
 MOST_UNTOLD = 100  # or when there is so much more
 FLIP_S = 0.008  # from a picture's being known to its being seen
-WAIT_S, COMPUTED_WAIT_S = 0.1, 1.0  # how long what can wait does, at most
-PING_S, REPORT_S = 2.5, 10.0
+WAIT_S, COMPUTED_WAIT_S = 0.1, 2.0  # how long what can wait does, at most
+MOST_UNSENT = 64  # or so many messages
+PING_S, PATIENT_S, REPORT_S = 2.5, 4.5, 10.0  # a ping goes with other messages, or by itself after so long
 
 
 @dataclass
@@ -138,7 +139,7 @@ class TypedPage:
         self._said += 1
         self._last_ns = self._now_ns()
         self._held.append(encode(self._said, self._last_ns, what))
-        if not waits:
+        if not waits or len(self._held) >= MOST_UNSENT:
             self._flush()
         elif self._flushing is None:
             wait_s = COMPUTED_WAIT_S if self.steps else WAIT_S
@@ -149,8 +150,18 @@ class TypedPage:
         if self._flushing is not None:
             self._flushing.cancel()
             self._flushing = None
-        self._line.put_nowait((time.monotonic() + self._line_s, "\n".join(self._held)))
+        self._put("\n".join([*self._ping(PING_S), *self._held]))
         self._held.clear()
+
+    def _put(self, text: str) -> None:
+        self._line.put_nowait((time.monotonic() + self._line_s, text))
+
+    def _ping(self, after_s: float) -> list[str]:
+        """A ping, if the last one was so long ago."""
+        if time.monotonic() < self._pinged_s + after_s:
+            return []
+        self._pinged_s = time.monotonic()
+        return [json.dumps({"t": "ping", "sent": self._now_ns()}, separators=(",", ":"))]
 
     async def _send(self, socket: ClientConnection) -> None:
         while True:
@@ -361,10 +372,9 @@ class TypedPage:
             if due_ns is not None and self._zero_s is not None and self._told_due_ns != due_ns <= self._now_ns():
                 self._told_due_ns = due_ns
                 self.say(t="tick")
-            if self._zero_s is not None and time.monotonic() >= self._pinged_s + PING_S:
-                self._pinged_s = time.monotonic()
-                ping = json.dumps({"t": "ping", "sent": self._now_ns()}, separators=(",", ":"))
-                self._line.put_nowait((time.monotonic() + self._line_s, ping))
+            if self._zero_s is not None:
+                for ping in self._ping(PATIENT_S):
+                    self._put(ping)
             untold = self._heard - self._heard_told
             if untold >= MOST_UNTOLD or (untold and time.monotonic() >= heard_s + HEARD_S):
                 self._heard_told, heard_s = self._heard, time.monotonic()

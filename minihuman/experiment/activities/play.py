@@ -106,10 +106,9 @@ class BlockTimeLimits:
     @property
     def due_ns(self) -> int | None:
         """When the next limit is reached; None: there is none, or the clocks stand."""
-        if self._running_since_ns is None:
+        if self._running_since_ns is None or not (self._episode_ns or self._block_ns):
             return None
-        left = [limit - played for limit, played in self._pairs if limit]
-        return self._running_since_ns + max(0, min(left)) if left else None
+        return self._running_since_ns + max(0, min(limit - played for limit, played in self._pairs if limit))
 
     def over(self, now_ns: int) -> EndCause:
         """Which limit has been reached; "" for none."""
@@ -666,7 +665,8 @@ class PlayActivity(Activity):
     def _prepare(self) -> None:
         """Reset the world behind a text, so that play starts at once."""
         self._play = self._make_episode(self.next_plan)
-        self._play.picture()  # a world's first picture takes longer: not after the key that starts play
+        if self.context.renders_steps:
+            self._play.picture()  # a world's first picture takes longer: not after the key that starts play
         self.next_play = self._play
 
     def _make_episode(self, plan: EpisodePlan) -> RunningEpisode:

@@ -116,23 +116,13 @@ class PartSequence:
         self._context = context
         self._parts = list_parts(plan)
         self._to_do = list_remaining_parts(plan, self._parts)
-        self._running: Activity | None = None
+        self.begun = False  # whether a part has
+        self.part: Activity  # that runs, once one has begun
         if not self._to_do:
             raise AllocationError(
                 f"{plan.participant.id} has completed all {len(plan.episodes)} episodes of session {plan.session}; "
                 "choose another session or participant"
             )
-
-    @property
-    def begun(self) -> bool:
-        """Whether a part has begun."""
-        return self._running is not None
-
-    @property
-    def part(self) -> Activity:
-        """The part that runs."""
-        assert self._running is not None, "the session has not begun"
-        return self._running
 
     @property
     def next_part(self) -> int | None:
@@ -151,8 +141,8 @@ class PartSequence:
         part = self._parts[number]
         if self._context.plan.parts:  # older logs have no parts
             self._context.emit(PartStarted(self._context.now_ns, number, part.kind, part.name))
-        self._running = build_activity(number, part, self._context)
-        self._running.begin()
+        self.begun, self.part = True, build_activity(number, part, self._context)
+        self.part.begin()
 
     def finish_part(self) -> PartEnding | None:
         """How the part ended, after emitting it; None while it runs."""
@@ -166,5 +156,5 @@ class PartSequence:
 
     def stop(self) -> None:
         """The session ends in the middle of a part, or before the first."""
-        if self._running is not None:
-            self._running.stop()
+        if self.begun:
+            self.part.stop()

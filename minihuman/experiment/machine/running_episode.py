@@ -1,8 +1,7 @@
 """One running episode: what a key means, what a step gives and when the next tick is due. Knows no phases."""
 
 import copy
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -38,13 +37,16 @@ class WorldFailedError(Exception):
     """Anything a world raised; the cause is what it raised."""
 
 
-@contextmanager
-def catch_world_errors() -> Iterator[None]:
+class catch_world_errors:  # noqa: N801 - used as `contextlib.suppress` is
     """Tell a world's failures from our own: anything raised inside becomes a WorldFailedError."""
-    try:
-        yield
-    except Exception as error:
-        raise WorldFailedError(f"{type(error).__name__}: {error}") from error
+
+    __slots__ = ()
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, Exception):
+            raise WorldFailedError(f"{type(error).__name__}: {error}") from error
 
 
 @dataclass(frozen=True, slots=True)

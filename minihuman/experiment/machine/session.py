@@ -203,7 +203,7 @@ class SessionMachine:
     @property
     def play(self) -> RunningEpisode | None:
         """The running episode, for simulated participants that look at its world; None between episodes."""
-        return self.part.play if self._phase is Phase.PART and self.part.playing else None
+        return part.play if self._phase is Phase.PART and (part := self._course.part).playing else None
 
     @property
     def part(self) -> Activity:
@@ -296,8 +296,10 @@ class SessionMachine:
 
     def _to_part(self, happened: Input) -> None:
         if self._phase is Phase.PART:
-            self.part.receive(happened)
-            self._follow_part()
+            part = self._course.part
+            part.receive(happened)
+            if part.ended is not None:
+                self._follow_part()
 
     def _let_time_pass(self, t_ns: int) -> None:
         """Do what was due by now, before any later input.

@@ -47,11 +47,12 @@ export class Connection {
     this.listener = listener;
     this.latency = new Latency(outbox, {
       isOpen: () => this.welcomed,
-      send: (message) => this.#send(message),
+      send: (text) => this.#socket?.send(text),
       close: () => this.#socket?.close(),
     });
     outbox.transmit = (texts) => {
-      if (texts.length && this.welcomed && this.#socket?.readyState === WebSocket.OPEN) this.#socket.send(texts.join("\n"));
+      if (!texts.length || !this.welcomed || this.#socket?.readyState !== WebSocket.OPEN) return;
+      this.#socket.send([...this.latency.joinBatch(), ...texts].join("\n"));
     };
   }
 
@@ -201,6 +202,8 @@ export class Connection {
 
 const MAX_SILENCE_MS = 8000;
 const REPORT_PERIOD_MS = 10000;
+const PING_PERIOD_MS = 2500;
+const BATCH_PATIENCE_MS = 2000; // a ping waits so long for messages to go with
 
 /** Round-trip times: the fastest of the latest eight goes into the log now and then. */
 class Latency {
@@ -209,11 +212,12 @@ class Latency {
   #pingedMs = 0; // when the last one was sent that has no answer
   #reportedMs = -Infinity;
   #reports = 0;
+  #nextMs = 0; // from then on it is time for another
   /** @type {ReturnType<typeof setTimeout> | undefined} */ #timer;
   least = Infinity; // ns, of all round trips on this socket
   /** @type {(message: import("./messages").Input) => void} */ report = () => {};
 
-  /** @param {Outbox} outbox @param {{ isOpen(): boolean, send(message: object): void, close(): void }} socket */
+  /** @param {Outbox} outbox @param {{ isOpen(): boolean, send(text: string): void, close(): void }} socket */
   constructor(outbox, socket) {
     this.outbox = outbox;
     this.socket = socket;
@@ -229,12 +233,21 @@ class Latency {
 
   #ping() {
     if (!this.socket.isOpen()) return;
-    if (this.#pingedMs && performance.now() - this.#pingedMs > MAX_SILENCE_MS) { this.socket.close(); return; }
-    this.#pingedMs ||= performance.now();
-    this.socket.send({ t: "ping", sent: this.outbox.now() });
-    this.#pings += 1;
-    this.#timer = setTimeout(() => this.#ping(), this.#pings < 4 ? 60 : 2500);
+    if (this.#pingedMs && performance.now() - this.#pingedMs > MAX_SILENCE_MS) this.socket.close();
+    else this.socket.send(this.#takePing());
   }
+
+  #takePing() {
+    const now = performance.now();
+    this.#pingedMs ||= now;
+    this.#nextMs = now + PING_PERIOD_MS;
+    clearTimeout(this.#timer);
+    this.#timer = setTimeout(() => this.#ping(), ++this.#pings < 4 ? 60 : PING_PERIOD_MS + BATCH_PATIENCE_MS);
+    return JSON.stringify({ t: "ping", sent: this.outbox.now() });
+  }
+
+  /** A ping for messages to take along, if it is time for one: its answer comes with their acknowledgement. */
+  joinBatch() { return performance.now() < this.#nextMs ? [] : [this.#takePing()]; }
 
   /** @param {Pong} m */
   receive({ sent, received, answered }) {

@@ -20,7 +20,7 @@ import { TouchKeys } from "./touch.js";
 
 // For so long messages that can wait do. Where the page computes and no time is due, nobody waits for them: the server
 // takes several keys together for little more than one.
-const WAIT_MS = 100, COMPUTED_WAIT_MS = 1000;
+const WAIT_MS = 100, COMPUTED_WAIT_MS = 2000;
 
 class Page {
   #main = /** @type {HTMLElement} */ (document.getElementById("screen"));

@@ -9,6 +9,7 @@
  */
 
 export const UNTIMED = new Set(["shown", "link", "unheard"]); // what does not tell the session the time
+const MAX_UNSENT = 64; // messages that wait for what follows
 const MAX_UNREPORTED = 100; // the server looks less far ahead of a page that has more to report
 const RESTART_NS = 2e9;
 const OPEN_PATIENCE_MS = 1000;
@@ -222,7 +223,7 @@ export class Outbox {
     this.#store?.set(0, JSON.stringify({ ...this.state, facts: null }));
     this.#store?.set(n, text);
     this.#unsent.push(encodeMessage(message));
-    if (waitMs) this.#timer ??= setTimeout(() => this.#flush(), waitMs);
+    if (waitMs && this.#unsent.length < MAX_UNSENT) this.#timer ??= setTimeout(() => this.#flush(), waitMs);
     else this.#flush();
     return n;
   }

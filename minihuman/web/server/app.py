@@ -302,6 +302,8 @@ class WebServer:
                     message = messages.decode_page_message(text)
                     if isinstance(message, messages.NumberedMessage):
                         connection.take(message, more=place < len(texts))
+                    elif isinstance(message, messages.Ping) and place < len(texts):
+                        connection.ping = message.sent, connection.now_ns()
                     else:
                         await self._answer(page, connection, message)
                 await self._finish_if_over(connection)
@@ -369,7 +371,10 @@ class WebServer:
                     parts, size = [], 0
             if safe > acked:
                 acked = safe
-                parts.append(messages.encode_ack(acked))
+                parts.append(messages.encode_control(messages.ServerAck(acked)))
+            if connection.ping is not None:
+                ping, connection.ping = connection.ping, None
+                parts.append(messages.encode_control(messages.Pong(*ping, connection.now_ns())))
             if parts:
                 await page.send(b"".join(parts))
 
@@ -421,6 +426,8 @@ class WebServer:
     async def _look_after_one(self, connection: Connection) -> None:
         now_s = monotonic_s()
         gone_s = 0.0 if connection.here else now_s - connection.seen_s
+        if connection.ping is not None:  # there was nothing to acknowledge
+            connection.changed.set()
         if not connection.host.over:
             connection.read_inbox()
         if not connection.host.over and gone_s > self._web.reconnect_timeout_s:

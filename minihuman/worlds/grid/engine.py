@@ -352,7 +352,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
 
     def state_hash(self) -> int:
         """A uint64 over layout, agent, task, mission and random stream."""
-        return _hashed(self.save())
+        return _hashed(self._shared())
 
     def scene_hash(self) -> int:
         """The same without the number of steps taken."""
@@ -362,10 +362,15 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
 
     def save(self) -> GridSnapshot:
         """An exact copy of the state in mid-episode."""
-        kept = {name: deepcopy(getattr(self, name)) for name in self.kept} if self.kept else {}
+        row, rng_state, mission, kept = self._shared()
+        return GridSnapshot(row.copy(), rng_state.copy(), mission, deepcopy(kept) if kept else kept)
+
+    def _shared(self) -> GridSnapshot:
+        """What `save` copies."""
+        kept = {name: getattr(self, name) for name in self.kept} if self.kept else {}
         if self.cell_marks:
             kept["cell_marks"] = [[*place, *mark] for place, mark in self.cell_marks.items()]
-        return GridSnapshot(self._row.copy(), self._now().copy(), self.mission, kept)
+        return GridSnapshot(self._row, self._now(), self.mission, kept)
 
     def restore(self, saved: GridSnapshot) -> None:
         """Go back to a saved state; it may be restored again, here or in another world of the same size."""
