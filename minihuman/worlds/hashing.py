@@ -53,8 +53,8 @@ def _canonical(value: Any, add: Callable[[bytes], None]) -> None:
         add(_text_form(value))
     elif kind is tuple or kind is list:
         add(b"l%d;" % len(value))
-        for item in value:
-            _canonical(item, add)
+        for item in value:  # numbers without a call: a first-person state has dozens
+            add(_FLOAT.pack(b"f", item)) if type(item) is float else _canonical(item, add)
     elif kind is np.ndarray and value.dtype in _PLAIN and value.flags.c_contiguous:
         add(_array_head(value.dtype.str, value.shape))
         add(value.tobytes())
