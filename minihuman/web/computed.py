@@ -143,6 +143,7 @@ def _describe_grid(
     env: GridEngine, plan: EpisodePlan, picture_px: tuple[int, int]
 ) -> tuple[WorldState, list[ArraysMessage], None]:
     """What no step changes, and the arrays that the page needs."""
+    assert plan.view != "text", "no page computes it"
     tile_px, palette = env.tiles(plan.view, picture_px, plan.palette)
     tiles = pack_atlas(tile_px, palette, env.kinds)
     in_view = palette == "minigrid"

@@ -296,9 +296,8 @@ class SessionMachine:
 
     def _to_part(self, happened: Input) -> None:
         if self._phase is Phase.PART:
-            part = self._course.part
-            part.receive(happened)
-            if part.ended is not None:
+            self.part.receive(happened)
+            if self.part.ended is not None:
                 self._follow_part()
 
     def _let_time_pass(self, t_ns: int) -> None:
