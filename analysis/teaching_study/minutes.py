@@ -5,6 +5,7 @@ stretches (preferences), each with a simulated person of its kind. Everything th
 time: the agent's steps that they watch, replays, the pauses between episodes. What a learner computes does not.
 """
 
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,15 +17,27 @@ from minihuman.learn.policy.network import Policy
 from minihuman.learn.policy.observation import ObservationEncoder
 from minihuman.learn.teaching.dataset import Comparison, Dataset
 from minihuman.learn.teaching.learner import LearningRequest, make_fresh_policy, make_learner
-from minihuman.learn.teaching.preference_learner import RewardModel, fit_reward, optimise_policy
-from minihuman.simulation.supervisor import Critic, CriticParameters, Rater, Supervisor, SupervisorParameters
+from minihuman.learn.teaching.preference_learner import (
+    PreferenceSettings,
+    RewardFitting,
+    RewardModel,
+    fit_reward,
+    optimise_policy,
+)
+from minihuman.simulation.supervisor import (
+    Critic,
+    CriticParameters,
+    Rater,
+    RaterParameters,
+    Supervisor,
+    SupervisorParameters,
+)
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import hash64
 from teaching_study.feedback import (
     EASY,
     EMPTY,
     FOUR_ROOMS,
-    ComparedTrial,
     compute_gains,
     compute_truths,
     rated_episode,
@@ -36,7 +49,9 @@ from teaching_study.trials import describe_command, format_interval, run_trials,
 WAYS = ("cloning", "hg-dagger", "intervention-weighted", "tamer", "preferences")
 MARKS_MIN = (5.0, 15.0, 30.0, 60.0)  # minutes of the person's time
 LEARN_MIN = (2.5, 5.0, 10.0, 15.0, 22.5, 30.0, 45.0, 60.0)  # after which what plays is learnt anew
+STRETCH_STEPS = 6  # of each side of a comparison
 ANSWER_MS = 3000.0  # that a person takes for an answer, after both stretches were shown side by side
+REWARD, PREFERENCES = RewardFitting(), PreferenceSettings()
 FITTING = "updates=400"  # settings of the learners of demonstrations and takeovers
 SHOWN_STEPS = 600  # that a policy plays before each round of comparisons; nobody watches all of them
 
@@ -51,13 +66,14 @@ class MinutesTrial:
     options: dict[str, Any] = field(default_factory=dict)
     most_steps: int = 60
     marks: tuple[float, ...] = MARKS_MIN
+    seeds: int = 5  # at most
 
 
 MINUTES_TRIALS = {
     trial.name: trial
     for trial in (
         MinutesTrial("FourRooms-easy", FOUR_ROOMS, 3, EASY),
-        MinutesTrial("Empty-8x8", EMPTY, 3),
+        MinutesTrial("Empty-8x8", EMPTY, 3, seeds=3),
     )
 }
 
@@ -73,6 +89,7 @@ class MinutesRow:
     episodes: int
     given: int  # what the person gave: steps of their own, ratings, or comparisons
     success: float
+    cpu_s: float  # of playing, learning and judging, from the beginning on
 
 
 def run_way(trial: MinutesTrial, way: str, seed: int, *, episodes: int = 200) -> Iterator[MinutesRow]:
@@ -84,6 +101,7 @@ def run_way(trial: MinutesTrial, way: str, seed: int, *, episodes: int = 200) ->
         seed: of person, layouts and first weights.
         episodes: held-out episodes to judge by.
     """
+    began = time.process_time()
     rng = np.random.default_rng(hash64((seed, trial.name, "minutes")) % 2**31)
     world = World(trial.world, trial.options)
     world.reset(0)
@@ -99,7 +117,8 @@ def run_way(trial: MinutesTrial, way: str, seed: int, *, episodes: int = 200) ->
             continue
         judged = evaluate_taught_policy(policy, taught, episodes=episodes, seed=1)
         count = len(taught.comparisons or taught.ratings) or taught.labelled_steps
-        yield MinutesRow(trial.name, way, seed, stop, sitting.episodes, count, judged.rate)
+        spent = round(time.process_time() - began, 1)
+        yield MinutesRow(trial.name, way, seed, stop, sitting.episodes, count, judged.rate, spent)
 
 
 Taught = Iterator[tuple[Policy, Dataset]]
@@ -139,11 +158,10 @@ def _compare(
     way: str, sitting: TeachingSimulation, dataset: Dataset, stops_ms: Sequence[float], seed: int, rng: Any
 ) -> Taught:
     """Say which of two stretches is better, those first on which the reward models disagree."""
-    trial = ComparedTrial(dataset.world, dataset.world, len(dataset.action_names), steps=6)
-    rater, policy = Rater(trial.judging, rng), make_fresh_policy(dataset, rng)
+    rater, policy = Rater(RaterParameters(), rng), make_fresh_policy(dataset, rng)
     model: RewardModel | None = None
     gains: dict[str, list[int]] = {}
-    answer_ms, now_ms = trial.steps * REPLAY_STEP_MS + ANSWER_MS, 0.0
+    answer_ms, now_ms = STRETCH_STEPS * REPLAY_STEP_MS + ANSWER_MS, 0.0
     for number, stop_ms in enumerate(stops_ms):
         played = 0
         while played < SHOWN_STEPS:
@@ -151,18 +169,18 @@ def _compare(
             dataset, played = dataset.with_more([lesson]), played + len(lesson.actions)
             gains[lesson.name] = compute_gains(sitting.world, lesson)
         count = round((stop_ms - now_ms) / answer_ms)
-        asked = select_disputed_pairs(model, dataset, count, steps=trial.steps, among=len(dataset.lessons), rng=rng)
+        asked = select_disputed_pairs(model, dataset, count, steps=STRETCH_STEPS, among=len(dataset.lessons), rng=rng)
         answers = [rater.answer(0.0, truth) for truth in compute_truths(gains, asked)]
         dataset = dataset.with_more(
             comparisons=[Comparison(*pair, said) for pair, said in zip(asked, answers, strict=True)]
         )
         now_ms = stop_ms
-        model, _ = fit_reward(dataset, trial.fitting, rng)
+        model, _ = fit_reward(dataset, REWARD, rng)
         known = model
         policy = optimise_policy(
             dataset,
             lambda seen, action, _, known=known: known.reward(seen, action),  # type: ignore[misc]
-            trial.settings,
+            PREFERENCES,
             start=policy,
             seed=seed + number,
         )
@@ -176,7 +194,7 @@ def run_minutes(
     jobs = {
         out / "rows" / f"{name}-{way}-seed-{seed}.json": (_run, (name, way, seed, episodes or 200))
         for name in names
-        for seed in range(1, seeds + 1)
+        for seed in range(1, min(seeds, MINUTES_TRIALS[name].seeds) + 1)
         for way in WAYS
     }
     numbers = run_trials(jobs, workers=workers)
@@ -191,11 +209,14 @@ def _run(name: str, way: str, seed: int, episodes: int) -> list[MinutesRow]:
 
 def minutes_table(rows: Sequence[MinutesRow], command: str) -> str:
     """Success by world and way to teach, a column a mark, in Markdown."""
+    last = {(row.trial, row.way, row.seed): row.cpu_s for row in rows}
+    spent = sum(last.values())
     lines = [
         "# What a minute of a person's time teaches",
         "",
         "Success in held-out episodes after so many minutes of the person's time: mean and 95 % interval of Student's",
         "t over seeds. Given: the person's own steps, ratings, or comparisons, at the last mark.",
+        f"All of it took {spent / 3600:.1f} core-hours.",
     ]
     for trial in dict.fromkeys(row.trial for row in rows):
         mine = [row for row in rows if row.trial == trial]
