@@ -5,9 +5,8 @@ Each world of a batch is the world it would be alone. Also how Gymnasium makes t
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import gymnasium
@@ -22,7 +21,7 @@ from minihuman.worlds.first_person.entities import LATEST_CHANGE
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.render.drawing import RenderTarget, turn
 from minihuman.worlds.first_person.render.rasterisation import ROOM
-from minihuman.worlds.first_person.render.render_pool import RenderPool, addresses
+from minihuman.worlds.first_person.render.render_pool import RenderPool, addresses, drawing_threads
 from minihuman.worlds.first_person.rules import MOVED, TERMINATED, TRUNCATED, TURN_LEFT, TURN_RIGHT
 from minihuman.worlds.options import BatchSeeds, seeds_per_world
 
@@ -38,9 +37,6 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         autoreset_mode: what happens after an episode's end, in Gymnasium's words: "NextStep", "SameStep", "Disabled".
         threads: how many pictures are drawn at once; None for one per core.
     """
-
-    _pool: ThreadPoolExecutor | None = None  # made when something is to be drawn; closed even where __init__ raised
-    _render_pool: RenderPool | None = None  # the same
 
     def __init__(
         self,
@@ -64,6 +60,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         self.observation_space = batch_space(first.observation_space, num_envs)
         self._over = np.zeros(num_envs, np.bool_)  # in the step before
         self._threads = threads or os.cpu_count() or 1
+        self._render_pool = RenderPool(num_envs, self._threads)
         kind = type(first)
         own = kind.observe is not FirstPersonEnv.observe or kind.see is not FirstPersonEnv.see
         self._draws_together = num_envs > 1 and not own
@@ -142,25 +139,9 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
 
     def render(self) -> tuple[NDArray[np.uint8] | None, ...] | None:  # type: ignore[override]
         """What each world renders; None without a render mode."""
-        return (
-            None if self.render_mode is None else tuple(self._painters.map(lambda world: world.render(), self.worlds))
-        )
-
-    def close_extras(self, **kwargs: Any) -> None:
-        """Let the threads go."""
-        for kept in (self._pool, self._render_pool):
-            if kept is not None:
-                kept.shutdown()
-        self._pool = self._render_pool = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        return vars(self) | {"_pool": None, "_render_pool": None}
-
-    @property
-    def _painters(self) -> ThreadPoolExecutor:
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="painter")
-        return self._pool
+        if self.render_mode is None:
+            return None
+        return tuple(drawing_threads(os.getpid()).map(lambda world: world.render(), self.worlds))
 
     def _observed(self, changed: Sequence[int]) -> tuple[Any, dict[str, Any]]:
         """Observations and infos; ``changed`` are the worlds whose views no kernel has aimed."""
@@ -170,24 +151,18 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
             targets = [world.aim_target() for world in self.worlds]
         else:
             targets = self._joint.aim_targets(changed)
-        if self._render_pool is None:
-            self._render_pool = RenderPool(self.num_envs, self._threads)
         batch: Any = create_empty_array(self.single_observation_space, self.num_envs, np.empty)
         self._render_pool.paint(targets, batch)
         return batch, self._infos()
 
     def _apart(self) -> Any:
         """The observations of worlds that say themselves what they are: more than a picture, or another."""
-        space = self.single_observation_space
         # each thread takes neighbours, so that it is asked once and not for every world
         ends = [self.num_envs * nth // self._threads for nth in range(self._threads + 1)]
         shares = [self.worlds[first:last] for first, last in pairwise(ends) if first < last]
-        others = [self._painters.submit(_observe, share) for share in shares[1:]]
-        seen = _observe(shares[0])
-        for other in others:
-            seen += other.result()
-        batch: Any = create_empty_array(space, self.num_envs)
-        return concatenate(space, seen, batch)
+        found = drawing_threads(os.getpid()).map(lambda share: [world.observe() for world in share], shares)
+        batch: Any = create_empty_array(self.single_observation_space, self.num_envs)
+        return concatenate(self.single_observation_space, list(chain.from_iterable(found)), batch)
 
     def _infos(self) -> dict[str, Any]:
         infos: dict[str, Any] = {}
@@ -256,7 +231,8 @@ class JointStep:
             self._arrays[i] = flat.things, flat.numbers, flat.walls, target.view
             self._rows[i] = *addresses(*self._arrays[i])[:-1], target.view[ROOM]
             self._own[i] = *agent.pos, agent.dir, *turn(agent.dir, agent.trig), 0.0, 0.0, 0.0, agent.cam_fwd_disp
-            self._turns_rad[i] = [_SIGNS.get(motion, 0.0) * flat.turn_rad for motion in flat.motions]
+            signs = [(motion == TURN_LEFT) - (motion == TURN_RIGHT) for motion in flat.motions]
+            self._turns_rad[i] = np.array(signs) * flat.turn_rad
         self._latest, self._counts = LATEST_CHANGE[0], self._count()
         return self._targets
 
@@ -265,15 +241,7 @@ class JointStep:
         return [world.step_count for world in self._worlds], sum(len(stage.entities) for stage in stages if stage)
 
 
-def _observe(worlds: list[FirstPersonEnv]) -> list[Any]:
-    return [world.observe() for world in worlds]
-
-
 _MORE = ~(MOVED | TERMINATED | TRUNCATED)  # of what came of a step
-_SIGNS = {TURN_LEFT: 1.0, TURN_RIGHT: -1.0}
-_BATCH_SETTINGS = frozenset({"num_envs", "autoreset_mode", "threads"})
-
-
 _MOVED_LAYOUTS = {  # as data sets that were exported earlier name them
     "transfer:GoToObj": "layouts.go_to_obj:GoToObj",
     "layouts.sidewalk:Sidewalk": "layouts.connected_rooms:Sidewalk",
@@ -289,7 +257,7 @@ def make_world(layout: str, **options: Any) -> FirstPersonEnv:
 
 def make_batch(layout: str, **options: Any) -> FirstPersonBatch:
     """A batch of such worlds, for ``gymnasium.make_vec``."""
-    settings = {name: options.pop(name) for name in _BATCH_SETTINGS & options.keys()}
+    settings = {name: options.pop(name) for name in {"num_envs", "autoreset_mode", "threads"} & options.keys()}
     return FirstPersonBatch(lambda: make_world(layout, **options), **settings)
 
 

@@ -65,9 +65,8 @@ def act_together(rows: I64, actions: NDArray[np.int64], own: F64, statuses: NDAr
         facts[EARNED] = numbers[REWARD]
         view = _floats_at(row[VIEW], VIEW_SIZE)
         cos_yaw, sin_yaw, cos_pitch, sin_pitch = facts[NOW], facts[NOW + 1], view[7], view[10]
-        view[0] = facts[X] + facts[AHEAD] * cos_yaw
-        view[1] = facts[Y] + numbers[EYE]
-        view[2] = facts[Z] - facts[AHEAD] * sin_yaw
+        ahead_x, ahead_z = facts[AHEAD] * cos_yaw, facts[AHEAD] * sin_yaw
+        view[0], view[1], view[2] = facts[X] + ahead_x, facts[Y] + numbers[EYE], facts[Z] - ahead_z
         view[3], view[5] = sin_yaw, cos_yaw
         view[6], view[8] = -sin_pitch * cos_yaw, sin_pitch * sin_yaw
         view[9], view[11] = cos_pitch * cos_yaw, -cos_pitch * sin_yaw

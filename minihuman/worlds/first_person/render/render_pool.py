@@ -8,6 +8,7 @@ import os
 import threading
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -23,21 +24,9 @@ Counters = NDArray[np.int64]
 _plainly = threading.Lock()
 
 
-def _of(builder: Any, counters: Any, at: Any) -> Any:
-    return builder.gep(counters[1].start, [at[1]])
-
-
-def _read(builder: Any, given: Any) -> Any:
-    return builder.load_atomic(_of(builder, *given), "acquire", 8)
-
-
-def _read_plain(counters: Counters, at: int) -> int:
-    return int(counters[at])
-
-
 def _add(builder: Any, given: Any) -> Any:
     counters, at, number = given
-    return builder.atomic_rmw("add", _of(builder, counters, at), number[1], "acq_rel")
+    return builder.atomic_rmw("add", builder.gep(counters[1].start, [at[1]]), number[1], "acq_rel")
 
 
 def _add_plain(counters: Counters, at: int, number: int) -> int:
@@ -46,8 +35,6 @@ def _add_plain(counters: Counters, at: int, number: int) -> int:
         return int(counters[at]) - number
 
 
-# what a counter is
-read_counter = llvm_function(_read, _read_plain, counts=True)
 # add to a counter; what it was before
 add_to_counter = llvm_function(_add, _add_plain, counts=True)
 
@@ -110,26 +97,34 @@ def count(counters: I64, at: int, number: int) -> None:
 def finished(counters: I64, pictures: int) -> bool:
     """Are all drawn, or soon?"""
     waited = 0
-    while read_counter(counters, DRAWN) < pictures and waited < _PATIENCE:
+    while add_to_counter(counters, DRAWN, 0) < pictures and waited < _PATIENCE:
         waited += 1
-    return read_counter(counters, DRAWN) >= pictures
+    return add_to_counter(counters, DRAWN, 0) >= pictures
+
+
+@cache
+def drawing_threads(process: int) -> ThreadPoolExecutor:
+    """The threads of this process that draw pictures; a forked one needs its own."""
+    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix=f"render-{process}")
 
 
 class RenderPool:
-    """Room for the pictures of so many targets, drawn by so many threads."""
+    """Room for the pictures of so many targets, drawn by so many threads at most."""
 
     def __init__(self, pictures: int, threads: int) -> None:
         self._rows = np.zeros((pictures, ROW_SIZE), np.int64)
-        self._targets: list[RenderTarget | None] = [None] * pictures  # kept alive: the rows tell where they are
+        self._targets: list[Any] = [None] * pictures  # kept alive: the rows tell where they are
         self._helpers = min(threads, pictures) - 1
-        self._pool = ThreadPoolExecutor(max(self._helpers, 1), thread_name_prefix=f"render-{os.getpid()}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return RenderPool, (len(self._targets), self._helpers + 1)
 
     def paint(self, targets: Iterable[RenderTarget], out: NDArray[np.uint8]) -> None:
         """Draw what each target is aimed at; ``out`` is contiguous, one picture per target."""
         counters = np.zeros(COUNTERS, np.int64)
         for nth, target in enumerate(targets):
             self._hang(nth, target)
-        helping = [self._pool.submit(self._share, counters, out) for _ in range(self._helpers)]
+        helping = [drawing_threads(os.getpid()).submit(self._share, counters, out) for _ in range(self._helpers)]
         try:
             self._share(counters, out)
         finally:
@@ -137,15 +132,9 @@ class RenderPool:
                 for each in helping:
                     each.result()
 
-    def shutdown(self) -> None:
-        """Let the threads go."""
-        self._pool.shutdown()
-
     def _share(self, counters: I64, out: NDArray[np.uint8]) -> None:
         while (met := draw_targets(self._rows, counters, *memory_for(0, 0), out)) >= 0:
-            target = self._targets[met]
-            assert target is not None
-            target.draw(out[met])
+            self._targets[met].draw(out[met])
             count(counters, DRAWN, 1)
 
     def _hang(self, nth: int, target: RenderTarget) -> None:
