@@ -20,9 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.babyai.encoding import block_of, noted_of
+from minihuman.worlds.grid.babyai.instruction_space import InstructionSpace
 from minihuman.worlds.grid.babyai.verifier import act_instructed, hand_over
 from minihuman.worlds.grid.core.rewards import INSTRUCTED
-from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED
+from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act
 from minihuman.worlds.grid.core.state import (
     ACTIONS,
     DIRECTION,
@@ -93,6 +94,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         self.single_observation_space = self._world.observation_space
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._instructed = isinstance(self._world.mission_space, InstructionSpace)
         self._rows = np.tile(self._world.state.row, (num_envs, 1))
         self._rng_states: RngState = np.zeros((num_envs, 6), np.uint64)
         self._missions = (self._world.mission,) * num_envs
@@ -203,7 +205,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
 
     def _step_shares(self, arrays: tuple[NDArray[Any], ...]) -> int:
         """Step all worlds, a share for each thread; what `step_many` returns, for all."""
-        step: Callable[..., int] = step_many
+        step: Callable[..., int] = STEPS[self._instructed]
         shares = self._shares
         if len(shares) == 1:
             return step(*arrays, self._cleared, self._mode, *shares[0])
@@ -275,10 +277,59 @@ def step_many(
         status, rewards[i] = 0, 0.0
         stepped = rows[i, PHASE] != OVER
         if stepped:
-            status, rewards[i] = act_instructed(rows[i], actions[i], rng_state[i])  # which acts without, too
+            status, rewards[i] = act(rows[i], actions[i], rng_state[i])
         cleared[first + count] = i  # counts only if it is
         count += finish(rows[i], stepped, status, mode, images[i], directions[i : i + 1], ends[:, i])
     return count
+
+
+@kernel(
+    "(int32[:, ::1], int64[::1], uint64[:, ::1], uint8[:, :, :, ::1], int64[::1], float64[::1], boolean[:, "
+    "::1], int64[::1], int64, int64, int64)",
+    nogil=True,
+)
+def step_many_instructed(
+    rows: Row,
+    actions: NDArray[np.int64],
+    rng_state: RngState,
+    images: NDArray[np.uint8],
+    directions: NDArray[np.int64],
+    rewards: NDArray[np.float64],
+    ends: NDArray[np.bool_],
+    cleared: NDArray[np.int64],
+    mode: int,
+    first: int,
+    last: int,
+) -> int:
+    """`step_many` for rows that have room for an instruction."""
+    count = first_refusal(rows, actions, mode, first, last)
+    for i in range(first, last if count == 0 else first):
+        fetch(rows, i)
+        fetch_instruction(rows, i)
+        status, rewards[i] = 0, 0.0
+        stepped = rows[i, PHASE] != OVER
+        if stepped:
+            status, rewards[i] = act_instructed(rows[i], actions[i], rng_state[i])
+        cleared[first + count] = i  # counts only if it is
+        count += finish(rows[i], stepped, status, mode, images[i], directions[i : i + 1], ends[:, i])
+    return count
+
+
+@inline
+def fetch(rows: Row, i: int) -> None:
+    """Prefetch what worlds further on will be asked for, where all of them are more than the nearest caches hold."""
+    if len(rows) >= MANY:
+        fetch_header(rows[min(i + 2 * LEAD, len(rows) - 1)])
+        fetch_usual(rows[min(i + LEAD, len(rows) - 1)])
+
+
+@inline
+def fetch_instruction(rows: Row, i: int) -> None:
+    """Prefetch what judges a step of a world further on."""
+    if len(rows) >= MANY:
+        soon = rows[min(i + LEAD, len(rows) - 1)]
+        block = block_of(soon)
+        fetch_numbers(soon, block, block + LINE, noted_of(soon) + soon[X] * soon[HEIGHT] + soon[Y])
 
 
 @simd_function()
@@ -288,16 +339,7 @@ def fetch_numbers(ops: Any, row: Row, first: Any, second: Any, third: Any) -> No
         ops.prefetch(row, at)
 
 
-@inline
-def fetch(rows: Row, i: int) -> None:
-    """Prefetch what worlds further on will be asked for, where all of them are more than the nearest caches hold."""
-    if len(rows) >= MANY:
-        fetch_header(rows[min(i + 2 * LEAD, len(rows) - 1)])
-        soon = rows[min(i + LEAD, len(rows) - 1)]
-        fetch_usual(soon)
-        if soon[TASK] == INSTRUCTED:
-            block = block_of(soon)
-            fetch_numbers(soon, block, block + LINE, noted_of(soon) + soon[X] * soon[HEIGHT] + soon[Y])
+STEPS = step_many, step_many_instructed  # by whether there may be an instruction
 
 
 @kernel("(int32[:, ::1], int64[::1], int64, int64, int64)", hold_gil=True)
