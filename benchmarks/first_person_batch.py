@@ -2,16 +2,18 @@
 
     python -m benchmarks.first_person_batch [WORLD ...] [--count 64] [--threads 1 2] [--rounds 9] [--steps 20]
 
-"alone" is one world that is stepped again and again, so that all it needs is near the processor; "apart" are as many
-worlds as the batch has, stepped in turn with the batch's actions, so what they see is what the batch sees. Each line
-has the median over rounds, microseconds a step of one world, and the medians of the rounds' ratios. Resets count.
+As many worlds as the batch has do what the batch's do, so they see the same: "alone" each does all its steps of a round
+before the next one does, so that what it needs is near the processor; "apart" each does one in turn, as in the batch.
+Each line has the median over rounds, microseconds a step of one world, and the medians of the rounds' ratios. Resets
+count.
 """
 
 import argparse
 import os
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 
 import gymnasium
 import numpy as np
@@ -21,7 +23,7 @@ import minihuman  # noqa: F401  registers the worlds
 WORLDS = ("FourRooms", "Hallway", "Maze", "PickupObjects", "PutNext", "CollectHealth", "Sign")
 
 
-def timed_us(play: Callable[[np.ndarray], None], actions: np.ndarray) -> float:
+def timed_us(play: Callable[[np.ndarray], object], actions: np.ndarray) -> float:
     """CPU time of all threads, microseconds a step."""
     begun = time.process_time_ns()
     for each in actions:
@@ -29,34 +31,49 @@ def timed_us(play: Callable[[np.ndarray], None], actions: np.ndarray) -> float:
     return (time.process_time_ns() - begun) / actions.size / 1000
 
 
-def step_each(worlds: list[gymnasium.Env], over: list[bool], actions: np.ndarray) -> None:
-    """A step of each world; one that is over is reset instead, as in a batch."""
-    for nth, action in enumerate(actions.tolist()):
-        world = nth % len(worlds)
-        if over[world]:
-            worlds[world].reset()
-            over[world] = False
+class Single:
+    """A world that is reset instead of stepped after its episode's end, as in a batch."""
+
+    def __init__(self, name: str, seed: int) -> None:
+        self.env, self.over = gymnasium.make(name, disable_env_checker=True), False
+        self.env.reset(seed=seed)
+
+    def step(self, action: int) -> None:
+        """A step, or the reset."""
+        if self.over:
+            self.env.reset()
+            self.over = False
         else:
-            _, _, terminated, truncated, _ = worlds[world].step(action)
-            over[world] = terminated or truncated
+            _, _, terminated, truncated, _ = self.env.step(action)
+            self.over = terminated or truncated
+
+
+def step_apart(worlds: list[Single], actions: np.ndarray) -> None:
+    """A step of each."""
+    for world, action in zip(worlds, actions.tolist(), strict=True):
+        world.step(action)
+
+
+def step_alone(worlds: Iterator[Single], actions: np.ndarray) -> None:
+    """All steps of the next one."""
+    world = next(worlds)
+    for action in actions.tolist():
+        world.step(action)
 
 
 def measure(name: str, count: int, threads: int, *, rounds: int, steps: int) -> None:
     """Print a line."""
     made = f"minihuman/MiniWorld-{name}-v0"
     batch = gymnasium.make_vec(made, num_envs=count, vectorization_mode="vector_entry_point", threads=threads)
-    alone, *apart = worlds = [gymnasium.make(made, disable_env_checker=True) for _ in range(count + 1)]
-    for nth, world in enumerate(worlds):
-        world.reset(seed=max(nth - 1, 0))
+    alone, apart = ([Single(made, seed) for seed in range(count)] for _ in range(2))
     batch.reset(seed=0)
-    over_alone, over = [False], [False] * count
     rng = np.random.default_rng(0)
     times: list[tuple[float, ...]] = []
     for _ in range(rounds + 1):
-        actions = rng.integers(batch.single_action_space.n, size=(steps, count))
-        one = timed_us(lambda each: step_each([alone], over_alone, each), actions)
-        each = timed_us(lambda each: step_each(apart, over, each), actions)
-        times.append((timed_us(lambda each: batch.step(each) and None, actions), one, each))
+        actions, in_turn = rng.integers(batch.single_action_space.n, size=(steps, count)), iter(alone)
+        one = timed_us(partial(step_alone, in_turn), actions.T)
+        each = timed_us(partial(step_apart, apart), actions)
+        times.append((timed_us(batch.step, actions), one, each))
     batch.close()
     ours, one, each = (statistics.median(column) for column in zip(*times[1:], strict=True))
     of_one, of_each = (statistics.median(row[0] / row[k] for row in times[1:]) for k in (1, 2))
