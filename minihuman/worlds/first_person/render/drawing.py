@@ -121,12 +121,6 @@ def render_top(scene: Scene, width: int, height: int, *, agent: Pose | None = No
     return out
 
 
-def plan_scale(scene: Scene, width: int, height: int) -> tuple[float, float, float]:
-    """Pixels a metre in ``render_top``, and the pixel (column, row, as floats) where x = 0 and z = 0."""
-    scale, middle_x, middle_z = _fit(scene.layout, width, height)
-    return scale, width / 2 - middle_x * scale, height / 2 - middle_z * scale
-
-
 def visible_things(scene: Scene, camera: Camera, width: int, height: int) -> list[int]:
     """The indices of the things that can be seen: a small cube at a thing's place stands for it, as in Miniworld."""
     count = scene.layout.thing_count

@@ -6,7 +6,7 @@ import pytest
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.render.asset_files import OwnAssets
 from minihuman.worlds.first_person.render.assets import Assets, Library, MeshData, Texture
-from minihuman.worlds.first_person.render.drawing import plan_scale, render, render_depth, render_top, visible_things
+from minihuman.worlds.first_person.render.drawing import render, render_depth, render_top, visible_things
 from minihuman.worlds.first_person.render.scene import Camera, MeshLook, Surface, build_scene
 from minihuman.worlds.pose import Pose
 from tests.worlds.first_person.render.stages import CAMERA, room, two_rooms
@@ -55,8 +55,10 @@ def test_things_are_seen_unless_a_wall_or_a_turned_back_hides_them() -> None:
 def test_the_plan_shows_the_agent_where_it_stands() -> None:
     scene = two_rooms()
     picture = render_top(scene, 120, 60, agent=Pose(4.0, 0.0, -1.0, 0.0))
-    scale, column, row = plan_scale(scene, 120, 60)
-    assert tuple(picture[int(row - scale), int(column + 4.0 * scale)]) == (255, 0, 0)
+    x0, z0, x1, z1 = scene.layout.bounds
+    scale = min(120 / (x1 - x0 + 2), 60 / (z1 - z0 + 2))  # pixels a metre, with a metre of sky all round
+    column, row = 60 + scale * (4.0 - (x0 + x1) / 2), 30 + scale * (-1.0 - (z0 + z1) / 2)
+    assert tuple(picture[int(row), int(column)]) == (255, 0, 0)
 
 
 def test_a_picture_without_pixels_and_a_surface_without_area_are_refused() -> None:
