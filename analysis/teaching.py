@@ -1,6 +1,6 @@
-"""What teaching is worth: simulated trials of takeovers, ratings and comparisons.
+"""What teaching is worth: simulated trials of takeovers, ratings and comparisons, and all of them by the minute.
 
-    python analysis/teaching.py takeovers|ratings|comparisons OUT [--worlds Empty-8x8] [--seeds 5] [--workers 2]
+    python analysis/teaching.py takeovers|ratings|comparisons|minutes OUT [--worlds Empty-8x8] [--seeds 5] [--workers 2]
 
 Writes rows, table and, for takeovers, the figure into OUT (extra `learn`); an interrupted run resumes.
 """
@@ -13,6 +13,7 @@ from typing import TypeVar
 
 from minihuman.errors import LearnError, MinihumanError
 from teaching_study.feedback import COMPARED, PAIRINGS, RATED, run_comparisons, run_ratings
+from teaching_study.minutes import MINUTES_TRIALS, run_minutes
 from teaching_study.takeovers import TAKEOVER_TRIALS, run_takeovers
 
 Name = TypeVar("Name", bound=str)
@@ -38,6 +39,12 @@ def comparisons(given: argparse.Namespace, command: str) -> str:
     )
 
 
+def minutes(given: argparse.Namespace, command: str) -> str:
+    """What each way to teach comes to after the same minutes of a person's time."""
+    names = select(given.worlds, MINUTES_TRIALS, "--worlds")
+    return run_minutes(given.out, names, given.seeds, workers=given.workers, command=command, episodes=given.episodes)
+
+
 def select(text: str, known: Iterable[Name], option: str) -> list[Name]:
     """The known names that a list with commas holds.
 
@@ -59,6 +66,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
         (takeovers, "DoorKey-8x8,FourRooms,FourRooms-remembered", None),
         (ratings, "Empty-8x8,FourRooms-easy,FourRooms-gap", 100),
         (comparisons, "Empty-6x6,Empty-8x8", 200),
+        (minutes, "FourRooms-easy,Empty-8x8", 200),
     ):
         each = commands.add_parser(command.__name__, help=command.__doc__)
         each.set_defaults(command=command)

@@ -222,7 +222,7 @@ def run_compared(trial: ComparedTrial, pairing: "Pairing", seed: int, *, episode
         )
         others = draw_pairs(dataset.lessons[-len(shown) :], trial.held_out, steps=trial.steps, rng=chance)
         held_out += [pair for pair in others if pair not in asked and pair[::-1] not in asked]
-        answers = [rater.answer(0.0, truth) for truth in _truths(gains, asked)]
+        answers = [rater.answer(0.0, truth) for truth in compute_truths(gains, asked)]
         dataset = dataset.with_more(
             comparisons=[Comparison(*pair, said) for pair, said in zip(asked, answers, strict=True)]
         )
@@ -245,8 +245,8 @@ def run_compared(trial: ComparedTrial, pairing: "Pairing", seed: int, *, episode
                 pairing,
                 seed,
                 len(dataset.comparisons),
-                compute_pair_agreement(model, dataset, held_out, _truths(gains, held_out)),
-                compute_pair_agreement(model, astray, elsewhere, _truths(gained, elsewhere)),
+                compute_pair_agreement(model, dataset, held_out, compute_truths(gains, held_out)),
+                compute_pair_agreement(model, astray, elsewhere, compute_truths(gained, elsewhere)),
                 by_learnt.rate,
                 by_truth.rate,
                 by_learnt.mean_return,
@@ -319,7 +319,7 @@ def _nothing_yet(trial: ComparedTrial, rng: np.random.Generator) -> tuple[Datase
     return dataset, TeachingSimulation(world, eyesight, trial.most_steps, rng)
 
 
-def _truths(gains: dict[str, list[int]], pairs: Sequence[Pair]) -> list[float]:
+def compute_truths(gains: dict[str, list[int]], pairs: Sequence[Pair]) -> list[float]:
     """How much better the right side of each pair is than its left."""
     worths = [[sum(gains[side.lesson][side.first : side.last + 1]) for side in pair] for pair in pairs]
     return [float(right - left) for left, right in worths]

@@ -30,6 +30,7 @@ from minihuman.reporting.sections import (
     parts_table,
     power_statement,
     quality_section,
+    reliability_table,
     session_changes_table,
     session_table,
     skipped_table,
@@ -265,6 +266,7 @@ def _block(
         "parts": parts_table(one.parts),
         "parts_missing": list_missing_parts(one.parts),
         **_growth(one, mixed),
+        "reliability": reliability_table(one.reliabilities),
         "powers": [power_statement(each) for each in one.powers],
     }
 

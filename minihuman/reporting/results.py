@@ -37,6 +37,7 @@ from minihuman.statistics.paired import (
     fit_crossover,
     paired_test,
 )
+from minihuman.statistics.reliability import Reliability, estimate_reliability
 from minihuman.statistics.survival import SurvivalComparison, SurvivalTimes, compare_survival
 from minihuman.statistics.two_part_model import TwoPartComparison, compare_two_parts, has_mass_at_zero
 
@@ -183,6 +184,7 @@ class BlockResults:
     waits: BlockSurvival  # until every key was found, and until the goal
     parts: tuple[TwoPartComparison, ...]  # of the reward, where it has mass at 0
     growth: GrowthComparison | None  # of the excess steps, or of the reward, over the block's episodes
+    reliabilities: tuple[Reliability, ...]  # of the measures that an episode has a value of; none of teams
     powers: tuple[PowerAnalysis, ...]  # one for each pair of groups, in the order of the headline
     teams: int = 0  # of several people, each of which is one unit of the statistics; 0: participants are
 
@@ -375,10 +377,23 @@ def compute_block_results(
         parts=compare_reward_parts(episodes, order),
         set_aside=aside,
         growth=compare_growth(lines, _LOG_EXCESS if has_excess else "reward", order=order),
+        reliabilities=() if units else tuple(estimate_reliabilities(episodes, measured)),
         powers=(),
         teams=len({*units.values()} & {*rows["participant"]}),
     )
     return replace(found, powers=tuple(compute_power(one.n) for one in found.headline))
+
+
+def estimate_reliabilities(episodes: pd.DataFrame, measures: Sequence[str]) -> Iterator[Reliability]:
+    """The reliability of each measure that an episode has a value of; of times, of their logarithms."""
+    episodes = episodes.sort_values("session", kind="stable")  # rows of a session are in the order of play
+    for name in measures:
+        if (column := name.removesuffix("_mean")) in episodes:
+            values = episodes[column].astype(float)
+            with_values = episodes.assign(value=np.log(values.where(values > 0)) if name in LOG_MEASURES else values)
+            found = estimate_reliability(name, with_values[["group", "participant", "value"]])
+            if found is not None:
+                yield found
 
 
 def compare_adjusted(

@@ -40,6 +40,7 @@ from minihuman.reporting.template import (
 )
 from minihuman.statistics.comparison import GroupComparison, PowerAnalysis
 from minihuman.statistics.paired import PairedComparison
+from minihuman.statistics.reliability import Reliability
 from minihuman.statistics.scores import wilson_interval
 from minihuman.statistics.two_part_model import PartComparison, TwoPartComparison
 
@@ -161,6 +162,18 @@ def survival_table(found: BlockSurvival) -> Table | None:
     ]  # fmt: skip
     heads = ("groups", "n", "never", "observed (s)", "restricted means (s)", "difference (95 %)", "p", "curves: p")
     return Table(heads, rows) if rows else None
+
+
+def reliability_table(found: Sequence[Reliability]) -> Table | None:
+    """How well each measure tells participants apart."""
+    rows = [
+        (
+            label_measure(one.measure), str(one.participants), str(one.episodes),
+            format_with_interval(one.icc, one.icc_interval), format_with_interval(one.halves, one.halves_interval),
+        )
+        for one in found
+    ]  # fmt: skip
+    return Table(("measure", "participants", "episodes", "one episode: ICC", "all: split-half"), rows) if rows else None
 
 
 def session_table(one: BlockResults) -> Table | None:

@@ -7,8 +7,9 @@ import pytest
 pytest.importorskip("torch")
 
 from minihuman.learn.teaching.preference_learner import PreferenceSettings, RewardFitting
-from teaching_study import feedback, takeovers
+from teaching_study import feedback, minutes, takeovers
 from teaching_study.feedback import run_comparisons, run_ratings
+from teaching_study.minutes import run_minutes
 from teaching_study.takeovers import run_takeovers
 
 EMPTY = "minihuman/MiniGrid-Empty-5x5-v0"
@@ -63,3 +64,20 @@ def test_comparisons_are_tabled_beside_the_true_reward(tmp_path, monkeypatch):
     )
     assert "| Small | disputed | 1 | 5 |" in table
     assert "| Small | disputed | 1 | 10 |" in table
+
+
+def test_what_a_minute_teaches_is_tabled_by_way(tmp_path, monkeypatch):
+    trial = minutes.MinutesTrial("Small", EMPTY, 3, most_steps=20, marks=(0.3, 0.6))
+    monkeypatch.setitem(minutes.MINUTES_TRIALS, "Small", trial)
+    monkeypatch.setattr(minutes, "SHOWN_STEPS", 40)
+    monkeypatch.setattr(minutes, "FITTING", "updates=2")
+    monkeypatch.setattr(minutes, "REWARD", RewardFitting(members=2, updates=2))
+    monkeypatch.setattr(minutes, "PREFERENCES", PreferenceSettings(steps=64, n_steps=64, n_epochs=1))
+    table = twice(lambda out: run_minutes(out, ["Small"], 1, workers=1, command="it", episodes=3), tmp_path)
+    rows = json.loads((tmp_path / "minutes.json").read_text())["rows"]
+    assert [(row["way"], row["minutes"]) for row in rows] == [
+        (way, mark) for way in minutes.WAYS for mark in (0.3, 0.6)
+    ]
+    given = {way: [row["given"] for row in rows if row["way"] == way] for way in minutes.WAYS}
+    assert all(0 < early <= late for early, late in given.values()), given
+    assert "| way to teach | 0.3 min | 0.6 min | given |" in table

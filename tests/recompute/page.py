@@ -738,6 +738,7 @@ def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
     yield from expected_survival(rows, begun, order)
     yield from expected_parts(episodes, order)
     yield from expected_growth(episodes, order)
+    yield from expected_reliability(found)
     if headline:
         yield "summary", "Power of these sizes"
     for one in headline:
@@ -1272,6 +1273,57 @@ def near_cells(value: float, bounds: tuple[float, float], p: float) -> list[Any]
     if math.isnan(bounds[0]):
         return [(Near(value, error),), "n/a", p_value(p)]
     return [(Near(value, error),), (Near(bounds[0], error), " to ", Near(bounds[1], error)), (Near(p, 1e-9),)]
+
+
+def expected_reliability(found: Block) -> Iterator[tuple[str, Any]]:
+    table = [["measure", "participants", "episodes", "one episode: ICC", "all: split-half"]]
+    for name in found.measures:
+        column = name.removesuffix("_mean")
+        if not found.episodes or column not in found.episodes[0]:
+            continue
+        people: dict[tuple[str, str], list[float]] = {}
+        for row in sorted(found.episodes, key=lambda row: (row["session"], row["episode"], row["attempt"])):
+            value = row[column]
+            if value is not None and not math.isnan(value) and (name not in LOGS or value > 0):
+                people.setdefault((row["group"], row["participant"]), []).append(
+                    math.log(value) if name in LOGS else float(value)
+                )
+        cells = reliability({who: np.array(values) for who, values in people.items() if len(values) > 1})
+        if cells:
+            table.append([MEASURES[name], *cells])
+    if len(table) > 1:
+        yield "summary", "Reliability"
+        yield "table", table
+
+
+def reliability(people: Mapping[tuple[str, str], Any]) -> list[Any]:
+    """By the analysis of variance of participants nested in groups, and partial correlation given the group."""
+    groups = sorted({group for group, _ in people})
+    count, freedom = len(people), len(people) - len(groups)
+    if freedom < 3:
+        return []
+    every = np.concatenate(list(people.values()))
+    by_group = {group: np.concatenate([v for who, v in people.items() if who[0] == group]) for group in groups}
+    error = sum(((values - values.mean()) ** 2).sum() for values in people.values()) / (len(every) - count)
+    model = sum(len(v) * (v.mean() - by_group[group].mean()) ** 2 for (group, _), v in people.items()) / freedom
+    squares = sum(
+        sum(len(v) ** 2 for who, v in people.items() if who[0] == group) / len(by_group[group]) for group in groups
+    )
+    typical = (len(every) - squares) / freedom
+    halves = np.array([[values[::2].mean(), values[1::2].mean()] for values in people.values()])
+    dummies = np.array([[float(group == who) for group in groups] for who, _ in people])
+    left = halves - dummies @ np.linalg.lstsq(dummies, halves, rcond=None)[0]
+    products = left.T @ left
+    spread = math.sqrt(products[0, 0] * products[1, 1])
+    if min(error, spread) <= 1e-12 * float((every**2).mean()):
+        return []
+    ratio = model / error
+    low, high = (ratio / stats.f(freedom, len(every) - count).ppf(q) for q in (0.975, 0.025))
+    shares = [(one - 1) / (one - 1 + typical) for one in (ratio, low, high)]
+    r = min(max(float(products[0, 1]) / spread, -1 + 1e-12), 1 - 1e-12)
+    z = stats.norm.ppf([0.5, 0.025, 0.975]) / math.sqrt(freedom - 2) + np.arctanh(r)
+    whole = [max(0.0, 2 * float(one) / (1 + float(one))) for one in np.tanh(z)]
+    return [str(count), str(len(every)), with_interval(shares[0], shares[1:]), with_interval(whole[0], whole[1:])]
 
 
 def power(n: tuple[int, int]) -> str:

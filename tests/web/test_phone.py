@@ -126,7 +126,8 @@ class Fingers:
         """Until it holds and what stands in the page is on the display: a tap before that answers nothing, by rule."""
         self.phone.until(condition)
         self.phone.run(
-            "window.wasSeen = false; requestAnimationFrame(() => requestAnimationFrame(() => { window.wasSeen = true; }));"
+            "window.wasSeen = false;"
+            "requestAnimationFrame(() => requestAnimationFrame(() => { window.wasSeen = true; }));"
         )
         self.phone.until("window.wasSeen")
 

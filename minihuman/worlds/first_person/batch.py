@@ -4,10 +4,9 @@ Each world of a batch is the world it would be alone. Also how Gymnasium makes t
 """
 
 import os
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from importlib import import_module
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import gymnasium
@@ -17,9 +16,13 @@ from gymnasium.vector.utils import batch_space, concatenate, create_empty_array
 from numpy.typing import ArrayLike, NDArray
 
 from minihuman.errors import WorldError
+from minihuman.worlds.first_person.batch_kernels import AFTER, EARNED, HEADING, OWN_SIZE, ROW_SIZE, act_together
+from minihuman.worlds.first_person.entities import LATEST_CHANGE
 from minihuman.worlds.first_person.env import FirstPersonEnv
-from minihuman.worlds.first_person.render.drawing import RenderTarget
-from minihuman.worlds.first_person.render.render_pool import RenderPool
+from minihuman.worlds.first_person.render.drawing import RenderTarget, turn
+from minihuman.worlds.first_person.render.rasterisation import ROOM
+from minihuman.worlds.first_person.render.render_pool import RenderPool, addresses, drawing_threads
+from minihuman.worlds.first_person.rules import MOVED, TERMINATED, TRUNCATED, TURN_LEFT, TURN_RIGHT
 from minihuman.worlds.options import BatchSeeds, seeds_per_world
 
 Stepped = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
@@ -34,9 +37,6 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         autoreset_mode: what happens after an episode's end, in Gymnasium's words: "NextStep", "SameStep", "Disabled".
         threads: how many pictures are drawn at once; None for one per core.
     """
-
-    _pool: ThreadPoolExecutor | None = None  # made when something is to be drawn; closed even where __init__ raised
-    _render_pool: RenderPool | None = None  # the same
 
     def __init__(
         self,
@@ -60,6 +60,12 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         self.observation_space = batch_space(first.observation_space, num_envs)
         self._over = np.zeros(num_envs, np.bool_)  # in the step before
         self._threads = threads or os.cpu_count() or 1
+        self._render_pool = RenderPool(num_envs, self._threads)
+        kind = type(first)
+        own = kind.observe is not FirstPersonEnv.observe or kind.see is not FirstPersonEnv.see
+        self._draws_together = num_envs > 1 and not own
+        stepped = kind.advance is FirstPersonEnv.advance and first.kernels_judge and not first.domain_rand
+        self._joint = JointStep(self.worlds) if self._draws_together and stepped else None
 
     @property  # type: ignore[misc]  # Gymnasium's can be set; Gymnasium's own vectors give one per world too
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -83,12 +89,10 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
             if chosen.shape != (self.num_envs,) or chosen.dtype != np.bool_:
                 raise WorldError(f"reset_mask is {chosen.dtype}{chosen.shape}; it must be bool({self.num_envs},)")
 
-        def begin(i: int) -> None:
-            if chosen[i]:
-                self.worlds[i].begin(seed=seeds[i])
-                self._over[i] = False
-
-        return self._observed(begin)
+        for i in np.flatnonzero(chosen).tolist():
+            self.worlds[i].begin(seed=seeds[i])
+        self._over[chosen] = False
+        return self._observed(range(self.num_envs))
 
     def step(self, actions: ArrayLike) -> Stepped:
         """Act in every world.
@@ -100,93 +104,69 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         given = np.asarray(actions)
         if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
             raise WorldError(f"actions must be {self.num_envs} whole numbers, not {given.dtype}{given.shape}")
-        for world, action in zip(self.worlds, given.tolist(), strict=True):
-            world.check(action)
+        joint = self._joint if self._joint is not None and self._joint.is_current() else None
+        if joint is None or not 0 <= given.min() <= given.max() < len(self.worlds[0].action_names):
+            for world, action in zip(self.worlds, given.tolist(), strict=True):
+                world.check(action)
         if self._autoreset is AutoresetMode.DISABLED and self._over.any():
             raise WorldError(
                 f"the episode of world {int(np.argmax(self._over))} is over; reset it with options['reset_mask'] first"
             )
-        renewed = self._over.copy() if self._autoreset is AutoresetMode.NEXT_STEP else np.zeros_like(self._over)
-        rewards = np.zeros(self.num_envs)
-        ends = np.zeros((2, self.num_envs), np.bool_)  # terminated, truncated
+        again = self._autoreset is AutoresetMode.SAME_STEP
+        renewed = self._over & (self._autoreset is AutoresetMode.NEXT_STEP)
+        rewards, statuses = np.zeros(self.num_envs), np.full(self.num_envs, -1)
+        if joint is not None:
+            joint.step(np.where(renewed, -1, given.astype(np.int64)), rewards, statuses)
+        stepped = statuses >= 0
+        ends = [stepped & (statuses & part != 0) for part in (TERMINATED, TRUNCATED)]
+        other = np.flatnonzero(statuses & ~MOVED).tolist()  # than a move: those that Python has to do something about
         final: dict[int, tuple[Any, dict[str, Any]]] = {}  # of worlds that begin anew in this step
-
-        action_of, again = given.tolist(), self._autoreset is AutoresetMode.SAME_STEP
-
-        def act(i: int) -> None:
+        for i in other:
             world = self.worlds[i]
             if renewed[i]:
                 world.begin()
-                return
-            rewards[i], ends[0, i], ends[1, i] = world.advance(action_of[i])
-            if again and (ends[0, i] or ends[1, i]):
+                continue
+            if not stepped[i]:
+                rewards[i], ends[0][i], ends[1][i] = world.advance(int(given[i]))
+            world._over = bool(ends[0][i] or ends[1][i])
+            if again and (ends[0][i] or ends[1][i]):
                 final[i] = world.observe(), world.info()
                 world.begin()
-
-        observations, infos = self._observed(act)
+        observations, infos = self._observed(other)
         over = ends[0] | ends[1]
         self._over = np.zeros_like(over) if again else over
-        return observations, rewards, ends[0], ends[1], infos | self._final(final)
+        return observations, rewards, *ends, infos | self._final(final)
 
     def render(self) -> tuple[NDArray[np.uint8] | None, ...] | None:  # type: ignore[override]
         """What each world renders; None without a render mode."""
-        return (
-            None if self.render_mode is None else tuple(self._painters.map(lambda world: world.render(), self.worlds))
-        )
+        if self.render_mode is None:
+            return None
+        return tuple(drawing_threads(os.getpid()).map(lambda world: world.render(), self.worlds))
 
-    def close_extras(self, **kwargs: Any) -> None:
-        """Let the threads go."""
-        for kept in (self._pool, self._render_pool):
-            if kept is not None:
-                kept.shutdown()
-        self._pool = self._render_pool = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        return vars(self) | {"_pool": None, "_render_pool": None}
-
-    @property
-    def _painters(self) -> ThreadPoolExecutor:
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="painter")
-        return self._pool
-
-    def _observed(self, act: Callable[[int], None]) -> tuple[Any, dict[str, Any]]:
-        """Call ``act`` for each world's number; observations and infos afterwards."""
-        kind = type(self.worlds[0])
-        if kind.observe is not FirstPersonEnv.observe or kind.see is not FirstPersonEnv.see or self.num_envs == 1:
-            for i in range(self.num_envs):
-                act(i)
+    def _observed(self, changed: Sequence[int]) -> tuple[Any, dict[str, Any]]:
+        """Observations and infos; ``changed`` are the worlds whose views no kernel has aimed."""
+        if not self._draws_together:
             return self._apart(), self._infos()
-        infos: dict[str, Any] = {}
-
-        def aim_target() -> Iterator[RenderTarget]:
-            for i, world in enumerate(self.worlds):
-                act(i)
-                yield world.aim_target()
-            infos.update(self._infos())
-
-        if self._render_pool is None:
-            self._render_pool = RenderPool(self.num_envs, self._threads)
+        if self._joint is None:
+            targets = [world.aim_target() for world in self.worlds]
+        else:
+            targets = self._joint.aim_targets(changed)
         batch: Any = create_empty_array(self.single_observation_space, self.num_envs, np.empty)
-        self._render_pool.paint(aim_target(), batch)
-        return batch, infos
+        self._render_pool.paint(targets, batch)
+        return batch, self._infos()
 
     def _apart(self) -> Any:
         """The observations of worlds that say themselves what they are: more than a picture, or another."""
-        space = self.single_observation_space
         # each thread takes neighbours, so that it is asked once and not for every world
         ends = [self.num_envs * nth // self._threads for nth in range(self._threads + 1)]
         shares = [self.worlds[first:last] for first, last in pairwise(ends) if first < last]
-        others = [self._painters.submit(_observe, share) for share in shares[1:]]
-        seen = _observe(shares[0])
-        for other in others:
-            seen += other.result()
-        batch: Any = create_empty_array(space, self.num_envs)
-        return concatenate(space, seen, batch)
+        found = drawing_threads(os.getpid()).map(lambda share: [world.observe() for world in share], shares)
+        batch: Any = create_empty_array(self.single_observation_space, self.num_envs)
+        return concatenate(self.single_observation_space, list(chain.from_iterable(found)), batch)
 
     def _infos(self) -> dict[str, Any]:
         infos: dict[str, Any] = {}
-        for i, world in enumerate(self.worlds):
+        for i, world in enumerate(self.worlds if type(self.worlds[0]).info is not FirstPersonEnv.info else ()):
             infos = self._add_info(infos, world.info(), i)
         return infos
 
@@ -201,13 +181,67 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         return {"final_obs": observations, "_final_obs": over, "final_info": infos, "_final_info": over}
 
 
-def _observe(worlds: list[FirstPersonEnv]) -> list[Any]:
-    return [world.observe() for world in worlds]
+class JointStep:
+    """Steps the worlds of a batch in one call, where kernels alone step them; each world's things hear of it."""
+
+    def __init__(self, worlds: Sequence[FirstPersonEnv]) -> None:
+        count = len(worlds)
+        self._worlds, self._all = worlds, np.arange(count)
+        self._latest, self._counts = -1, self._count()  # change of any thing that rows and views tell of
+        nothing: list[Any] = [None] * count
+        self._flats, self._arrays, self._targets, self._agents = (nothing.copy() for _ in range(4))
+        self._trigs = [0] * count
+        self._rows, self._own = np.zeros((count, ROW_SIZE), np.int64), np.zeros((count, OWN_SIZE))
+        self._turns_rad = np.zeros((count, len(worlds[0].action_names)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return JointStep, (self._worlds,)
+
+    def is_current(self) -> bool:
+        """Whether nothing but this changed the worlds since they were aimed."""
+        return self._latest == LATEST_CHANGE[0] and self._counts == self._count()
+
+    def step(self, actions: NDArray[np.int64], rewards: NDArray[np.float64], statuses: NDArray[np.int64]) -> None:
+        """Step every world whose action is not -1; write what each earned, and its status as `rules.act` gives it."""
+        self._latest = -1  # until all are aimed
+        own, scored = self._own, bool(self._flats[0].score)
+        for flat, world in zip(self._flats, self._worlds, strict=True) if scored else ():
+            flat.count(world)
+        headings = own[:, HEADING] + self._turns_rad[self._all, actions]
+        own[:, AFTER:EARNED] = list(map(turn, headings.tolist(), self._trigs))
+        act_together(self._rows, actions, own, statuses)
+        rewards[:] = np.where(actions < 0, 0.0, own[:, EARNED])
+        done = zip(
+            self._worlds, self._flats, self._agents, own[:, : HEADING + 1].tolist(), statuses.tolist(), strict=True
+        )
+        for world, flat, agent, (x, y, z, heading), status in done:
+            if status >= 0:
+                world.step_count += 1
+                agent["pos"], agent["dir"] = (x, y, z), heading
+                if scored or status & _MORE:
+                    flat.take(world, status)
+
+    def aim_targets(self, changed: Sequence[int]) -> list[RenderTarget]:
+        """All worlds' targets; those of worlds that were changed otherwise than by a move are aimed by Python."""
+        for i in changed:
+            world = self._worlds[i]
+            flat, agent, target = world.flat_state(), world.agent, world.aim_target()
+            flat.count(world)
+            self._flats[i], self._targets[i], self._agents[i], self._trigs[i] = flat, target, vars(agent), agent.trig
+            self._arrays[i] = flat.things, flat.numbers, flat.walls, target.view
+            self._rows[i] = *addresses(*self._arrays[i])[:-1], target.view[ROOM]
+            self._own[i] = *agent.pos, agent.dir, *turn(agent.dir, agent.trig), 0.0, 0.0, 0.0, agent.cam_fwd_disp
+            signs = [(motion == TURN_LEFT) - (motion == TURN_RIGHT) for motion in flat.motions]
+            self._turns_rad[i] = np.array(signs) * flat.turn_rad
+        self._latest, self._counts = LATEST_CHANGE[0], self._count()
+        return self._targets
+
+    def _count(self) -> tuple[list[int], int]:
+        stages = [world._stage for world in self._worlds]
+        return [world.step_count for world in self._worlds], sum(len(stage.entities) for stage in stages if stage)
 
 
-_BATCH_SETTINGS = frozenset({"num_envs", "autoreset_mode", "threads"})
-
-
+_MORE = ~(MOVED | TERMINATED | TRUNCATED)  # of what came of a step
 _MOVED_LAYOUTS = {  # as data sets that were exported earlier name them
     "transfer:GoToObj": "layouts.go_to_obj:GoToObj",
     "layouts.sidewalk:Sidewalk": "layouts.connected_rooms:Sidewalk",
@@ -223,7 +257,7 @@ def make_world(layout: str, **options: Any) -> FirstPersonEnv:
 
 def make_batch(layout: str, **options: Any) -> FirstPersonBatch:
     """A batch of such worlds, for ``gymnasium.make_vec``."""
-    settings = {name: options.pop(name) for name in _BATCH_SETTINGS & options.keys()}
+    settings = {name: options.pop(name) for name in {"num_envs", "autoreset_mode", "threads"} & options.keys()}
     return FirstPersonBatch(lambda: make_world(layout, **options), **settings)
 
 

@@ -59,6 +59,12 @@ def texture_variants(texture: str) -> int:
 LATEST_CHANGE = [0]  # of any thing's attributes: whoever keeps a copy of them sees by it that they may be others
 _changes = itertools.count(1)
 
+
+def note_change() -> None:
+    """Say that what copies of things' attributes were made of may be other than it was."""
+    LATEST_CHANGE[0] = next(_changes)
+
+
 Position = tuple[float, float, float]  # x, y, z in metres
 Length = float | np.float32  # metres; of a mesh in single precision, as Miniworld keeps it
 
@@ -82,7 +88,7 @@ class Entity:
 
     def __setattr__(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
-        LATEST_CHANGE[0] = next(_changes)
+        LATEST_CHANGE[0] = next(_changes)  # as `note_change`, but a call costs as much as all of this
 
     def randomise(self, parameters: Parameters, rng: np.random.Generator | None) -> None:
         """Draw what varies from episode to episode; without a stream, take the defaults."""

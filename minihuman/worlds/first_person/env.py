@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.first_person import rules
-from minihuman.worlds.first_person.entities import Agent, Entity, ImageFrame, Position, TextFrame
+from minihuman.worlds.first_person.entities import Agent, Entity, ImageFrame, Position, TextFrame, note_change
 from minihuman.worlds.first_person.miniworld_compat import MiniworldCompat
 from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters
 from minihuman.worlds.first_person.pictures import WorldRenderer
@@ -382,7 +382,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
             raise WorldError(f"no episode is running in {type(self).__name__}; call reset() first")
         self.step_count += 1
         flat = self.flat_state()
-        if self._kernels_judge:
+        if self.kernels_judge:
             status = flat.step(self, action, rules.ACT | rules.JUDGE)
             reward, terminated, truncated = flat.reward, bool(status & rules.TERMINATED), bool(status & rules.TRUNCATED)
         else:
@@ -411,10 +411,11 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         """Whether kernels alone step it and by our own sine: with no `reward_and_done` and no `advance` of its own."""
         own = type(self)
         plain = own.advance is FirstPersonEnv.advance and own.step is FirstPersonEnv.step
-        return bool(self.trig) and plain and self._kernels_judge and len(self.action_names) <= rules.MOST_ACTIONS
+        return bool(self.trig) and plain and self.kernels_judge and len(self.action_names) <= rules.MOST_ACTIONS
 
     @property
-    def _kernels_judge(self) -> bool:
+    def kernels_judge(self) -> bool:
+        """Whether kernels say what a step earned: with no `reward_and_done` of its own."""
         return type(self).reward_and_done is FirstPersonEnv.reward_and_done
 
     def flat_state(self) -> FlatState:
@@ -494,8 +495,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
             delattr(self, name)
         vars(self).update(restore_state(saved, here=self._stage is saved.stage))
         self._over = saved.over
-        if self._flat is not None:
-            self._flat.seen = 0
+        note_change()
 
     def _not_reset(self) -> WorldError:
         return WorldError(f"{type(self).__name__} has not been reset; call reset(seed=...) first")

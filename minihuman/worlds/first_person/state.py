@@ -15,7 +15,7 @@ import numpy as np
 
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person import rules
-from minihuman.worlds.first_person.entities import LATEST_CHANGE, Agent, Entity, Length, Position
+from minihuman.worlds.first_person.entities import LATEST_CHANGE, Agent, Entity, Length, Position, note_change
 from minihuman.worlds.first_person.parameters import Parameters, uniform, weighted
 from minihuman.worlds.first_person.rooms import (
     FloorPlan,
@@ -349,7 +349,7 @@ class FlatState:
         self.seen = 0  # the latest change that is in the arrays
         self.walls = stage.floor.walls
         self._varies = ranges if stage.randomised else None
-        self._motions = [rules.ACTIONS.index(world.motions.get(name, name)) for name in world.action_names]
+        self.motions = [rules.ACTIONS.index(world.motions.get(name, name)) for name in world.action_names]
         self._head = np.zeros(rules.ARGUMENTS)
         self._head[rules.STEP_LIMIT] = -1.0 if world.max_steps is None else world.max_steps
         self._head[rules.REACH] = stage.reach
@@ -358,9 +358,9 @@ class FlatState:
             for start, value in zip((rules.AHEAD, rules.LOW, rules.HIGH), bounds, strict=True):
                 self._head[start + k] = value
         self._head[rules.VARIES] = stage.randomised
-        for k, (name, motion) in enumerate(zip(world.action_names, self._motions, strict=True)):
+        for k, (name, motion) in enumerate(zip(world.action_names, self.motions, strict=True)):
             self._head[rules.NAMED + k] = rules.ACTIONS.index(name) + 8 * motion
-        self._turn_rad = float(self._head[rules.TURN_DEG]) * _RADIANS
+        self.turn_rad = float(self._head[rules.TURN_DEG]) * _RADIANS
         self.take_rule(world)
 
     @property
@@ -395,6 +395,7 @@ class FlatState:
 
     def _lay_out(self) -> None:
         """Make arrays for the things on the stage, and those that are carried or the rule's."""
+        note_change()
         stage, rule = self.stage, self._rule
         carrying = () if stage.agent.carrying is None else (stage.agent.carrying,)
         self._entities = list(stage.entities)
@@ -411,13 +412,17 @@ class FlatState:
             for each in (self.numbers, self.things)
         )
 
+    def count(self, world: "FirstPersonEnv") -> None:
+        """Put how many steps there were and what the rule counts into the arrays."""
+        self._numbers[rules.STEPS] = world.step_count
+        if self._rule.score:
+            self._numbers[rules.SCORE] = getattr(world, self._rule.score)
+
     def step(self, world: "FirstPersonEnv", action: int, parts: int) -> int:
         """Do parts of a step, as `rules.act`; its reward is in ``reward`` then. After `refresh`."""
-        agent, numbers, score = self.stage.agent, self._numbers, self._rule.score
-        numbers[rules.STEPS] = world.step_count
-        if score:
-            numbers[rules.SCORE] = getattr(world, score)
-        turn_rad, motion, heading = self._turn_rad, self._motions[action], agent.dir
+        agent, numbers = self.stage.agent, self._numbers
+        self.count(world)
+        turn_rad, motion, heading = self.turn_rad, self.motions[action], agent.dir
         if self._varies is not None and parts & rules.ACT:
             for k, each in enumerate(self._varies, rules.AHEAD):
                 numbers[k] = cast("float", each.sample(self.stage.rng))
@@ -430,15 +435,19 @@ class FlatState:
         status: int = rules.act(
             self.things, self.numbers, self.walls, cos_now, sin_now, cos_after, sin_after, action, parts
         )
+        self.take(world, status, parts)
+        return status
+
+    def take(self, world: "FirstPersonEnv", status: int, parts: int = rules.ACT | rules.JUDGE) -> None:
+        """Give the world and its things what a step changed."""
         if status & _CHANGED:
             self._give_back(status)
         if parts & rules.JUDGE:
-            self.reward = numbers[rules.REWARD]
-            if score:
-                setattr(world, score, int(numbers[rules.SCORE]))
+            self.reward = self._numbers[rules.REWARD]
+            if self._rule.score:
+                setattr(world, self._rule.score, int(self._numbers[rules.SCORE]))
             if status & rules.PLACES:
                 world.place_entity(self._gone)
-        return status
 
     def _give_back(self, status: int) -> None:
         """Give the things what a step changed, without a word of it: it is in the arrays."""

@@ -19,6 +19,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from minihuman.errors import WorldError
+from minihuman.worlds.grid.babyai.encoding import block_of, noted_of
 from minihuman.worlds.grid.babyai.instruction_space import InstructionSpace
 from minihuman.worlds.grid.babyai.verifier import act_instructed, hand_over
 from minihuman.worlds.grid.core.rewards import INSTRUCTED
@@ -27,6 +28,7 @@ from minihuman.worlds.grid.core.state import (
     ACTIONS,
     DIRECTION,
     FAILED,
+    HEIGHT,
     NEW,
     OVER,
     PHASE,
@@ -34,6 +36,8 @@ from minihuman.worlds.grid.core.state import (
     TASK,
     Row,
     State,
+    X,
+    Y,
     clear,
 )
 from minihuman.worlds.grid.core.view import fetch_header, fetch_usual, see
@@ -43,11 +47,13 @@ from minihuman.worlds.grid.layout import Recipe
 from minihuman.worlds.kernels import inline, kernel
 from minihuman.worlds.options import BatchSeeds, seeds_per_world
 from minihuman.worlds.rng import RngState, read_rng_state, write_rng_state
+from minihuman.worlds.simd import simd_function
 
 MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED)
 NEXT_STEP, SAME_STEP, DISABLED = range(len(MODES))
 
 MANY, LEAD = 256, 8  # worlds: when to prefetch, and how far ahead
+LINE = 16  # numbers that a cache line holds
 MIN_SHARE = 128  # worlds: with fewer, handing work to another thread costs more than it saves
 
 Observation = dict[str, Any]  # image uint8[n, size, size, 3], direction int64[n], mission: n strings
@@ -299,6 +305,7 @@ def step_many_instructed(
     count = first_refusal(rows, actions, mode, first, last)
     for i in range(first, last if count == 0 else first):
         fetch(rows, i)
+        fetch_instruction(rows, i)
         status, rewards[i] = 0, 0.0
         stepped = rows[i, PHASE] != OVER
         if stepped:
@@ -314,6 +321,22 @@ def fetch(rows: Row, i: int) -> None:
     if len(rows) >= MANY:
         fetch_header(rows[min(i + 2 * LEAD, len(rows) - 1)])
         fetch_usual(rows[min(i + LEAD, len(rows) - 1)])
+
+
+@inline
+def fetch_instruction(rows: Row, i: int) -> None:
+    """Prefetch what judges a step of a world further on."""
+    if len(rows) >= MANY:
+        soon = rows[min(i + LEAD, len(rows) - 1)]
+        block = block_of(soon)
+        fetch_numbers(soon, block, block + LINE, noted_of(soon) + soon[X] * soon[HEIGHT] + soon[Y])
+
+
+@simd_function()
+def fetch_numbers(ops: Any, row: Row, first: Any, second: Any, third: Any) -> None:
+    """Prefetch three places of a row."""
+    for at in (first, second, third):
+        ops.prefetch(row, at)
 
 
 STEPS = step_many, step_many_instructed  # by whether there may be an instruction

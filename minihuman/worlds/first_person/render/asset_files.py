@@ -17,7 +17,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.render.assets import Assets, Library, MeshData, Texture
-from minihuman.worlds.first_person.render.built_in_meshes import SHAPES, mesh_named
+from minihuman.worlds.first_person.render.built_in_meshes import mesh_named
 from minihuman.worlds.first_person.render.built_in_textures import RECIPES, as_bright
 from minihuman.worlds.first_person.render.kernel_tables import F64
 
@@ -26,7 +26,7 @@ _LETTER_STYLES = 9  # as many looks of a letter as Miniworld draws from
 
 
 class OwnAssets(Assets):
-    """The textures of `RECIPES`, a picture for each letter and digit, and the meshes of `SHAPES`."""
+    """The textures of `RECIPES`, a picture for each letter and digit, and the built-in meshes."""
 
     def texture(self, name: str) -> Texture:
         """Paint a texture. A letter is "chars/ch_0x", its code and "_" and a variant; others are a recipe's name."""
@@ -43,13 +43,8 @@ class OwnAssets(Assets):
         return Texture(as_bright(recipe(seed), bright), (wide_m, high_m))
 
     def mesh(self, name: str) -> MeshData:
-        """Make a mesh."""
-        mesh = mesh_named(name)
-        if mesh is None:
-            raise WorldError(
-                f"unknown mesh {name!r}; use one of {', '.join(SHAPES)}; balls and keys take a colour, as in key_red"
-            )
-        return mesh
+        """A built-in mesh."""
+        return mesh_named(name)
 
 
 def own_library() -> Library:

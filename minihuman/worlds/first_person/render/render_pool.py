@@ -1,15 +1,14 @@
 """The render pool: pictures of many targets drawn together by several threads, without Python between them.
 
 Where a target's tables are is written down in a row of numbers. A thread takes the next picture, draws it and so on,
-all in one call; it begins as soon as some targets are ready, and the rest follow meanwhile. Atomic counters, which
-threads read and raise from inside kernels, hand out the work.
+all in one call. Atomic counters, which threads read and raise from inside kernels, hand out the work.
 """
 
 import os
 import threading
-import time
 from collections.abc import Iterable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -25,21 +24,9 @@ Counters = NDArray[np.int64]
 _plainly = threading.Lock()
 
 
-def _of(builder: Any, counters: Any, at: Any) -> Any:
-    return builder.gep(counters[1].start, [at[1]])
-
-
-def _read(builder: Any, given: Any) -> Any:
-    return builder.load_atomic(_of(builder, *given), "acquire", 8)
-
-
-def _read_plain(counters: Counters, at: int) -> int:
-    return int(counters[at])
-
-
 def _add(builder: Any, given: Any) -> Any:
     counters, at, number = given
-    return builder.atomic_rmw("add", _of(builder, counters, at), number[1], "acq_rel")
+    return builder.atomic_rmw("add", builder.gep(counters[1].start, [at[1]]), number[1], "acq_rel")
 
 
 def _add_plain(counters: Counters, at: int, number: int) -> int:
@@ -48,67 +35,34 @@ def _add_plain(counters: Counters, at: int, number: int) -> int:
         return int(counters[at]) - number
 
 
-def _take(builder: Any, given: Any) -> Any:
-    counters, at, number = given
-    more = builder.add(number[1], number[1].type(1))
-    found = builder.cmpxchg(_of(builder, counters, at), number[1], more, "acq_rel", "acquire")
-    return builder.zext(builder.extract_value(found, 1), number[1].type)
-
-
-def _take_plain(counters: Counters, at: int, number: int) -> int:
-    with _plainly:
-        free = int(counters[at]) == number
-        counters[at] += free
-        return int(free)
-
-
-# what a counter is
-read_counter = llvm_function(_read, _read_plain, counts=True)
 # add to a counter; what it was before
 add_to_counter = llvm_function(_add, _add_plain, counts=True)
-# raise a counter by one if it still has this value: 1, or 0 where another thread was sooner
-take_from_counter = llvm_function(_take, _take_plain, counts=True)
 
 # The columns of a row: address and length of each of a target's arrays; how much memory it takes to draw in.
 TEXELS, TABLE, ROOM_FLOATS, ROOM_WHOLES, LIBRARY_FLOATS, LIBRARY_WHOLES, THINGS, PLACES, VIEW = range(0, 18, 2)
 MEMORY = 18
 ROW_SIZE = 20
-# Counters, each in a cache line of its own: how many targets are aimed, how many pictures are taken, and drawn.
-AIMED, TAKEN, DRAWN, COUNTERS = 0, 8, 16, 24
-# How a thread comes back that has not met a picture which takes more memory.
-NONE_LEFT, NONE_AIMED, ENOUGH = -1, -2, -3
-_PATIENCE = 50_000  # looks at a counter before a thread gives way, some tens of microseconds
-_PAUSE_S = 0.0002
-_TOGETHER = 4  # targets that are aimed before the others hear of it
+# Counters, each in a cache line of its own: how many pictures are taken, and drawn.
+TAKEN, DRAWN, COUNTERS = 0, 8, 16
+_PATIENCE = 20_000  # looks at a counter before a thread gives way, some tens of microseconds
 
 _floats_at, _wholes_at, _texels_at = array_at(np.float64), array_at(np.int32), array_at(np.uint32)
 
 
 @kernel(
-    "(int64[:, ::1], int64[::1], int64, float64[::1], int32[::1], uint8[:, :, :, ::1])",
+    "(int64[:, ::1], int64[::1], float64[::1], int32[::1], uint8[:, :, :, ::1])",
     nogil=True,
-    drawn=int64,
-    waited=int64,
     nth=int64,
 )
-def draw_targets(rows: I64, counters: I64, most: int, floats: F64, wholes: I32, out: NDArray[np.uint8]) -> int:
-    """Take pictures in turn with other threads and draw them, so many at most.
+def draw_targets(rows: I64, counters: I64, floats: F64, wholes: I32, out: NDArray[np.uint8]) -> int:
+    """Take pictures in turn with other threads and draw them until none is left; -1 then.
 
     It ends early with the number of a picture that was taken but has to be drawn in more memory.
     """
-    drawn = waited = 0
-    while drawn < most:
-        nth = read_counter(counters, TAKEN)
+    while True:
+        nth = add_to_counter(counters, TAKEN, 1)
         if nth >= out.shape[0]:
-            return NONE_LEFT
-        if nth >= read_counter(counters, AIMED):
-            waited += 1
-            if waited > _PATIENCE:
-                return NONE_AIMED
-            continue
-        if take_from_counter(counters, TAKEN, nth) == 0:
-            continue
-        waited = 0
+            return -1
         row = rows[nth]
         if row[MEMORY] > floats.shape[0] or row[MEMORY + 1] > wholes.shape[0]:
             return nth
@@ -130,9 +84,7 @@ def draw_targets(rows: I64, counters: I64, most: int, floats: F64, wholes: I32, 
             return nth
         texels, table = _texels_at(row[TEXELS], row[TEXELS + 1]), _texels_at(row[TABLE], row[TABLE + 1])
         colour(texels, table, rooms[0], rooms[1], things, places, view, floats, wholes, out[nth])
-        drawn += 1
         add_to_counter(counters, DRAWN, 1)
-    return ENOUGH
 
 
 @kernel("(int64[::1], int64, int64)", hold_gil=True)
@@ -145,75 +97,56 @@ def count(counters: I64, at: int, number: int) -> None:
 def finished(counters: I64, pictures: int) -> bool:
     """Are all drawn, or soon?"""
     waited = 0
-    while read_counter(counters, DRAWN) < pictures and waited < _PATIENCE:
+    while add_to_counter(counters, DRAWN, 0) < pictures and waited < _PATIENCE:
         waited += 1
-    return read_counter(counters, DRAWN) >= pictures
+    return add_to_counter(counters, DRAWN, 0) >= pictures
+
+
+@cache
+def drawing_threads(process: int) -> ThreadPoolExecutor:
+    """The threads of this process that draw pictures; a forked one needs its own."""
+    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix=f"render-{process}")
 
 
 class RenderPool:
-    """Room for the pictures of so many targets, drawn by so many threads."""
+    """Room for the pictures of so many targets, drawn by so many threads at most."""
 
     def __init__(self, pictures: int, threads: int) -> None:
         self._rows = np.zeros((pictures, ROW_SIZE), np.int64)
-        self._targets: list[RenderTarget | None] = [None] * pictures  # kept alive: the rows tell where they are
+        self._targets: list[Any] = [None] * pictures  # kept alive: the rows tell where they are
         self._helpers = min(threads, pictures) - 1
-        self._pool = ThreadPoolExecutor(max(self._helpers, 1), thread_name_prefix=f"render-{os.getpid()}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return RenderPool, (len(self._targets), self._helpers + 1)
 
     def paint(self, targets: Iterable[RenderTarget], out: NDArray[np.uint8]) -> None:
-        """Draw what each target is aimed at; ``out`` is contiguous, one picture per target.
-
-        ``targets`` may aim one when it is asked for the next; those before it are drawn meanwhile.
-        """
+        """Draw what each target is aimed at; ``out`` is contiguous, one picture per target."""
         counters = np.zeros(COUNTERS, np.int64)
-        helping: list[Future[None]] = []
-        aimed = 0
+        for nth, target in enumerate(targets):
+            self._hang(nth, target)
+        helping = [drawing_threads(os.getpid()).submit(self._share, counters, out) for _ in range(self._helpers)]
         try:
-            for nth, target in enumerate(targets):
-                self._hang(nth, target)
-                if nth + 1 - aimed == _TOGETHER and self._helpers > 0:
-                    count(counters, AIMED, _TOGETHER)
-                    aimed += _TOGETHER
-                    if not helping:
-                        helping = self._call(counters, out)
-                        self._share(counters, 1, out)  # meanwhile they come
-            count(counters, AIMED, len(out) - aimed)
-            helping = helping or self._call(counters, out)
-            self._share(counters, len(out), out)
-        except BaseException:
-            counters[TAKEN] = len(out)  # so that no thread takes another
-            raise
+            self._share(counters, out)
         finally:
             if not finished(counters, len(out)):
                 for each in helping:
                     each.result()
 
-    def shutdown(self) -> None:
-        """Let the threads go."""
-        self._pool.shutdown()
-
-    def _call(self, counters: I64, out: NDArray[np.uint8]) -> list[Future[None]]:
-        return [self._pool.submit(self._help, counters, out) for _ in range(self._helpers)]
-
-    def _help(self, counters: I64, out: NDArray[np.uint8]) -> None:
-        while self._share(counters, len(out), out) == NONE_AIMED:
-            time.sleep(_PAUSE_S)
-
-    def _share(self, counters: I64, most: int, out: NDArray[np.uint8]) -> int:
-        while (met := draw_targets(self._rows, counters, most, *memory_for(0, 0), out)) >= 0:
-            target = self._targets[met]
-            assert target is not None
-            target.draw(out[met])
+    def _share(self, counters: I64, out: NDArray[np.uint8]) -> None:
+        while (met := draw_targets(self._rows, counters, *memory_for(0, 0), out)) >= 0:
+            self._targets[met].draw(out[met])
             count(counters, DRAWN, 1)
-        return met
 
     def _hang(self, nth: int, target: RenderTarget) -> None:
         if self._targets[nth] is target:
             return
         layout = target.layout
         arrays = (*layout.textures, *layout.packed_rooms, *layout.packed_library, layout.things, target.places)
-        where = []
-        for array in (*arrays, target.view):
-            assert array.flags.c_contiguous
-            where += [array.__array_interface__["data"][0], array.size]
-        self._rows[nth] = *where, *target.room()
+        self._rows[nth] = *addresses(*arrays, target.view), *target.room()
         self._targets[nth] = target
+
+
+def addresses(*arrays: NDArray[Any]) -> list[int]:
+    """Where arrays are and how many numbers each has, in turn; whoever writes that down keeps them alive."""
+    assert all(array.flags.c_contiguous for array in arrays)
+    return [number for array in arrays for number in (array.__array_interface__["data"][0], array.size)]

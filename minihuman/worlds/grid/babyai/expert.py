@@ -269,13 +269,10 @@ def _in_order(row: Row, order: tuple[int, ...]) -> tuple[tuple[int, ...] | None,
             status, reward = try_action(row, action)
             done.append(action)
             if status & TERMINATED:
-                return (tuple(done), False, bound) if reward > 0 else (None, _is_trap(row, order), bound)
+                # a failure at the joint of two parts is a trap if each step of the first is one of the second
+                trap = len(order) == 2 and not block(row)[encoding.FLAGS] & encoding.OWN_STEPS
+                return (tuple(done), False, bound) if reward > 0 else (None, trap, bound)
     return None, False, bound
-
-
-def _is_trap(row: Row, order: tuple[int, ...]) -> bool:
-    """Whether a failure at the joint of two parts cannot be got round: each step of the first is one of the second."""
-    return len(order) == 2 and not block(row)[encoding.FLAGS] & encoding.OWN_STEPS
 
 
 def _clause(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool, int | None]:

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from kernel_build.meshes import SHAPES, build_meshes
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.render.asset_files import OwnAssets, own_library, read_obj
-from minihuman.worlds.first_person.render.built_in_meshes import COLOURS, SHAPES
+from minihuman.worlds.first_person.render.built_in_meshes import COLOURS, MESH_FILE
 from minihuman.worlds.first_person.render.built_in_textures import RECIPES, cloud, tiles
 from minihuman.worlds.first_person.render.texture import MOST_SIZES
 
@@ -23,6 +24,13 @@ def test_every_mesh_is_closed_enough_to_stand_and_faces_outwards() -> None:
         assert mesh.corners[:, :, 1].min() == pytest.approx(0.0, abs=1e-9)
         outward = np.cross(mesh.corners[:, 1] - mesh.corners[:, 0], mesh.corners[:, 2] - mesh.corners[:, 0])
         assert (np.einsum("ij,ij->i", outward, mesh.normals.mean(axis=1)) >= -1e-9).all(), name
+
+
+def test_the_meshes_that_are_shipped_are_those_that_are_built() -> None:
+    built = build_meshes()
+    with np.load(MESH_FILE) as shipped:
+        assert set(shipped) == set(built)
+        assert all(np.array_equal(shipped[name], built[name]) for name in built)
 
 
 def test_noise_joins_itself_at_its_edges() -> None:

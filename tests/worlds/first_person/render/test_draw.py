@@ -55,10 +55,10 @@ def test_things_are_seen_unless_a_wall_or_a_turned_back_hides_them() -> None:
 def test_the_plan_shows_the_agent_where_it_stands() -> None:
     scene = two_rooms()
     picture = render_top(scene, 120, 60, agent=Pose(4.0, 0.0, -1.0, 0.0))
-    x0, z0, x1, z1 = scene.layout.bounds  # shown with a metre around them
-    scale = min(120 / (x1 - x0 + 2), 60 / (z1 - z0 + 2))
-    column, row = 60 - (x0 + x1) / 2 * scale, 30 - (z0 + z1) / 2 * scale
-    assert tuple(picture[int(row - scale), int(column + 4.0 * scale)]) == (255, 0, 0)
+    x0, z0, x1, z1 = scene.layout.bounds
+    scale = min(120 / (x1 - x0 + 2), 60 / (z1 - z0 + 2))  # pixels a metre, with a metre of sky all round
+    column, row = 60 + scale * (4.0 - (x0 + x1) / 2), 30 + scale * (-1.0 - (z0 + z1) / 2)
+    assert tuple(picture[int(row), int(column)]) == (255, 0, 0)
 
 
 def test_a_picture_without_pixels_and_a_surface_without_area_are_refused() -> None:

@@ -1,0 +1,60 @@
+"""How well a measure tells participants apart: intraclass correlation and split halves, within groups."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+_MOST = 1 - 1e-12  # a correlation, of which Fisher's z is taken
+
+
+@dataclass(frozen=True, slots=True)
+class Reliability:
+    """A measure's reliability over the participants with two or more episodes; intervals are 95 %."""
+
+    measure: str
+    participants: int
+    episodes: int
+    icc: float  # of one episode: the share of the variance, within groups, that lies between participants
+    icc_interval: tuple[float, float]
+    halves: float  # of all episodes together: odd against even ones, corrected to the whole length
+    halves_interval: tuple[float, float]
+
+
+def estimate_reliability(measure: str, rows: pd.DataFrame) -> Reliability | None:
+    """Estimate it from columns group, participant and value, in the order of play.
+
+    ICC(1), one-way random effects, and its interval by F, after Shrout and Fleiss (1979), for groups of unequal means
+    and participants with unequal numbers of episodes. Halves: Spearman and Brown's correction of the correlation of
+    two means per participant, within groups, 0 where it is negative; its interval by Fisher's z. None where fewer than
+    three participants are left over after one for each group, or where nothing varies.
+    """
+    who = ["group", "participant"]
+    rows = rows.dropna()
+    rows = rows[rows.groupby(who)["value"].transform("size") > 1]
+    people = rows.groupby(who)["value"].agg(["size", "mean"])
+    spare = len(people) - rows["group"].nunique()
+    if spare < 3:
+        return None
+    within = rows["value"] - rows.groupby(who)["value"].transform("mean")
+    between = rows.groupby(who)["value"].transform("mean") - rows.groupby("group")["value"].transform("mean")
+    freedom = len(rows) - len(people)
+    inside, across = float((within**2).sum()) / freedom, float((between**2).sum()) / spare
+    sizes = people["size"].groupby("group").agg(lambda each: each.sum() - (each**2).sum() / each.sum())
+    length = float(sizes.sum()) / spare  # episodes of a participant, as unequal numbers count
+    odd = rows.groupby(who).cumcount() % 2
+    halves = rows.groupby([*who, odd])["value"].mean().unstack()
+    halves -= halves.groupby("group").transform("mean")
+    spread = float(np.sqrt((halves[0] ** 2).sum() * (halves[1] ** 2).sum()))
+    if min(inside, spread) <= 1e-12 * float((rows["value"] ** 2).mean()):
+        return None
+    f = across / inside
+    ends = (f / stats.f.ppf(0.975, spare, freedom), f * stats.f.ppf(0.975, freedom, spare))
+    r = min(max(float((halves[0] * halves[1]).sum()) / spread, -_MOST), _MOST)
+    reach = float(stats.norm.ppf(0.975)) / math.sqrt(spare - 2)
+    icc, low, high = ((one - 1) / (one + length - 1) for one in (f, *ends))
+    correlations = (math.tanh(math.atanh(r) + z) for z in (0.0, -reach, reach))
+    whole, least, most = (max(0.0, 2 * one / (1 + one)) for one in correlations)
+    return Reliability(measure, len(people), len(rows), icc, (low, high), whole, (least, most))

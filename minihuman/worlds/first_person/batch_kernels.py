@@ -1,0 +1,73 @@
+"""A step of many worlds in one call: where each one's arrays are stands in a row of numbers."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.worlds.first_person.render.kernel_tables import F64, I64
+from minihuman.worlds.first_person.render.rasterisation import ROOM, VIEW_SIZE
+from minihuman.worlds.first_person.rules import (
+    ACT,
+    AGENT,
+    COLUMNS,
+    EYE,
+    JUDGE,
+    MOVED,
+    NAMED,
+    REWARD,
+    STEPS,
+    TURN_RIGHT,
+    X,
+    Y,
+    Z,
+    act,
+)
+from minihuman.worlds.kernels import array_at, int64, kernel
+
+# The columns of a row: address and length of the arrays of `rules.act`; the address of the view that sees the world,
+# and how many spans of a row there is memory for.
+THINGS, NUMBERS, WALLS, VIEW, SPANS, ROW_SIZE = 0, 2, 4, 6, 7, 8
+# Of a world's own numbers: where its agent is and heads; cosine and sine of that, and of the heading after a turn; what
+# the step earned; and how far before the middle of the body its eye is, metres.
+HEADING, NOW, AFTER, EARNED, AHEAD, OWN_SIZE = 3, 4, 6, 8, 9, 10
+
+_floats_at = array_at(np.float64)
+
+
+@kernel("(int64[:, ::1], int64[::1], float64[:, ::1], int64[::1])", nogil=True, after=int64)
+def act_together(rows: I64, actions: NDArray[np.int64], own: F64, statuses: NDArray[np.int64]) -> None:
+    """Step each world whose action is not negative, as `rules.act` does, and aim its view as `RenderTarget` does.
+
+    The view's pitch and all else that a step does not change is in it already. The status of the others becomes -1.
+    """
+    for nth in range(len(actions)):
+        action = actions[nth]
+        if action < 0:
+            statuses[nth] = -1
+            continue
+        row, facts = rows[nth], own[nth]
+        things = _floats_at(row[THINGS], row[THINGS + 1]).reshape(row[THINGS + 1] // COLUMNS, COLUMNS)
+        numbers = _floats_at(row[NUMBERS], row[NUMBERS + 1])
+        numbers[STEPS] += 1.0
+        walls = _floats_at(row[WALLS], row[WALLS + 1]).reshape(row[WALLS + 1] // 4, 4)
+        after = AFTER if int(numbers[NAMED + action]) >> 3 <= TURN_RIGHT else NOW
+        status = act(
+            *(things, numbers, walls),
+            *(facts[NOW], facts[NOW + 1], facts[after], facts[after + 1]),
+            action,
+            ACT | JUDGE,
+        )
+        statuses[nth] = status
+        if status & MOVED:
+            facts[NOW], facts[NOW + 1] = facts[after], facts[after + 1]
+        agent = int(numbers[AGENT])
+        for column in range(HEADING + 1):
+            facts[column] = things[agent, column]
+        facts[EARNED] = numbers[REWARD]
+        view = _floats_at(row[VIEW], VIEW_SIZE)
+        cos_yaw, sin_yaw, cos_pitch, sin_pitch = facts[NOW], facts[NOW + 1], view[7], view[10]
+        ahead_x, ahead_z = facts[AHEAD] * cos_yaw, facts[AHEAD] * sin_yaw
+        view[0], view[1], view[2] = facts[X] + ahead_x, facts[Y] + numbers[EYE], facts[Z] - ahead_z
+        view[3], view[5] = sin_yaw, cos_yaw
+        view[6], view[8] = -sin_pitch * cos_yaw, sin_pitch * sin_yaw
+        view[9], view[11] = cos_pitch * cos_yaw, -cos_pitch * sin_yaw
+        view[ROOM] = row[SPANS]
