@@ -29,7 +29,7 @@ EXPORTS = ("pettingzoo", "overcooked")
 def main(out: Path, *, teams: int, pilot: int, steps: int, player: str, quick: bool) -> None:
     """Train, clone, simulate, verify, report, export."""
     out.mkdir(parents=True, exist_ok=True)
-    text = PROTOCOL.read_text(encoding="utf-8")
+    text = PROTOCOL.read_text(encoding="utf-8").replace("participants = 100", f"participants = {5 * teams}")
     if quick:
         text = text.replace("max_steps = 200", "max_steps = 20")
     (out / "pilot.toml").write_text(text.partition(AGENTS)[0].replace(NAME, "pilot"), encoding="utf-8")
@@ -39,7 +39,9 @@ def main(out: Path, *, teams: int, pilot: int, steps: int, player: str, quick: b
         "self-play": minihuman_once(out / "self-play.pt", "learn", "ppo", WORLD, "--steps", steps, "--worlds", 32),
         "pilot": simulate_once(pilot_logs, out / "pilot.toml", pilot, player),
         "clone": minihuman_once(
-            *(out / "clone.pt", "learn", "clone", pilot_logs, "--world", WORLD, "--outcome", "timeout"), "--episodes", 50
+            *(out / "clone.pt", "learn", "clone", pilot_logs, "--world", WORLD, "--outcome", "timeout"),
+            "--episodes",
+            50,
         ),
         "study": simulate_once(logs, out / f"{NAME}.toml", 5 * teams, player),
         "verify": run_minihuman("verify", logs),

@@ -154,8 +154,8 @@ def split_by_participant(
     people = list(dict.fromkeys(unit_of.get(who, who) for who in demonstrations.participants))
     if len(people) < 2:
         raise LearnError(
-            f"{demonstrations.world} was played by only one participant or team, {', '.join(people)}; splitting the data "
-            "needs two or more"
+            f"{demonstrations.world} was played by only one participant or team, {', '.join(people)}; splitting the "
+            "data needs two or more"
         )
     order = [people[index] for index in np.random.default_rng(seed).permutation(len(people))]
     held_out = order[: max(1, round(share * len(people)))]

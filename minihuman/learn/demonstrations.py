@@ -96,7 +96,9 @@ def read_demonstrations(source: Path, world: str, eyesight: ObservationEncoder, 
         most_steps=max(episode.plan.max_steps for _, episode in found),
         eyesight=eyesight,
         space=eyesight.space(player.unwrapped),
-        episodes=tuple(one for log, episode in found if len((one := demonstrate(log, episode, player, encoder)).actions)),
+        episodes=tuple(
+            one for log, episode in found if len((one := demonstrate(log, episode, player, encoder)).actions)
+        ),
         account=account,
     )
 
