@@ -336,7 +336,7 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str, dev
     )
     if any(one.team for one in demonstrations.episodes) and (study.cloning.mirrored or study.finetune_steps):
         raise LearnError(
-            f"{study.world} is a world of teams; leave out --mirrored and --finetune, which are for one body"
+            f"{study.world} is a world of teams; remove --mirrored and --finetune, which need a world of one body"
         )
     channels, height, _ = get_image_shape(demonstrations.space)
     small: EncoderName = "grid" if channels == 3 else "planes"

@@ -66,7 +66,7 @@ class Demonstrations:
 LoggedEpisode = tuple[SessionLog, EpisodeLog]
 
 
-def demonstrate(log: SessionLog, episode: EpisodeLog, world: World, encoder: EpisodeEncoder) -> Demonstration:
+def replay_demonstration(log: SessionLog, episode: EpisodeLog, world: World, encoder: EpisodeEncoder) -> Demonstration:
     """Replay an episode into a demonstration.
 
     Raises:
@@ -97,7 +97,7 @@ def read_demonstrations(source: Path, world: str, eyesight: ObservationEncoder, 
         eyesight=eyesight,
         space=eyesight.space(player.unwrapped),
         episodes=tuple(
-            one for log, episode in found if len((one := demonstrate(log, episode, player, encoder)).actions)
+            one for log, episode in found if len((one := replay_demonstration(log, episode, player, encoder)).actions)
         ),
         account=account,
     )

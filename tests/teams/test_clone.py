@@ -19,7 +19,7 @@ from tests.teams.study import PEOPLE, team_study
 
 pytest.importorskip("stable_baselines3")
 from minihuman.learn.behaviour_cloning import CloneStudy, CloningSettings, clone_study, split_by_participant
-from minihuman.learn.demonstrations import demonstrate, read_demonstrations
+from minihuman.learn.demonstrations import read_demonstrations, replay_demonstration
 from minihuman.learn.policy.file import load_policy
 from minihuman.learn.policy.observation import ObservationEncoder
 
@@ -80,13 +80,13 @@ def test_what_a_program_did_in_a_persons_seat_is_not_cloned(cooks: Path) -> None
     log = read_log(cooks / "sub-01" / "ses-01")
     episode, world = log.episodes[0], World(KITCHEN, {})
     seat = episode.team.seat
-    whole = demonstrate(log, episode, world, VIEW.episode_encoder())
+    whole = replay_demonstration(log, episode, world, VIEW.episode_encoder())
     by = {10: "agent", 11: "agent", 20: "late"}  # step: who acted instead
     sources = [list(each) for each in episode.team.sources]
     for step, source in by.items():
         sources[step][seat] = source
     taken = replace(episode, team=replace(episode.team, sources=tuple(map(tuple, sources))))
-    own = demonstrate(log, taken, world, VIEW.episode_encoder())
+    own = replay_demonstration(log, taken, world, VIEW.episode_encoder())
     kept = [step for step in range(200) if step not in by]
     np.testing.assert_array_equal(own.actions, whole.actions[kept])
     assert all(one is not two for one, two in zip(own.observations, whole.observations, strict=False))
@@ -156,6 +156,6 @@ def test_the_study_of_four_partners_plays_in_browsers(tmp_path: Path, clone: tup
 def test_what_is_for_one_body_is_refused_before_anything_is_written(cooks: Path, tmp_path: Path) -> None:
     study = CloneStudy(KITCHEN, selection=PLAYED, cloning=CloningSettings(mirrored=True))
     for wrong in (study, replace(study, cloning=CloningSettings(), finetune_steps=10)):
-        with pytest.raises(LearnError, match="leave out --mirrored and --finetune"):
+        with pytest.raises(LearnError, match="remove --mirrored and --finetune"):
             clone_study(cooks, tmp_path / "clone.pt", wrong, command="test")
     assert list(tmp_path.iterdir()) == []
