@@ -26,6 +26,7 @@ from minihuman.experiment.activities.block_plans import LATEST_POLICY, SIMULATED
 from minihuman.experiment.keys import DIGITS, assign_usual_keys, find_noop, find_period_ms
 from minihuman.experiment.plan.trials import list_images, read_table
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol, list_old_names
+from minihuman.experiment.protocol.specs import apply_overrides
 from minihuman.experiment.words import ENGLISH, load_words
 from minihuman.trust import NamedWorld, Permission, admit_worlds
 from minihuman.worlds.adapters.world import World
@@ -231,15 +232,15 @@ def _find_pictures(protocol: Protocol) -> dict[str, str]:
 
 
 def _find_policies(protocol: Protocol) -> dict[str, str]:
-    """The policy files of its agents, each with the field that names it."""
+    """The policy files of its agents in any group, each with the field that names it."""
+    blocks = [
+        (number, apply_overrides(its, group.name))
+        for number, its in enumerate(protocol.blocks)
+        for group in protocol.groups
+    ]
     named = [
-        *((f"{number}].agent.policy", its.agent.policy) for number, its in enumerate(protocol.blocks) if its.agent),
-        *(
-            (f"{number}].team", name)
-            for number, its in enumerate(protocol.blocks)
-            if its.team
-            for name in its.team.agents
-        ),
+        *((f"{number}].agent.policy", its.agent.policy) for number, its in blocks if its.agent),
+        *((f"{number}].team", name) for number, its in blocks if its.team for name in its.team.agents),
     ]
     return {
         name: f"$.blocks[{where}"

@@ -57,7 +57,7 @@ def export_pettingzoo(chosen: IncludedEpisodes, out: Path) -> ExportResult:
                 "episode": number,
                 "observations": path.name,
                 "world": plan.world,
-                "options": {name: value for name, value in plan.options.items() if name != "seat"},
+                "options": item.episode.shared_options,
                 "seed": plan.seed,
                 "team": team.team,
                 "block": plan.block_name,

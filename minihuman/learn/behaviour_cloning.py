@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
+import pandas as pd
 import torch
 from torch.nn import functional
 
@@ -24,7 +24,9 @@ from minihuman.learn.policy.network import EncoderName, Policy, build_policy
 from minihuman.learn.policy.observation import Observation, ObservationEncoder, ViewMode, get_image_shape
 from minihuman.learn.ppo import PpoSettings, TrainingEnv, TrainingHistory, episode_seed, make_ppo, train_ppo
 from minihuman.operating_system import write_atomically
+from minihuman.statistics.comparison import find_units
 from minihuman.statistics.scores import wilson_interval
+from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import hash64
 
 ChooseAction = Callable[[Observation], int]  # an action from what is seen
@@ -65,12 +67,13 @@ def evaluate_policy(
     seed: int,
     most_steps: int | None = None,
 ) -> Evaluation:
-    """Play held-out episodes; their seeds come from ``seed`` and are the same for every policy.
+    """Play held-out episodes, in a team world in every seat; their seeds come from ``seed`` alone.
 
     An episode ends when the world says so, or after ``most_steps``; one or the other has to.
     """
-    env: Any = gymnasium.make(world_id, disable_env_checker=True, **options)  # with its own step limit
+    env: Any = World(world_id, options, trusted=True).env  # with its own step limit
     world = env.unwrapped
+    team = getattr(world, "team", None)
     first_action = int(env.action_space.start)
     encoder = eyesight.episode_encoder()
     returns, steps, successes = [], [], 0
@@ -78,6 +81,8 @@ def evaluate_policy(
         raw, _ = env.reset(seed=held_out_seed(seed, episode))
         total, length, ended, terminated, reward = 0.0, 0, False, False, 0.0
         while not ended:
+            if team is not None:  # what the other bodies do
+                world.joint = [choose(encoder.encode(world, team.observation(body))) for body in range(team.bodies)]
             raw, reward, terminated, truncated, _ = env.step(first_action + choose(encoder.encode(world, raw)))
             total, length = total + float(reward), length + 1
             ended = terminated or truncated or length == most_steps
@@ -139,20 +144,23 @@ class CloningResult:
 def split_by_participant(
     demonstrations: Demonstrations, *, share: float, seed: int
 ) -> tuple[Demonstrations, Demonstrations]:
-    """Split demonstrations into training and validation; no participant is in both.
+    """Split demonstrations into training and validation; no participant is in both, nor people who played together.
 
     Raises:
-        LearnError: if only one participant took part.
+        LearnError: if only one participant, or one team, took part.
     """
-    people = list(demonstrations.participants)
+    teams = [(one.team, one.participant) for one in demonstrations.episodes if one.team]
+    unit_of = find_units(pd.DataFrame(teams, columns=["team", "participant"]))
+    people = list(dict.fromkeys(unit_of.get(who, who) for who in demonstrations.participants))
     if len(people) < 2:
         raise LearnError(
-            f"{demonstrations.world} was played by only one participant, {', '.join(people)}; splitting the data needs "
-            "two or more"
+            f"{demonstrations.world} was played by only one participant or team, {', '.join(people)}; splitting the "
+            "data needs two or more"
         )
     order = [people[index] for index in np.random.default_rng(seed).permutation(len(people))]
-    held = max(1, round(share * len(people)))
-    return demonstrations.by(order[held:]), demonstrations.by(order[:held])
+    held_out = order[: max(1, round(share * len(people)))]
+    held = [who for who in demonstrations.participants if unit_of.get(who, who) in held_out]
+    return demonstrations.by([who for who in demonstrations.participants if who not in held]), demonstrations.by(held)
 
 
 def clone_policy(
@@ -326,8 +334,13 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str, dev
     demonstrations = read_demonstrations(
         source, study.world, ObservationEncoder(study.missions, sight=study.sight), study.selection
     )
-    is_small = get_image_shape(demonstrations.space)[1] < 36  # what the Atari network needs
-    eyes: EncoderName = _EYES.get(study.sight, "grid" if is_small else "atari")
+    if any(one.team for one in demonstrations.episodes) and (study.cloning.mirrored or study.finetune_steps):
+        raise LearnError(
+            f"{study.world} is a world of teams; remove --mirrored and --finetune, which need a world of one body"
+        )
+    channels, height, _ = get_image_shape(demonstrations.space)
+    small: EncoderName = "grid" if channels == 3 else "planes"
+    eyes = _EYES.get(study.sight, small if height < 36 else "atari")  # which is what the Atari network needs
     training, validation = split_by_participant(
         demonstrations, share=study.cloning.validation_share, seed=study.cloning.seed
     )
@@ -377,7 +390,9 @@ def build_card_text(
         f"Training participants: {', '.join(last.training_participants)}.",
         f"Validation participants: {', '.join(last.validation_participants)}.",
         "",
-        f"Success over {study.evaluation_episodes} held-out episodes, each action drawn from the policy, with its 95 %",
+        f"Success over {study.evaluation_episodes} held-out episodes, each action drawn from the policy"
+        + (" in every seat" if any(one.team for one in demonstrations.episodes) else "")
+        + ", with its 95 %",
         "Wilson interval:",
         "",
         "| demonstrations | success | mean return | epochs | validation loss | agreement |",

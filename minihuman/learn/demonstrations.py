@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from msgspec import structs
 from numpy.typing import NDArray
 
 from minihuman.dataset.selection import Selection, SelectionSummary
@@ -20,12 +21,17 @@ from minihuman.worlds.adapters.world import World
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Demonstration:
-    """One episode of a participant: ``n`` observations and the ``n`` actions taken on them."""
+    """One episode of a participant: ``n`` observations and the ``n`` actions taken on them.
+
+    In a team these are the steps that the participant made in a seat: none of a program that took it, or of a tick
+    that came too late.
+    """
 
     participant: str
     player: str
     actions: NDArray[np.int64]  # (n,)
     observations: tuple[Observation, ...]
+    team: str = ""  # whose episode it was; "" where one body played
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,6 +66,18 @@ class Demonstrations:
 LoggedEpisode = tuple[SessionLog, EpisodeLog]
 
 
+def replay_demonstration(log: SessionLog, episode: EpisodeLog, world: World, encoder: EpisodeEncoder) -> Demonstration:
+    """Replay an episode into a demonstration.
+
+    Raises:
+        LearnError: if the world's observations are not those of the log.
+    """
+    seen, team = tuple(replay_observations(log, episode, world, encoder)), episode.team
+    own = [step for step in range(len(seen)) if team is None or team.sources[step][team.seat] == "person"]
+    actions, name = episode.actions[np.array(own, np.int64)], "" if team is None else team.team
+    return Demonstration(log.plan.participant.id, log.player, actions, tuple(seen[step] for step in own), name)
+
+
 def read_demonstrations(source: Path, world: str, eyesight: ObservationEncoder, selection: Selection) -> Demonstrations:
     """Replay every episode of a world in a study's logs, checking each observation against the log.
 
@@ -79,13 +97,7 @@ def read_demonstrations(source: Path, world: str, eyesight: ObservationEncoder, 
         eyesight=eyesight,
         space=eyesight.space(player.unwrapped),
         episodes=tuple(
-            Demonstration(
-                log.plan.participant.id,
-                log.player,
-                episode.actions,
-                tuple(replay_observations(log, episode, player, encoder)),
-            )
-            for log, episode in found
+            one for log, episode in found if len((one := replay_demonstration(log, episode, player, encoder)).actions)
         ),
         account=account,
     )
@@ -112,18 +124,18 @@ def select_episodes(source: Path, world: str, selection: Selection) -> tuple[lis
 
 
 def check_equal_options(episodes: Sequence[LoggedEpisode]) -> EpisodePlan:
-    """The first episode's plan.
+    """The first episode's plan, in a team without its seat.
 
     Raises:
         LearnError: if another episode's world has other options.
     """
     log, first = episodes[0]
-    if odd := next((one for _, one in episodes if one.plan.options != first.plan.options), None):
+    if odd := next((one for _, one in episodes if one.shared_options != first.shared_options), None):
         raise LearnError(
-            f"{log.path}: {first.plan.world} has options {first.plan.options} in some episodes and "
-            f"{odd.plan.options} in others; select episodes with the same options by --block"
+            f"{log.path}: {first.plan.world} has options {first.shared_options} in some episodes and "
+            f"{odd.shared_options} in others; select episodes with the same options by --block"
         )
-    return first.plan
+    return structs.replace(first.plan, options=first.shared_options)
 
 
 def list_used_actions(episodes: Sequence[LoggedEpisode], least: int = 0) -> tuple[str, ...]:
@@ -142,6 +154,8 @@ def replay_observations(
     Raises:
         LearnError: if the world's observations are not those of the log.
     """
+    if episode.team is not None:
+        world.unwrapped.seat, world.unwrapped.script = episode.team.seat, episode.team.actions.tolist()
     hashes = [world.reset(episode.plan.seed).observation_hash]
     for action in episode.actions:
         yield encoder.encode(world.unwrapped, world.observation)

@@ -58,7 +58,7 @@ from minihuman.plugins import limit_answer_time, locate_error
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
 from minihuman.runtime.session_loop import run_session
-from minihuman.runtime.team_host import TeamTable
+from minihuman.runtime.team_host import TeamTable, list_teams
 from minihuman.simulation.participant import (
     KeyPress,
     SimulatedParticipant,
@@ -347,7 +347,7 @@ def simulate(protocol: Protocol, data: Path, *, participants: int, seed: int, pl
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(place, *filter(None, (left[place],)))))
         return plan, make_participant(player, rng)
 
-    if any(its.team is not None and len(its.team.persons) > 1 for its in protocol.blocks):
+    if any(len(team.persons) > 1 for _, team in list_teams(protocol, None)):
         yield from _simulate_teams(protocol, data, [begin() for _ in range(participants)], facts)
         return
     for _ in range(participants):

@@ -57,11 +57,11 @@ Row = tuple[tuple[int, ...], tuple[ActionSource, ...]]
 
 def count_seats_at_machine(protocol: Protocol, group: str | None = None) -> int:
     """How many people sit at one machine: as many as its blocks of teams seat, where these say each seat's keys."""
-    teams = [team for _, team in _list_teams(protocol, group)]
+    teams = [team for _, team in list_teams(protocol, group)]
     return max((len(team.persons) for team in teams if team.seat_keys), default=1)
 
 
-def _list_teams(protocol: Protocol, group: str | None) -> Iterator[tuple[str, TeamPlan]]:
+def list_teams(protocol: Protocol, group: str | None) -> Iterator[tuple[str, TeamPlan]]:
     """The blocks' names and teams, in a group or in all."""
     for block in protocol.blocks:
         for name in [one.name for one in protocol.groups] if group is None else [group]:
@@ -81,7 +81,7 @@ def require_one_process(protocol: Protocol, what: str, *, group: str | None = No
     Raises:
         AllocationError: if several people sit in one world in a block of the group.
     """
-    for block, team in _list_teams(protocol, group):
+    for block, team in list_teams(protocol, group):
         if (seats := len(team.persons)) not in (1, at_one_machine):
             raise AllocationError(f"block {block!r} is for {seats} people, who cannot play together {what}")
 

@@ -126,6 +126,22 @@ def test_the_tasks_of_a_first_study_are_drawn_again_by_their_seed(tmp_path, monk
         assert len(re.findall("minihuman/[^, ]+-v[0-9]", task)) == 3
 
 
+def test_the_study_of_partners_trains_plays_and_proves_its_four_conditions(tmp_path, monkeypatch):
+    pytest.importorskip("stable_baselines3")
+    arguments = tmp_path, "--teams", 2, "--pilot", 4, "--steps", 2_048, "--quick"
+    run(monkeypatch, "team_partners.py", *arguments)
+    table = (tmp_path / "team_partners.md").read_text()
+    for partner in ("person", "scripted", "clone", "self-play"):
+        assert f"| {partner} | 2 |" in table, "of people two make a team"
+    assert len(list((tmp_path / "logs").rglob("*.mcap"))) == 10
+    assert (tmp_path / "report" / "report.html").is_file()
+    for name in ("pettingzoo", "overcooked"):
+        assert list((tmp_path / name).rglob("*.json*"))
+    before = (tmp_path / "clone.pt").stat()
+    run(monkeypatch, "team_partners.py", *arguments)
+    assert (tmp_path / "clone.pt").stat() == before, "what is there is not made again"
+
+
 @pytest.mark.long
 def test_each_attacker_is_held_out_of_the_fit_of_the_evidence(tmp_path, monkeypatch, capsys):
     run(monkeypatch, "bots.py", tmp_path, "--people", 20, "--programs", 2)

@@ -236,7 +236,7 @@ def test_a_file_that_is_there_is_not_overwritten(cloned, logs):
 
 
 def test_one_participant_cannot_be_split(demonstrations):
-    with pytest.raises(LearnError, match=r"only one participant, .*needs two or more"):
+    with pytest.raises(LearnError, match=r"only one participant or team, .*needs two or more"):
         split_by_participant(demonstrations.by(demonstrations.participants[:1]), share=0.2, seed=1)
 
 

@@ -282,6 +282,11 @@ class EpisodeLog:
         return {**self.plan.options, "script": self.team.actions.tolist()}
 
     @property
+    def shared_options(self) -> dict[str, Any]:
+        """The options of its world, in a team those that all seats share."""
+        return {name: value for name, value in self.plan.options.items() if self.team is None or name != "seat"}
+
+    @property
     def actions_taken(self) -> list[int | tuple[float, ...]]:
         """The ``n`` actions as a world's ``step`` takes them: numbers, or vectors where the log has some."""
         if self.action_vectors is None:
