@@ -10,7 +10,7 @@ import re
 import stat
 import tomllib
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from importlib.resources import files
@@ -26,7 +26,7 @@ from minihuman.experiment.activities.block_plans import LATEST_POLICY, SIMULATED
 from minihuman.experiment.keys import DIGITS, assign_usual_keys, find_noop, find_period_ms
 from minihuman.experiment.plan.trials import list_images, read_table
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol, list_old_names
-from minihuman.experiment.protocol.specs import apply_overrides
+from minihuman.experiment.protocol.specs import Overridable, apply_overrides
 from minihuman.experiment.words import ENGLISH, load_words
 from minihuman.trust import NamedWorld, Permission, admit_worlds
 from minihuman.worlds.adapters.world import World
@@ -227,17 +227,18 @@ def _find_worlds(value: object) -> Iterator[NamedWorld]:
 def _find_pictures(protocol: Protocol) -> dict[str, str]:
     """The pictures of its pages, each with the field that names it."""
     logo = {protocol.study.logo: "$.study.logo"} if protocol.study.logo else {}
-    pages = enumerate(protocol.pages)
+    pages = _in_any_group(protocol, protocol.pages)
     return logo | {name: f"$.pages[{number}].images" for number, page in pages for name in page.images}
+
+
+def _in_any_group(protocol: Protocol, parts: Sequence[Overridable]) -> list[tuple[int, Overridable]]:
+    """Each part's place and the part, as each group has it."""
+    return [(place, apply_overrides(part, group.name)) for place, part in enumerate(parts) for group in protocol.groups]
 
 
 def _find_policies(protocol: Protocol) -> dict[str, str]:
     """The policy files of its agents in any group, each with the field that names it."""
-    blocks = [
-        (number, apply_overrides(its, group.name))
-        for number, its in enumerate(protocol.blocks)
-        for group in protocol.groups
-    ]
+    blocks = _in_any_group(protocol, protocol.blocks)
     named = [
         *((f"{number}].agent.policy", its.agent.policy) for number, its in blocks if its.agent),
         *((f"{number}].team", name) for number, its in blocks if its.team for name in its.team.agents),
@@ -252,7 +253,7 @@ def _find_policies(protocol: Protocol) -> dict[str, str]:
 def _read_stimuli(protocol: Protocol, folder: Path, path: Path) -> dict[str, bytes]:
     """The tables of stimuli and the images that they name."""
     found: dict[str, bytes] = {}
-    for number, block in enumerate(protocol.blocks):
+    for number, block in _in_any_group(protocol, protocol.blocks):
         if block.stimuli is not None:
             where, name = f"{path}: $.blocks[{number}].stimuli", block.stimuli.file
             if name:

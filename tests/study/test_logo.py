@@ -80,3 +80,15 @@ def test_a_logo_that_is_no_picture_is_refused_by_its_field(folder: Path):
     (folder / "logo.png").write_bytes(b"GIF89a")
     with pytest.raises(ProtocolError, match=r"\$\.study\.logo: .* is not a PNG"):
         read_protocol(folder / "p.toml")
+
+
+def test_a_picture_that_only_a_group_s_page_has_is_read_too(folder: Path):
+    Image.new("RGB", (8, 8), "green").save(folder / "own.png")
+    text = _TOML.replace('blocks = ["play"]', 'parts = ["agree", "play"]')
+    text += '[[pages]]\nname = "agree"\ntext = "Do you agree?"\nasks_consent = true\n'
+    text += '[pages.group_overrides.all]\nimages = ["own.png"]\n'
+    (folder / "p.toml").write_text(re.sub(r"(?m)^(consent|logo) = .*$", "", text))
+    (log,) = simulate(folder / "p.toml", participants=1, data=folder.parent / "data")
+    (page,) = [part.plan for part in read_log(log).plan.parts if part.name == "agree"]
+    assert page.pictures == ((folder / "own.png").read_bytes(),)
+    assert all(line.ok for line in verify(log))
