@@ -94,7 +94,7 @@ def main(folder: Path) -> None:
         page = browser.new_page(viewport={**WINDOW_PX, "height": 1000})
         page.goto((work / "report/report.html").as_uri())
         photograph(page, folder / "tutorial-report.png", height_px=1000)
-        photograph(page, folder / "readme-report.png")
+        photograph(page, folder / "readme-report.png", height_px=800)
         photograph_desk(page, work, folder)
         photograph_session(page, work, folder)
         browser.close()
