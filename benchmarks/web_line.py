@@ -209,15 +209,13 @@ def cpu_of(pid: int) -> float:
 
 def serve(protocol: Path, data: Path, looks_ahead: bool) -> None:
     """As `minihuman serve`, but with look-ahead or without."""
-    from dataclasses import replace
-
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.experiment.plan.dry_run import check_worlds
-    from minihuman.web import connection
+    from minihuman.web.outbox import Outbox
     from minihuman.web.server.process import open_listening_socket, run_server
 
-    made = connection.PageSettings
-    connection.PageSettings = lambda *parts: replace(made(*parts), looks_ahead=looks_ahead)  # type: ignore[misc,assignment]
+    if not looks_ahead:
+        Outbox.grow = lambda self, rtt_ns: False  # type: ignore[method-assign]
     read = read_protocol(protocol)
     check_worlds(read)
     run_server(read, data, open_listening_socket(0), links=1, say=lambda said: print(said, flush=True))

@@ -295,7 +295,7 @@ def leave_ended_session(
         plan,
         HostStorage(protocol, machines[0], GroupCommit()),
         {"window": "web"},
-        PageSettings((96, 96), looks_ahead=False),
+        PageSettings((96, 96)),
         at_sync=lambda: None,
     )
     lease = one.leases.acquire(name_session("tried", "sub-01", 1))
@@ -353,7 +353,7 @@ def test_a_page_whose_session_turns_out_to_be_complete_comes_again_and_is_told_s
     with recruits.exclusive() as file:
         file.write(ParticipantArrived(hash_link_token(token), "sub-01", file.now()))
     disk = HostStorage(protocol, data, GroupCommit())
-    made = start_host(plan, disk, {}, PageSettings((96, 96), looks_ahead=False), at_sync=lambda: None)
+    made = start_host(plan, disk, {}, PageSettings((96, 96)), at_sync=lambda: None)
     made.host.stop(Stop(9_000_000_000, "complete", ""))
     made.files[0].leave()
     made.host.close()

@@ -69,7 +69,7 @@ def played_in_two(data: Path, folder: Path, *, upload: bool = False, keep_first:
             plan,
             HostStorage(protocol, data, GroupCommit()),
             {"window": "web"},
-            PageSettings((96, 96), looks_ahead=False),
+            PageSettings((96, 96)),
             at_sync=lambda: None,
         )
         PageModel(made.host, [(400_000_000, "enter", True), (800_000_000, "1", True)], frame_ns=16_000_000).run()
