@@ -16,6 +16,7 @@ import numpy as np
 from scipy.stats import trim_mean
 
 LEARNED = 0.9
+JUDGED = 100  # episodes, as many as success is of: of fewer it says little
 RESAMPLES = 10_000
 NAMES = {
     "ours": "minihuman",
@@ -32,7 +33,7 @@ def read_curves(folder: Path) -> dict[tuple[str, str], dict[int, Curve]]:
     with (folder / "curves.csv").open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):
             curve = curves[row["world"], row["trainer"]].setdefault(int(row["seed"]), defaultdict(list))
-            for name in ("steps", "success", "cpu_s"):
+            for name in ("steps", "episodes", "success", "cpu_s"):
                 curve[name].append(float(row[name]))
     return dict(curves)
 
@@ -40,7 +41,7 @@ def read_curves(folder: Path) -> dict[tuple[str, str], dict[int, Curve]]:
 def measure(curve: Curve) -> dict[str, float]:
     """What a training is compared by; infinite steps where it never learned."""
     steps, success = np.array(curve["steps"]), np.nan_to_num(np.array(curve["success"]))
-    learned = steps[success >= LEARNED]
+    learned = steps[(success >= LEARNED) & (np.array(curve["episodes"]) >= JUDGED)]
     return {
         "mean success": float(np.trapezoid(success, steps) / (steps[-1] - steps[0])),
         "steps to 90 %": float(learned[0]) if len(learned) else float("inf"),
