@@ -1,8 +1,9 @@
 """Compare the learning curves that `python -m benchmarks.ppo --out FOLDER` wrote: python analysis/ppo_curves.py FOLDER.
 
-For each world and trainer the mean success over a training (the area under its curve), the steps until 90 % of the
-latest episodes succeeded, and steps per CPU-second: the interquartile mean over seeds with a 95 % interval by
-bootstrap, as Agarwal et al. propose ("Deep Reinforcement Learning at the Edge of the Statistical Precipice", 2021).
+For each world and trainer the mean success over a training (the area under its curve, 0 before the hundredth episode),
+the steps until 90 % of the latest episodes succeeded, and steps per CPU-second: the interquartile mean over seeds with
+a 95 % interval by bootstrap, as Agarwal et al. propose ("Deep Reinforcement Learning at the Edge of the Statistical
+Precipice", 2021).
 Writes `curves.svg` beside the table: each seed's curve, and the median over seeds.
 """
 
@@ -16,7 +17,7 @@ import numpy as np
 from scipy.stats import trim_mean
 
 LEARNED = 0.9
-JUDGED = 100  # episodes, as many as success is of: of fewer it says little
+JUDGED = 100  # episodes, as many as success is of: a point of fewer says little and is left out
 RESAMPLES = 10_000
 NAMES = {
     "ours": "minihuman",
@@ -33,15 +34,16 @@ def read_curves(folder: Path) -> dict[tuple[str, str], dict[int, Curve]]:
     with (folder / "curves.csv").open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):
             curve = curves[row["world"], row["trainer"]].setdefault(int(row["seed"]), defaultdict(list))
-            for name in ("steps", "episodes", "success", "cpu_s"):
+            for name in ("steps", "cpu_s"):
                 curve[name].append(float(row[name]))
+            curve["success"].append(float(row["success"]) if int(row["episodes"]) >= JUDGED else float("nan"))
     return dict(curves)
 
 
 def measure(curve: Curve) -> dict[str, float]:
     """What a training is compared by; infinite steps where it never learned."""
     steps, success = np.array(curve["steps"]), np.nan_to_num(np.array(curve["success"]))
-    learned = steps[(success >= LEARNED) & (np.array(curve["episodes"]) >= JUDGED)]
+    learned = steps[success >= LEARNED]
     return {
         "mean success": float(np.trapezoid(success, steps) / (steps[-1] - steps[0])),
         "steps to 90 %": float(learned[0]) if len(learned) else float("inf"),
@@ -86,8 +88,9 @@ def main() -> None:
             axis.plot(shared, middle, color=f"C{number}", label=name)
         axis.set(title=world, xlabel="steps", ylim=(0, 1.02))
     axes[0][0].set_ylabel("success of the latest 100 episodes")
-    axes[0][-1].legend(fontsize=8, loc="lower right")
-    figure.tight_layout()
+    shown = {label: line for axis in axes[0] for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
+    figure.tight_layout(rect=(0, 0, 1, 0.92))
+    figure.legend(shown.values(), shown.keys(), fontsize=8, loc="upper center", ncols=len(shown))
     figure.savefig(folder / "curves.svg")
 
 
