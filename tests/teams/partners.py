@@ -126,7 +126,7 @@ def describe(study: Path) -> Iterator[str]:
     """What the logs prove, and a line per condition."""
     lines, logs = list(minihuman.verify(study)), [read_log(path) for path in sorted(study.rglob("*.mcap"))]
     yield f"{len(logs)} logs, {sum(not line.ok for line in lines)} lines of verify not as logged"
-    yield f"{sum(good for _, good in verify_teams(study))} teams proven in all their logs"
+    yield f"{sum(good for _, good in verify_teams(study))} teams of several people proven in all their logs"
     ended = Counter(log.end_reason for log in logs)
     yield f"sessions ended: {dict(ended)}"
     for group in sorted({log.plan.participant.group for log in logs}):

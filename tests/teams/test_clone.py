@@ -147,7 +147,7 @@ def test_the_study_of_four_partners_plays_in_browsers(tmp_path: Path, clone: tup
     browse_study(tmp_path, teams=2, episodes=1, steps=4, at_once=6)
     told = capsys.readouterr().out
     assert "10 logs, 0 lines of verify not as logged" in told
-    assert "8 teams proven in all their logs" in told
+    assert "2 teams of several people proven in all their logs" in told
     assert "person: 4 people, 2 teams, 16 steps" in told
     for partner in ("scripted", "clone", "self-play"):
         assert f"{partner}: 2 people, 2 teams, 8 steps" in told
