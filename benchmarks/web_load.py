@@ -10,6 +10,7 @@ A core is taken as full at 70 %. Joins are timed with 500 and 100,000 slots take
 
 import argparse
 import asyncio
+import math
 import os
 import random
 import subprocess
@@ -162,7 +163,7 @@ def load(kind: str, *, people: int, seconds: float, rtt_s: float, settle_s: floa
     ahead = 100 * sum(count.ahead for count in counts) / max(1, presses)
     return (
         f"{kind:8} {people:6} {steps / seconds:8.1f} {cpu_s / seconds:6.2f} {cpu_ms:9.2f} "
-        f"{FULL / (keys_per_s * cpu_ms / 1e3):11.0f} {up:8.0f} {down:8.0f} "
+        f"{FULL / (keys_per_s * cpu_ms / 1e3) if cpu_ms else math.nan:11.0f} {up:8.0f} {down:8.0f} "
         f"{ahead:7.1f} {median:8.0f} {p95:6.0f} {p99:6.0f} {broken:7}"
     )
 
