@@ -113,6 +113,7 @@ def train_theirs(world: str, steps: int, seed: int, *, memory: bool) -> list[dic
         def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
             return [None] * self.num_envs
 
+        # abstract in the base class; the peer's trainer calls neither of these two
         def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
             raise NotImplementedError
 

@@ -301,7 +301,8 @@ SHAPES: dict[str, Callable[[], list[Part]]] = {
     "tree": _tree,
     "tree_pine": _tree_pine,
 }
-# half the width, the height and half the depth that Miniworld's collision rules go by
+# Half the width, the height and half the depth that Miniworld's collision rules go by, to the digits that pictures have
+# always been drawn with: `entities` has those of the rules, in single precision.
 _SIZES: dict[str, tuple[float, float, float]] = {
     "ball": (1.284565, 2.564372, 1.285002),
     "barrel": (0.30539, 0.882287, 0.30539),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from minihuman.agents.goal_search import find_shortest_path
 from minihuman.errors import LearnError
 from minihuman.learn.policy.network import Policy
-from minihuman.learn.policy.observation import Observation, ObservationEncoder, ViewMode
+from minihuman.learn.policy.observation import Observation, ViewMode
 from minihuman.learn.teaching.dataset import NO_QUERY, Comparison, Dataset, Lesson, LessonFragment, LessonRating
 from minihuman.learn.teaching.learner import LearningRequest, collect_steps, make_fresh_policy, make_learner
 from minihuman.learn.teaching.preference_learner import (
@@ -32,7 +32,7 @@ from minihuman.learn.teaching.preference_learner import (
 from minihuman.simulation.supervisor import Critic, CriticParameters, Rater, RaterParameters
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import hash64
-from teaching_study.simulation import AGENT_STEP_MS, TeachingSimulation, evaluate_taught_policy
+from teaching_study.simulation import AGENT_STEP_MS, TeachingSimulation, begin_teaching, evaluate_taught_policy
 from teaching_study.trials import describe_command, format_interval, run_trials, write_results
 
 EMPTY, FOUR_ROOMS = "minihuman/MiniGrid-Empty-8x8-v0", "minihuman/MiniGrid-FourRooms-v0"
@@ -88,12 +88,9 @@ def run_rated(
     rng = np.random.default_rng(hash64((seed, trial.name, learner)) % 2**31)
     criticising = criticising or CriticParameters()
     critic = Critic(criticising, rng)
-    world = World(trial.world, trial.options)
-    world.reset(0)
-    eyesight = ObservationEncoder(missions=False)
-    names, space = world.action_names[: trial.actions], eyesight.space(world.unwrapped)
-    dataset = Dataset(trial.world, trial.options, names, trial.most_steps, eyesight, space)
-    sitting = TeachingSimulation(world, eyesight, trial.most_steps, rng)
+    dataset, sitting = begin_teaching(
+        trial.world, trial.options, actions=trial.actions, most_steps=trial.most_steps, rng=rng
+    )
     policy, found = make_fresh_policy(dataset, rng), None
     played, marks = 0, list(trial.marks)
     while marks:
@@ -196,7 +193,9 @@ class ComparedRow:
 def run_compared(trial: ComparedTrial, pairing: "Pairing", seed: int, *, episodes: int = 200) -> list[ComparedRow]:
     """A row a round."""
     rng = np.random.default_rng(hash64((seed, trial.name, "compared")) % 2**31)
-    dataset, sitting = _nothing_yet(trial, rng)
+    dataset, sitting = begin_teaching(
+        trial.world, {}, actions=trial.actions, most_steps=trial.most_steps, rng=rng, sight=trial.sight
+    )
     rater = Rater(trial.judging, rng)
     astray, gained = play_wandering(trial, np.random.default_rng(seed))
     chance = np.random.default_rng(seed)  # of what nobody is asked about
@@ -292,7 +291,9 @@ def play_wandering(
     trial: ComparedTrial, rng: np.random.Generator, *, steps: int = 1500
 ) -> tuple[Dataset, dict[str, list[int]]]:
     """Episodes of a player that goes astray, more and less; and what each step gained, by the lesson's name."""
-    dataset, sitting = _nothing_yet(trial, rng)
+    dataset, sitting = begin_teaching(
+        trial.world, {}, actions=trial.actions, most_steps=trial.most_steps, rng=rng, sight=trial.sight
+    )
     world = sitting.world
     lessons, gains = list[Lesson](), dict[str, list[int]]()
     while sum(len(lesson.actions) for lesson in lessons) < steps:
@@ -308,15 +309,6 @@ def play_wandering(
         lessons.append(sitting.lesson(layout))
         gains[lessons[-1].name] = compute_gains(world, lessons[-1])
     return dataset.with_more(lessons), gains
-
-
-def _nothing_yet(trial: ComparedTrial, rng: np.random.Generator) -> tuple[Dataset, TeachingSimulation]:
-    world = World(trial.world)
-    world.reset(0)
-    eyesight = ObservationEncoder(missions=False, sight=trial.sight)
-    names, space = world.action_names[: trial.actions], eyesight.space(world.unwrapped)
-    dataset = Dataset(trial.world, {}, names, trial.most_steps, eyesight, space)
-    return dataset, TeachingSimulation(world, eyesight, trial.most_steps, rng)
 
 
 def compute_truths(gains: dict[str, list[int]], pairs: Sequence[Pair]) -> list[float]:

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from minihuman.learn.policy.network import Policy
-from minihuman.learn.policy.observation import ObservationEncoder
 from minihuman.learn.teaching.dataset import Comparison, Dataset
 from minihuman.learn.teaching.learner import LearningRequest, make_fresh_policy, make_learner
 from minihuman.learn.teaching.preference_learner import (
@@ -32,7 +31,6 @@ from minihuman.simulation.supervisor import (
     Supervisor,
     SupervisorParameters,
 )
-from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import hash64
 from teaching_study.feedback import (
     EASY,
@@ -43,7 +41,7 @@ from teaching_study.feedback import (
     rated_episode,
     select_disputed_pairs,
 )
-from teaching_study.simulation import REPLAY_STEP_MS, TeachingSimulation, evaluate_taught_policy
+from teaching_study.simulation import REPLAY_STEP_MS, TeachingSimulation, begin_teaching, evaluate_taught_policy
 from teaching_study.trials import describe_command, format_interval, run_trials, write_results
 
 WAYS = ("cloning", "hg-dagger", "intervention-weighted", "tamer", "preferences")
@@ -103,12 +101,9 @@ def run_way(trial: MinutesTrial, way: str, seed: int, *, episodes: int = 200) ->
     """
     began = time.process_time()
     rng = np.random.default_rng(hash64((seed, trial.name, "minutes")) % 2**31)
-    world = World(trial.world, trial.options)
-    world.reset(0)
-    eyesight = ObservationEncoder(missions=False)
-    names, space = world.action_names[: trial.actions], eyesight.space(world.unwrapped)
-    dataset = Dataset(trial.world, trial.options, names, trial.most_steps, eyesight, space)
-    sitting = TeachingSimulation(world, eyesight, trial.most_steps, rng)
+    dataset, sitting = begin_teaching(
+        trial.world, trial.options, actions=trial.actions, most_steps=trial.most_steps, rng=rng
+    )
     teach = {"tamer": _rate, "preferences": _compare}.get(way, _steer)
     stops = sorted({*trial.marks, *(stop for stop in LEARN_MIN if stop < trial.marks[-1])})
     for policy, taught in teach(way, sitting, dataset, [stop * 60_000 for stop in stops], seed, rng):

@@ -15,7 +15,7 @@ import torch
 
 from minihuman.learn.behaviour_cloning import Evaluation, held_out_seed
 from minihuman.learn.policy.network import Policy, make_forward
-from minihuman.learn.policy.observation import EpisodeEncoder, Observation, ObservationEncoder
+from minihuman.learn.policy.observation import EpisodeEncoder, Observation, ObservationEncoder, ViewMode
 from minihuman.learn.teaching.dataset import NO_QUERY, Dataset, Lesson
 from minihuman.simulation.supervisor import Supervisor
 from minihuman.worlds.adapters.world import World
@@ -180,6 +180,24 @@ class TeachingSimulation:
             policy_probabilities=None if said[0] is None else np.array(said, np.float32),
             corrects=corrects,
         )
+
+
+def begin_teaching(
+    world_id: str,
+    options: dict[str, Any],
+    *,
+    actions: int,
+    most_steps: int,
+    rng: np.random.Generator,
+    sight: ViewMode = "view",
+) -> tuple[Dataset, TeachingSimulation]:
+    """A dataset with nothing in it yet, of the world's first ``actions`` actions, and the session that fills it."""
+    world, eyesight = World(world_id, options), ObservationEncoder(missions=False, sight=sight)
+    world.reset(0)
+    dataset = Dataset(
+        world_id, options, world.action_names[:actions], most_steps, eyesight, eyesight.space(world.unwrapped)
+    )
+    return dataset, TeachingSimulation(world, eyesight, most_steps, rng)
 
 
 @dataclass(frozen=True, slots=True)

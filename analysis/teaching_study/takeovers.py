@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 
 from minihuman.learn.policy.network import Policy
-from minihuman.learn.policy.observation import ObservationEncoder, ViewMode
-from minihuman.learn.teaching.dataset import Dataset, Lesson
+from minihuman.learn.policy.observation import ViewMode
+from minihuman.learn.teaching.dataset import Lesson
 from minihuman.learn.teaching.learner import LearningRequest, make_learner
 from minihuman.simulation.supervisor import Supervisor, SupervisorParameters
-from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import hash64
-from teaching_study.simulation import TeachingSimulation, evaluate_taught_policy
+from teaching_study.simulation import TeachingSimulation, begin_teaching, evaluate_taught_policy
 from teaching_study.trials import (
     describe_command,
     format_interval,
@@ -98,14 +97,11 @@ def run_arm(trial: TakeoverTrial, arm: str, seed: int, *, episodes: int | None =
         seed: of person, layouts and first weights.
         episodes: to judge by; the trial's own number if None.
     """
-    world = World(trial.world)
-    world.reset(0)
-    eyesight = ObservationEncoder(missions=False, sight=trial.sight)
     chance = np.random.default_rng(hash64((seed, trial.world)) % 2**31)  # the same demonstrations in every arm
-    sitting = TeachingSimulation(world, eyesight, trial.most_steps, chance)
+    dataset, sitting = begin_teaching(
+        trial.world, {}, actions=trial.actions, most_steps=trial.most_steps, rng=chance, sight=trial.sight
+    )
     supervisor = Supervisor(trial.supervising, chance)
-    names, space = world.action_names[: trial.actions], eyesight.space(world.unwrapped)
-    dataset = Dataset(trial.world, {}, names, trial.most_steps, eyesight, space)
     policy: Policy | None = None
     played = 0
     rows = list[TakeoverRow]()
