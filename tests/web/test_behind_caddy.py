@@ -1,6 +1,8 @@
 """Behind Caddy with TLS, by the Caddyfile of `minihuman deploy`: each page gets to its worker, and clocks are fine."""
 
 import shutil
+import socket
+import ssl
 import subprocess
 import time
 from collections.abc import Iterator
@@ -53,7 +55,7 @@ def caddy(folder: Path, text: str, port: int) -> Iterator[None]:
     command = ["caddy", "run", "--config", str(path), "--adapter", "caddyfile"]
     with (folder / "caddy.log").open("w") as log, subprocess.Popen(command, stderr=log) as process:
         try:
-            until_listens(port)
+            until_secure(port)
             yield
         finally:
             process.terminate()
@@ -64,6 +66,21 @@ def until_listens(port: int) -> None:
     while not listens(port):
         assert time.monotonic() < deadline_s
         time.sleep(0.1)
+
+
+def until_secure(port: int) -> None:
+    """Until a handshake is done: the port listens before the certificate is made."""
+    context = ssl.create_default_context()
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    deadline_s = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            with socket.create_connection(("localhost", port), timeout=5) as plain:
+                context.wrap_socket(plain, server_hostname="localhost").close()
+                return
+        except OSError:  # which a TLS alert is too
+            assert time.monotonic() < deadline_s
+            time.sleep(0.1)
 
 
 def test_people_come_by_tls_to_two_workers_and_each_stays_with_theirs(tmp_path: Path) -> None:

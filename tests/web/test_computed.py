@@ -624,3 +624,32 @@ def test_a_view_moves_to_the_next_picture_and_a_step_counts_as_seen_from_the_beg
     shown = next(event for event in events if isinstance(event, FrameShown) and event.step == 1)
     assert stepped.key_t_ns < shown.flip_ns < there_ns  # not when the whole picture was there
     assert list(find_log_differences(log, World)) == []
+
+
+SLOW_CLOCK = """
+const now = performance.now.bind(performance);
+performance.now = () => { const until = now() + 2; while (now() < until); return now(); };
+"""  # a page that may be held up between any two looks at the clock
+
+
+@pytest.mark.program
+def test_a_message_tells_of_the_step_that_is_due_by_its_very_time(tmp_path: Path) -> None:
+    block = 'pace = "real_time"\nstep_period_ms = 50.0\nnoop_action = "done"\n'
+    with serving(study(tmp_path, GRID, max_steps=90, episodes=1, block=block), tmp_path) as server, browsing() as sit_down:
+        somebody, told = sit_down("about:blank"), []
+        somebody.page.on(
+            "websocket",
+            lambda socket: socket.on(
+                "framereceived", lambda data: told.append(data if isinstance(data, bytes) else data.encode())
+            ),
+        )
+        somebody.page.goto(f"http://127.0.0.1:{server.port}/#t={server.tokens[0]}")
+        somebody.to_play()
+        somebody.page.evaluate(SLOW_CLOCK)
+        began_s = time.monotonic()
+        while somebody.state["playing"] and not somebody.state["ended"]:
+            somebody.page.keyboard.press("3")
+            assert time.monotonic() - began_s < PATIENCE_S
+        somebody.to_end()
+        assert somebody.errors == []
+    assert b'"t":"state"' not in b"".join(told), "the page had to be told where it was"

@@ -123,11 +123,14 @@ class Page {
 
   get #isListening() { return this.#outbox.hasTime && !this.#connection.finished; }
 
-  /** @param {Input} what @returns {number} the message's number */
-  #send(what, canWait = this.#player.canWait(what)) {
-    const made = what.t !== "tick" && !UNTIMED.has(what.t) && this.#outbox.hasTime ? this.#computeTick() : undefined;
-    if (made) this.#send({ t: "tick", digest: made.digest }, !made.ends);
-    const n = this.#outbox.add(what, canWait ? this.#player.isComputed && this.#due === null ? COMPUTED_WAIT_MS : WAIT_MS : 0);
+  /** @param {Input} what @param {boolean} canWait @param {number} now @returns {number} the message's number */
+  #send(what, canWait = this.#player.canWait(what), now = this.#outbox.nextTime()) {
+    const made = what.t !== "tick" && !UNTIMED.has(what.t) && this.#outbox.hasTime ? this.#computeTick(now) : undefined;
+    if (made) { // a step that the session makes first; by then the next may be due
+      this.#send({ t: "tick", digest: made.digest }, !made.ends, now);
+      return this.#send(what, canWait);
+    }
+    const n = this.#outbox.add(what, canWait ? this.#player.isComputed && this.#due === null ? COMPUTED_WAIT_MS : WAIT_MS : 0, now);
     if (n && !UNTIMED.has(what.t)) {
       const at = this.#outbox.state.last;
       this.#player.passTime(n, at, what.t, this.#due);
@@ -136,7 +139,8 @@ class Page {
     return n;
   }
 
-  #computeTick() { return this.#player.computeTick(this.#outbox.now(), this.#due); }
+  /** @param {number} now the very time of the message that tells it */
+  #computeTick(now) { return this.#player.computeTick(now, this.#due); }
 
   // ---- what the server says
 
@@ -233,10 +237,11 @@ class Page {
   #tick() {
     const time = this.#nextTime();
     if (time === null) return;
-    if (this.#outbox.now() < time) { this.#schedule(); return; }
-    const made = this.#computeTick();
+    const now = this.#outbox.nextTime();
+    if (now < time) { this.#schedule(); return; }
+    const made = this.#computeTick(now);
     if (!made && this.#nextTime() !== time) { this.#schedule(); return; } // a period without a step
-    const n = this.#send({ t: "tick", digest: made?.digest }, made && !made.ends);
+    const n = this.#send({ t: "tick", digest: made?.digest }, made && !made.ends, now);
     const at = this.#outbox.state.last;
     if (this.#due !== null && at >= this.#due) this.#reportedDue = this.#due;
     if (this.#endsAt !== null && at >= this.#endsAt) this.#endsAt = null;

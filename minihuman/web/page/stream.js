@@ -183,6 +183,9 @@ export class Outbox {
   timeOf(ms) { return Math.max(0, US * Math.round((ns(ms) - (this.#zero ?? 0)) / US)); }
   now() { return this.timeOf(this.clock.now()); }
 
+  /** The time of a message that is added now: later than the last one's. */
+  nextTime() { return Math.max(US * Math.floor(this.state.last / US + 1), this.now()); }
+
   /**
    * Take over the server's time. A new segment has nothing of what was kept for the last one, so that the numbers
    * go on behind the last one received.
@@ -209,11 +212,10 @@ export class Outbox {
 
   /**
    * Number, keep and send a message; one that can wait goes with what follows in so many ms. @param {Input} what
-   * @returns {number} its number, or 0 while the session's time is unknown
+   * @param {number} at its time @returns {number} its number, or 0 while the session's time is unknown
    */
-  add(what, waitMs = 0) {
+  add(what, waitMs = 0, at = this.nextTime()) {
     if (this.#zero === null) return 0;
-    const at = Math.max(US * Math.floor(this.state.last / US + 1), this.now());
     const n = this.state.next++;
     this.state.last = at;
     const message = { n, at, what }, text = JSON.stringify(message);
