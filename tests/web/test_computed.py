@@ -635,7 +635,8 @@ performance.now = () => { const until = now() + 2; while (now() < until); return
 @pytest.mark.program
 def test_a_message_tells_of_the_step_that_is_due_by_its_very_time(tmp_path: Path) -> None:
     block = 'pace = "real_time"\nstep_period_ms = 50.0\nnoop_action = "done"\n'
-    with serving(study(tmp_path, GRID, max_steps=90, episodes=1, block=block), tmp_path) as server, browsing() as sit_down:
+    protocol = study(tmp_path, GRID, max_steps=90, episodes=1, block=block)
+    with serving(protocol, tmp_path) as server, browsing() as sit_down:
         somebody, told = sit_down("about:blank"), []
         somebody.page.on(
             "websocket",
