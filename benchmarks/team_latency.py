@@ -4,8 +4,9 @@
     python -m benchmarks.team_latency --kills 100 --cuts 100 --reloads 50
 
 Times are the logs': a key's of the page that heard it, a picture's of the page that showed it, both pages brought onto
-the server's clock by the links of each log. In turns a partner's step is counted where the partner's key came last, as
-before it there is nothing to show. A lost segment delays what is behind it by a round trip and 200 ms.
+the server's clock by the links of each log. In turns each person answers a step 200 to 600 ms after they saw it, in
+ticks both press on; and a partner's step is counted where the partner's key came last, as before it there is nothing to
+show. A lost segment delays what is behind it by a round trip and 200 ms.
 """
 
 import argparse
@@ -34,6 +35,7 @@ def main() -> None:
     parser.add_argument("--rtt", type=float, default=300.0)
     parser.add_argument("--loss", type=float, nargs="+", default=[0.0, 0.02], help="share of TCP segments")
     parser.add_argument("--ticks-ms", type=int, default=100)
+    parser.add_argument("--press-on", action="store_true", help="in turns too, whether the last step was seen or not")
     for what in ("kills", "cuts", "reloads"):
         parser.add_argument(f"--{what}", type=int, default=0)
     asked = parser.parse_args()
@@ -51,7 +53,8 @@ def main() -> None:
             with tempfile.TemporaryDirectory() as name:
                 study = {"episodes": asked.episodes, "max_steps": asked.steps, "block": block}
                 protocol = team_study(Path(name), world=FOUR_ROOMS, **study)
-                played, _ = play_together(protocol, Path(name), rtt_ms=asked.rtt, loss=loss)
+                answers_s = (0.2, 0.6) if pace == "turns" and not asked.press_on else None
+                played, _ = play_together(protocol, Path(name), rtt_ms=asked.rtt, loss=loss, answers_s=answers_s)
                 found = measure(played, sorted((Path(name) / "duet").rglob("*.mcap")), in_turns=pace == "turns")
             for what, times_ms in found.items():
                 at = "  ".join(f"{value:7.1f}" for value in np.percentile(times_ms, (50, 95, 99)))

@@ -1,6 +1,7 @@
 """Two people in two browsers who play together, and are interrupted."""
 
 import random
+import time
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -77,10 +78,19 @@ def play_together(
     rtt_ms: float = 0.0,
     loss: float = 0.0,
     name: str = "duet",
+    answers_s: tuple[float, float] | None = None,
 ) -> tuple[Played, Counter[str]]:
     """Play to the end of both sessions, through interruptions of the server, either connection and either page.
 
-    ``interruptions`` says how many of each: "kill", "cut" and "reload".
+    Args:
+        protocol: what is played.
+        folder: where the logs go.
+        interruptions: how many of each: "kill", "cut" and "reload".
+        seed: of what is pressed and interrupted.
+        rtt_ms: there and back, of either's line.
+        loss: share of the TCP segments that are sent again.
+        name: the study's.
+        answers_s: how long each takes, at least and at most, from seeing a step to their next key; None: both press on.
     """
     chance, happened = random.Random(seed), Counter[str]()
     with (
@@ -98,9 +108,9 @@ def play_together(
             somebody.until("s.welcomed && s.kind !== ''")
         left = [what for what, times in interruptions.items() for _ in range(times)]
         chance.shuffle(left)
-        moves = 0
+        moves, press = 0, _press if answers_s is None else _Answers(answers_s)
         while not all(somebody.state["finished"] for somebody in people):
-            _press(people, chance)
+            press(people, chance)
             moves += 1
             assert moves < 200 * PATIENCE_S, [somebody.state for somebody in people]
             if left and moves % 5 == 0 and any(somebody.state["playing"] for somebody in people):
@@ -118,6 +128,26 @@ def _press(people: list[Somebody], chance: random.Random) -> None:
         if not state["finished"]:
             somebody.press(chance.choice("123") if state["playing"] or state["kind"] == "play" else "enter")
     people[0].page.wait_for_timeout(60)
+
+
+class _Answers:
+    """People who press one key for each step that they have seen, some time after they saw it."""
+
+    def __init__(self, takes_s: tuple[float, float]) -> None:
+        self._takes_s = takes_s
+        self._due_s: dict[tuple[int, str, int], float] = {}  # by person and what they see
+
+    def __call__(self, people: list[Somebody], chance: random.Random) -> None:
+        for who, somebody in enumerate(people):
+            state = somebody.state
+            if state["finished"] or (state["playing"] and (state["step"] != state["confirmed"] or not state["known"])):
+                continue
+            seen = who, state["kind"], state["step"]
+            due_s = self._due_s.setdefault(seen, time.monotonic() + chance.uniform(*self._takes_s))
+            if time.monotonic() >= due_s:
+                del self._due_s[seen]
+                somebody.press(chance.choice("123") if state["playing"] else "enter")
+        people[0].page.wait_for_timeout(10)
 
 
 def _interrupt(
