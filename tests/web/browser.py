@@ -104,6 +104,10 @@ def browser_processes(profile: str = "") -> list[int]:
     ]
 
 
+def _is_in_play(state: dict[str, Any]) -> bool:
+    return state["playing"] and state["known"] and state["step"] >= 0 and not state["ended"]
+
+
 class Somebody:
     """A person in front of a page."""
 
@@ -144,14 +148,15 @@ class Somebody:
         """Go on with Enter through what is to be read, until an episode is played."""
         self.until("s.welcomed && s.kind !== ''")
         until_s = time.monotonic() + PATIENCE_MS / 1000
-        while not self.state["playing"]:
+        while not _is_in_play(state := self.state):
             assert time.monotonic() < until_s, self.screen()
-            if self.page.locator(".keyboard").count():
+            if state["playing"]:  # an episode that begins, or one that has just ended
+                pass
+            elif self.page.locator(".keyboard").count():
                 self.press(*(cap for cap in self.page.locator(".keyboard li .cap span").all_inner_texts()))
             else:
                 self.press("enter")
-            self.page.wait_for_timeout(60)
-        self.until("s.known && s.step >= 0")
+            self.page.wait_for_timeout(10 if state["playing"] else 60)
 
     def to_end(self) -> None:
         """Go on with Enter until nothing follows."""
