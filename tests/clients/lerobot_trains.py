@@ -17,7 +17,7 @@ POLICIES = {
     "act": ("--policy.pretrained_backbone_weights=null", "--policy.dim_model=128", "--policy.chunk_size=8",
             "--policy.n_action_steps=8"),
     "diffusion": ("--policy.pretrained_backbone_weights=null", "--policy.crop_shape=null",
-                  "--policy.down_dims=[64,128]"),
+                  "--policy.down_dims=[64,128]", "--policy.drop_n_last_frames=0"),  # episodes may be short
 }  # fmt: skip
 EVALUATES = "eval_freq" if version("lerobot").startswith("0.4.") else "env_eval_freq"  # in an environment; none is here
 
@@ -44,7 +44,8 @@ def train(root, policy, options, steps, seed):
             str(Path(sys.executable).with_name("lerobot-train")), f"--dataset.repo_id=minihuman/{root.name}",
             f"--dataset.root={root}", "--dataset.video_backend=pyav", f"--policy.type={policy}", "--policy.device=cpu",
             "--policy.push_to_hub=false", f"--output_dir={out}/run", f"--steps={steps}", "--batch_size=4",
-            "--num_workers=0", "--log_freq=5", "--save_checkpoint=false", f"--{EVALUATES}=0", f"--seed={seed}", *options,
+            "--num_workers=0", "--log_freq=5", "--save_checkpoint=false", f"--{EVALUATES}=0", f"--seed={seed}",
+            *options,
         ]  # fmt: skip
         environment = os.environ | {"HF_HUB_OFFLINE": "1", "HF_HOME": f"{out}/home"}
         done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
