@@ -105,6 +105,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         narrow = max(len(self._layout), *self._layout.tolist()) <= NARROW
         self._rows = np.tile(self._layout.astype(np.int16 if narrow else np.int32), (num_envs, 1))
         self._rng_states: RngState = np.zeros((num_envs, 6), np.uint64)
+        self._images = num_envs, *self._world.image_shape
         self._missions = (self._world.mission,) * num_envs
         self._seeds = [-1] * num_envs
         self._over = np.zeros(num_envs, np.int64)  # the worlds that a step has left to be laid out anew
@@ -153,7 +154,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
             if seeds[i] is not None or not rng_state.any():
                 generator, self._seeds[i] = seeding.np_random(seeds[i])
                 read_rng_state(generator, rng_state)
-        images = np.zeros((self.num_envs, *self._world.image_shape), np.uint8)
+        images = np.zeros(self._images, np.uint8)
         directions = np.zeros(self.num_envs, np.int64)
         self._lay_out(recipe, np.flatnonzero(mask), images, directions)
         observe_many(self._rows, ~mask & (self._rows[:, PHASE] != NEW), images, directions)
@@ -172,19 +173,17 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
             raise WorldError(f"actions must be {self.num_envs} whole numbers, not {given.dtype}{given.shape}")
         n = self.num_envs
-        images = np.empty((n, *self._world.image_shape), np.uint8)
-        directions = np.empty(n, np.int64)
-        rewards = np.empty(n)
-        ends = np.empty((3, n), np.bool_)  # terminated, truncated, and over: to be laid out anew
+        images, directions = np.empty(self._images, np.uint8), np.empty(n, np.int64)
+        rewards, terminated, truncated = np.empty(n), np.empty(n, np.bool_), np.empty(n, np.bool_)
         numbers = np.ascontiguousarray(given, np.int64)
-        count = self._step_shares((self._rows, numbers, self._rng_states, images, directions, rewards, ends))
+        results = images, directions, rewards, terminated, truncated
+        count = self._step_shares((self._rows, numbers, self._rng_states, *results))
         if count < 0:
             raise self._refusal(~count, given)
-        terminated, truncated, over = ends
         info: dict[str, Any] = {}
         if count > 0:
             if self._mode == SAME_STEP:
-                info = self._final(over, images, directions)
+                info = self._final(terminated | truncated, images, directions)
             self._lay_out(self._world.recipe, self._over[:count], images, directions)
         return (
             {"image": images, "direction": directions, "mission": self._missions},
@@ -253,8 +252,8 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
 
 
 _STEPPED = (
-    "int64[::1], uint64[:, ::1], uint8[:, :, :, ::1], int64[::1], float64[::1], boolean[:, ::1], int64[::1], int64, "
-    "int64, int64, boolean)"
+    "int64[::1], uint64[:, ::1], uint8[:, :, :, ::1], int64[::1], float64[::1], boolean[::1], boolean[::1], int64[::1], "
+    "int64, int64, int64, boolean)"
 )
 
 
@@ -266,7 +265,8 @@ def step_many(
     images: NDArray[np.uint8],
     directions: NDArray[np.int64],
     rewards: NDArray[np.float64],
-    ends: NDArray[np.bool_],
+    terminated: NDArray[np.bool_],
+    truncated: NDArray[np.bool_],
     over: NDArray[np.int64],
     mode: int,
     first: int,
@@ -275,7 +275,7 @@ def step_many(
 ) -> int:
     """Step the worlds from ``first`` to before ``last`` that are in an episode.
 
-    Those that autoreset is to lay out anew are marked over, and listed in ``over``, from ``first`` on. A world that is
+    Those that autoreset is to lay out anew are listed in ``over``, from ``first`` on. A world that is
     over when its turn comes earns nothing in this step. Rows with ``instructed`` have room for an instruction.
 
     Returns:
@@ -293,11 +293,10 @@ def step_many(
             status, rewards[i] = act_unedited(rows[i], actions[i], rng_state[i], True)
             see(rows[i], images[i])
             directions[i] = rows[i, DIRECTION]
-        ends[0, i] = status & TERMINATED != 0
-        ends[1, i] = status & TRUNCATED != 0
-        ends[2, i] = not stepped or (mode == SAME_STEP and status != 0)
+        terminated[i] = status & TERMINATED != 0
+        truncated[i] = status & TRUNCATED != 0
         over[first + count] = i  # counts only if it is
-        count += ends[2, i]
+        count += not stepped or (mode == SAME_STEP and status != 0)
     return count
 
 

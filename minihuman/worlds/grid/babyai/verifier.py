@@ -69,8 +69,7 @@ _PICKUP, _DROP, _TOGGLE, _DONE = 3, 4, 5, 6  # actions
 def note_places(row: Row) -> None:
     """Note where everything that a description means lies now."""
     noted, means = noted_of(row), means_of(row)
-    for cell in range(row[WIDTH] * row[HEIGHT]):
-        row[noted + cell] = 0
+    row[noted : noted + row[WIDTH] * row[HEIGHT]] = 0
     for k in range(row[OBJECTS]):
         cell = where_is(row, k + 1)
         if cell != NOWHERE:

@@ -81,10 +81,8 @@ def clear(row: Row) -> None:
     row[CARRYING] = EMPTY
     row[STEP] = 0
     row[PHASE] = NEW
-    for k in range(OBJECTS, len(row)):
-        row[k] = 0
-    for k in range(HEADER, HEADER + row[WIDTH] * row[HEIGHT]):
-        row[k] = EMPTY
+    row[OBJECTS:] = 0
+    row[HEADER : HEADER + row[WIDTH] * row[HEIGHT]] = EMPTY
 
 
 @kernel("int64(int32[::1], int64, int64)", "int64(int16[::1], int64, int64)", only=True)
