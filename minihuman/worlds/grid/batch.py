@@ -24,7 +24,7 @@ from minihuman.worlds.grid.babyai.encoding import block_of, noted_of
 from minihuman.worlds.grid.babyai.instruction_space import InstructionSpace
 from minihuman.worlds.grid.babyai.verifier import act_unedited, hand_over
 from minihuman.worlds.grid.core.rewards import INSTRUCTED
-from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED
+from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act
 from minihuman.worlds.grid.core.state import (
     ACTIONS,
     DIRECTION,
@@ -290,7 +290,11 @@ def step_many(
         status, rewards[i] = 0, 0.0
         stepped = rows[i, PHASE] != OVER
         if stepped:
-            status, rewards[i] = act_unedited(rows[i], actions[i], rng_state[i], True)
+            status, rewards[i] = (
+                act_unedited(rows[i], actions[i], rng_state[i], True)
+                if instructed
+                else act(rows[i], actions[i], rng_state[i])
+            )
             see(rows[i], images[i])
             directions[i] = rows[i, DIRECTION]
         terminated[i] = status & TERMINATED != 0

@@ -96,7 +96,7 @@ def is_any_gone(row: Row) -> bool:
     return gone > 0
 
 
-@device_function()
+@device_function(force_inline=True)
 def verify(row: Row, action: int, noted: bool) -> int:
     """Judge the step just made by the instruction: WAITING, SATISFIED or BROKEN.
 
@@ -169,7 +169,7 @@ def judge_clause(row: Row, k: int, action: int) -> int:
     return outcome
 
 
-@device_function()
+@device_function(force_inline=True)
 def does(row: Row, clause: int, k: int, action: int) -> int:
     """Whether a step does what a clause says."""
     verb, strict = row[clause + VERB], row[clause + STRICT]
@@ -233,7 +233,7 @@ def act_instructed(row: Row, action: int, rng_state: RngState) -> tuple[int, flo
     return act_unedited(row, action, rng_state, False)
 
 
-@device_function()
+@device_function(force_inline=True)
 def act_unedited(row: Row, action: int, rng_state: RngState, unedited: bool) -> tuple[int, float]:
     """`act_instructed`; where nothing but steps has ``unedited`` the row, places are noted only if they can differ."""
     if row[TASK] != INSTRUCTED:

@@ -129,7 +129,7 @@ def close(row: Row, ended: bool) -> int:
     return status
 
 
-@device_function()
+@device_function(force_inline=True)
 def apply(row: Row, action: int) -> tuple[float, bool]:
     """Do what the action does to agent, objects and doors: reward and end as goal and lava give them."""
     if action == LEFT:
