@@ -24,7 +24,7 @@ from minihuman.worlds.grid.babyai.encoding import block_of, noted_of
 from minihuman.worlds.grid.babyai.instruction_space import InstructionSpace
 from minihuman.worlds.grid.babyai.verifier import act_unedited, hand_over
 from minihuman.worlds.grid.core.rewards import INSTRUCTED
-from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act
+from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act_inline
 from minihuman.worlds.grid.core.state import (
     ACTIONS,
     DIRECTION,
@@ -43,7 +43,7 @@ from minihuman.worlds.grid.core.state import (
     Y,
     clear,
 )
-from minihuman.worlds.grid.core.view import fetch_header, fetch_usual, see
+from minihuman.worlds.grid.core.view import fetch_header, fetch_usual, see, see_inline
 from minihuman.worlds.grid.engine import GridSnapshot
 from minihuman.worlds.grid.env import GridEnv
 from minihuman.worlds.grid.layout import Recipe
@@ -293,9 +293,9 @@ def step_many(
             status, rewards[i] = (
                 act_unedited(rows[i], actions[i], rng_state[i], True)
                 if instructed
-                else act(rows[i], actions[i], rng_state[i])
+                else act_inline(rows[i], actions[i], rng_state[i])
             )
-            see(rows[i], images[i])
+            see_inline(rows[i], images[i])
             directions[i] = rows[i, DIRECTION]
         terminated[i] = status & TERMINATED != 0
         truncated[i] = status & TRUNCATED != 0
@@ -329,7 +329,9 @@ def fetch_numbers(ops: Any, row: Row, first: Any, second: Any, third: Any) -> No
 
 
 @kernel(
-    "(int16[:, ::1], int64[::1], int64, int64, int64)", "(int32[:, ::1], int64[::1], int64, int64, int64)", hold_gil=True
+    "(int16[:, ::1], int64[::1], int64, int64, int64)",
+    "(int32[:, ::1], int64[::1], int64, int64, int64)",
+    hold_gil=True,
 )
 def first_refusal(rows: Rows, actions: NDArray[np.int64], mode: int, first: int, last: int) -> int:
     """The complement (~) of the first world that refuses its action or is not to be stepped now; 0 for none."""
