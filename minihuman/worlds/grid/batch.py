@@ -252,8 +252,8 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
 
 
 _STEPPED = (
-    "int64[::1], uint64[:, ::1], uint8[:, :, :, ::1], int64[::1], float64[::1], boolean[::1], boolean[::1], int64[::1], "
-    "int64, int64, int64, boolean)"
+    "int64[::1], uint64[:, ::1], uint8[:, :, :, ::1], int64[::1], float64[::1], boolean[::1], boolean[::1], "
+    "int64[::1], int64, int64, int64, boolean)"
 )
 
 
@@ -275,8 +275,8 @@ def step_many(
 ) -> int:
     """Step the worlds from ``first`` to before ``last`` that are in an episode.
 
-    Those that autoreset is to lay out anew are listed in ``over``, from ``first`` on. A world that is
-    over when its turn comes earns nothing in this step. Rows with ``instructed`` have room for an instruction.
+    Those that autoreset is to lay out anew are listed in ``over``, from ``first`` on. A world that is over when its
+    turn comes earns nothing in this step. Rows with ``instructed`` have room for an instruction.
 
     Returns:
         How many worlds are over; or, when one refuses its action or is not to be stepped now, the complement

@@ -166,7 +166,7 @@ def _sentence(numbers: bytes) -> str:
 
 
 def _said(numbers: bytes) -> tuple[int, int, int, tuple[tuple[int, ...], ...]]:
-    """What decides the sentence: the join, clauses in the first part, flags, and clauses without what became of them."""
+    """What decides the sentence: the join, clauses in the first part, flags, clauses without what became of them."""
     said = np.frombuffer(numbers, np.int32).tolist()
     starts = range(CLAUSES, CLAUSES + CLAUSE * (said[LEFT] + said[RIGHT]), CLAUSE)
     lines = ((*said[at : at + STATUS], *said[at + THING : at + CLAUSE]) for at in starts)
