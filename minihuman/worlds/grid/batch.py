@@ -211,12 +211,15 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
 
     def _step_shares(self, arrays: tuple[NDArray[Any], ...]) -> int:
         """Step all worlds, a share for each thread; what `step_many` returns, for all."""
-        rest, shares = (self._over, self._mode), self._shares
+        shares = self._shares
+        step: Callable[..., int] = step_many
         if len(shares) == 1:
-            return step_many(*arrays, *rest, *shares[0], self._instructed)
+            return step(*arrays, self._over, self._mode, *shares[0], self._instructed)
         if (refusing := first_refusal(arrays[0], arrays[1], self._mode, 0, self.num_envs)) < 0:
             return refusing
-        stepping = _helpers(os.getpid()).map(lambda share: step_many(*arrays, *rest, *share, self._instructed), shares)
+        stepping = _helpers(os.getpid()).map(
+            lambda share: step(*arrays, self._over, self._mode, *share, self._instructed), shares
+        )
         found = [self._over[first : first + count] for (first, _), count in zip(shares, stepping, strict=True)]
         over = np.concatenate(found)
         self._over[: len(over)] = over
