@@ -61,7 +61,7 @@ NARROW = np.iinfo(np.int16).max
 MOST_OBJECTS = NARROW >> 9  # in a row of int16: a code's highest bits are an identity
 MIN_SHARE = 128  # worlds: with fewer, handing work to another thread costs more than it saves
 
-Rows = NDArray[np.int16] | NDArray[np.int32]
+RowMatrix = NDArray[np.int16] | NDArray[np.int32]
 Observation = dict[str, Any]  # image uint8[n, size, size, 3], direction int64[n], mission: n strings
 
 
@@ -262,7 +262,7 @@ _STEPPED = (
 
 @kernel("(int16[:, ::1], " + _STEPPED, "(int32[:, ::1], " + _STEPPED, nogil=True)
 def step_many(
-    rows: Rows,
+    rows: RowMatrix,
     actions: NDArray[np.int64],
     rng_state: RngState,
     images: NDArray[np.uint8],
@@ -279,7 +279,7 @@ def step_many(
     """Step the worlds from ``first`` to before ``last`` that are in an episode.
 
     Those that autoreset is to lay out anew are listed in ``over``, from ``first`` on. A world that is over when its
-    turn comes earns nothing in this step. Rows with ``instructed`` have room for an instruction.
+    turn comes earns nothing in this step. RowMatrix with ``instructed`` have room for an instruction.
 
     Returns:
         How many worlds are over; or, when one refuses its action or is not to be stepped now, the complement
@@ -308,7 +308,7 @@ def step_many(
 
 
 @inline
-def fetch(rows: Rows, i: int) -> None:
+def fetch(rows: RowMatrix, i: int) -> None:
     """Prefetch what worlds further on will be asked for, where all of them are more than the nearest caches hold."""
     if len(rows) >= MANY:
         fetch_header(rows[min(i + 2 * LEAD, len(rows) - 1)])
@@ -316,7 +316,7 @@ def fetch(rows: Rows, i: int) -> None:
 
 
 @inline
-def fetch_instruction(rows: Rows, i: int) -> None:
+def fetch_instruction(rows: RowMatrix, i: int) -> None:
     """Prefetch what judges a step of a world further on."""
     if len(rows) >= MANY:
         soon = rows[min(i + LEAD, len(rows) - 1)]
@@ -336,7 +336,7 @@ def fetch_numbers(ops: Any, row: Row, first: Any, second: Any, third: Any) -> No
     "(int32[:, ::1], int64[::1], int64, int64, int64)",
     hold_gil=True,
 )
-def first_refusal(rows: Rows, actions: NDArray[np.int64], mode: int, first: int, last: int) -> int:
+def first_refusal(rows: RowMatrix, actions: NDArray[np.int64], mode: int, first: int, last: int) -> int:
     """The complement (~) of the first world that refuses its action or is not to be stepped now; 0 for none."""
     for i in range(first, last):
         phase = rows[i, PHASE]
@@ -351,7 +351,7 @@ def first_refusal(rows: Rows, actions: NDArray[np.int64], mode: int, first: int,
     "(int32[::1], int32[:, ::1], int64, uint8[:, :, :, ::1], int64[::1])",
     hold_gil=True,
 )
-def begin(layout: Row, rows: Rows, i: int, images: NDArray[np.uint8], directions: NDArray[np.int64]) -> bool:
+def begin(layout: Row, rows: RowMatrix, i: int, images: NDArray[np.uint8], directions: NDArray[np.int64]) -> bool:
     """Start a world's episode as it was laid out, unless that failed, and observe it; False if it does not fit."""
     if rows.itemsize < layout.itemsize and (layout[OBJECTS] > MOST_OBJECTS or layout[MAX_STEPS] > NARROW):
         return False
@@ -372,7 +372,7 @@ def begin(layout: Row, rows: Rows, i: int, images: NDArray[np.uint8], directions
     "(int32[:, ::1], boolean[::1], uint8[:, :, :, ::1], int64[::1])",
     nogil=True,
 )
-def observe_many(rows: Rows, seen: NDArray[np.bool_], images: NDArray[np.uint8], directions: NDArray[np.int64]) -> None:
+def observe_many(rows: RowMatrix, seen: NDArray[np.bool_], images: NDArray[np.uint8], directions: NDArray[np.int64]) -> None:
     """Observe the worlds that are to be seen."""
     for i in range(len(rows)):
         if seen[i]:
