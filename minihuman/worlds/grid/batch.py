@@ -279,7 +279,7 @@ def step_many(
     """Step the worlds from ``first`` to before ``last`` that are in an episode.
 
     Those that autoreset is to lay out anew are listed in ``over``, from ``first`` on. A world that is over when its
-    turn comes earns nothing in this step. RowMatrix with ``instructed`` have room for an instruction.
+    turn comes earns nothing in this step. Rows with ``instructed`` have room for an instruction.
 
     Returns:
         How many worlds are over; or, when one refuses its action or is not to be stepped now, the complement
@@ -372,7 +372,9 @@ def begin(layout: Row, rows: RowMatrix, i: int, images: NDArray[np.uint8], direc
     "(int32[:, ::1], boolean[::1], uint8[:, :, :, ::1], int64[::1])",
     nogil=True,
 )
-def observe_many(rows: RowMatrix, seen: NDArray[np.bool_], images: NDArray[np.uint8], directions: NDArray[np.int64]) -> None:
+def observe_many(
+    rows: RowMatrix, seen: NDArray[np.bool_], images: NDArray[np.uint8], directions: NDArray[np.int64]
+) -> None:
     """Observe the worlds that are to be seen."""
     for i in range(len(rows)):
         if seen[i]:
