@@ -59,7 +59,7 @@ class KernelSource:
         options: for Numba.
         variables: types of variables whose first value says too little.
         signatures: Numba's words for arguments and result, of what Python calls it with.
-        only: it is compiled for the first signature alone, for other kernels too.
+        only: it is compiled for these signatures alone, for other kernels too.
     """
 
     function: Callable[..., Any]
@@ -87,7 +87,7 @@ def kernel(
     Args:
         signatures: Numba's words for result and arguments, of what Python calls it with. Without any it is in no
             library: Numba compiles it for what it is called with.
-        only: Kernels that call it give what the first signature says, too.
+        only: Kernels that call it give what one of the signatures says, too.
         nogil: It makes no arrays, so it counts no references to those it is given; other threads run meanwhile.
         hold_gil: The same for a call so short that releasing the lock would take longer.
         variables: NumPy's types of variables whose first value says too little.
@@ -205,7 +205,7 @@ API_FUNCTIONS = (
     *("PyType_GetFlags", "PyErr_Occurred", "PyErr_Clear", "PyObject_Vectorcall", "PyByteArray_FromStringAndSize"),
     *("Py_IncRef", "Py_DecRef", "PyEval_SaveThread", "PyEval_RestoreThread", "PyMem_RawMalloc", "PyMem_RawFree"),
 )
-KINDS = ("bool", "int8", "uint8", "int32", "uint32", "int64", "uint64", "float32", "float64")  # of arrays
+KINDS = ("bool", "int8", "uint8", "int16", "int32", "uint32", "int64", "uint64", "float32", "float64")  # of arrays
 
 
 def _make_array(data: bytearray, kind: int, *shape: int) -> NDArray[Any]:

@@ -40,9 +40,9 @@ class NumpyOperations:
     """The operations on NumPy's arrays."""
 
     def load(self, array: Array, at: int, count: int) -> Any:
-        """``count`` neighbours in an array."""
+        """``count`` neighbours in an array; int16 and int32, which are 0 or more, as uint32."""
         values = array[at : at + count].copy()
-        return values.view(np.uint32) if values.dtype == np.int32 else values
+        return values.astype(np.uint32) if values.dtype.kind == "i" else values
 
     def store(self, array: Array, at: int, values: Any) -> None:
         """Put neighbours into an array, whatever its shape."""

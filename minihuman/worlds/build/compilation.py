@@ -31,7 +31,7 @@ BUILDING = "MINIHUMAN_BUILDING"  # in the environment: Python calls no kernel of
 
 
 def compiled(written: KernelSource) -> Any:
-    """What Numba compiles: a dispatcher, for what it is called with or for the one signature."""
+    """What Numba compiles: a dispatcher, for what it is called with or for its signatures alone."""
     options = _OPTIONS | dict(written.options) | ({"no_cpython_wrapper": True} if BUILDING in os.environ else {})
     variables = {name: numba.from_dtype(np.dtype(kind)) for name, kind in written.variables.items()}
     function = written.function
@@ -42,7 +42,8 @@ def compiled(written: KernelSource) -> Any:
         function.__module__, function.__qualname__ = written.function.__module__, written.function.__qualname__
     dispatcher = numba.njit(locals=variables, **options)(function)
     if written.only:
-        dispatcher.compile(written.signatures[0])
+        for each in written.signatures:
+            dispatcher.compile(each)
         dispatcher.disable_compile()
     return dispatcher
 
@@ -194,9 +195,11 @@ class _Operations:
         return self._builder.call(self._builder.module.declare_intrinsic(name, (), kind), arguments)
 
     def load(self, array: Any, at: Any, count: int) -> SimdVector:
-        kind = U32 if array.kind == "int32" else array.kind
-        place = self._place(array, at, kind, count)
-        return SimdVector(self._builder, self._builder.load(place, align=_BITS[kind] // 8), kind)
+        kind = {"int32": U32, "int16": U16}.get(array.kind, array.kind)
+        values = self._builder.load(self._place(array, at, kind, count), align=_BITS[kind] // 8)
+        if array.kind == "int16":
+            values, kind = self._builder.zext(values, _vector(U32, count)), U32
+        return SimdVector(self._builder, values, kind)
 
     def store(self, array: Any, at: Any, values: SimdVector) -> None:
         place = self._place(array, at, values.kind, values.count)

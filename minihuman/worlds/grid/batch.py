@@ -1,7 +1,8 @@
 """GridBatch: many worlds of one kind in one call, as a Gymnasium vector environment.
 
 Its states are a matrix, one row per world, stepped in one kernel. Each world of a batch is the world it would be alone:
-same layouts, draws, observations, rewards and ends.
+same layouts, draws, observations, rewards and ends. The rows are of int16 while all that they hold fits, so that more
+of them are in the nearest caches; what has no room there makes them int32, as a world alone has it.
 """
 
 import os
@@ -21,15 +22,17 @@ from numpy.typing import ArrayLike, NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.babyai.encoding import block_of, noted_of
 from minihuman.worlds.grid.babyai.instruction_space import InstructionSpace
-from minihuman.worlds.grid.babyai.verifier import act_instructed, hand_over
+from minihuman.worlds.grid.babyai.verifier import act_unedited, hand_over
 from minihuman.worlds.grid.core.rewards import INSTRUCTED
-from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act
+from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act_inline
 from minihuman.worlds.grid.core.state import (
     ACTIONS,
     DIRECTION,
     FAILED,
     HEIGHT,
+    MAX_STEPS,
     NEW,
+    OBJECTS,
     OVER,
     PHASE,
     PLAYING,
@@ -40,7 +43,7 @@ from minihuman.worlds.grid.core.state import (
     Y,
     clear,
 )
-from minihuman.worlds.grid.core.view import fetch_header, fetch_usual, see
+from minihuman.worlds.grid.core.view import fetch_header, fetch_usual, see, see_inline
 from minihuman.worlds.grid.engine import GridSnapshot
 from minihuman.worlds.grid.env import GridEnv
 from minihuman.worlds.grid.layout import Recipe
@@ -53,9 +56,12 @@ MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLE
 NEXT_STEP, SAME_STEP, DISABLED = range(len(MODES))
 
 MANY, LEAD = 256, 8  # worlds: when to prefetch, and how far ahead
-LINE = 16  # numbers that a cache line holds
+LINE = 32  # numbers that a cache line holds
+NARROW = np.iinfo(np.int16).max
+MOST_OBJECTS = NARROW >> 9  # in a row of int16: a code's highest bits are an identity
 MIN_SHARE = 128  # worlds: with fewer, handing work to another thread costs more than it saves
 
+RowMatrix = NDArray[np.int16] | NDArray[np.int32]
 Observation = dict[str, Any]  # image uint8[n, size, size, 3], direction int64[n], mission: n strings
 
 
@@ -95,18 +101,21 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._instructed = isinstance(self._world.mission_space, InstructionSpace)
-        self._rows = np.tile(self._world.state.row, (num_envs, 1))
+        self._layout: Row = self._world.state.row.copy()  # where episodes are laid out
+        narrow = max(len(self._layout), *self._layout.tolist()) <= NARROW
+        self._rows = np.tile(self._layout.astype(np.int16 if narrow else np.int32), (num_envs, 1))
         self._rng_states: RngState = np.zeros((num_envs, 6), np.uint64)
+        self._images = num_envs, *self._world.image_shape
         self._missions = (self._world.mission,) * num_envs
         self._seeds = [-1] * num_envs
-        self._cleared = np.zeros(num_envs, np.int64)  # the worlds that a step has left to be laid out anew
+        self._over = np.zeros(num_envs, np.int64)  # the worlds that a step has left to be laid out anew
         shares = max(min(threads or os.cpu_count() or 1, num_envs // MIN_SHARE), 1)
         self._shares = list(pairwise(num_envs * share // shares for share in range(shares + 1)))
 
     @property
     def states(self) -> list[State]:
-        """The state of each world, readable by name."""
-        return [State(row) for row in self._rows]
+        """A copy of the state of each world, readable by name."""
+        return [State(row.astype(np.int32)) for row in self._rows]
 
     @property  # type: ignore[misc]  # Gymnasium's can be set; Gymnasium's own vectors give one per world too
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -141,12 +150,11 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
                     f"reset_mask has dtype {mask.dtype} and shape {mask.shape}; use bool and ({self.num_envs},)"
                 )
         for i in np.flatnonzero(mask).tolist():
-            row, rng_state = self._rows[i], self._rng_states[i]
+            rng_state = self._rng_states[i]
             if seeds[i] is not None or not rng_state.any():
                 generator, self._seeds[i] = seeding.np_random(seeds[i])
                 read_rng_state(generator, rng_state)
-            clear(row)
-        images = np.zeros((self.num_envs, *self._world.image_shape), np.uint8)
+        images = np.zeros(self._images, np.uint8)
         directions = np.zeros(self.num_envs, np.int64)
         self._lay_out(recipe, np.flatnonzero(mask), images, directions)
         observe_many(self._rows, ~mask & (self._rows[:, PHASE] != NEW), images, directions)
@@ -165,20 +173,18 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
             raise WorldError(f"actions must be {self.num_envs} whole numbers, not {given.dtype}{given.shape}")
         n = self.num_envs
-        images = np.empty((n, *self._world.image_shape), np.uint8)
-        directions = np.empty(n, np.int64)
-        rewards = np.empty(n)
-        ends = np.empty((3, n), np.bool_)  # terminated, truncated, and over: to be laid out anew
+        images, directions = np.empty(self._images, np.uint8), np.empty(n, np.int64)
+        rewards, terminated, truncated = np.empty(n), np.empty(n, np.bool_), np.empty(n, np.bool_)
         numbers = np.ascontiguousarray(given, np.int64)
-        count = self._step_shares((self._rows, numbers, self._rng_states, images, directions, rewards, ends))
+        results = images, directions, rewards, terminated, truncated
+        count = self._step_shares((self._rows, numbers, self._rng_states, *results))
         if count < 0:
             raise self._refusal(~count, given)
-        terminated, truncated, over = ends
         info: dict[str, Any] = {}
         if count > 0:
             if self._mode == SAME_STEP:
-                info = self._final(over, images, directions)
-            self._lay_out(self._world.recipe, self._cleared[:count], images, directions)
+                info = self._final(terminated | truncated, images, directions)
+            self._lay_out(self._world.recipe, self._over[:count], images, directions)
         return (
             {"image": images, "direction": directions, "mission": self._missions},
             rewards,
@@ -192,8 +198,8 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         if self.render_mode is None:
             return None
         rendered = []
-        for row, rng_state, mission in zip(self._rows, self._rng_states, self._missions, strict=True):
-            self._world.restore(GridSnapshot(row, rng_state, mission, {}))
+        for state, rng_state, mission in zip(self.states, self._rng_states, self._missions, strict=True):
+            self._world.restore(GridSnapshot(state.row, rng_state, mission, {}))
             rendered.append(self._world.render())
         return tuple(rendered)
 
@@ -205,35 +211,39 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
 
     def _step_shares(self, arrays: tuple[NDArray[Any], ...]) -> int:
         """Step all worlds, a share for each thread; what `step_many` returns, for all."""
-        step: Callable[..., int] = STEPS[self._instructed]
         shares = self._shares
+        step: Callable[..., int] = step_many
         if len(shares) == 1:
-            return step(*arrays, self._cleared, self._mode, *shares[0])
+            return step(*arrays, self._over, self._mode, *shares[0], self._instructed)
         if (refusing := first_refusal(arrays[0], arrays[1], self._mode, 0, self.num_envs)) < 0:
             return refusing
-        stepping = _helpers(os.getpid()).map(lambda share: step(*arrays, self._cleared, self._mode, *share), shares)
-        found = [self._cleared[first : first + count] for (first, _), count in zip(shares, stepping, strict=True)]
-        cleared = np.concatenate(found)
-        self._cleared[: len(cleared)] = cleared
-        return len(cleared)
+        stepping = _helpers(os.getpid()).map(
+            lambda share: step(*arrays, self._over, self._mode, *share, self._instructed), shares
+        )
+        found = [self._over[first : first + count] for (first, _), count in zip(shares, stepping, strict=True)]
+        over = np.concatenate(found)
+        self._over[: len(over)] = over
+        return len(over)
 
     def _lay_out(
         self, recipe: Recipe, worlds: NDArray[np.int64], images: NDArray[np.uint8], directions: NDArray[np.int64]
     ) -> None:
-        """Lay out cleared worlds and observe them."""
-        numbers = worlds.tolist()
-        for i in numbers:
-            recipe.lay_out(self._rows[i], self._rng_states[i])
-        failed = begin_many(self._rows, worlds, images, directions)
-        if failed >= 0:
-            raise WorldError(
-                f"world {failed} of {self._world} has no free cell for something it places; make the grid larger"
-            )
-        if self._world.mission_space.varies:
-            missions = list(self._missions)
-            for i in numbers:
-                missions[i] = self._world.mission_space.of(self._rows[i])
-            self._missions = tuple(missions)
+        """Lay out new episodes of some worlds and observe them."""
+        layout, space = self._layout, self._world.mission_space
+        missions = list(self._missions) if space.varies else []
+        for i in worlds.tolist():
+            clear(layout)
+            recipe.lay_out(layout, self._rng_states[i])
+            if not begin(layout, self._rows, i, images, directions):
+                self._rows = self._rows.astype(np.int32)
+                begin(layout, self._rows, i, images, directions)
+            if layout[FAILED]:
+                raise WorldError(
+                    f"world {i} of {self._world} has no free cell for something it places; make the grid larger"
+                )
+            if missions:
+                missions[i] = space.of(layout)
+        self._missions = tuple(missions) or self._missions
 
     def _final(
         self, over: NDArray[np.bool_], images: NDArray[np.uint8], directions: NDArray[np.int64]
@@ -244,79 +254,61 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         return {"final_obs": observations, "_final_obs": over, "final_info": {}, "_final_info": over.copy()}
 
 
-@kernel(
-    "(int32[:, ::1], int64[::1], uint64[:, ::1], uint8[:, :, :, ::1], int64[::1], float64[::1], boolean[:, "
-    "::1], int64[::1], int64, int64, int64)",
-    nogil=True,
+_STEPPED = (
+    "int64[::1], uint64[:, ::1], uint8[:, :, :, ::1], int64[::1], float64[::1], boolean[::1], boolean[::1], "
+    "int64[::1], int64, int64, int64, boolean)"
 )
+
+
+@kernel("(int16[:, ::1], " + _STEPPED, "(int32[:, ::1], " + _STEPPED, nogil=True)
 def step_many(
-    rows: Row,
+    rows: RowMatrix,
     actions: NDArray[np.int64],
     rng_state: RngState,
     images: NDArray[np.uint8],
     directions: NDArray[np.int64],
     rewards: NDArray[np.float64],
-    ends: NDArray[np.bool_],
-    cleared: NDArray[np.int64],
+    terminated: NDArray[np.bool_],
+    truncated: NDArray[np.bool_],
+    over: NDArray[np.int64],
     mode: int,
     first: int,
     last: int,
+    instructed: bool,
 ) -> int:
     """Step the worlds from ``first`` to before ``last`` that are in an episode.
 
-    Those that autoreset is to lay out anew are marked over, cleared, and listed in ``cleared``, from ``first`` on.
-    A world that is over when its turn comes earns nothing in this step.
+    Those that autoreset is to lay out anew are listed in ``over``, from ``first`` on. A world that is over when its
+    turn comes earns nothing in this step. Rows with ``instructed`` have room for an instruction.
 
     Returns:
-        How many worlds are cleared; or, when one refuses its action or is not to be stepped now, the complement
+        How many worlds are over; or, when one refuses its action or is not to be stepped now, the complement
         (~) of the first such world. Then none was stepped.
     """
     count = first_refusal(rows, actions, mode, first, last)
     for i in range(first, last if count == 0 else first):
         fetch(rows, i)
+        if instructed:
+            fetch_instruction(rows, i)
         status, rewards[i] = 0, 0.0
         stepped = rows[i, PHASE] != OVER
         if stepped:
-            status, rewards[i] = act(rows[i], actions[i], rng_state[i])
-        cleared[first + count] = i  # counts only if it is
-        count += finish(rows[i], stepped, status, mode, images[i], directions[i : i + 1], ends[:, i])
-    return count
-
-
-@kernel(
-    "(int32[:, ::1], int64[::1], uint64[:, ::1], uint8[:, :, :, ::1], int64[::1], float64[::1], boolean[:, "
-    "::1], int64[::1], int64, int64, int64)",
-    nogil=True,
-)
-def step_many_instructed(
-    rows: Row,
-    actions: NDArray[np.int64],
-    rng_state: RngState,
-    images: NDArray[np.uint8],
-    directions: NDArray[np.int64],
-    rewards: NDArray[np.float64],
-    ends: NDArray[np.bool_],
-    cleared: NDArray[np.int64],
-    mode: int,
-    first: int,
-    last: int,
-) -> int:
-    """`step_many` for rows that have room for an instruction."""
-    count = first_refusal(rows, actions, mode, first, last)
-    for i in range(first, last if count == 0 else first):
-        fetch(rows, i)
-        fetch_instruction(rows, i)
-        status, rewards[i] = 0, 0.0
-        stepped = rows[i, PHASE] != OVER
-        if stepped:
-            status, rewards[i] = act_instructed(rows[i], actions[i], rng_state[i])
-        cleared[first + count] = i  # counts only if it is
-        count += finish(rows[i], stepped, status, mode, images[i], directions[i : i + 1], ends[:, i])
+            status, rewards[i] = (
+                act_unedited(rows[i], actions[i], rng_state[i], True)
+                if instructed
+                else act_inline(rows[i], actions[i], rng_state[i])
+            )
+            see_inline(rows[i], images[i])
+            directions[i] = rows[i, DIRECTION]
+        terminated[i] = status & TERMINATED != 0
+        truncated[i] = status & TRUNCATED != 0
+        over[first + count] = i  # counts only if it is
+        count += not stepped or (mode == SAME_STEP and status != 0)
     return count
 
 
 @inline
-def fetch(rows: Row, i: int) -> None:
+def fetch(rows: RowMatrix, i: int) -> None:
     """Prefetch what worlds further on will be asked for, where all of them are more than the nearest caches hold."""
     if len(rows) >= MANY:
         fetch_header(rows[min(i + 2 * LEAD, len(rows) - 1)])
@@ -324,7 +316,7 @@ def fetch(rows: Row, i: int) -> None:
 
 
 @inline
-def fetch_instruction(rows: Row, i: int) -> None:
+def fetch_instruction(rows: RowMatrix, i: int) -> None:
     """Prefetch what judges a step of a world further on."""
     if len(rows) >= MANY:
         soon = rows[min(i + LEAD, len(rows) - 1)]
@@ -339,11 +331,12 @@ def fetch_numbers(ops: Any, row: Row, first: Any, second: Any, third: Any) -> No
         ops.prefetch(row, at)
 
 
-STEPS = step_many, step_many_instructed  # by whether there may be an instruction
-
-
-@kernel("(int32[:, ::1], int64[::1], int64, int64, int64)", hold_gil=True)
-def first_refusal(rows: Row, actions: NDArray[np.int64], mode: int, first: int, last: int) -> int:
+@kernel(
+    "(int16[:, ::1], int64[::1], int64, int64, int64)",
+    "(int32[:, ::1], int64[::1], int64, int64, int64)",
+    hold_gil=True,
+)
+def first_refusal(rows: RowMatrix, actions: NDArray[np.int64], mode: int, first: int, last: int) -> int:
     """The complement (~) of the first world that refuses its action or is not to be stepped now; 0 for none."""
     for i in range(first, last):
         phase = rows[i, PHASE]
@@ -353,46 +346,35 @@ def first_refusal(rows: Row, actions: NDArray[np.int64], mode: int, first: int, 
     return 0
 
 
-@inline
-def finish(
-    row: Row,
-    stepped: bool,
-    status: int,
-    mode: int,
-    image: NDArray[np.uint8],
-    direction: NDArray[np.int64],
-    ends: NDArray[np.bool_],
-) -> int:
-    """See the result of a world's turn and write down how it ended; 1 if it is cleared to be laid out anew."""
-    over = not stepped
-    if stepped:
-        over = mode == SAME_STEP and status != 0
-        see(row, image)
-        direction[0] = row[DIRECTION]
-    ends[0] = status & TERMINATED != 0
-    ends[1] = status & TRUNCATED != 0
-    ends[2] = over
-    if over:
-        clear(row)
-    return 1 if over else 0
+@kernel(
+    "(int32[::1], int16[:, ::1], int64, uint8[:, :, :, ::1], int64[::1])",
+    "(int32[::1], int32[:, ::1], int64, uint8[:, :, :, ::1], int64[::1])",
+    hold_gil=True,
+)
+def begin(layout: Row, rows: RowMatrix, i: int, images: NDArray[np.uint8], directions: NDArray[np.int64]) -> bool:
+    """Start a world's episode as it was laid out, unless that failed, and observe it; False if it does not fit."""
+    if rows.itemsize < layout.itemsize and (layout[OBJECTS] > MOST_OBJECTS or layout[MAX_STEPS] > NARROW):
+        return False
+    row = rows[i]
+    for k in range(len(layout)):
+        row[k] = layout[k]
+    if row[FAILED] == 0:
+        row[PHASE] = PLAYING
+        see(row, images[i])
+        directions[i] = row[DIRECTION]
+        if row[TASK] == INSTRUCTED:
+            hand_over(row)
+    return True
 
 
-@kernel("(int32[:, ::1], int64[::1], uint8[:, :, :, ::1], int64[::1])", nogil=True)
-def begin_many(rows: Row, worlds: NDArray[np.int64], images: NDArray[np.uint8], directions: NDArray[np.int64]) -> int:
-    """Start the episodes just laid out and observe them. Returns -1, or the first world whose layout failed."""
-    for i in worlds:
-        if rows[i, FAILED] != 0:
-            return i
-        rows[i, PHASE] = PLAYING
-        see(rows[i], images[i])
-        directions[i] = rows[i, DIRECTION]
-        if rows[i, TASK] == INSTRUCTED:
-            hand_over(rows[i])
-    return -1
-
-
-@kernel("(int32[:, ::1], boolean[::1], uint8[:, :, :, ::1], int64[::1])", nogil=True)
-def observe_many(rows: Row, seen: NDArray[np.bool_], images: NDArray[np.uint8], directions: NDArray[np.int64]) -> None:
+@kernel(
+    "(int16[:, ::1], boolean[::1], uint8[:, :, :, ::1], int64[::1])",
+    "(int32[:, ::1], boolean[::1], uint8[:, :, :, ::1], int64[::1])",
+    nogil=True,
+)
+def observe_many(
+    rows: RowMatrix, seen: NDArray[np.bool_], images: NDArray[np.uint8], directions: NDArray[np.int64]
+) -> None:
     """Observe the worlds that are to be seen."""
     for i in range(len(rows)):
         if seen[i]:

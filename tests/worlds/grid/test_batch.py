@@ -6,6 +6,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.batch import MIN_SHARE
+from minihuman.worlds.grid.core.cells import EMPTY
 
 WORLDS = ("FourRooms-v0", "DoorKey-5x5-v0", "Dynamic-Obstacles-6x6-v0", "Fetch-5x5-N2-v0", "KeyCorridorS3R1-v0")
 N = 5
@@ -43,6 +44,37 @@ def test_each_world_of_a_batch_is_the_world_it_is_alone(name, mode):
             assert (final is None) == (ours[4]["final_obs"][i] is None)
             if final is not None:
                 assert_same(ours[4]["final_obs"][i], final)
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("BabyAI-BossLevel-v0", {}),
+        ("BabyAI-PutNextLocal-v0", {}),
+        ("BabyAI-PutNextLocal-v0", {"own_steps": True}),
+        ("BabyAI-PutNextS7N4Carrying-v0", {}),
+        ("BabyAI-KeyInBox-v0", {}),
+        ("BabyAI-GoTo-v0", {"num_dists": 60, "max_steps": 99}),  # more objects than a row of int16 numbers
+        ("BabyAI-GoTo-v0", {"max_steps": 40_000}),  # more steps
+        ("MiniGrid-ObstructedMaze-Full-v1", {}),
+    ],
+)
+def test_a_batch_has_the_states_that_its_worlds_have_alone(name, options):
+    batch = gymnasium.make_vec(f"minihuman/{name}", num_envs=N, vectorization_mode="vector_entry_point", **options)
+    alone = SyncVectorEnv([lambda: gymnasium.make(f"minihuman/{name}", **options)] * N)
+    assert_same(batch.reset(seed=2)[0], alone.reset(seed=2)[0])
+    rng = np.random.default_rng(4)
+    moved = 0
+    for _ in range(700):
+        actions = rng.choice(7, N, p=[0.15, 0.15, 0.3, 0.15, 0.1, 0.13, 0.02])
+        ours, theirs = batch.step(actions), alone.step(actions)
+        assert_same(ours[0], theirs[0])
+        np.testing.assert_array_equal(ours[1], theirs[1])
+        states = [env.unwrapped.state for env in alone.envs]
+        np.testing.assert_array_equal([state.row for state in batch.states], [state.row for state in states])
+        moved += sum(state.carrying != EMPTY for state in states)
+    assert moved > 100
+    assert all(state.row.dtype == np.int32 for state in batch.states)
 
 
 def test_without_autoreset_ended_worlds_are_reset_by_mask():

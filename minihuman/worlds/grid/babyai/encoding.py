@@ -6,7 +6,9 @@ that description `d` means it (description `2 * clause`, and one more for what a
 has one that says so of what lay there when places were last noted.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +24,6 @@ from minihuman.worlds.grid.babyai.language import (
     Instruction,
     ObjectDescription,
     Open,
-    Part,
     Pickup,
     PutNext,
     clauses,
@@ -141,7 +142,8 @@ def described_objects(row: Row) -> Row:
 
 def instruction_of(row: Row) -> Instruction:
     """The instruction of a state."""
-    return _read(_said(block(row).tobytes()))
+    said: Instruction = _read(*_said(block(row).tobytes()), _clause)
+    return said
 
 
 def sentence_of(row: Row) -> str:
@@ -158,49 +160,47 @@ def clauses_done(row: Row) -> tuple[tuple[str, int], ...]:
     )
 
 
-def _said(numbers: bytes) -> bytes:
-    """What decides the sentence: a block without what has been satisfied so far."""
-    said = np.frombuffer(numbers, np.int32).copy()
-    said[HANDED:CLAUSES] = 0
-    said[CLAUSES:].reshape(-1, CLAUSE)[:, STATUS:THING] = 0
-    return said.tobytes()
+@lru_cache(maxsize=4096)
+def _sentence(numbers: bytes) -> str:
+    return str(_read(*_said(numbers), _words))
+
+
+def _said(numbers: bytes) -> tuple[int, int, int, tuple[tuple[int, ...], ...]]:
+    """What decides the sentence: the join, clauses in the first part, flags, clauses without what became of them."""
+    said = np.frombuffer(numbers, np.int32).tolist()
+    starts = range(CLAUSES, CLAUSES + CLAUSE * (said[LEFT] + said[RIGHT]), CLAUSE)
+    lines = ((*said[at : at + STATUS], *said[at + THING : at + CLAUSE]) for at in starts)
+    return said[JOIN], said[LEFT], said[FLAGS] & IN_ORDER_STRICTLY, tuple(lines)
 
 
 @lru_cache(maxsize=4096)
-def _sentence(numbers: bytes) -> str:
-    return str(_read(_said(numbers)))
-
-
-@lru_cache(maxsize=1024)
-def _read(said: bytes) -> Instruction:
-    numbers = np.frombuffer(said, np.int32)
-    join, left, right, flags = numbers[[JOIN, LEFT, RIGHT, FLAGS]].tolist()
-    lines = numbers[CLAUSES:].reshape(-1, CLAUSE).tolist()
-    first = _part(lines[:left])
+def _read(join: int, left: int, strict: int, lines: tuple[tuple[int, ...], ...], clause: Callable[..., Any]) -> Any:
+    """The instruction, or what says it, by the function that makes a clause of its numbers."""
+    read = [clause(*line) for line in lines]
+    first = read[0] if left == 1 else And(*read[:left])
     if join == ALONE:
         return first
-    second = _part(lines[left : left + right])
-    strict = bool(flags & IN_ORDER_STRICTLY)
-    return Before(first, second, strict) if join == BEFORE else After(first, second, strict)
+    second = read[left] if left + 1 == len(read) else And(*read[left:])
+    return Before(first, second, bool(strict)) if join == BEFORE else After(first, second, bool(strict))
 
 
-def _part(lines: list[list[int]]) -> Part:
-    read = [_clause(line) for line in lines]
-    return read[0] if len(read) == 1 else And(*read)
-
-
-def _clause(line: list[int]) -> Clause:
-    verb, strict = line[VERB], line[STRICT]
-    thing = _thing(line[THING:OTHER])
+@lru_cache(maxsize=4096)
+def _clause(verb: int, strict: int, *numbers: int) -> Clause:
+    thing = _thing(*numbers[:4])
     if verb == PUT_NEXT:
-        return PutNext(thing, _thing(line[OTHER:CLAUSE]), bool(strict))
+        return PutNext(thing, _thing(*numbers[4:]), bool(strict))
     if verb == GO_TO:
         return GoTo(thing)
     return Open(thing, bool(strict)) if verb == OPEN else Pickup(thing, bool(strict))
 
 
-def _thing(numbers: list[int]) -> ObjectDescription:
-    kind, colour, place, several = numbers
+@lru_cache(maxsize=4096)
+def _words(*numbers: int) -> str:
+    return str(_clause(*numbers))
+
+
+@lru_cache(maxsize=512)
+def _thing(kind: int, colour: int, place: int, several: int) -> ObjectDescription:
     return ObjectDescription(
         None if kind == ANY else KINDS[kind],
         None if colour == ANY else COLOURS[colour],

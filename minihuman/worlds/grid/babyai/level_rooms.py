@@ -37,7 +37,6 @@ from minihuman.worlds.grid.core.cells import (
     KEY,
     SORTED_COLOURS,
     WALL,
-    ahead,
     colour_of,
     identity_of,
     in_colour,
@@ -233,30 +232,23 @@ def join_rooms(row: Row, rng_state: RngState, plan: Plan, columns: int, size: in
 @device_function()
 def all_in_reach(row: Row) -> bool:
     """Whether the agent can get to everything with all doors open and nothing moved."""
-    width, height = row[WIDTH], row[HEIGHT]
-    cells = width * height
-    seen = np.zeros(cells, np.bool_)
-    stack = np.empty(cells, np.int64)
-    stack[0] = row[X] * height + row[Y]
-    seen[stack[0]] = True
+    height = row[HEIGHT]
+    seen = np.zeros(row[WIDTH] * height, np.uint8)
+    stack = np.empty(len(seen) + 1, np.int64)  # what is written behind its end does not count
+    cell = row[X] * height + row[Y]
     waiting = 1
+    seen[cell], stack[0] = 1, cell
     while waiting > 0:
         waiting -= 1
         cell = stack[waiting]
-        kind = kind_of(row[HEADER + cell])
-        if kind != EMPTY and kind != DOOR:
-            continue
-        x, y = cell // height, cell % height
-        for k in range(4):
-            i, j = ahead(x, y, k)
-            other = i * height + j
-            if i >= 0 and j >= 0 and i < width and j < height and not seen[other]:
-                seen[other] = True
-                stack[waiting] = other
-                waiting += 1
-    for cell in range(cells):
-        kind = kind_of(row[HEADER + cell])
-        if kind != EMPTY and kind != WALL and not seen[cell]:
+        for other in (cell - height, cell - 1, cell + 1, cell + height):  # in the grid, as walls are around it
+            kind = kind_of(row[HEADER + other])
+            stack[waiting] = other
+            waiting += ((kind == EMPTY) | (kind == DOOR)) & (seen[other] == 0)
+            seen[other] = 1
+    for identity in range(1, row[OBJECTS] + 1):
+        cell = where_is(row, identity)
+        if cell != NOWHERE and not seen[cell]:
             return False
     return True
 

@@ -69,8 +69,7 @@ _PICKUP, _DROP, _TOGGLE, _DONE = 3, 4, 5, 6  # actions
 def note_places(row: Row) -> None:
     """Note where everything that a description means lies now."""
     noted, means = noted_of(row), means_of(row)
-    for cell in range(row[WIDTH] * row[HEIGHT]):
-        row[noted + cell] = 0
+    row[noted : noted + row[WIDTH] * row[HEIGHT]] = 0
     for k in range(row[OBJECTS]):
         cell = where_is(row, k + 1)
         if cell != NOWHERE:
@@ -88,12 +87,25 @@ def hand_over(row: Row) -> None:
         row[at] = 0
 
 
-@device_function()
-def verify(row: Row, action: int) -> int:
-    """Judge the step just made by the instruction: WAITING, SATISFIED or BROKEN."""
+@inline
+def is_any_gone(row: Row) -> bool:
+    """Whether some object lies in no cell."""
+    gone = 0
+    for k in range(row[OBJECTS]):
+        gone += where_is(row, k + 1) == NOWHERE
+    return gone > 0
+
+
+@device_function(force_inline=True)
+def verify(row: Row, action: int, noted: bool) -> int:
+    """Judge the step just made by the instruction: WAITING, SATISFIED or BROKEN.
+
+    With ``noted``, nothing was in hand before, so all that lies in a cell is noted where it is.
+    """
     block = block_of(row)
     flags = row[block + FLAGS]
-    if action == _DROP or (flags & OWN_STEPS and (action == _PICKUP or action == _TOGGLE)):
+    notes = action == _DROP or (flags & OWN_STEPS and (action == _PICKUP or action == _TOGGLE))
+    if notes and not (noted and not is_any_gone(row)):
         note_places(row)
     left, right = row[block + LEFT], row[block + RIGHT]
     join = row[block + JOIN]
@@ -157,7 +169,7 @@ def judge_clause(row: Row, k: int, action: int) -> int:
     return outcome
 
 
-@device_function()
+@device_function(force_inline=True)
 def does(row: Row, clause: int, k: int, action: int) -> int:
     """Whether a step does what a clause says."""
     verb, strict = row[clause + VERB], row[clause + STRICT]
@@ -218,14 +230,21 @@ def step_instructed(row: Row, action: int, rng_state: RngState, image: NDArray[n
 @kernel("(int32[::1], int64, uint64[::1])", hold_gil=True)
 def act_instructed(row: Row, action: int, rng_state: RngState) -> tuple[int, float]:
     """`core.rules.act` for a row that has room for an instruction."""
+    return act_unedited(row, action, rng_state, False)
+
+
+@device_function(force_inline=True)
+def act_unedited(row: Row, action: int, rng_state: RngState, unedited: bool) -> tuple[int, float]:
+    """`act_instructed`; where nothing but steps has ``unedited`` the row, places are noted only if they can differ."""
     if row[TASK] != INSTRUCTED:
         return act(row, action, rng_state)
     refused = refusal(row, action)
     if refused < 0:
         return refused, 0.0
     row[STEP] += 1
+    noted = unedited and row[CARRYING] == EMPTY
     apply(row, action)
-    outcome = verify(row, action)
+    outcome = verify(row, action, noted)
     reward = success_reward(row) if outcome == SATISFIED else 0.0
     return close(row, outcome != WAITING), reward
 

@@ -41,19 +41,19 @@ LEFT, RIGHT, FORWARD, PICKUP, DROP, TOGGLE, DONE = range(7)
 ) = range(10)
 
 
-@kernel("float64(int32[::1])", only=True)
+@kernel("float64(int32[::1])", "float64(int16[::1])", only=True)
 def success_reward(row: Row) -> float:
     """What success earns now: 1 at the start, 0.1 at the last step."""
-    return 1 - 0.9 * (row[STEP] / row[MAX_STEPS])
+    return 1 - 0.9 * (int(row[STEP]) / int(row[MAX_STEPS]))
 
 
-@kernel("UniTuple(int64, 2)(int32[::1])", only=True)
+@kernel("UniTuple(int64, 2)(int32[::1])", "UniTuple(int64, 2)(int16[::1])", only=True)
 def cell_in_front(row: Row) -> tuple[int, int]:
     """The cell in front of the agent."""
     return ahead(row[X], row[Y], row[DIRECTION])
 
 
-@kernel("boolean(int32[::1], int64, int64)", only=True)
+@kernel("boolean(int32[::1], int64, int64)", "boolean(int16[::1], int64, int64)", only=True)
 def is_open(row: Row, x: int, y: int) -> bool:
     """Whether an open door is in this cell."""
     code = cell_at(row, x, y)

@@ -90,6 +90,12 @@ def step(row: Row, action: int, rng_state: RngState, image: NDArray[np.uint8]) -
 @kernel("(int32[::1], int64, uint64[::1])", hold_gil=True)
 def act(row: Row, action: int, rng_state: RngState) -> tuple[int, float]:
     """Make one step without looking: status and reward, as `step` returns them."""
+    return act_inline(row, action, rng_state)
+
+
+@device_function(force_inline=True)
+def act_inline(row: Row, action: int, rng_state: RngState) -> tuple[int, float]:
+    """`act`, for kernels that step many rows."""
     refused = refusal(row, action)
     if refused < 0:
         return refused, 0.0
@@ -129,7 +135,7 @@ def close(row: Row, ended: bool) -> int:
     return status
 
 
-@device_function()
+@device_function(force_inline=True)
 def apply(row: Row, action: int) -> tuple[float, bool]:
     """Do what the action does to agent, objects and doors: reward and end as goal and lava give them."""
     if action == LEFT:

@@ -81,13 +81,11 @@ def clear(row: Row) -> None:
     row[CARRYING] = EMPTY
     row[STEP] = 0
     row[PHASE] = NEW
-    for k in range(OBJECTS, len(row)):
-        row[k] = 0
-    for k in range(HEADER, HEADER + row[WIDTH] * row[HEIGHT]):
-        row[k] = EMPTY
+    row[OBJECTS:] = 0
+    row[HEADER : HEADER + row[WIDTH] * row[HEIGHT]] = EMPTY
 
 
-@kernel("int64(int32[::1], int64, int64)", only=True)
+@kernel("int64(int32[::1], int64, int64)", "int64(int16[::1], int64, int64)", only=True)
 def cell_at(row: Row, x: int, y: int) -> int:
     """The code in a cell; outside the grid everything is wall."""
     if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
@@ -95,7 +93,7 @@ def cell_at(row: Row, x: int, y: int) -> int:
     return row[HEADER + x * row[HEIGHT] + y]
 
 
-@kernel("int64(int32[::1], int64, int64)", only=True)
+@kernel("int64(int32[::1], int64, int64)", "int64(int16[::1], int64, int64)", only=True)
 def lift(row: Row, x: int, y: int) -> int:
     """Empty a cell and return what lay there. Outside the grid nothing does, and the row is marked FAILED."""
     if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
@@ -109,7 +107,7 @@ def lift(row: Row, x: int, y: int) -> int:
     return code
 
 
-@kernel("void(int32[::1], int64, int64, int64)", only=True)
+@kernel("void(int32[::1], int64, int64, int64)", "void(int16[::1], int64, int64, int64)", only=True)
 def put(row: Row, x: int, y: int, code: int) -> None:
     """Lay a code into a cell of the grid, instead of whatever was there; objects know where they lie.
 

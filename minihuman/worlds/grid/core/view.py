@@ -57,6 +57,12 @@ def see(row: Row, image: NDArray[np.uint8]) -> None:
     the agent row by row, as Minigrid defines it: within a row first rightwards, then leftwards, and every seen cell
     that lets see passes it on to its neighbour in that direction and to the two cells ahead of both.
     """
+    see_inline(row, image)
+
+
+@device_function(force_inline=True)
+def see_inline(row: Row, image: NDArray[np.uint8]) -> None:
+    """`see`, for kernels that look at many rows."""
     if image.shape[0] == USUAL_VIEW:
         see_usual(row, image, int64(-1) if row[SEE_THROUGH] & 1 else ~(HIDING | hiding_looks(row)))
         show(image, USUAL_VIEW // 2, USUAL_VIEW - 1, int64(row[CARRYING]))

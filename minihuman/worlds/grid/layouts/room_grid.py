@@ -2,7 +2,7 @@
 
 Unlock, UnlockPickup, BlockedUnlockPickup, KeyCorridor and ObstructedMaze; BabyAI's levels build on the same rooms. The
 plan is an array, one line per room (line `j * columns + i`): a door's x and y for each wall, for each wall whether it
-has a way through, and whether the room has a locked door. Walls: right, down, left, up.
+has a way through, whether the room has a locked door, and two numbers for `reachable`. Walls: right, down, left, up.
 """
 
 import numpy as np
@@ -46,9 +46,9 @@ from minihuman.worlds.grid.layouts.single_rooms import draw_colour
 from minihuman.worlds.kernels import device_function, inline, kernel
 from minihuman.worlds.rng import RngState, integer
 
-Plan = NDArray[np.int64]  # (rooms, 13)
+Plan = NDArray[np.int64]  # (rooms, 15)
 
-DOOR_X, DOOR_Y, WAY, LOCKED_ROOM = 0, 4, 8, 12  # where a line holds what
+DOOR_X, DOOR_Y, WAY, LOCKED_ROOM, SEEN, QUEUE = 0, 4, 8, 12, 13, 14  # where a line holds what
 NO_DOOR = -1  # a door's x where a wall has no neighbour behind it
 RIGHT, DOWN, LEFT, UP = range(4)
 
@@ -60,7 +60,7 @@ AGENT_TRIES = 100_000  # Minigrid never gives up; a room that needs more cannot 
 @kernel("(int32[::1], uint64[::1], int64, int64, int64)")
 def rooms(row: Row, rng_state: RngState, columns: int, lines: int, size: int) -> Plan:
     """Draw the walls of a room grid and the places of its doors; the agent stands in the middle room for now."""
-    plan = np.full((columns * lines, 13), NO_DOOR, np.int64)
+    plan = np.full((columns * lines, 15), NO_DOOR, np.int64)
     for room in range(columns * lines):
         for k in range(WAY, plan.shape[1]):
             plan[room, k] = 0
@@ -149,20 +149,20 @@ def place_in_room(row: Row, rng_state: RngState, columns: int, size: int, room: 
 @device_function()
 def reachable(plan: Plan, columns: int, start: int) -> int:
     """How many rooms can be reached through ways, locked doors included."""
-    seen = np.zeros(len(plan), np.bool_)
-    stack = np.empty(4 * len(plan) + 1, np.int64)
-    stack[0], waiting = start, 1
-    while waiting > 0:
-        waiting -= 1
-        room = stack[waiting]
-        if seen[room]:
-            continue
-        seen[room] = True
+    for room in range(len(plan)):
+        plan[room, SEEN] = 0
+    plan[start, SEEN], plan[0, QUEUE], count = 1, start, 1
+    at = 0
+    while at < count:
+        room = plan[at, QUEUE]
+        at += 1
         for wall in range(4):
             if plan[room, WAY + wall]:
-                stack[waiting] = behind(room, wall, columns)
-                waiting += 1
-    return seen.sum()
+                other = behind(room, wall, columns)
+                plan[count % len(plan), QUEUE] = other
+                count += plan[other, SEEN] == 0
+                plan[other, SEEN] = 1
+    return count
 
 
 @device_function()
