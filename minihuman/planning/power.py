@@ -378,8 +378,8 @@ def power_figure(found: Sequence[PowerEstimate]) -> Figure:
             rows = sorted((one for one in found if one.measure == measure), key=lambda one: one.participants)
             sizes, colour = [one.participants for one in rows], SERIES[place % len(SERIES)]
             axes.fill_between(sizes, [one.low for one in rows], [one.high for one in rows], color=colour, alpha=0.2)
-            look = {"marker": "os^DvPX"[place % 7], "markersize": 3, "color": colour}
-            axes.plot(sizes, [one.power for one in rows], label=measure.replace("_", " "), **look)
+            label, powers = measure.replace("_", " "), [one.power for one in rows]
+            axes.plot(sizes, powers, "os^DvPX"[place % 7] + "-", color=colour, markersize=3, label=label)
         axes.axhline(_LIKELY, color=MUTED, linewidth=0.6, linestyle=":")
         axes.set(xlabel="participants per group", ylabel="power", ylim=(0, 1.02))
         figure.legend(loc="outside upper center", ncols=3)

@@ -167,8 +167,8 @@ def draw_study(pool: ReportPool, design: StudyDesign, size: int, rng: np.random.
     if measure == "success":  # more failures, or fewer successes, become the other: no share leaves 0 to 1
         others = values.where(move < 0, 1 - values)
         chance = (move.abs() / rows["middle"].where(move < 0, 1 - rows["middle"])).fillna(0).clip(0, 1)
-        count = (others * rows["episodes"]).round().fillna(0).astype(int)
-        return rows.assign(success=values + np.sign(move) * rng.binomial(count, chance) / rows["episodes"])
+        tries = (others * rows["episodes"]).round().fillna(0).astype(int)
+        return rows.assign(success=values + np.sign(move) * rng.binomial(tries, chance) / rows["episodes"])
     return rows.assign(**{measure: values * np.exp(move) if is_log else values + move})
 
 
