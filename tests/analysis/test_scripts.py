@@ -161,6 +161,15 @@ def test_power_is_held_against_reports_and_whole_reports_against_the_quick_way(t
     assert f"| {design} |" in capsys.readouterr().out
 
 
+def test_the_committed_comparison_of_power_is_the_docs():
+    found = json.loads((SCRIPTS / "power_against_reports.json").read_text())
+    assert len(found["designs"]) == 10
+    assert {row["numbers_that_differ"] for row in found["designs"]} == {0}
+    docs = (SCRIPTS.parent / "docs" / "statistics.md").read_text()
+    table = (SCRIPTS / "power_against_reports.md").read_text().splitlines()
+    assert [line for line in table if line.startswith("|") and line not in docs] == []
+
+
 @pytest.mark.long
 def test_each_attacker_is_held_out_of_the_fit_of_the_evidence(tmp_path, monkeypatch, capsys):
     run(monkeypatch, "bots.py", tmp_path, "--people", 20, "--programs", 2)
