@@ -114,14 +114,14 @@ def power(
 
     sizes, toml = parse_group_sizes(groups), read_protocol(protocol, trust=ask_trust(trust)).toml
     if effect.startswith("shift="):
-        reported = plan_report_power(
+        estimates, text = plan_report_power(
             toml, effect, sizes, on=on, drop_out=drop_out, studies=studies, people=people, player=player, seed=seed
         )
         if json:
-            print_json(reported.estimates)
+            print_json(estimates)
         else:
-            print(reported.text)
-        print_account(map(str, write_power(reported.estimates, out) if out is not None else ()))
+            print(text)
+        print_account(map(str, write_power(estimates, out) if out is not None else ()))
         return
     if on != "groups" or drop_out:
         raise ReportError(

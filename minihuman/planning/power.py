@@ -6,10 +6,9 @@ headless, without session and log, which is about ten times faster and gives the
 sessions and logs as everybody.
 """
 
-import csv
 import math
 import multiprocessing
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -340,7 +339,6 @@ _CM = 1 / 2.54
 
 def describe_power(pool: ParticipantPool, effect: Effect, found: Sequence[PowerEstimate], *, player: str) -> str:
     """Describe the result, for the terminal and a preregistration."""
-    sizes = sorted({one.participants for one in found})
     what = "no effect" if effect.excess == 1 else f"excess steps times {effect.excess:g} in one of two groups"
     lines = [
         f"Power for {what}, block {pool.block}: the share of {found[0].studies:,} studies with p < {ALPHA:g}",
@@ -348,22 +346,26 @@ def describe_power(pool: ParticipantPool, effect: Effect, found: Sequence[PowerE
         f"group {pool.group}, player {player}. In brackets (95 %): the Monte Carlo interval.",
         "Whether real participants are like the simulated ones is not tested.",
         "",
-        f"{'participants per group':<22}" + "".join(f"{size:>22}" for size in sizes),
     ]
+    return "\n".join([*lines, *tabulate_power(found)])
+
+
+def tabulate_power(found: Sequence[PowerEstimate]) -> Iterator[str]:
+    """The lines of a table with a row per measure and a column per number of participants."""
+    sizes = sorted({one.participants for one in found})
+    width = max(len("participants per group"), *(len(one.measure) + 2 for one in found))
+    yield f"{'participants per group':<{width}}" + "".join(f"{size:>22}" for size in sizes)
     for measure in dict.fromkeys(one.measure for one in found):
         at = {one.participants: one for one in found if one.measure == measure}
-        cells = (f"{at[size].power:.2f} ({at[size].low:.2f} to {at[size].high:.2f})" for size in sizes)
-        lines.append(f"{measure:<22}" + "".join(f"{cell:>22}" for cell in cells))
-    return "\n".join(lines)
+        cells = (f"{at[size].power:.2f} ({at[size].low:.2f} to {at[size].high:.2f})" for size in sizes if size in at)
+        yield f"{measure:<{width}}" + "".join(f"{cell:>22}" for cell in cells)
 
 
 def write_power(found: Sequence[PowerEstimate], out: Path) -> tuple[Path, ...]:
     """Write ``power.csv`` and the figure ``power``."""
     out.mkdir(parents=True, exist_ok=True)
-    with (out / "power.csv").open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(("measure", "participants_a_group", "power", "low", "high", "studies"))
-        table.writerows((one.measure, one.participants, one.power, one.low, one.high, one.studies) for one in found)
+    table = pd.DataFrame(found).rename(columns={"participants": "participants_a_group"})
+    table.to_csv(out / "power.csv", index=False)
     return (out / "power.csv", *save_figure(power_figure(found), out / "power"))
 
 
@@ -376,8 +378,8 @@ def power_figure(found: Sequence[PowerEstimate]) -> Figure:
             rows = sorted((one for one in found if one.measure == measure), key=lambda one: one.participants)
             sizes, colour = [one.participants for one in rows], SERIES[place % len(SERIES)]
             axes.fill_between(sizes, [one.low for one in rows], [one.high for one in rows], color=colour, alpha=0.2)
-            axes.plot(sizes, [one.power for one in rows], "os^DvPX"[place % 7], color=colour, markersize=3)
-            axes.plot(sizes, [one.power for one in rows], color=colour, label=measure.replace("_", " "))
+            label, powers = measure.replace("_", " "), [one.power for one in rows]
+            axes.plot(sizes, powers, "os^DvPX"[place % 7] + "-", color=colour, markersize=3, label=label)
         axes.axhline(_LIKELY, color=MUTED, linewidth=0.6, linestyle=":")
         axes.set(xlabel="participants per group", ylabel="power", ylim=(0, 1.02))
         figure.legend(loc="outside upper center", ncols=3)

@@ -6,8 +6,10 @@ from a session on.
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -20,7 +22,7 @@ from minihuman.dataset.sessions import StudySessions
 from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec
-from minihuman.planning.power import ALPHA, PowerEstimate
+from minihuman.planning.power import ALPHA, PowerEstimate, tabulate_power
 from minihuman.reporting.results import (
     assign_roles,
     compare_measures,
@@ -30,13 +32,15 @@ from minihuman.reporting.results import (
     list_default_measures,
     set_measures_aside,
     take_logarithms,
+    unite_teams,
 )
 from minihuman.reporting.study_measures import add_measures
 from minihuman.runtime.simulated_session import simulate
+from minihuman.statistics.comparison import find_units, name_units
 from minihuman.statistics.scores import wilson_interval
 
 COMPARISONS = ("groups", "conditions", "change")
-_TABLES = ("blocks", "episodes", "participants", "answers", "parts", "points")
+_TABLES = ("blocks", "episodes", "participants", "answers", "parts", "points", "teams")
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +63,13 @@ class StudyDesign:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportPool:
-    """Simulated participants as the report reads them: the table of blocks, practice left out."""
+    """Simulated participants as the report reads them: the table of blocks, practice left out.
 
-    rows: pd.DataFrame
+    ``person`` is who played; ``participant``, the unit of the statistics, is their team where people played together;
+    ``drawn`` is who takes part at the same time: whoever a chain of teams connects.
+    """
+
+    rows: pd.DataFrame  # those of excluded participants, too
     groups: Mapping[str, int]  # in the order of the report, with their allocation ratio
     analysis: AnalysisSpec
     target: str
@@ -78,16 +86,11 @@ def simulate_report_pool(toml: bytes, *, people: int, player: str, seed: int) ->
     protocol = decode_protocol(toml, "protocol")
     study = msgspec.structs.replace(protocol.study, participants=people)
     with TemporaryDirectory(prefix="minihuman-power-") as folder:
-        for _ in simulate(
-            msgspec.structs.replace(protocol, study=study), Path(folder), participants=people, seed=seed, player=player
-        ):
-            pass
-        sessions = StudySessions(Path(folder), Selection(), processes=1).rows(with_shortest=True)
-        parts: dict[str, list[pd.DataFrame]] = {name: [] for name in _TABLES}
-        for one in sessions:
-            for name in _TABLES:
-                parts[name].append(one.rows[name].to_pandas())
-    return make_report_pool(protocol, {name: pd.concat(tables, ignore_index=True) for name, tables in parts.items()})
+        whole = msgspec.structs.replace(protocol, study=study)
+        list(simulate(whole, Path(folder), participants=people, seed=seed, player=player))
+        rows = [one.rows for one in StudySessions(Path(folder), Selection(), processes=1).rows(with_shortest=True)]
+    tables = {name: pd.concat([one[name].to_pandas() for one in rows], ignore_index=True) for name in _TABLES}
+    return make_report_pool(protocol, tables)
 
 
 def make_report_pool(protocol: Protocol, tables: Mapping[str, pd.DataFrame]) -> ReportPool:
@@ -95,12 +98,15 @@ def make_report_pool(protocol: Protocol, tables: Mapping[str, pd.DataFrame]) -> 
     analysis = protocol.analysis
     rows = add_measures(tables["blocks"], tables, analysis.find_plugin_measures())
     analysed = {block.name for block in protocol.blocks if block.analysed}
-    rows = rows[rows["exclusion_reason"].isna() & rows["block"].isin(analysed)]
+    rows = rows[rows["block"].isin(analysed)].assign(person=rows["participant"])
+    drawn = name_units(rows, find_units(tables["teams"]))["participant"]
+    rows = unite_teams(rows, tables["teams"]).assign(drawn=drawn).reset_index(drop=True)
     blocks = rows.groupby("group")["block"].nunique()
     ratios = {group.name: group.allocation_ratio for group in protocol.groups}
     order = sorted(map(str, blocks.index), key=lambda group: (-int(blocks[group]), group))
     groups = {group: ratios[group] for group in order}
-    return ReportPool(rows.reset_index(drop=True), groups, analysis, analysis.block or find_target_block(rows))
+    target = analysis.block or find_target_block(rows[rows["exclusion_reason"].isna()])
+    return ReportPool(rows, groups, analysis, target)
 
 
 def estimate_report_power(
@@ -114,21 +120,23 @@ def estimate_report_power(
     Raises:
         ReportError: if the protocol has no such comparison.
     """
-    found = []
+    found, several = [], len(pool.groups) > 1
+    possible = {
+        "groups": several,
+        "conditions": bool(pool.analysis.conditions),
+        "change": several and pool.rows["session"].nunique() > 1,
+    }
+    if not possible[design.on]:
+        raise ReportError(
+            f"the protocol has no comparison of {design.on}; add one to [analysis], or choose another with --on"
+        )
     for size in sizes:
         rng = np.random.default_rng([seed, size])
-        counts: dict[str, int] = {}
+        counts = Counter[str]()
         for _ in range(studies):
-            study = draw_study(pool, design, size, rng)
-            ps = dict(compare_study(study, pool, design.on))
-            for name, p in ps.items():
-                counts[name] = counts.get(name, 0) + (p < ALPHA)
-            if len(ps) > 1:
-                counts["any of them"] = counts.get("any of them", 0) + any(p < ALPHA for p in ps.values())
-        if not counts:
-            raise ReportError(
-                f"the protocol has no comparison of {design.on}; add one to [analysis], or choose another with --on"
-            )
+            ps = compare_study(draw_study(pool, design, size, rng), pool, design.on)
+            rejected = {name: p < ALPHA for name, p in ps}
+            counts.update(rejected | ({"any of them": any(rejected.values())} if len(rejected) > 1 else {}))
         for name, hits in counts.items():
             low, high = wilson_interval(hits, studies)
             found.append(PowerEstimate(name, size, hits / studies, low, high, studies))
@@ -136,45 +144,59 @@ def estimate_report_power(
 
 
 def draw_study(pool: ReportPool, design: StudyDesign, size: int, rng: np.random.Generator) -> pd.DataFrame:
-    """The table of blocks of one study: participants of the pool's groups, drawn with replacement."""
-    drawn = []
+    """The included rows of one study's table of blocks: participants, or whole teams, drawn with replacement."""
+    (measure, is_log, effect), drawn = _find_effect(pool, design), []
     for group, ratio in pool.groups.items():
-        theirs = pool.rows[pool.rows["group"] == group]
-        codes = theirs["participant"].unique()
-        for number, code in enumerate(rng.choice(codes, size * ratio)):
-            drawn.append(theirs[theirs["participant"] == code].assign(participant=f"{group}-{number}"))
+        theirs = effect[effect["group"] == group]
+        places = [*theirs.groupby("drawn").indices.values()]
+        count = round(size * ratio * len(places) / theirs["person"].nunique())
+        chosen = [places[one] for one in rng.integers(len(places), size=count)]
+        rows, number = theirs.iloc[np.concatenate(chosen)], np.repeat(np.arange(count), [*map(len, chosen)])
+        for name in ("participant", "person"):
+            rows = rows.assign(**{name: [f"{at}/{who}" for at, who in zip(number, rows[name], strict=True)]})
+        drawn.append(rows)
     rows = pd.concat(drawn, ignore_index=True)
     if design.drop_out:
-        sessions = sorted(rows["session"].unique())
         left = {
-            code: next((at for at in sessions if rng.random() < design.drop_out), math.inf)
-            for code in rows["participant"].unique()
+            code: next((at for at in sorted({*rows["session"]}) if rng.random() < design.drop_out), math.inf)
+            for code in rows["person"].unique()
         }
-        rows = rows[rows["session"] < rows["participant"].map(left)]
-    return _shift(rows, pool, design)
+        rows = rows[rows["session"] < rows["person"].map(left)]
+    rows = rows[rows["exclusion_reason"].isna()]
+    values, move = rows[measure].astype(float), rows["move"]
+    if measure == "success":  # more failures, or fewer successes, become the other: no share leaves 0 to 1
+        others = values.where(move < 0, 1 - values)
+        chance = (move.abs() / rows["middle"].where(move < 0, 1 - rows["middle"])).fillna(0).clip(0, 1)
+        tries = (others * rows["episodes"]).round().fillna(0).astype(int)
+        return rows.assign(success=values + np.sign(move) * rng.binomial(tries, chance) / rows["episodes"])
+    return rows.assign(**{measure: values * np.exp(move) if is_log else values + move})
 
 
 def _primary(pool: ReportPool, rows: pd.DataFrame) -> str:
     return pool.analysis.primary_measure or next(iter(list_default_measures(rows)), "")
 
 
-def _shift(rows: pd.DataFrame, pool: ReportPool, design: StudyDesign) -> pd.DataFrame:
-    if not design.shift:
-        return rows
-    target = rows["block"] == pool.target
-    measure = _primary(pool, rows[target])
-    scaled, logs = take_logarithms(pool.rows, [measure])
-    means = scaled[scaled["block"] == pool.target].groupby(["group", "participant"])[measure].mean()
-    by = design.shift * float(means.groupby("group").std().mean())
-    first = rows["group"] == next(iter(pool.groups))
-    where = {
-        "groups": target & first,
-        "conditions": rows["block"].isin(pool.analysis.conditions[:1]),
-        "change": target & first & (rows["session"] > rows["session"].min()),
-    }[design.on]
-    values = rows[measure].astype(float)
-    moved = values * math.exp(by) if measure in logs else values + by
-    return rows.assign(**{measure: moved.where(where, values)})
+@lru_cache(maxsize=1)
+def _find_effect(pool: ReportPool, design: StudyDesign) -> tuple[str, bool, pd.DataFrame]:
+    """The primary measure, whether it is compared as logarithms, and the pool's rows with how far each is to be moved.
+
+    What is compared is moved to a common mean first: the difference is the design's, whatever the one by which the
+    simulated groups or conditions differ. ``middle`` is the mean before.
+    """
+    within, rows = design.on == "conditions", pool.rows
+    compared = rows["block"].isin(pool.analysis.conditions) if within else rows["block"] == pool.target
+    theirs = rows[compared & rows["exclusion_reason"].isna()]
+    measure = _primary(pool, theirs)
+    scaled, logs = take_logarithms(theirs, [measure])
+    values, means = scaled[measure].astype(float), scaled.groupby(["block", "group", "participant"])[measure].mean()
+    middle = values.groupby([theirs[name] for name in (["block"] if within else ["group", "session"])]).transform(
+        "mean"
+    )
+    common = values.mean() if within else values.groupby(theirs["session"]).transform("mean")
+    first = theirs["block"].isin(pool.analysis.conditions[:1]) if within else theirs["group"] == next(iter(pool.groups))
+    affected = first & ((design.on != "change") | (theirs["session"] > rows["session"].min()))
+    move = common - middle + design.shift * float(means.groupby(["block", "group"]).std().mean()) * affected
+    return measure, measure in logs, rows.assign(move=move, middle=middle).fillna({"move": 0.0})
 
 
 def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tuple[str, float]]:
@@ -182,20 +204,18 @@ def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tup
     analysis, order = pool.analysis, list(pool.groups)
     if on == "conditions":
         within = compare_within(rows, analysis)
-        if within is not None:
-            primary = _primary(pool, rows[rows["block"].isin(analysis.conditions)])
-            yield from (
-                (f"{primary}: {one.first} - {one.second}", one.p_holm)
-                for one in within.comparisons
-                if one.measure == primary
-            )
+        primary = _primary(pool, rows[rows["block"].isin(analysis.conditions)])
+        yield from (
+            (f"{primary}: {one.first} - {one.second}", one.p_holm)
+            for one in (within.comparisons if within else ())
+            if one.measure == primary
+        )
         return
     theirs = rows[rows["block"] == pool.target]
     primary = _primary(pool, theirs)
     named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if ":" in name]
     aside = set_measures_aside(theirs, late=int((theirs["success"] < 1).any()))
-    measured = [*(name for name in list_default_measures(theirs) if name not in aside), *named]
-    measured += [primary] if primary not in measured else []
+    measured = [*(name for name in list_default_measures(theirs) if name not in aside), *named, primary]
     roles = assign_roles(measured, analysis)
     if analysis.primary_measure:  # the other roles are corrected by themselves
         roles = {name: role for name, role in roles.items() if role == "primary"}
@@ -216,32 +236,20 @@ def describe_report_power(pool: ReportPool, design: StudyDesign, found: Sequence
         "conditions": f"in block {(*pool.analysis.conditions, '')[0]}, within participants",
         "change": f"in the later sessions of group {next(iter(pool.groups))}, block {pool.target}",
     }[design.on]
-    named = pool.analysis.primary_measure
-    correction = "" if named else " The protocol names no primary measure, so all are corrected together."
-    sizes = sorted({one.participants for one in found})
+    sentence = (
+        ""
+        if pool.analysis.primary_measure
+        else " The protocol names no primary measure, so all are corrected together."
+    )
     ratios = ", ".join(f"{group} {ratio}" for group, ratio in pool.groups.items())
-    width = max(len(one.measure) for one in found) + 2
     lines = [
         f"Power for a difference of {design.shift:g} standard deviations {where}: the share of {found[0].studies:,}",
-        f"studies with p < {ALPHA:g} on the report's page, after its corrections.{correction}",
-        f"Participants are drawn from {pool.rows['participant'].nunique()} simulated ones, player {player};",
+        f"studies with p < {ALPHA:g} on the report's page, after its corrections.{sentence}",
+        f"Participants are drawn from {pool.rows['person'].nunique()} simulated ones, player {player};",
         f"allocation ratio {ratios}; {design.drop_out:.0%} miss each session. In brackets: the Monte Carlo interval.",
         "",
-        f"{'participants per group':<{width}}" + "".join(f"{size:>22}" for size in sizes),
     ]
-    for name in dict.fromkeys(one.measure for one in found):
-        at = {one.participants: one for one in found if one.measure == name}
-        cells = (f"{at[size].power:.2f} ({at[size].low:.2f} to {at[size].high:.2f})" for size in sizes if size in at)
-        lines.append(f"{name:<{width}}" + "".join(f"{cell:>22}" for cell in cells))
-    return "\n".join(lines)
-
-
-@dataclass(frozen=True, slots=True)
-class ReportPower:
-    """The estimates, and the text that says what they are."""
-
-    estimates: tuple[PowerEstimate, ...]
-    text: str
+    return "\n".join([*lines, *tabulate_power(found)])
 
 
 def plan_report_power(
@@ -255,8 +263,8 @@ def plan_report_power(
     people: int,
     player: str,
     seed: int,
-) -> ReportPower:
-    """Simulate a pool and estimate the power of an effect such as ``shift=0.5``.
+) -> tuple[tuple[PowerEstimate, ...], str]:
+    """Simulate a pool and estimate the power of an effect such as ``shift=0.5``; also the text that says what it is.
 
     Raises:
         ReportError: if the effect is none, or the protocol has no such comparison.
@@ -272,4 +280,4 @@ def plan_report_power(
     design = StudyDesign(shift, on, drop_out)
     pool = simulate_report_pool(toml, people=people, player=player, seed=seed)
     found = estimate_report_power(pool, design, sizes, studies=studies, seed=seed)
-    return ReportPower(found, describe_report_power(pool, design, found, player=player))
+    return found, describe_report_power(pool, design, found, player=player)

@@ -252,16 +252,19 @@ def compute_results(
         ),
         target=target,
         order=tuple(order),
-        within=compare_within(_unite(kept, units), analysis),
+        within=compare_within(unite_teams(kept, teams), analysis),
         kept=(counted_people["participant"].nunique(), len(counted)),
     )
 
 
-def _unite(rows: pd.DataFrame, units: Mapping[str, Mapping[str, str]]) -> pd.DataFrame:
+def unite_teams(rows: pd.DataFrame, teams: pd.DataFrame | None) -> pd.DataFrame:
     """The rows, of blocks that people played together with the team in the place of its members."""
-    if not units:
+    if teams is None or teams.empty:
         return rows
-    parts = [name_units(part, units.get(str(block), {})) for block, part in rows.groupby("block", sort=False)]
+    parts = [
+        name_units(part, find_units(teams[teams["block"] == block]))
+        for block, part in rows.groupby("block", sort=False)
+    ]
     return pd.concat(parts).loc[rows.index]
 
 

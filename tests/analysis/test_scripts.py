@@ -144,6 +144,32 @@ def test_the_study_of_partners_trains_plays_and_proves_its_four_conditions(tmp_p
     assert (tmp_path / "clone.pt").stat() == before, "what is there is not made again"
 
 
+@pytest.mark.parametrize("design", ["teams of two", "change between two days", "exclusions by the protocol's rules"])
+def test_power_is_held_against_reports_and_whole_reports_against_the_quick_way(tmp_path, monkeypatch, capsys, design):
+    run(monkeypatch, "power_against_reports.py", "--only", design, "--studies", 2, "--reports", 1, "--out", tmp_path)
+    found = json.loads((tmp_path / "power_against_reports.json").read_text())
+    [row] = found["designs"]
+    assert (row["studies"], row["whole_reports"], row["numbers_that_differ"]) == (2, 1, 0)
+    assert row["numbers"] > 300
+    [comparison] = row["comparisons"]
+    assert comparison["difference"] == comparison["power"] - comparison["reports"]
+    assert comparison["reports"] in (0, 0.5, 1)
+    arguments = "--only", design, "--studies", 3, "--reports", 1, "--out", tmp_path
+    run(monkeypatch, "power_against_reports.py", *arguments)
+    [further] = json.loads((tmp_path / "power_against_reports.json").read_text())["designs"]
+    assert (further["studies"], further["numbers"]) == (3, row["numbers"]), "what was done is not done again"
+    assert f"| {design} |" in capsys.readouterr().out
+
+
+def test_the_committed_comparison_of_power_is_the_docs():
+    found = json.loads((SCRIPTS / "power_against_reports.json").read_text())
+    assert len(found["designs"]) == 10
+    assert {row["numbers_that_differ"] for row in found["designs"]} == {0}
+    docs = (SCRIPTS.parent / "docs" / "statistics.md").read_text()
+    table = (SCRIPTS / "power_against_reports.md").read_text().splitlines()
+    assert [line for line in table if line.startswith("|") and line not in docs] == []
+
+
 @pytest.mark.long
 def test_each_attacker_is_held_out_of_the_fit_of_the_evidence(tmp_path, monkeypatch, capsys):
     run(monkeypatch, "bots.py", tmp_path, "--people", 20, "--programs", 2)

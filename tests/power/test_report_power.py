@@ -8,6 +8,7 @@ import pytest
 from scipy import stats
 
 from minihuman.errors import ReportError
+from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.planning.report_power import (
     ReportPool,
@@ -15,10 +16,11 @@ from minihuman.planning.report_power import (
     compare_study,
     draw_study,
     estimate_report_power,
+    make_report_pool,
     plan_report_power,
 )
 from minihuman.reporting.results import MEASURES, compare_within, compute_block_results
-from minihuman.statistics.comparison import t_test_power
+from minihuman.statistics.comparison import permutation_tests, t_test_power
 from tests.counts import count
 from tests.power.test_command import PROTOCOL
 
@@ -32,7 +34,8 @@ def pool(analysis=NAMED, ratios=(1, 1), people=300):
     """Normal rewards of many participants in two blocks over two days, and three other measures that are noise."""
     rng = np.random.default_rng(5)
     rows = pd.DataFrame(
-        {"group": group, "participant": f"{group}{number}", "session": session, "block": block, "keys_total": 0}
+        {"group": group, "session": session, "block": block, "keys_total": 0, "exclusion_reason": None, "episodes": 2}
+        | dict.fromkeys(("participant", "person", "drawn"), f"{group}{number}")
         | dict.fromkeys(MEASURES, np.nan)
         | {"reward_mean": rng.normal(), "success": rng.random(), "spl_mean": rng.normal(), "steps_at_limit_mean": 5.0}
         for group in ("a", "b")
@@ -103,6 +106,73 @@ def test_a_design_that_is_none_is_refused():
 
 def test_whole_sessions_of_a_protocol_make_the_pool():
     toml = PROTOCOL.encode() + b'[analysis]\nprimary_measure = "success"\n'
-    found = plan_report_power(toml, "shift=0.5", [4], drop_out=0.1, studies=10, people=4, player="human-like", seed=1)
-    assert [one.measure for one in found.estimates] == ["success: one - other"]
-    assert "after its corrections" in found.text
+    estimates, text = plan_report_power(
+        toml, "shift=0.5", [4], drop_out=0.1, studies=10, people=4, player="human-like", seed=1
+    )
+    assert [one.measure for one in estimates] == ["success: one - other"]
+    assert "after its corrections" in text
+
+
+def tables(rows, teams=()):
+    """A study's tables for a pool: of blocks, and who was in which team."""
+    return {"blocks": rows.drop(columns=["person", "drawn"]), "teams": pd.DataFrame(teams, columns=TEAM)}
+
+
+TEAM = ["block", "participant", "team"]
+TWO_GROUPS = decode_protocol(
+    PROTOCOL.replace('"one"', '"a"').replace('"other"', '"b"').replace('"grid"', '"wide"').encode()
+    + b'[analysis]\nprimary_measure = "reward_mean"\n',
+    "two groups",
+)
+
+
+def first_day(drawn_from):
+    rows = drawn_from.rows
+    return rows[(rows["session"] == 1) & (rows["block"] == "wide")].reset_index(drop=True)
+
+
+def test_the_difference_is_the_designs_whatever_that_of_the_simulated_groups():
+    rows = first_day(pool())
+    rows["reward_mean"] += np.where(rows["group"] == "a", 0.5, 0.0)
+    drawn_from = make_report_pool(TWO_GROUPS, tables(rows))
+    spread = rows.groupby("group")["reward_mean"].std().mean()
+    for shift in (0.0, 0.8):
+        study = draw_study(drawn_from, StudyDesign(shift), 20_000, np.random.default_rng(1))
+        means = study.groupby("group")["reward_mean"].mean()
+        assert means["a"] - means["b"] == pytest.approx(shift * spread, abs=0.04)
+
+
+@pytest.mark.parametrize("shift", [1.2, -1.2])
+def test_no_share_of_successes_leaves_0_to_1(shift):
+    rows = first_day(pool())
+    rows["episodes"], rows["success"] = (
+        4,
+        np.random.default_rng(3).binomial(4, 0.3 if shift < 0 else 0.7, len(rows)) / 4,
+    )
+    drawn_from = dataclasses.replace(
+        make_report_pool(TWO_GROUPS, tables(rows)), analysis=AnalysisSpec(primary_measure="success")
+    )
+    study = draw_study(drawn_from, StudyDesign(shift), 20_000, np.random.default_rng(1))
+    assert set(study["success"]) == {0, 0.25, 0.5, 0.75, 1}
+    means = study.groupby("group")["success"].mean()
+    assert means["a"] - means["b"] == pytest.approx(shift * rows.groupby("group")["success"].std().mean(), abs=0.02)
+
+
+def test_teams_are_drawn_whole_and_are_the_units():
+    rows = first_day(pool(people=20))
+    teams = [("wide", who, f"team-{number // 2}") for number, who in enumerate(rows["participant"])]
+    drawn_from = make_report_pool(TWO_GROUPS, tables(rows, teams))
+    study = draw_study(drawn_from, StudyDesign(), 12, np.random.default_rng(1))
+    assert len(study) == 24
+    assert study.groupby("participant")["person"].nunique().tolist() == [2] * 12
+    values = study.groupby(["group", "participant"])["reward_mean"].mean()
+    expected, _ = permutation_tests([(values["a"].to_numpy(), values["b"].to_numpy())] * 2)
+    assert dict(compare_study(study, drawn_from, "groups")) == {"reward_mean: a - b": expected.p()}
+
+
+def test_excluded_participants_take_places_of_the_groups():
+    rows = first_day(pool(people=50))
+    rows["exclusion_reason"] = np.where(rows.groupby("group").cumcount() < 25, "asleep", None)
+    drawn_from = make_report_pool(TWO_GROUPS, tables(rows))
+    study = draw_study(drawn_from, StudyDesign(), 400, np.random.default_rng(1))
+    assert study.groupby("group").size().between(150, 250).all()
