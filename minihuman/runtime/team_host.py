@@ -408,15 +408,14 @@ class TeamTable:
                 return None
             if not self._replace(state, missing):
                 return TeamLost(0, "partner_left")
-        self._tell(state.members.values())
+        self._tell(one for one in state.members.values() if one is not member)
         return SeatsReady(0, episode)
 
     def close_step(self, want: JointRequest, play: TeamEpisode, member: "TeamMember") -> JointTaken | TeamLost | None:
         """The joint action of a step, once every seat's input is there or its time is over."""
         state, episode, now_s = self._state(want, member), want.plan.episode, self._now_s()
         rows, seat = state.rows.setdefault(episode, []), want.team.seat
-        known = list(zip(play.joint_actions, play.sources, strict=True))
-        rows += known[len(rows) :]
+        rows += zip(play.joint_actions[len(rows) :], play.sources[len(rows) :], strict=True)
         may_return, absent = self._may_return(state, seat), self._is_absent(state, want, now_s)
         if want.action is not None and not may_return and state.rules.team.partner_return == "end":
             return TeamLost(0, "replaced")
@@ -450,7 +449,7 @@ class TeamTable:
             else:
                 return None
         rows.append(self._decide(state, want.plan, play, late))
-        self._tell(state.members.values())
+        self._tell(one for one in state.members.values() if one is not member)
         actions, sources = rows[-1]
         return JointTaken(0, episode, want.step, actions, sources)
 

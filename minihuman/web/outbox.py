@@ -172,11 +172,8 @@ class Outbox:
         """Whether the page computes the episode."""
         return self._computed is not None
 
-    def follow(self, events: list[Event], *, answers: bool = True) -> None:
-        """Send the page where the session went, and move the look-ahead there.
-
-        ``answers`` is false where more is followed before anything is sent.
-        """
+    def follow(self, events: list[Event]) -> None:
+        """Move the look-ahead where the session went; ``send_state`` then tells the page."""
         coming = None if self._session.over else self._session.part.next_play
         for event in events:
             match event:
@@ -189,8 +186,6 @@ class Outbox:
                     self._look_from(self._session.play)
         if coming is not None:
             self._look_from(coming)
-        if answers:
-            self._send_state()
 
     def _look_from(self, play: RunningEpisode) -> None:
         """Send the rules of an episode that has begun or is about to, once, and what the page goes ahead by."""
@@ -337,9 +332,9 @@ class Outbox:
             play = self._session.part.play or self._session.part.next_play  # also behind a pause
             if play is not None:
                 self._look_from(play)
-            self._send_state()
+            self.send_state()
 
-    def _send_state(self) -> None:
+    def send_state(self) -> None:
         """Tell the page what it does not know of where the session is."""
         play, part = (None, None) if self._session.over else (self._session.play, self._session.part)
         tick_ns = self._next_tick_ns

@@ -345,6 +345,12 @@ class Kitchen(TeamWorld):
         """A uint64 over the kitchen, its orders, cooks and everything that lies in it."""
         return hash64(["kitchen", self.row])
 
+    def scene_hash(self) -> int:
+        """The same without the number of steps taken."""
+        saved = self.save()
+        saved[fields.STEP] = 0
+        return hash64(["kitchen", saved])
+
     def save(self) -> Row:
         """A copy of the row."""
         return self.row.copy()
