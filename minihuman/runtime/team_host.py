@@ -230,7 +230,9 @@ class TeamTable:
         plan = want.plan.team
         if len(plan.persons) == 1:
             seed, index = self._protocol.study.seed, member.plan.participant.index
-            return self._with_record(_name_team(seed, index, solo=True), index, plan, [member], want)
+            name, seat = _name_team(seed, index, solo=True), plan.persons[0]
+            self._record(want.block, name, index, {seat: member}, plan.seats, solo=True)
+            return Team(name, index, seat, plan.seats)
         lobby = self._lobbies.setdefault(want.block, [])
         mine = next((one for one in lobby if one.member is member), None)
         if mine is None:
@@ -305,13 +307,6 @@ class TeamTable:
             one.team = Team(name, index, seat, kinds)
         self._tell(one.member for one in partners)
         return [one.team for one in partners if one.team is not None]
-
-    def _with_record(
-        self, name: str, index: int, plan: TeamPlan, members: "list[TeamMember]", want: TeamRequest
-    ) -> Team:
-        seat = plan.persons[0]
-        self._record(want.block, name, index, {seat: members[0]}, plan.seats, solo=True)
-        return Team(name, index, seat, plan.seats)
 
     def _record(
         self,

@@ -150,8 +150,8 @@ class SessionHost:
     @property
     def is_polled(self) -> bool:
         """Whether a part may want something from outside; in a team's turns the page asks four times a second."""
-        play = None if self._agent is None else self.session.play
-        return self._agent is not None and (play is None or play.real_time or not isinstance(play, TeamEpisode))
+        play = self.session.play
+        return self._agent is not None and (not isinstance(play, TeamEpisode) or play.real_time)
 
     def safe(self, durable: int | None = None) -> int:
         """The last of the page's messages that may be acknowledged, and all before it: those on the disk.
@@ -267,9 +267,8 @@ class SessionHost:
         A learner's work is polled for.
         """
         while self._agent is not None and not self.session.over and (want := self.session.request) is not None:
-            if isinstance(want, PolicyRequest) and want.learning:
-                break
-            given = self._agent.answer(want, self.session.play, self.last_at_ns)
+            is_learning = isinstance(want, PolicyRequest) and want.learning
+            given = None if is_learning else self._agent.answer(want, self.session.play, self.last_at_ns)
             if given is None:
                 break
             events = self.session.receive(given, draws=self._draws)

@@ -77,10 +77,11 @@ def play_together(
     rtt_ms: float = 0.0,
     loss: float = 0.0,
     name: str = "duet",
+    moves_between: int = 5,
 ) -> tuple[Played, Counter[str]]:
     """Play to the end of both sessions, through interruptions of the server, either connection and either page.
 
-    ``interruptions`` says how many of each: "kill", "cut" and "reload".
+    ``interruptions`` says how many of each: "kill", "cut" and "reload"; they come ``moves_between`` presses apart.
     """
     chance, happened = random.Random(seed), Counter[str]()
     with (
@@ -103,7 +104,7 @@ def play_together(
             _press(people, chance)
             moves += 1
             assert moves < 200 * PATIENCE_S, [somebody.state for somebody in people]
-            if left and moves % 5 == 0 and any(somebody.state["playing"] for somebody in people):
+            if left and moves % moves_between == 0 and any(somebody.state["playing"] for somebody in people):
                 _interrupt(left.pop(), people, served, wires, chance)
                 happened = Counter(interruptions) - Counter(left)
         heard = [somebody.page.evaluate("sessionStorage.getItem('heard') ?? ''").split() for somebody in people]

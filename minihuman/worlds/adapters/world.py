@@ -281,8 +281,7 @@ class World:
 
     def _copy_observation(self, observation: Any) -> Any:
         """A copy, as a foreign world or a wrapper may use its arrays again; a native world makes others each time."""
-        is_own = isinstance(self._env.unwrapped, NativeWorld) and not self._wrappers.any
-        return observation if is_own else copy.deepcopy(observation)
+        return copy.deepcopy(observation) if self._wrappers.any or self._known is not self.unwrapped else observation
 
     def close(self) -> None:
         """Close the environment."""
