@@ -65,20 +65,22 @@ def main() -> None:
 
 
 def interrupt(times: dict[str, int]) -> None:
-    """Interrupt games of short episodes, a few times each; a line after each game says what holds so far."""
-    left = [what for what, count in times.items() for _ in range(count)]
-    random.Random(3).shuffle(left)
-    happened, total, wrong, began_s = Counter[str](), Counter[str](), [], time.monotonic()
-    for game, first in enumerate(range(0, len(left), IN_A_GAME), 1):
-        mine = Counter(left[first : first + IN_A_GAME])
+    """Interrupt games of short episodes, a few times each; a line after each game says what holds so far.
+
+    What a game ended too soon for is left to the next one.
+    """
+    chance, games, began_s = random.Random(3), 0, time.monotonic()
+    left, happened, total, wrong = Counter(times), Counter[str](), Counter[str](), list[int]()
+    while left:
+        mine = Counter(chance.sample(sorted(left.elements()), min(IN_A_GAME, left.total())))
+        games += 1
         with tempfile.TemporaryDirectory() as name:
             protocol = team_study(Path(name), world=FOUR_ROOMS, episodes=2 + mine.total() // 4, max_steps=10)
-            played, found = play_together(protocol, Path(name), interruptions=mine, seed=game, moves_between=3)
-        happened += found
+            played, found = play_together(protocol, Path(name), interruptions=mine, seed=games, moves_between=3)
+        left, happened = left - found, happened + found
         one, other = played.joint
-        held = not any((*played.lost, *played.complaints)) and one == other and all(good for _, good in played.teams)
-        good = held and found == mine
-        wrong += [] if good else [game]
+        good = one == other and not any((*played.lost, *played.complaints)) and all(held for _, held in played.teams)
+        wrong += [] if good else [games]
         total.update(
             {
                 "joint steps": len(one),
@@ -90,7 +92,7 @@ def interrupt(times: dict[str, int]) -> None:
         )
         sums = ", ".join(f"{count} {what}" for what, count in total.items())
         print(
-            f"{game} games in {time.monotonic() - began_s:.0f} s: {dict(happened)}; {sums}; not held: {wrong or 'none'}"
+            f"{games} games, {time.monotonic() - began_s:.0f} s: {dict(happened)}; {sums}; not held: {wrong or 'none'}"
         )
         print("" if good else f"      {describe(played)}\n", end="", flush=True)
 
