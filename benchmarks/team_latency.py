@@ -11,14 +11,17 @@ show. A lost segment delays what is behind it by a round trip and 200 ms.
 
 import argparse
 import os
+import random
 import tempfile
+import time
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 import minihuman
-from minihuman.experiment.activities.team_play import InputLate, JointStepped, PictureCorrected
+from minihuman.experiment.activities.team_play import InputLate, JointStepped, PictureCorrected, SeatTaken
 from minihuman.experiment.machine.events import FrameShown, Stepped
 from minihuman.log.read.reader import read_segment_starts
 from tests.teams.browsers import Played, play_together
@@ -26,6 +29,7 @@ from tests.teams.study import FOUR_ROOMS, team_study
 
 PLACE = tuple[int, int]  # episode and step
 FRAME_MS = 1000 / 60
+IN_A_GAME = 25  # interruptions; each game is compared at its end, so a run that is stopped counts for what it did
 
 
 def main() -> None:
@@ -40,12 +44,8 @@ def main() -> None:
         parser.add_argument(f"--{what}", type=int, default=0)
     asked = parser.parse_args()
     print(f"minihuman {minihuman.__version__}, load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
-    interruptions = {"kill": asked.kills, "cut": asked.cuts, "reload": asked.reloads}
-    if any(interruptions.values()):
-        with tempfile.TemporaryDirectory() as name:
-            protocol = team_study(Path(name), world=FOUR_ROOMS, episodes=1 + sum(interruptions.values()) // 2)
-            played, happened = play_together(protocol, Path(name), interruptions=interruptions, seed=3)
-        print(dict(happened), describe(played))
+    if asked.kills or asked.cuts or asked.reloads:
+        interrupt({"kill": asked.kills, "cut": asked.cuts, "reload": asked.reloads})
         return
     for loss in asked.loss:
         for pace in ("turns", "ticks"):
@@ -65,6 +65,39 @@ def main() -> None:
                 )
                 print(f"{at_once:.0%} within a frame and 4 ms")
             print(f"{'':6}{describe(played)}", flush=True)
+
+
+def interrupt(times: dict[str, int]) -> None:
+    """Interrupt games of short episodes, a few times each; a line after each game says what holds so far.
+
+    What a game ended too soon for is left to the next one.
+    """
+    chance, games, began_s = random.Random(3), 0, time.monotonic()
+    left, happened, total, wrong = Counter(times), Counter[str](), Counter[str](), list[int]()
+    while left:
+        mine = Counter(chance.sample(sorted(left.elements()), min(IN_A_GAME, left.total())))
+        games += 1
+        with tempfile.TemporaryDirectory() as name:
+            protocol = team_study(Path(name), world=FOUR_ROOMS, episodes=2 + mine.total() // 4, max_steps=10)
+            played, found = play_together(protocol, Path(name), interruptions=mine, seed=games, moves_between=3)
+        left, happened = left - found, happened + found
+        one, other = played.joint
+        good = one == other and not any((*played.lost, *played.complaints)) and all(held for _, held in played.teams)
+        wrong += [] if good else [games]
+        total.update(
+            {
+                "joint steps": len(one),
+                "presses": sum(map(len, played.heard)),
+                "lost": sum(map(len, played.lost)),
+                "late": sum(played.count(InputLate)),
+                "taken seats": sum(played.count(SeatTaken)),
+            }
+        )
+        sums = ", ".join(f"{count} {what}" for what, count in total.items())
+        print(
+            f"{games} games, {time.monotonic() - began_s:.0f} s: {dict(happened)}; {sums}; not held: {wrong or 'none'}"
+        )
+        print("" if good else f"      {describe(played)}\n", end="", flush=True)
 
 
 def describe(played: Played) -> str:

@@ -230,7 +230,9 @@ class TeamTable:
         plan = want.plan.team
         if len(plan.persons) == 1:
             seed, index = self._protocol.study.seed, member.plan.participant.index
-            return self._with_record(_name_team(seed, index, solo=True), index, plan, [member], want)
+            name, seat = _name_team(seed, index, solo=True), plan.persons[0]
+            self._record(want.block, name, index, {seat: member}, plan.seats, solo=True)
+            return Team(name, index, seat, plan.seats)
         lobby = self._lobbies.setdefault(want.block, [])
         mine = next((one for one in lobby if one.member is member), None)
         if mine is None:
@@ -305,13 +307,6 @@ class TeamTable:
             one.team = Team(name, index, seat, kinds)
         self._tell(one.member for one in partners)
         return [one.team for one in partners if one.team is not None]
-
-    def _with_record(
-        self, name: str, index: int, plan: TeamPlan, members: "list[TeamMember]", want: TeamRequest
-    ) -> Team:
-        seat = plan.persons[0]
-        self._record(want.block, name, index, {seat: members[0]}, plan.seats, solo=True)
-        return Team(name, index, seat, plan.seats)
 
     def _record(
         self,
@@ -408,15 +403,14 @@ class TeamTable:
                 return None
             if not self._replace(state, missing):
                 return TeamLost(0, "partner_left")
-        self._tell(state.members.values())
+        self._tell(one for one in state.members.values() if one is not member)
         return SeatsReady(0, episode)
 
     def close_step(self, want: JointRequest, play: TeamEpisode, member: "TeamMember") -> JointTaken | TeamLost | None:
         """The joint action of a step, once every seat's input is there or its time is over."""
         state, episode, now_s = self._state(want, member), want.plan.episode, self._now_s()
         rows, seat = state.rows.setdefault(episode, []), want.team.seat
-        known = list(zip(play.joint_actions, play.sources, strict=True))
-        rows += known[len(rows) :]
+        rows += zip(play.joint_actions[len(rows) :], play.sources[len(rows) :], strict=True)
         may_return, absent = self._may_return(state, seat), self._is_absent(state, want, now_s)
         if want.action is not None and not may_return and state.rules.team.partner_return == "end":
             return TeamLost(0, "replaced")
@@ -450,7 +444,7 @@ class TeamTable:
             else:
                 return None
         rows.append(self._decide(state, want.plan, play, late))
-        self._tell(state.members.values())
+        self._tell(one for one in state.members.values() if one is not member)
         actions, sources = rows[-1]
         return JointTaken(0, episode, want.step, actions, sources)
 

@@ -9,9 +9,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from minihuman.experiment.activities.activity import WorldFactory
 from minihuman.experiment.activities.agent_blocks import FLASH_NS, REPEAT_INTERVAL_NS, AgentPlayActivity
 from minihuman.experiment.activities.correction import CorrectionBegun, CorrectionEnded, CorrectionStepped
@@ -105,8 +102,8 @@ class Outbox:
         self._sent_state: tuple[object, ...] | None = None
         self._sent_control: messages.AgentControl | None = None
         self._image_cache = ImageCache(settings.encoding)
-        self._screen_prefetcher = ScreenPrefetcher(self._number, self._lent)
-        self._film_prefetcher = FilmPrefetcher(self._number)
+        self._screen_prefetcher = ScreenPrefetcher(self._image_cache.number, self._lent)
+        self._film_prefetcher = FilmPrefetcher(self._image_cache.number)
 
     # What the page has
 
@@ -172,11 +169,8 @@ class Outbox:
         """Whether the page computes the episode."""
         return self._computed is not None
 
-    def follow(self, events: list[Event], *, answers: bool = True) -> None:
-        """Send the page where the session went, and move the look-ahead there.
-
-        ``answers`` is false where more is followed before anything is sent.
-        """
+    def follow(self, events: list[Event]) -> None:
+        """Move the look-ahead where the session went; ``send_state`` then tells the page."""
         coming = None if self._session.over else self._session.part.next_play
         for event in events:
             match event:
@@ -189,8 +183,6 @@ class Outbox:
                     self._look_from(self._session.play)
         if coming is not None:
             self._look_from(coming)
-        if answers:
-            self._send_state()
 
     def _look_from(self, play: RunningEpisode) -> None:
         """Send the rules of an episode that has begun or is about to, once, and what the page goes ahead by."""
@@ -323,8 +315,8 @@ class Outbox:
         """
         self.outgoing = OutgoingStream()
         self._image_cache = ImageCache(self._settings.encoding)
-        self._screen_prefetcher = ScreenPrefetcher(self._number, self._lent)
-        self._film_prefetcher = FilmPrefetcher(self._number)
+        self._screen_prefetcher = ScreenPrefetcher(self._image_cache.number, self._lent)
+        self._film_prefetcher = FilmPrefetcher(self._image_cache.number)
         self._screen = self._screen_play = self._sent_state = self._sent_control = None
         self._screen_name = 0
         for number in asked:
@@ -337,16 +329,16 @@ class Outbox:
             play = self._session.part.play or self._session.part.next_play  # also behind a pause
             if play is not None:
                 self._look_from(play)
-            self._send_state()
+            self.send_state()
 
-    def _send_state(self) -> None:
+    def send_state(self) -> None:
         """Tell the page what it does not know of where the session is."""
         play, part = (None, None) if self._session.over else (self._session.play, self._session.part)
         tick_ns = self._next_tick_ns
         is_known = self._computed is not None and play is not None and play is self._screen_play  # but for its step
         self._screen_play = play
         if not is_known and (screen := self._session.screen) is not self._screen:
-            values, name = describe_screen(self._session, self._number, self._screen_name)
+            values, name = describe_screen(self._session, self._image_cache.number, self._screen_name)
             self._screen = screen
             said, self._said = self._said, values.get("controller_text")  # a team's, which the page cannot know
             of_team = isinstance(self._session.play, TeamEpisode) and said != self._said
@@ -412,9 +404,6 @@ class Outbox:
         self._send_pictures()
         if new is not None:
             self.outgoing.add(new)
-
-    def _number(self, picture: NDArray[np.uint8]) -> int:
-        return self._image_cache.number(picture)
 
     def _lent(self, world_id: str, options: dict[str, Any]) -> World | None:
         """The outbox's own world, if it will do: a graph goes back to a scene of its own before each step."""

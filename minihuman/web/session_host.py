@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from minihuman.experiment.activities.activity import RequestHandler, WorldFactory
 from minihuman.experiment.activities.agent_blocks import NewPolicy, PolicyRequest
 from minihuman.experiment.activities.preferences import ClipRequest
-from minihuman.experiment.activities.team_play import PictureCorrected, TeamAnswerRequest
+from minihuman.experiment.activities.team_play import PictureCorrected, TeamAnswerRequest, TeamEpisode
 from minihuman.experiment.keys import PAD_DEAD_ZONE
 from minihuman.experiment.machine import inputs
 from minihuman.experiment.machine.events import Event, KeyPressed, Linked, Noted, Stepped
@@ -148,9 +148,10 @@ class SessionHost:
         return self._outbox.outgoing
 
     @property
-    def has_agent(self) -> bool:
-        """Whether a part may want something from outside."""
-        return self._agent is not None
+    def is_polled(self) -> bool:
+        """Whether a part may want something from outside; in a team's turns the page asks four times a second."""
+        play = self.session.play
+        return self._agent is not None and (not isinstance(play, TeamEpisode) or play.real_time)
 
     def safe(self, durable: int | None = None) -> int:
         """The last of the page's messages that may be acknowledged, and all before it: those on the disk.
@@ -193,7 +194,8 @@ class SessionHost:
             number: the message's.
             at_ns: its time.
             message: the message.
-            more: whether others came with it: of an episode that the page computes they are one write and one answer.
+            more: whether others came with it: of an episode those that lead nowhere are one write and one answer with
+                what follows, and where the page computes all are.
             arrival_ns: when it came, by the server's clock; None: the clocks are not compared.
 
         Raises:
@@ -201,7 +203,7 @@ class SessionHost:
             MessageError: if its time is not later than the last one's.
         """
         self._outbox.through = number
-        if self._outbox.waits_for(message):
+        if leads := self._outbox.waits_for(message):
             self._outbox.moved = number
         if at_ns <= self._mark_ns:
             self._write(self._passed_over(message, at_ns))
@@ -218,12 +220,12 @@ class SessionHost:
         if not self._begun and not isinstance(message, messages.TickMessage):
             self._write(self.session.receive(inputs.Tick(at_ns)))
         self._begun = True
-        play = self.session.play if self._outbox.is_computed else None
-        self._draws = play is None
+        play, computes = self.session.play, self._outbox.is_computed
+        self._draws = play is None  # else when the page is told where the session is, if it is
         events = self._events(message, at_ns)
         if difference := self._outbox.compare(message, events):
             events = [Noted(at_ns, BROWSER_NOTE, difference), *events]
-        waits = more and play is not None and self.session.play is play  # for the last of those that came together
+        waits = more and play is not None and self.session.play is play and (computes or not leads)
         if waits:
             self._unwritten += events
         else:
@@ -231,7 +233,7 @@ class SessionHost:
         depends_on_next = isinstance(message, messages.DisplayedMessage) and not events  # kept until that is safe
         unsaid = depends_on_next or bool(self._unwritten) or awaits_allocation(self.session)
         self._taken.append(_PendingMessage(number, self._writes + unsaid))
-        self._outbox.follow(events, answers=not waits)
+        self._outbox.follow(events)
         if not waits:
             self._answer()
         return any(isinstance(event, Stepped) for event in events)
@@ -260,18 +262,21 @@ class SessionHost:
     # What a part wants from outside
 
     def _answer(self) -> None:
-        """Answer the part's requests at the time of the page's last message; a learner's work is polled for."""
+        """Answer the part's requests at the time of the page's last message, and tell the page where that led.
+
+        A learner's work is polled for.
+        """
         while self._agent is not None and not self.session.over and (want := self.session.request) is not None:
-            if isinstance(want, PolicyRequest) and want.learning:
-                return
-            given = self._agent.answer(want, self.session.play, self.last_at_ns)
+            is_learning = isinstance(want, PolicyRequest) and want.learning
+            given = None if is_learning else self._agent.answer(want, self.session.play, self.last_at_ns)
             if given is None:
-                return
-            events = self.session.receive(given)
+                break
+            events = self.session.receive(given, draws=self._draws)
             self._write(events)
             self._outbox.follow(events)
             if (early := self._outbox.take_early()) is not None:
                 self._write(self._step_shown(early, self.last_at_ns))
+        self._outbox.send_state()
 
     def poll(self) -> bool:
         """See whether a learner that was asked has made something; True if there is something to tell the page."""

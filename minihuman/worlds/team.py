@@ -76,6 +76,10 @@ class TeamWorld(abc.ABC):
     def state_hash(self) -> int:
         """A uint64 over everything that decides the future: equal states, equal hashes, on every machine."""
 
+    def scene_hash(self) -> int:
+        """The same, without the number of steps taken where no rule goes by it."""
+        return self.state_hash()
+
     @abc.abstractmethod
     def save(self) -> Any:
         """An exact, picklable copy of the state in mid-episode."""

@@ -79,6 +79,7 @@ def play_together(
     loss: float = 0.0,
     name: str = "duet",
     answers_s: tuple[float, float] | None = None,
+    moves_between: int = 5,
 ) -> tuple[Played, Counter[str]]:
     """Play to the end of both sessions, through interruptions of the server, either connection and either page.
 
@@ -91,6 +92,7 @@ def play_together(
         loss: share of the TCP segments that are sent again.
         name: the study's.
         answers_s: how long each takes, at least and at most, from seeing a step to their next key; None: both press on.
+        moves_between: presses from one interruption to the next.
     """
     chance, happened = random.Random(seed), Counter[str]()
     with (
@@ -113,7 +115,7 @@ def play_together(
             press(people, chance)
             moves += 1
             assert moves < 200 * PATIENCE_S, [somebody.state for somebody in people]
-            if left and moves % 5 == 0 and any(somebody.state["playing"] for somebody in people):
+            if left and moves % moves_between == 0 and any(somebody.state["playing"] for somebody in people):
                 _interrupt(left.pop(), people, served, wires, chance)
                 happened = Counter(interruptions) - Counter(left)
         heard = [somebody.page.evaluate("sessionStorage.getItem('heard') ?? ''").split() for somebody in people]

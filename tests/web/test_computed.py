@@ -105,6 +105,25 @@ def test_a_key_and_its_picture_that_came_together_are_one_write_and_acknowledged
     host.close()
 
 
+def test_where_the_server_computes_a_key_is_written_at_once_and_its_picture_with_its_release(tmp_path: Path) -> None:
+    host, recorder, page = playing(tmp_path, computes=False)
+    last, writes = page.sent[-1], recorder.durable_writes
+    t_ns = last.at + 100 * MS
+    together = [
+        messages.KeyMessage("1", True, t_ns),
+        messages.DisplayedMessage(t_ns, t_ns, step=1, episode=0),
+        messages.KeyMessage("1", False, t_ns),
+    ]
+    durable = []
+    for more, what in enumerate(together, 1):
+        host.receive(last.n + more, t_ns + more, what, more=more < len(together))
+        durable.append((recorder.durable_writes - writes, host.safe() - last.n))
+    assert durable == [(1, 1), (1, 1), (2, 3)], "the picture waits for its release, and neither is acknowledged before"
+    assert [type(event) for event in recorder.events[-4:]] == [KeyPressed, Stepped, FrameShown, KeyPressed]
+    assert notes(recorder) == []
+    host.close()
+
+
 def test_what_came_with_a_message_that_never_came_is_written_before_the_sessions_end(tmp_path: Path) -> None:
     host, recorder, page = playing(tmp_path)
     assert page.steps is not None

@@ -249,10 +249,6 @@ class TeamEpisode(RunningEpisode):
             found = self.world.unwrapped.poses()
         return tuple(value for pose in found for value in (pose.x, pose.y, pose.z, pose.yaw_rad))
 
-    def submit(self, action: int, key: str, key_t_ns: int) -> None:
-        """Give this seat's action for the next step."""
-        self.submitted = _Submission(action, key, key_t_ns)
-
     def record_shown(self, shown: ScreenShown) -> FrameShown:
         """Take note that a picture reached the display; a tick that waits for its joint action goes on waiting."""
         event = super().record_shown(shown)
@@ -351,9 +347,12 @@ class TeamPlayActivity(PlayActivity):
 
     def _make_episode(self, plan: EpisodePlan) -> RunningEpisode:
         assert self.formed is not None
-        world = self.context.world(plan.world, plan.options)
         return TeamEpisode(
-            plan, world, self.formed, picture_px=self.context.picture_px, keys_down=self.context.keys_down
+            plan,
+            self.context.world(plan.world, plan.options),
+            self.formed,
+            picture_px=self.context.picture_px,
+            keys_down=self.context.keys_down,
         )
 
     @property
@@ -474,7 +473,7 @@ class TeamPlayActivity(PlayActivity):
             super()._key_in_play(press)
         elif play.submitted is None:
             self.context.emit_key(press, "queued", self.phase, action)
-            play.submit(action, press.key, press.t_ns)
+            play.submitted = _Submission(action, press.key, press.t_ns)
         else:
             self.context.emit_key(press, "not_playing", self.phase, action)
 

@@ -342,8 +342,8 @@ def _take_waiting(jobs: "queue.SimpleQueue[WriteJob | None]") -> list[WriteJob |
     return found
 
 
-GATHER_S = 0.1  # so long a write waits for others of its file
-COMMIT_WINDOW_S = 0.02  # so much earlier it is done where another file's round is due
+GATHER_S = 0.2  # so long a write waits for others of its file: a key's press, picture and release are one
+COMMIT_WINDOW_S = 0.1  # so much earlier it is done where another file's round is due
 MAX_SINGLE_SYNCS = 12  # files that are fsynced by themselves; a disk that keeps up has seldom more in a round
 
 

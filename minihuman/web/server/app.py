@@ -444,7 +444,7 @@ class WebServer:
         while True:
             await asyncio.sleep(LEARNER_POLL_INTERVAL_S)
             for connection in tuple(self.connections.values()):
-                if connection.host.has_agent and connection.poll():
+                if connection.host.is_polled and connection.poll():
                     self._want_more(connection)
 
     # Leases

@@ -99,8 +99,8 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
         return self.team.state_hash()
 
     def scene_hash(self) -> int:
-        """The same as the state's: steps are part of it."""
-        return self.team.state_hash()
+        """The team's: the same for each seat."""
+        return self.team.scene_hash()
 
     def save(self) -> Any:
         """The team's state and what belongs to the seat."""

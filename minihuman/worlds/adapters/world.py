@@ -256,7 +256,7 @@ class World:
             inside = self._env.unwrapped.save()
         else:
             inside = self._known.save() if self._known else self._copy_foreign()
-        observed = copy.deepcopy(self._observation), self._has_advanced
+        observed = self._copy_observation(self._observation), self._has_advanced
         return inside, elapsed_steps(self._env), self._wrappers.save(), observed, self._steps
 
     def _copy_foreign(self) -> dict[str, Any]:
@@ -271,13 +271,17 @@ class World:
     def restore(self, saved: Any) -> None:
         """Go back to a saved state; the copy is not consumed."""
         inside, limits, wrappers, observation, self._steps = saved
-        self._observation, self._has_advanced = copy.deepcopy(observation)
+        self._observation, self._has_advanced = self._copy_observation(observation[0]), observation[1]
         if self._known:
             self._known.restore(inside)
         else:
             vars(self._env.unwrapped).update(copy.deepcopy(inside))
         self._wrappers.restore(wrappers)
         set_elapsed_steps(self._env, limits)
+
+    def _copy_observation(self, observation: Any) -> Any:
+        """A copy, as a foreign world or a wrapper may use its arrays again; a native world makes others each time."""
+        return copy.deepcopy(observation) if self._wrappers.any or self._known is not self.unwrapped else observation
 
     def close(self) -> None:
         """Close the environment."""

@@ -345,6 +345,10 @@ class Kitchen(TeamWorld):
         """A uint64 over the kitchen, its orders, cooks and everything that lies in it."""
         return hash64(["kitchen", self.row])
 
+    def scene_hash(self) -> int:
+        """The same without the number of steps taken."""
+        return hash64(["kitchen", self.row[: fields.STEP], self.row[fields.STEP + 1 :]])
+
     def save(self) -> Row:
         """A copy of the row."""
         return self.row.copy()

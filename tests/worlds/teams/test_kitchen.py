@@ -175,3 +175,23 @@ def test_a_batch_steps_as_single_kitchens_do():
     with pytest.raises(WorldError, match="kitchen 1 refused"):
         batch.step(np.array([[0, 0], [6, 0], [0, 0]]))
     assert np.array_equal(batch.rows, before)
+
+
+def test_a_scene_is_the_same_whenever_it_comes_and_its_state_is_not():
+    kitchen = Kitchen(max_steps=3)
+    kitchen.reset(0)
+    scene, state, picture = kitchen.scene_hash(), kitchen.state_hash(), kitchen.frame(0, 200, 160)
+    for _ in range(2):
+        kitchen.step((fields.STAY, fields.STAY))
+        assert kitchen.scene_hash() == scene
+        assert kitchen.state_hash() != state
+    kitchen.step((fields.RIGHT, fields.STAY))
+    assert kitchen.scene_hash() != scene, "a cook has turned, and the episode is over"
+    assert not np.array_equal(kitchen.frame(0, 200, 160), picture)
+    assert np.array_equal(_begun().frame(0, 200, 160), picture), "what is drawn on is not kept"
+
+
+def _begun() -> Kitchen:
+    kitchen = Kitchen()
+    kitchen.reset(0)
+    return kitchen

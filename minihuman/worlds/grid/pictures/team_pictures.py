@@ -117,17 +117,25 @@ _SPOTS = (((0.5, 0.5),), ((0.36, 0.5), (0.64, 0.5)), ((0.5, 0.36), (0.36, 0.62),
 def draw_kitchen(row: Row, body: int, tile_px: int, palette: Palette) -> Pixels:
     """A picture of the whole kitchen, uint8[height * tile_px, width * tile_px, 3]; the own cook has a white ring."""
     width, height, cooks = row[:3].tolist()
-    start, cells = fields.COOK + 4 * cooks, width * height
-    out = np.empty((height * tile_px, width * tile_px, 3), np.uint8)
-    for cell in range(cells):
-        x, y = divmod(cell, height)
-        terrain, thing = int(row[start + cell]), int(row[start + cells + cell])
-        time = int(row[fields.TIMES + recipe_of(thing)]) if kind_of(thing) == fields.SOUP else 0
-        out[y * tile_px : (y + 1) * tile_px, x * tile_px : (x + 1) * tile_px] = _station(terrain, thing, time, tile_px)
+    places, times = row[fields.COOK + 4 * cooks :].tobytes(), row[fields.TIMES : fields.COOK].tobytes()
+    out = _empty_kitchen(width, height, places, times, tile_px).copy()
     for cook in range(cooks):
         x, y, direction, held = row[fields.COOK + 4 * cook :][:4].tolist()
         colour = OBJECT_COLOURS[palette][BODY_COLOURS[cook]]
         lay(_cook(colour, direction, held, cook == body, tile_px), x * tile_px, y * tile_px, out)
+    return out
+
+
+@lru_cache(maxsize=32)
+def _empty_kitchen(width: int, height: int, places: bytes, times: bytes, tile_px: int) -> Pixels:
+    """A kitchen without its cooks, who alone change with most steps; of int32 what is where, and the cooking times."""
+    (terrains, things), cooked = np.frombuffer(places, np.int32).reshape(2, -1), np.frombuffer(times, np.int32).tolist()
+    out = np.empty((height * tile_px, width * tile_px, 3), np.uint8)
+    for cell, (terrain, thing) in enumerate(zip(terrains.tolist(), things.tolist(), strict=True)):
+        x, y = divmod(cell, height)
+        out[y * tile_px : (y + 1) * tile_px, x * tile_px : (x + 1) * tile_px] = _station(
+            terrain, thing, cooked[recipe_of(thing)] if kind_of(thing) == fields.SOUP else 0, tile_px
+        )
     return out
 
 
