@@ -240,7 +240,7 @@ PLANTED_AT_COMMITS: dict[str, Parts] = {
 }
 FOUND_BY = {  # the first seed that shows it
     "acknowledged before fsync": 1,
-    "failed fsync swallowed": 12,
+    "failed fsync swallowed": 77,
     "short write taken as whole": 13,
     "last chunk dropped": 1,
     "folder not synced": 0,
@@ -249,16 +249,16 @@ FOUND_BY = {  # the first seed that shows it
     "sent taken for arrived": 0,
     "lost commit unnoticed": 171,
     "slot freed twice": 0,
-    "time from the wall clock": 894,
-    "tabs mixed": 42,
+    "time from the wall clock": 1231,
+    "tabs mixed": 145,
 }
 FOUND_BY_TWO = {
-    "acknowledged before copied": 1,
+    "acknowledged before copied": 8,
     "resumed from its own file": 1,
-    "outdated file kept": 82,
+    "outdated file kept": 64,
     "fence ignored": 3,
 }
 FOUND_BY_AT_COMMITS = {
-    "named before stored": 33,
-    "copy dropped before finished": 111,
+    "named before stored": 34,
+    "copy dropped before finished": 7,
 }
