@@ -69,7 +69,7 @@ def test_what_was_begun_is_written_once_it_is_settled_and_only_then_waited_for(t
         _stall(disk)
         return os.write(fd, data)
 
-    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, settings=RecorderSettings(put=put, bound_s=0.05))
+    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, settings=RecorderSettings(put=put, bound_s=0.5))
     recorder.write(EVENTS[:20])
     disk.clear()
     stalls.clear()
