@@ -7,6 +7,7 @@ import random
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -459,6 +460,17 @@ def test_a_page_plays_on_without_a_network_and_is_right_about_it(tmp_path: Path)
     assert list(find_log_differences(log, World)) == []
 
 
+def list_received(somebody: Somebody) -> list[bytes]:
+    """What the page's sockets receive from now on."""
+    told = list[bytes]()
+
+    def listen(socket: Any) -> None:
+        socket.on("framereceived", lambda data: told.append(data if isinstance(data, bytes) else data.encode()))
+
+    somebody.page.on("websocket", listen)
+    return told
+
+
 @pytest.mark.program
 @pytest.mark.parametrize(
     ("world", "noop"), [(GRID, 'noop_action = "done"'), (FIRST_PERSON_WORLD, "")], ids=["grid", "3d"]
@@ -473,13 +485,8 @@ def test_real_time_at_thirty_steps_a_second_is_stepped_in_the_page_over_a_long_l
         line(server.port, rtt_ms=rtt_ms) as wire,
         browsing() as sit_down,
     ):
-        somebody, told = sit_down("about:blank"), []
-        somebody.page.on(
-            "websocket",
-            lambda socket: socket.on(
-                "framereceived", lambda data: told.append(data if isinstance(data, bytes) else data.encode())
-            ),
-        )
+        somebody = sit_down("about:blank")
+        told = list_received(somebody)
         somebody.page.goto(f"http://127.0.0.1:{wire.port}/#t={server.tokens[0]}")
         somebody.to_play()
         began_s, held = time.monotonic(), ""
@@ -656,13 +663,8 @@ def test_a_message_tells_of_the_step_that_is_due_by_its_very_time(tmp_path: Path
     block = 'pace = "real_time"\nstep_period_ms = 50.0\nnoop_action = "done"\n'
     protocol = study(tmp_path, GRID, max_steps=90, episodes=1, block=block)
     with serving(protocol, tmp_path) as server, browsing() as sit_down:
-        somebody, told = sit_down("about:blank"), []
-        somebody.page.on(
-            "websocket",
-            lambda socket: socket.on(
-                "framereceived", lambda data: told.append(data if isinstance(data, bytes) else data.encode())
-            ),
-        )
+        somebody = sit_down("about:blank")
+        told = list_received(somebody)
         somebody.page.goto(f"http://127.0.0.1:{server.port}/#t={server.tokens[0]}")
         somebody.to_play()
         somebody.page.evaluate(SLOW_CLOCK)
