@@ -89,7 +89,9 @@ export class MessageStore {
   /** @param {number} n 0 for the stream itself @param {string | null} text null: delete it */
   set(n, text) {
     this.#changes.set(n, text);
-    if (!this.#isWriting) this.#write();
+    if (this.#isWriting) return;
+    this.#isWriting = true;
+    queueMicrotask(() => this.#write()); // with all that is set in the same breath
   }
 
   #write() {
@@ -142,7 +144,8 @@ export class Outbox {
     this.#store = store;
     kept.delete(0);
     if (head && kept.size && !this.state.segment) {
-      Object.assign(this.state, JSON.parse(head), { stream: this.state.stream });
+      const next = Math.max(...kept.keys()) + 1; // what was added last may not have been kept
+      Object.assign(this.state, JSON.parse(head), { stream: this.state.stream, next });
       for (const [n, text] of kept) {
         this.#messages.set(n, text);
         this.#keep(`m${n}`, text);
@@ -202,6 +205,7 @@ export class Outbox {
     } else if (this.#zero === null || (fresh && Math.abs(this.now() - serverNow) > RESTART_NS)) {
       this.#zero = ns(this.clock.now()) - Math.max(serverNow, this.state.last + 1);
     }
+    this.state.next = Math.max(this.state.next, received + 1); // the server may have what a killed tab did not keep
     this.#saveZero();
   }
 

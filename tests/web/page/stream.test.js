@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
-import { encodeMessage, IncomingStream, Outbox } from "../../../minihuman/web/page/stream.js";
+import { encodeMessage, IncomingStream, MessageStore, Outbox } from "../../../minihuman/web/page/stream.js";
 
 /** A tab's storage, as the browser keeps it over reloads. */
 class MemoryStorage {
@@ -15,6 +15,36 @@ class MemoryStorage {
   removeItem(name) { this.#items.delete(name); }
   clear() { this.#items.clear(); }
 }
+
+/** An IndexedDB of one store: of each transaction all is kept or nothing, when it commits. */
+class SlowDatabase {
+  kept = new Map();
+  #open = [];
+
+  transaction(_name, mode) {
+    const changes = [], under = { objectStore: () => ({
+      put: (text, key) => changes.push(() => this.kept.set(String(key), [key, text])),
+      delete: (key) => changes.push(() => this.kept.delete(String(key))),
+      getAllKeys: () => ({ result: [...this.kept.values()].map(([key]) => key) }),
+      getAll: () => {
+        const request = { result: [...this.kept.values()].map(([, text]) => text) };
+        queueMicrotask(() => request.onsuccess());
+        return request;
+      },
+    }) };
+    if (mode) this.#open.push(() => { changes.forEach((change) => change()); under.oncomplete(); });
+    return under;
+  }
+
+  /** @returns {boolean} whether a transaction was under way */
+  commit() {
+    const next = this.#open.shift();
+    next?.();
+    return next !== undefined;
+  }
+}
+
+globalThis.IDBKeyRange ??= { bound: () => undefined };
 
 const clock = { ms: 0, timeOrigin: 1000, now() { return this.ms; } };
 const numbersOf = (texts) => texts.map((text) => JSON.parse(text)).map((sent) => (Array.isArray(sent) ? sent[1] : sent.n));
@@ -184,4 +214,45 @@ test("a page that was given to another person keeps nothing from then on", () =>
   assert.equal(outbox.add({ t: "tick" }), 0);
   outbox.save();
   assert.equal(storage.length, 0);
+});
+
+for (const commits of [1, 2, 3, 4, 5, 6]) {
+  test(`a tab that is killed after ${commits} commits leaves messages without a gap, and the next goes on behind them`, async () => {
+    const database = new SlowDatabase();
+    const before = openOutbox();
+    await before.recover(new MessageStore(database, "seat"));
+    before.setTime("a", 0, true, 0);
+    let done = 0;
+    for (let n = 1; n <= 5; n++) {
+      before.add({ t: "tick" });
+      await Promise.resolve();
+      while (done < commits && database.commit()) done++; // at rest before the next, until it is killed
+    }
+    const outbox = openOutbox();
+    const store = new MessageStore(database, "seat");
+    await outbox.recover(store);
+    assert.ok(outbox.size > 0);
+    outbox.setTime("a", 1e9, true, 0);
+    outbox.add({ t: "tick" });
+    const numbers = outbox.list().map(({ n }) => n);
+    assert.deepEqual(numbers, numbers.map((_, i) => i + 1));
+    assert.equal(new Set(outbox.list().map(({ at }) => at)).size, numbers.length);
+  });
+}
+
+test("what a killed tab sent and did not keep is not numbered a second time", async () => {
+  const database = new SlowDatabase();
+  const before = openOutbox();
+  await before.recover(new MessageStore(database, "seat"));
+  before.setTime("a", 0, true, 0);
+  for (let n = 1; n <= 3; n++) {
+    before.add({ t: "tick" });
+    await Promise.resolve();
+  }
+  database.commit();
+  const outbox = openOutbox();
+  await outbox.recover(new MessageStore(database, "seat"));
+  outbox.setTime("a", 1e9, true, 3);
+  assert.deepEqual(numbersOf(outbox.takeUnacknowledged(3)), []);
+  assert.equal(outbox.add({ t: "tick" }), 4);
 });
