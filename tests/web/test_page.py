@@ -237,7 +237,7 @@ def test_another_link_in_a_tab_that_waits_for_its_welcome_lets_the_next_particip
             somebody.to_play()
             somebody.press("1", "2")
             somebody.until("s.unsafe === 0 && s.step === 2")
-        wire.one_way_s = 2.0
+        wire.one_way_s = 1.0  # a socket opens two seconds after the page is there, and is welcomed two later
         if was_welcomed:
             somebody.page.reload(wait_until="commit")
         else:
