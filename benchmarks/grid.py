@@ -3,8 +3,9 @@
     python -m benchmarks.grid [--others] [--short]
 
 Each line is the median over rounds in which first the one, then the other plays: the machine's other work meets both.
-Then batches of three sizes. ``--others`` adds navix and xminigrid (both need jax) where they are installed: DoorKey-8x8
-in batches of 64 and of 1,024 beside ours, in turn on the same CPU; "minigrid" above their column is then theirs.
+Then batches of three sizes, and large ones on two threads beside the same on one (their column is headed "minigrid"),
+in steps per second of wall time. ``--others`` adds navix and xminigrid (both need jax) where they are installed:
+DoorKey-8x8 in batches of 64 and of 1,024 beside ours, in turn on the same CPU; that column is then theirs.
 ``--short`` plays one round of a hundredth of the steps: it shows that everything runs, and measures nothing.
 """
 
@@ -32,6 +33,7 @@ LARGE = ("MiniGrid-FourRooms-v0", "MiniGrid-DoorKey-8x8-v0", "BabyAI-GoTo-v0", "
 ROUNDS = 7
 N = 64
 SIZES = N, 1_024, 4_096  # of batches
+THREADED = 4_096, 16_384
 
 
 class WrittenInPython(GridWorld):
@@ -79,17 +81,21 @@ def resetting(env: gymnasium.Env, resets: int) -> Callable[[], float]:
     return round_
 
 
-def batched(name: str, steps: int, count: int = N) -> Callable[[], float]:
-    """A round of random play in a batch: steps of single worlds per CPU-second."""
-    worlds = gymnasium.make_vec(f"minihuman/{name}", num_envs=count, vectorization_mode="vector_entry_point")
+def batched(
+    name: str, steps: int, count: int = N, threads: int = 1, clock: Callable[[], float] = time.process_time
+) -> Callable[[], float]:
+    """A round of random play in a batch: steps of single worlds per second of the clock."""
+    worlds = gymnasium.make_vec(
+        f"minihuman/{name}", num_envs=count, vectorization_mode="vector_entry_point", threads=threads
+    )
     actions = np.random.default_rng(0).integers(0, worlds.single_action_space.n, (steps, count))
 
     def round_() -> float:
         worlds.reset(seed=0)
-        start = time.process_time()
+        start = clock()
         for action in actions:
             worlds.step(action)
-        return actions.size / (time.process_time() - start)
+        return actions.size / (clock() - start)
 
     return round_
 
@@ -100,7 +106,7 @@ def compare(what: str, ours: Callable[[], float], theirs: Callable[[], float], w
     pairs = [(ours(), theirs()) for _ in range(rounds)]
     ratio = statistics.median(mine / its for mine, its in pairs)
     mine, its = (statistics.median(column) for column in zip(*pairs, strict=True))
-    print(f"{what:44}{mine:12,.0f}{its:12,.0f}{ratio:9.0f}x   at least {wanted:.0f}x", flush=True)
+    print(f"{what:44}{mine:12,.0f}{its:12,.0f}{ratio:9.{2 if wanted < 5 else 0}f}x   at least {wanted:g}x", flush=True)
 
 
 def pixels(env: gymnasium.Env) -> gymnasium.Env:
@@ -201,6 +207,11 @@ def main() -> None:
         ]
         shown = "".join(f"{rate / 1e6:9.2f} M" for rate in rates)
         print(f"{name}, batches of {', '.join(map(str, SIZES))}:{shown} steps per CPU-second", flush=True)
+    for name in LARGE:
+        for count in THREADED:
+            steps = max(2, 400_000 // count // share)
+            one, two = (batched(name, steps, count, threads, time.perf_counter) for threads in (1, 2))
+            compare(f"{name}, batch of {count}: two threads, one", two, one, 1.8, rounds=rounds)
     if asked.others:
         for peer, make, wanted in (("navix", navix_worlds, (200, 200)), ("xminigrid", xminigrid_worlds, (30, 20))):
             for count, least in zip(SIZES, wanted, strict=False):

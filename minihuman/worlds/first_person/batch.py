@@ -21,9 +21,10 @@ from minihuman.worlds.first_person.entities import LATEST_CHANGE
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.render.drawing import RenderTarget, turn
 from minihuman.worlds.first_person.render.rasterisation import ROOM
-from minihuman.worlds.first_person.render.render_pool import RenderPool, addresses, drawing_threads
+from minihuman.worlds.first_person.render.render_pool import RenderPool, addresses
 from minihuman.worlds.first_person.rules import MOVED, TERMINATED, TRUNCATED, TURN_LEFT, TURN_RIGHT
 from minihuman.worlds.options import BatchSeeds, seeds_per_world
+from minihuman.worlds.shared_work import helper_threads
 
 Stepped = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
@@ -141,7 +142,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         """What each world renders; None without a render mode."""
         if self.render_mode is None:
             return None
-        return tuple(drawing_threads(os.getpid()).map(lambda world: world.render(), self.worlds))
+        return tuple(helper_threads(os.getpid()).map(lambda world: world.render(), self.worlds))
 
     def _observed(self, changed: Sequence[int]) -> tuple[Any, dict[str, Any]]:
         """Observations and infos; ``changed`` are the worlds whose views no kernel has aimed."""
@@ -160,7 +161,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         # each thread takes neighbours, so that it is asked once and not for every world
         ends = [self.num_envs * nth // self._threads for nth in range(self._threads + 1)]
         shares = [self.worlds[first:last] for first, last in pairwise(ends) if first < last]
-        found = drawing_threads(os.getpid()).map(lambda share: [world.observe() for world in share], shares)
+        found = helper_threads(os.getpid()).map(lambda share: [world.observe() for world in share], shares)
         batch: Any = create_empty_array(self.single_observation_space, self.num_envs)
         return concatenate(self.single_observation_space, list(chain.from_iterable(found)), batch)
 

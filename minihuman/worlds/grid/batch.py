@@ -7,9 +7,6 @@ of them are in the nearest caches; what has no room there makes them int32, as a
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from functools import cache
-from itertools import pairwise
 from typing import Any
 
 import gymnasium
@@ -50,6 +47,7 @@ from minihuman.worlds.grid.layout import Recipe
 from minihuman.worlds.kernels import inline, kernel
 from minihuman.worlds.options import BatchSeeds, seeds_per_world
 from minihuman.worlds.rng import RngState, read_rng_state, write_rng_state
+from minihuman.worlds.shared_work import APART, DONE, TAKEN, Counters, add_to_counter, share_work
 from minihuman.worlds.simd import simd_function
 
 MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED)
@@ -59,7 +57,7 @@ MANY, LEAD = 256, 8  # worlds: when to prefetch, and how far ahead
 LINE = 32  # numbers that a cache line holds
 NARROW = np.iinfo(np.int16).max
 MOST_OBJECTS = NARROW >> 9  # in a row of int16: a code's highest bits are an identity
-MIN_SHARE = 128  # worlds: with fewer, handing work to another thread costs more than it saves
+PART, MIN_SHARE = 64, 2048  # worlds: what a thread takes; with a smaller share for each, waking one saves little
 
 RowMatrix = NDArray[np.int16] | NDArray[np.int32]
 Observation = dict[str, Any]  # image uint8[n, size, size, 3], direction int64[n], mission: n strings
@@ -72,7 +70,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         family: One of ``env.FAMILIES``.
         num_envs: How many worlds.
         autoreset_mode: What happens after an episode's end, in Gymnasium's words: "NextStep", "SameStep" or "Disabled".
-        threads: How many step a share of the worlds each, from some hundred worlds on; None for one per core.
+        threads: How many step a share of the worlds each, of two thousand or more; None for one per core.
         options: What `GridEnv` takes.
     """
 
@@ -109,8 +107,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         self._missions = (self._world.mission,) * num_envs
         self._seeds = [-1] * num_envs
         self._over = np.zeros(num_envs, np.int64)  # the worlds that a step has left to be laid out anew
-        shares = max(min(threads or os.cpu_count() or 1, num_envs // MIN_SHARE), 1)
-        self._shares = list(pairwise(num_envs * share // shares for share in range(shares + 1)))
+        self._helpers = max(min(threads or os.cpu_count() or 1, num_envs // MIN_SHARE), 1) - 1
 
     @property
     def states(self) -> list[State]:
@@ -177,7 +174,8 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         rewards, terminated, truncated = np.empty(n), np.empty(n, np.bool_), np.empty(n, np.bool_)
         numbers = np.ascontiguousarray(given, np.int64)
         results = images, directions, rewards, terminated, truncated
-        count = self._step_shares((self._rows, numbers, self._rng_states, *results))
+        step: Callable[..., int] = self._step_together if self._helpers else step_many
+        count = step(self._rows, numbers, self._rng_states, *results, self._over, self._mode, 0, n, self._instructed)
         if count < 0:
             raise self._refusal(~count, given)
         info: dict[str, Any] = {}
@@ -209,21 +207,15 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
             return WorldError(f"world {world} is not in an episode; call reset() before step()")
         return WorldError(f"action {int(actions[world])} does not exist in world {world}; actions are 0 to {count - 1}")
 
-    def _step_shares(self, arrays: tuple[NDArray[Any], ...]) -> int:
-        """Step all worlds, a share for each thread; what `step_many` returns, for all."""
-        shares = self._shares
-        step: Callable[..., int] = step_many
-        if len(shares) == 1:
-            return step(*arrays, self._over, self._mode, *shares[0], self._instructed)
-        if (refusing := first_refusal(arrays[0], arrays[1], self._mode, 0, self.num_envs)) < 0:
+    def _step_together(self, *given: Any) -> int:
+        """`step_many`, in parts that threads take in turn."""
+        if (refusing := first_refusal(given[0], given[1], self._mode, 0, self.num_envs)) < 0:
             return refusing
-        stepping = _helpers(os.getpid()).map(
-            lambda share: step(*arrays, self._over, self._mode, *share, self._instructed), shares
-        )
-        found = [self._over[first : first + count] for (first, _), count in zip(shares, stepping, strict=True)]
-        over = np.concatenate(found)
-        self._over[: len(over)] = over
-        return len(over)
+        counts = np.zeros(-(-self.num_envs // PART), np.int64)
+        share_work(step_parts, (counts, *given[:-3], self._instructed), len(counts), self._helpers)
+        found = [self._over[part * PART :][:count] for part, count in enumerate(counts.tolist()) if count]
+        self._over[: counts.sum()] = np.concatenate(found) if found else 0
+        return int(counts.sum())
 
     def _lay_out(
         self, recipe: Recipe, worlds: NDArray[np.int64], images: NDArray[np.uint8], directions: NDArray[np.int64]
@@ -256,11 +248,15 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
 
 _STEPPED = (
     "int64[::1], uint64[:, ::1], uint8[:, :, :, ::1], int64[::1], float64[::1], boolean[::1], boolean[::1], "
-    "int64[::1], int64, int64, int64, boolean)"
+    "int64[::1], int64, "
 )
 
 
-@kernel("(int16[:, ::1], " + _STEPPED, "(int32[:, ::1], " + _STEPPED, nogil=True)
+@kernel(
+    "(int16[:, ::1], " + _STEPPED + "int64, int64, boolean)",
+    "(int32[:, ::1], " + _STEPPED + "int64, int64, boolean)",
+    nogil=True,
+)
 def step_many(
     rows: RowMatrix,
     actions: NDArray[np.int64],
@@ -305,6 +301,57 @@ def step_many(
         over[first + count] = i  # counts only if it is
         count += not stepped or (mode == SAME_STEP and status != 0)
     return count
+
+
+@kernel(
+    "(int64[::1], int64[::1], int16[:, ::1], " + _STEPPED + "boolean, int64)",
+    "(int64[::1], int64[::1], int32[:, ::1], " + _STEPPED + "boolean, int64)",
+    nogil=True,
+)
+def step_parts(
+    counters: Counters,
+    counts: NDArray[np.int64],
+    rows: RowMatrix,
+    actions: NDArray[np.int64],
+    rng_state: RngState,
+    images: NDArray[np.uint8],
+    directions: NDArray[np.int64],
+    rewards: NDArray[np.float64],
+    terminated: NDArray[np.bool_],
+    truncated: NDArray[np.bool_],
+    over: NDArray[np.int64],
+    mode: int,
+    instructed: bool,
+    nth: int,
+) -> None:
+    """`step_many` for parts of the worlds, taken in turn with other threads; ``counts`` is what it returns for each.
+
+    A thread begins with its own share, the ``nth``: step after step, the same worlds are in its core's nearest caches.
+    """
+    threads = len(counters) // APART - 1
+    for turn in range(nth, nth + threads):
+        share = turn % threads
+        start, end = len(counts) * share // threads, len(counts) * (share + 1) // threads
+        part = start + add_to_counter(counters, TAKEN + APART * share, 1)
+        while part < end:
+            first, last = part * PART, min(part * PART + PART, len(rows))
+            counts[part] = step_many(
+                rows,
+                actions,
+                rng_state,
+                images,
+                directions,
+                rewards,
+                terminated,
+                truncated,
+                over,
+                mode,
+                first,
+                last,
+                instructed,
+            )
+            add_to_counter(counters, DONE, 1)
+            part = start + add_to_counter(counters, TAKEN + APART * share, 1)
 
 
 @inline
@@ -380,9 +427,3 @@ def observe_many(
         if seen[i]:
             see(rows[i], images[i])
             directions[i] = rows[i, DIRECTION]
-
-
-@cache
-def _helpers(process: int) -> ThreadPoolExecutor:
-    """The threads of this process that step shares; a forked child has its own."""
-    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix=f"worlds-{process}")

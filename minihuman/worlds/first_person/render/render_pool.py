@@ -1,14 +1,9 @@
 """The render pool: pictures of many targets drawn together by several threads, without Python between them.
 
-Where a target's tables are is written down in a row of numbers. A thread takes the next picture, draws it and so on,
-all in one call. Atomic counters, which threads read and raise from inside kernels, hand out the work.
+Where a target's tables are is written down in a row of numbers.
 """
 
-import os
-import threading
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -18,33 +13,13 @@ from minihuman.worlds.first_person.render.drawing import RenderTarget, memory_fo
 from minihuman.worlds.first_person.render.kernel_tables import F64, I32, I64, THING_SIZE
 from minihuman.worlds.first_person.render.shading import colour
 from minihuman.worlds.first_person.render.visibility import SAMPLES, cover
-from minihuman.worlds.kernels import array_at, int64, kernel, llvm_function
-
-Counters = NDArray[np.int64]
-_plainly = threading.Lock()
-
-
-def _add(builder: Any, given: Any) -> Any:
-    counters, at, number = given
-    return builder.atomic_rmw("add", builder.gep(counters[1].start, [at[1]]), number[1], "acq_rel")
-
-
-def _add_plain(counters: Counters, at: int, number: int) -> int:
-    with _plainly:
-        counters[at] += number
-        return int(counters[at]) - number
-
-
-# add to a counter; what it was before
-add_to_counter = llvm_function(_add, _add_plain, counts=True)
+from minihuman.worlds.kernels import array_at, int64, kernel
+from minihuman.worlds.shared_work import DONE, TAKEN, add_to_counter, count, share_work
 
 # The columns of a row: address and length of each of a target's arrays; how much memory it takes to draw in.
 TEXELS, TABLE, ROOM_FLOATS, ROOM_WHOLES, LIBRARY_FLOATS, LIBRARY_WHOLES, THINGS, PLACES, VIEW = range(0, 18, 2)
 MEMORY = 18
 ROW_SIZE = 20
-# Counters, each in a cache line of its own: how many pictures are taken, and drawn.
-TAKEN, DRAWN, COUNTERS = 0, 8, 16
-_PATIENCE = 20_000  # looks at a counter before a thread gives way, some tens of microseconds
 
 _floats_at, _wholes_at, _texels_at = array_at(np.float64), array_at(np.int32), array_at(np.uint32)
 
@@ -84,28 +59,7 @@ def draw_targets(rows: I64, counters: I64, floats: F64, wholes: I32, out: NDArra
             return nth
         texels, table = _texels_at(row[TEXELS], row[TEXELS + 1]), _texels_at(row[TABLE], row[TABLE + 1])
         colour(texels, table, rooms[0], rooms[1], things, places, view, floats, wholes, out[nth])
-        add_to_counter(counters, DRAWN, 1)
-
-
-@kernel("(int64[::1], int64, int64)", hold_gil=True)
-def count(counters: I64, at: int, number: int) -> None:
-    """Add to a counter."""
-    add_to_counter(counters, at, number)
-
-
-@kernel("(int64[::1], int64)", nogil=True, waited=int64)
-def finished(counters: I64, pictures: int) -> bool:
-    """Are all drawn, or soon?"""
-    waited = 0
-    while add_to_counter(counters, DRAWN, 0) < pictures and waited < _PATIENCE:
-        waited += 1
-    return add_to_counter(counters, DRAWN, 0) >= pictures
-
-
-@cache
-def drawing_threads(process: int) -> ThreadPoolExecutor:
-    """The threads of this process that draw pictures; a forked one needs its own."""
-    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix=f"render-{process}")
+        add_to_counter(counters, DONE, 1)
 
 
 class RenderPool:
@@ -121,21 +75,14 @@ class RenderPool:
 
     def paint(self, targets: Iterable[RenderTarget], out: NDArray[np.uint8]) -> None:
         """Draw what each target is aimed at; ``out`` is contiguous, one picture per target."""
-        counters = np.zeros(COUNTERS, np.int64)
         for nth, target in enumerate(targets):
             self._hang(nth, target)
-        helping = [drawing_threads(os.getpid()).submit(self._share, counters, out) for _ in range(self._helpers)]
-        try:
-            self._share(counters, out)
-        finally:
-            if not finished(counters, len(out)):
-                for each in helping:
-                    each.result()
+        share_work(self._share, (out,), len(out), self._helpers)
 
-    def _share(self, counters: I64, out: NDArray[np.uint8]) -> None:
+    def _share(self, counters: I64, out: NDArray[np.uint8], _nth: int) -> None:
         while (met := draw_targets(self._rows, counters, *memory_for(0, 0), out)) >= 0:
             self._targets[met].draw(out[met])
-            count(counters, DRAWN, 1)
+            count(counters, DONE, 1)
 
     def _hang(self, nth: int, target: RenderTarget) -> None:
         if self._targets[nth] is target:

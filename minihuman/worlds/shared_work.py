@@ -1,0 +1,75 @@
+"""Threads that share a kernel's work: each takes the next part of it, all in one call, without Python between.
+
+Atomic counters, which threads read and raise from inside kernels, hand out the parts. Whoever asks works too, so that a
+thread that is late finds less to do.
+"""
+
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.worlds.kernels import int64, kernel, llvm_function
+
+Counters = NDArray[np.int64]
+# Counters, each in a cache line of its own: how many parts are done, and taken, of each thread's share if it has one.
+DONE, TAKEN, APART = 0, 8, 8
+_PATIENCE = 20_000  # looks at a counter before a thread gives way, some tens of microseconds
+_plainly = threading.Lock()
+
+
+def _add(builder: Any, given: Any) -> Any:
+    counters, at, number = given
+    return builder.atomic_rmw("add", builder.gep(counters[1].start, [at[1]]), number[1], "acq_rel")
+
+
+def _add_plain(counters: Counters, at: int, number: int) -> int:
+    with _plainly:
+        counters[at] += number
+        return int(counters[at]) - number
+
+
+# add to a counter; what it was before
+add_to_counter = llvm_function(_add, _add_plain, counts=True)
+
+
+@kernel("(int64[::1], int64, int64)", hold_gil=True)
+def count(counters: Counters, at: int, number: int) -> None:
+    """Add to a counter."""
+    add_to_counter(counters, at, number)
+
+
+@kernel("(int64[::1], int64)", nogil=True, waited=int64)
+def finished(counters: Counters, parts: int) -> bool:
+    """Are all parts done, or soon?"""
+    waited = 0
+    while add_to_counter(counters, DONE, 0) < parts and waited < _PATIENCE:
+        waited += 1
+    return add_to_counter(counters, DONE, 0) >= parts
+
+
+@cache
+def helper_threads(process: int) -> ThreadPoolExecutor:
+    """The threads of this process that help; a forked one needs its own."""
+    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix=f"worlds-{process}")
+
+
+def share_work(work: Callable[..., Any], given: tuple[Any, ...], parts: int, helpers: int) -> None:
+    """Do ``work`` in this thread and in so many others, until all parts are done.
+
+    It is called with counters, what is ``given``, and which of the threads it is in: 0 is this one.
+    """
+    counters = np.zeros(TAKEN + APART * (1 + helpers), np.int64)
+    threads = helper_threads(os.getpid())
+    helping = [threads.submit(work, counters, *given, 1 + nth) for nth in range(helpers)]
+    try:
+        work(counters, *given, 0)
+    finally:
+        if not finished(counters, parts):
+            for each in helping:
+                each.result()
