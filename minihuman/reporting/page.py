@@ -252,7 +252,7 @@ def _block(
         "comparisons": _comparisons(one) if one.comparisons else None,
         "only_pair": f" ({_unbroken(*pairs.pop())})" if len(pairs) == 1 else "",
         "not_compared": [
-            f"{label_measure(each.measure)}, {format_pair(each.first, each.second)}: {each.reason}"
+            {"measure": label_measure(each.measure), "why": f"{format_pair(each.first, each.second)} ({each.reason})"}
             for each in one.comparisons
             if each.reason
         ],

@@ -708,9 +708,9 @@ def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
         yield "summary", "All comparisons of groups"
         yield "table", comparison_table(comparisons, roles)
     missing = [one for one in comparisons if one.reason]
-    if missing:
-        told = "; ".join(f"{MEASURES[one.measure]}, {pair(one.groups)}: {one.reason}" for one in missing)
-        yield "p", f"Not compared, or only in part: {told}."
+    for why in sorted({f"{pair(one.groups)} ({one.reason})" for one in missing}):
+        told = "; ".join(MEASURES[one.measure] for one in missing if f"{pair(one.groups)} ({one.reason})" == why)
+        yield "p", f"Not compared, or only in part: {why} in {told}."
     if comparisons and study.known.get(block):
         yield (
             "p",

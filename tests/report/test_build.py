@@ -25,6 +25,7 @@ from minihuman.log.read.session_reader import read_log
 from minihuman.reporting.build import build_report, read_planned_analysis, read_protocols
 from minihuman.runtime.simulated_session import simulate
 from tests.builders import episode, session, session_of, write_log
+from tests.web.browser import browsing
 
 pytestmark = pytest.mark.program
 
@@ -93,6 +94,18 @@ def test_what_cannot_be_read_is_named_with_its_reason_and_the_rest_is_done(built
 def test_reading_changes_nothing(built):
     _, _, before, after = built
     assert before == after
+
+
+@pytest.mark.program
+def test_what_is_folded_on_the_screen_is_there_in_print(built):
+    """A fold cannot be opened on paper."""
+    with browsing() as sit_down:
+        page = sit_down(built[0][0].as_uri()).page
+        for medium, seen in (("screen", False), ("print", True)):
+            page.emulate_media(media=medium)
+            folded = page.locator("details:not([open]) table").all()
+            assert len(folded) > 5
+            assert {table.is_visible() for table in folded} == {seen}
 
 
 def test_the_page_holds_everything_and_fetches_nothing(built):
