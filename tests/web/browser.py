@@ -136,6 +136,11 @@ class Somebody:
             assert time.monotonic() < until_s, f"never {condition}: {self.state}\n{self.screen()}\n{self.errors}"
             self.page.wait_for_timeout(10)
 
+    def until_seen(self, condition: str = "true") -> None:
+        """Wait until it holds and is on the display: a key before that answers nothing, by rule."""
+        self.until(condition)
+        self.page.evaluate("new Promise((seen) => requestAnimationFrame(() => requestAnimationFrame(seen)))")
+
     def press(self, *keys: str) -> None:
         for key in keys:
             self.page.keyboard.press(_CODES.get(key) or (f"Digit{key}" if key.isdigit() else f"Key{key.upper()}"))

@@ -24,13 +24,12 @@ def test_a_labs_parts_are_done_in_the_browser(install_lab, tmp_path: Path) -> No
         somebody = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
         somebody.until("s.welcomed && s.kind === 'page'")
         for _ in range(3):
-            somebody.page.wait_for_timeout(100)
+            somebody.until_seen()
             somebody.press("space")
         somebody.until("s.kind === 'question'")
         assert somebody.page.locator(".shape").count() == 25
         somebody.page.locator('[data-target="cell:3:1"]').click()
-        somebody.page.locator('.shape.chosen[data-target="cell:3:1"]').wait_for()
-        somebody.page.wait_for_timeout(100)
+        somebody.until_seen("document.querySelector('.shape.chosen[data-target=\"cell:3:1\"]')")
         somebody.press("enter")
         somebody.until("s.finished")
         assert somebody.errors == []

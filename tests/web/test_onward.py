@@ -147,8 +147,7 @@ def test_with_the_line_cut_what_is_read_answered_and_waited_for_goes_on(tmp_path
         somebody.until("s.kind === 'question' && s.ahead")
         assert "Which hand?" in somebody.screen()
         somebody.press("1")
-        somebody.until("document.querySelector('.option.chosen')?.textContent.includes('left')")
-        somebody.page.wait_for_timeout(200)  # a key counts once what it answers was seen
+        somebody.until_seen("document.querySelector('.option.chosen')?.textContent.includes('left')")
         somebody.press("enter")
         somebody.until("document.querySelector('#ask').textContent === 'How sure?'")
         wire_to.mend()

@@ -47,8 +47,7 @@ def test_swipes_over_the_picture_are_presses_of_the_arrows_that_are_played_with(
         person = sit_down(url, has_touch=True, is_mobile=True, device_scale_factor=2)
         page = person.page
         touch = page.context.new_cdp_session(page)
-        person.until("s.welcomed && s.kind === 'text'")
-        page.wait_for_timeout(200)
+        person.until_seen("s.welcomed && s.kind === 'text'")
         page.touchscreen.tap(*_middle(page, "#touch [data-key=enter]"))
         person.until("s.playing && s.confirmed === 0")
         x, y = _middle(page, "canvas")

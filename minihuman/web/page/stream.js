@@ -171,7 +171,10 @@ export class Outbox {
   set keys(names) { this.#keep("keys", JSON.stringify(names)); }
 
   /** @param {string} name @param {string} text */
-  #keep(name, text) { if (!this.#discarded) this.storage.setItem(name, text); }
+  #keep(name, text) {
+    if (this.#discarded) return;
+    try { this.storage.setItem(name, text); } catch { /* it is full: what is sent stays in memory */ }
+  }
 
   /** Forget everything and keep nothing from now on: what still happens before the page is left is nobody's. */
   discard() {

@@ -168,6 +168,18 @@ test("a page that was loaded again takes over a time that differs by more than t
   assert.equal(outbox.now(), 5e9);
 });
 
+test("with a storage that is full, everything is sent all the same, and again on a new connection", () => {
+  const storage = new MemoryStorage();
+  const outbox = openOutbox(storage);
+  outbox.setTime("a", 0, true, 0);
+  outbox.add({ t: "tick" });
+  storage.setItem = () => { throw new Error("QuotaExceededError"); };
+  outbox.add({ t: "tick" });
+  outbox.add({ t: "tick" });
+  assert.deepEqual(numbersOf(outbox.sent), [1, 2, 3]);
+  assert.deepEqual(numbersOf(outbox.takeUnacknowledged(1)), [2, 3]);
+});
+
 test("a storage that holds nonsense is an empty one", () => {
   const storage = new MemoryStorage();
   storage.setItem("stream", "{");
