@@ -300,7 +300,8 @@ def measure_design(design: Design, before: Mapping[str, Any], studies: int) -> d
     assert promised.keys() == hits.keys()
     spent = before.get("cpu_s_of_power", 0) if since else 0
     return {
-        "design": design.name, "participants": list(design.sizes(design.size)), "shift": design.shift, "studies": done, "pool": POOL,
+        "design": design.name, "participants": list(design.sizes(design.size)), "shift": design.shift, "studies": done,
+        "pool": POOL,
         "cpu_s_of_studies": round(before.get("cpu_s_of_studies", 0) + reported - started, 2),
         "cpu_s_of_power": round(spent + time.process_time() - reported, 2),
         "hits": dict(hits), "hits_of_power": dict(promised),
