@@ -221,6 +221,22 @@ def test_the_marks_of_an_example_point_at_what_they_name_and_cover_none_of_it(
         assert covered == []
 
 
+def test_where_a_browser_blocks_site_data_the_study_is_played_all_the_same(tmp_path: Path) -> None:
+    with serving(study(tmp_path, max_steps=9), tmp_path) as served, browsing() as sit_down:
+        somebody = sit_down("about:blank")
+        somebody.page.add_init_script(
+            "for (const name of ['sessionStorage', 'indexedDB']) Object.defineProperty(window, name, "
+            "{ get() { throw new DOMException('blocked', 'SecurityError'); } });"
+        )
+        somebody.page.goto(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
+        somebody.until("s.welcomed && s.kind === 'text'")
+        assert somebody.errors == []
+        somebody.to_play()
+        somebody.press("1", "2")
+        somebody.until("s.confirmed === 2 && s.unsafe === 0")
+        assert {error for error in somebody.errors} == {"blocked"}  # of what counts the keys here
+
+
 @pytest.mark.parametrize("was_welcomed", [False, True])
 def test_another_link_in_a_tab_that_waits_for_its_welcome_lets_the_next_participant_in(
     tmp_path: Path, was_welcomed: bool

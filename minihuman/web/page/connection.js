@@ -110,7 +110,7 @@ export class Connection {
 
   /** @param {string} why */
   #leave(why) {
-    this.finished = true;
+    this.finished = this.outbox.isStopped = true; // another tab of the link numbers its own
     this.listener.status("");
     this.listener.leave(why, this.#refusal);
     if (this.#refusal?.reason === "window") this.#awaitLargerWindow();
@@ -130,7 +130,7 @@ export class Connection {
   #awaitGamepad() {
     addEventListener("gamepadconnected", async () => {
       this.#refusal = null;
-      this.finished = false;
+      this.finished = this.outbox.isStopped = false;
       this.outbox.state.facts = await collectBrowserFacts();
       this.outbox.save();
       this.open();

@@ -11,7 +11,7 @@ import { FilmViewer, FlipReporter, ImageCache } from "./pictures.js";
 import { ScreenPrefetch } from "./prefetch.js";
 import { TextEntry } from "./questions.js";
 import { ScreenView } from "./screens.js";
-import { MessageStore, Outbox, randomBytes, UNTIMED } from "./stream.js";
+import { MessageStore, openTabStorage, Outbox, randomBytes, UNTIMED } from "./stream.js";
 import { TouchKeys } from "./touch.js";
 
 /** @import { Input, Numbered, ScreenMessage } from "./messages" */
@@ -25,7 +25,7 @@ const WAIT_MS = 100, COMPUTED_WAIT_MS = 2000;
 class Page {
   #main = /** @type {HTMLElement} */ (document.getElementById("screen"));
   #status = /** @type {HTMLElement} */ (document.getElementById("status"));
-  #outbox = new Outbox(sessionStorage, performance);
+  #outbox = new Outbox(openTabStorage(), performance);
   #images = new ImageCache();
   #prefetch = new ScreenPrefetch(); // of the screens outside of episodes
   #flips = new FlipReporter(() => this.#outbox.now(), (what) => this.#send(what));
@@ -169,7 +169,7 @@ class Page {
       case "over":
         this.#connection.finished = true;
         this.#outbox.clear();
-        sessionStorage.removeItem("stream");
+        this.#outbox.storage.removeItem("stream");
         this.#view.showEnd(m, this.#connection.words.leaving);
     }
   }

@@ -12,7 +12,7 @@ export const UNTIMED = new Set(["shown", "link", "unheard"]); // what does not t
 const MAX_UNSENT = 64; // messages that wait for what follows
 const MAX_UNREPORTED = 100; // the server looks less far ahead of a page that has more to report
 const RESTART_NS = 2e9;
-const OPEN_PATIENCE_MS = 1000;
+const OPEN_PATIENCE_MS = 5000; // after a crash a disk may be slow
 const US = 1000; // the session's times are whole microseconds, which no browser's clock is finer than, in ns
 /** @param {number} ms */
 const ns = (ms) => Math.round(ms * 1e6);
@@ -41,6 +41,26 @@ function shorten(at, what) {
   }
   if (what.t !== "key" || what.trusted === false) return null;
   return ["k", ago(what.stamp), what.key, what.down ? 1 : 0, what.digest, what.symbol, what.repeat];
+}
+
+/** What a tab keeps without a storage: nothing, once it is left. */
+class MemoryStorage {
+  /** @type {Map<string, string>} */ #items = new Map();
+  get length() { return this.#items.size; }
+  /** @param {number} index */
+  key(index) { return [...this.#items.keys()][index] ?? null; }
+  /** @param {string} name */
+  getItem(name) { return this.#items.get(name) ?? null; }
+  /** @param {string} name @param {string} text */
+  setItem(name, text) { this.#items.set(name, text); }
+  /** @param {string} name */
+  removeItem(name) { this.#items.delete(name); }
+  clear() { this.#items.clear(); }
+}
+
+/** The tab's storage; where site data is blocked, even to ask for it is an error. @returns {Storage} */
+export function openTabStorage() {
+  try { return sessionStorage; } catch { return new MemoryStorage(); }
 }
 
 /** @param {number} size */
@@ -96,15 +116,20 @@ export class MessageStore {
 
   #write() {
     this.#isWriting = true;
+    const written = new Map(this.#changes);
     const transaction = this.database.transaction("messages", "readwrite"), store = transaction.objectStore("messages");
     for (const [n, text] of this.#changes) {
       if (text === null) store.delete([this.seat, n]);
       else store.put(text, [this.seat, n]);
     }
     this.#changes.clear();
-    transaction.oncomplete = transaction.onabort = () => {
+    transaction.oncomplete = () => {
       this.#isWriting = false;
       if (this.#changes.size) this.#write();
+    };
+    transaction.onabort = () => { // the disk is full: once more with what comes next
+      this.#isWriting = false;
+      this.#changes = new Map([...written, ...this.#changes]);
     };
   }
 }
@@ -116,6 +141,7 @@ export class Outbox {
   /** @type {ReturnType<typeof setTimeout> | undefined} */ #timer;
   /** @type {number | null} performance time at the session's time 0, ns; null until it is known */ #zero = null;
   #discarded = false;
+  isStopped = false; // nothing is added: the page was sent away
   /** @type {MessageStore | null} behind the tab's own storage */ #store = null;
   /** @type {(texts: string[]) => void} sends what it can; the rest stays here */ transmit = () => {};
 
@@ -135,26 +161,40 @@ export class Outbox {
   }
 
   /**
-   * Keep messages in this store too. A tab that has none of its own goes on with what one that was killed or closed left.
+   * Keep messages in this store too, and go on with what a tab of the same link left that was killed or closed; one that
+   * the browser restored has less than it had.
    * @param {MessageStore | null} store
    */
   async recover(store) {
     if (!store) return;
-    const kept = await store.load(), head = kept.get(0);
+    const kept = await store.load(), head = /** @type {StreamState | null} */ (JSON.parse(kept.get(0) ?? "null"));
     this.#store = store;
     kept.delete(0);
-    if (head && kept.size && !this.state.segment) {
-      const next = Math.max(...kept.keys()) + 1; // what was added last may not have been kept
-      Object.assign(this.state, JSON.parse(head), { stream: this.state.stream, next });
-      for (const [n, text] of kept) {
-        this.#messages.set(n, text);
-        this.#keep(`m${n}`, text);
-      }
-      this.save(); // what time it is the server says
-      return;
+    if (head && kept.size && ["", head.segment].includes(this.state.segment)) {
+      if (!this.state.segment) Object.assign(this.state, head, { stream: this.state.stream }); // what time it is the server says
+      this.state.last = Math.max(this.state.last, head.last);
+      this.#merge(kept);
     }
     for (const n of kept.keys()) if (!this.#messages.has(n)) store.set(n, null);
     for (const [n, text] of this.#messages) store.set(n, text);
+  }
+
+  /**
+   * Take over what another store has, too: either may be older than the other, or lack some. In the order of their times,
+   * numbered without a gap, which the server would refuse. @param {Map<number, string>} kept
+   */
+  #merge(kept) {
+    let n = Math.min(...kept.keys(), ...this.#messages.keys());
+    const all = [...kept.values(), ...this.#messages.values()].map((text) => /** @type {Message} */ (JSON.parse(text)));
+    for (const old of this.#messages.keys()) this.storage.removeItem(`m${old}`);
+    this.#messages.clear();
+    for (const message of [...new Map(all.map((m) => [m.at, m])).values()].sort((one, other) => one.at - other.at)) {
+      const text = JSON.stringify({ ...message, n });
+      this.#messages.set(n, text);
+      this.#keep(`m${n++}`, text);
+    }
+    this.state.next = n;
+    this.save();
   }
 
   get size() { return this.#messages.size; }
@@ -219,10 +259,10 @@ export class Outbox {
 
   /**
    * Number, keep and send a message; one that can wait goes with what follows in so many ms. @param {Input} what
-   * @param {number} at its time @returns {number} its number, or 0 while the session's time is unknown
+   * @param {number} at its time @returns {number} its number, or 0 while the session's time is unknown, or it is stopped
    */
   add(what, waitMs = 0, at = this.nextTime()) {
-    if (this.#zero === null) return 0;
+    if (this.#zero === null || this.isStopped) return 0;
     const n = this.state.next++;
     this.state.last = at;
     const message = { n, at, what }, text = JSON.stringify(message);
@@ -253,6 +293,10 @@ export class Outbox {
 
   /** What happens from here on is later than what the session has, of this tab or of another. @param {number} taken */
   catchUp(taken) {
+    if (this.#zero !== null && taken - this.now() > RESTART_NS) { // it slept, and its clock with it
+      this.#zero = ns(this.clock.now()) - taken;
+      this.#saveZero();
+    }
     this.state.last = Math.max(this.state.last, taken);
     this.save();
   }

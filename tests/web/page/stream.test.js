@@ -14,6 +14,12 @@ class MemoryStorage {
   setItem(name, value) { this.#items.set(name, String(value)); }
   removeItem(name) { this.#items.delete(name); }
   clear() { this.#items.clear(); }
+
+  copy() {
+    const other = new MemoryStorage();
+    for (const [name, value] of this.#items) other.setItem(name, value);
+    return other;
+  }
 }
 
 /** An IndexedDB of one store: of each transaction all is kept or nothing, when it commits. */
@@ -32,16 +38,21 @@ class SlowDatabase {
         return request;
       },
     }) };
-    if (mode) this.#open.push(() => { changes.forEach((change) => change()); under.oncomplete(); });
+    if (mode) this.#open.push((isDone) => {
+      if (isDone) changes.forEach((change) => change());
+      (isDone ? under.oncomplete : under.onabort)();
+    });
     return under;
   }
 
   /** @returns {boolean} whether a transaction was under way */
-  commit() {
+  commit(isDone = true) {
     const next = this.#open.shift();
-    next?.();
+    next?.(isDone);
     return next !== undefined;
   }
+
+  async settle() { for (let i = 0; i < 5; i++) { await Promise.resolve(); while (this.commit()); } }
 }
 
 globalThis.IDBKeyRange ??= { bound: () => undefined };
@@ -145,6 +156,15 @@ test("a tab that comes back goes on behind the time that another has reached", (
   outbox.catchUp(9_500);
   assert.equal(outbox.add({ t: "tick" }), 2);
   assert.equal(outbox.list().at(-1)?.at, 10_000, "in whole microseconds");
+});
+
+test("a page whose clock stood still while another played is at once as late as the session", () => {
+  const outbox = openOutbox();
+  outbox.setTime("a", 0, true, 0);
+  outbox.setTime("a", 600e9, false, 0);
+  outbox.catchUp(600e9);
+  clock.ms += 1000;
+  assert.equal(outbox.now(), 601e9);
 });
 
 test("keys that a segment had not heard are reported to the next one, which hears nothing else of them", () => {
@@ -267,4 +287,90 @@ test("what a killed tab sent and did not keep is not numbered a second time", as
   outbox.setTime("a", 1e9, true, 3);
   assert.deepEqual(numbersOf(outbox.takeUnacknowledged(3)), []);
   assert.equal(outbox.add({ t: "tick" }), 4);
+});
+
+const key = (name) => ({ t: "key", key: name, down: true, stamp: 0 });
+const keysOf = (outbox) => outbox.list().map(({ n, what }) => `${n} ${what.key ?? what.t}`);
+
+async function openStored(database, storage = new MemoryStorage()) {
+  const outbox = openOutbox(storage);
+  await outbox.recover(new MessageStore(database, "seat"));
+  return outbox;
+}
+
+test("a tab that the browser restores has what it kept last, though its own storage is older", async () => {
+  const database = new SlowDatabase(), storage = new MemoryStorage();
+  const before = await openStored(database, storage);
+  before.setTime("a", 0, true, 0);
+  before.add(key("1"));
+  await database.settle();
+  const older = storage.copy();
+  clock.ms += 4000;
+  before.acknowledge(1);
+  before.add(key("2"));
+  before.add(key("3"));
+  await database.settle();
+  const outbox = await openStored(database, older);
+  assert.deepEqual(keysOf(outbox), ["1 1", "2 2", "3 3"]);
+  outbox.setTime("a", 5e9, true, 0);
+  await database.settle();
+  const again = await openStored(database);
+  assert.deepEqual(keysOf(again), ["1 1", "2 2", "3 3"]);
+});
+
+test("what another tab of the link left has no gap to the rest", async () => {
+  const database = new SlowDatabase();
+  const first = await openStored(database);
+  first.setTime("a", 0, true, 0);
+  for (let i = 0; i < 56; i++) first.add({ t: "tick" });
+  first.acknowledge(56);
+  await database.settle();
+  const second = await openStored(database);
+  second.setTime("a", 1e9, true, 0);
+  second.catchUp(2e9);
+  first.add({ t: "tick" });
+  await database.settle();
+  for (let i = 0; i < 11; i++) second.add({ t: "tick" });
+  second.acknowledge(11);
+  second.add(key("1"));
+  await database.settle();
+  const numbers = (await openStored(database)).list().map(({ n }) => n);
+  assert.deepEqual(numbers, [12, 13]);
+});
+
+test("a tab that was sent away adds nothing", () => {
+  const outbox = openOutbox();
+  outbox.setTime("a", 0, true, 0);
+  outbox.isStopped = true;
+  assert.equal(outbox.add({ t: "tick" }), 0);
+  assert.equal(outbox.size, 0);
+});
+
+test("what a transaction could not keep is kept by the next", async () => {
+  const database = new SlowDatabase();
+  const before = await openStored(database);
+  before.setTime("a", 0, true, 0);
+  for (const [name, isDone] of [["1", true], ["2", false], ["3", true]]) {
+    before.add(key(name));
+    await Promise.resolve();
+    database.commit(isDone);
+    await Promise.resolve();
+  }
+  assert.deepEqual(keysOf(await openStored(database)), ["1 1", "2 2", "3 3"]);
+});
+
+test("what a tab's full storage had no room for is there when it is loaded again", async () => {
+  const database = new SlowDatabase(), storage = new MemoryStorage();
+  const before = await openStored(database, storage);
+  before.setTime("a", 0, true, 0);
+  before.add(key("1"));
+  const { setItem } = MemoryStorage.prototype;
+  storage.setItem = (name, value) => {
+    if (name === "m2") throw new Error("QuotaExceededError");
+    setItem.call(storage, name, value);
+  };
+  before.add(key("2"));
+  before.add(key("3"));
+  await database.settle();
+  assert.deepEqual(keysOf(await openStored(database, storage)), ["1 1", "2 2", "3 3"]);
 });
