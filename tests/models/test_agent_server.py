@@ -31,8 +31,8 @@ DOCS = Path(__file__).parents[2] / "docs" / "models.md"
 
 
 @pytest.fixture
-def programs(tmp_path: Path) -> ProgramSessions:
-    (tmp_path / "study.toml").write_text(study(model="timeout_s = 1.0"))
+def programs(request: pytest.FixtureRequest, tmp_path: Path) -> ProgramSessions:
+    (tmp_path / "study.toml").write_text(study(model=f"timeout_s = {getattr(request, 'param', 1.0)}"))
     return ProgramSessions(read_protocol(tmp_path / "study.toml"), tmp_path / "data")
 
 
@@ -67,6 +67,7 @@ def answer_of(screen: dict[str, Any]) -> str:
     return (screen["keys"] or screen["buttons"])[-1]
 
 
+@pytest.mark.parametrize("programs", [60.0], indirect=True)  # it is never late
 def test_a_program_plays_a_session_that_verifies(url: str, tmp_path: Path) -> None:
     status, screen = call(f"{url}/sessions", {"name": "walker"})
     session = screen["session"]
@@ -242,6 +243,7 @@ def test_two_programs_that_begin_at_once_have_a_slot_each(
     assert len(list((tmp_path / "data").rglob("*.mcap.part"))) == 2
 
 
+@pytest.mark.parametrize("programs", [60.0], indirect=True)
 def test_the_client_of_the_docs_plays(url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (code,) = re.findall(r"```python\n(# A program.*?)```", DOCS.read_text(encoding="utf-8"), re.DOTALL)
     assert len(code.splitlines()) <= 30

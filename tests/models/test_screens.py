@@ -176,6 +176,8 @@ def test_a_browsers_canvas_shows_a_person_of_the_same_slot_the_same_pixels(
                 while not np.array_equal(shown, right) and time.monotonic() < by_s:
                     time.sleep(0.02)  # the first picture waits for textures, a key for the picture that it answers
                     shown = picture_of(somebody)
+                    left, top, width, height = locate_picture(shown, SIZE_PX)  # before the first it has another size
+                    right = picture[top : top + height, left : left + width]
                 assert np.array_equal(shown, right), f"{episode.plan.block_name}, step {step}"
                 compared += 1
                 somebody.press(next(keys))

@@ -109,7 +109,7 @@ def test_an_agent_that_fails_is_named_and_nothing_plays_in_its_name(
     how: str, tmp_path: Path, install_lab, monkeypatch
 ) -> None:
     failure, steps = FAILURES[how]
-    monkeypatch.setattr(plugins, "ANSWER_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(plugins, "ANSWER_TIMEOUT_S", 0.2 if how == "hangs" else 60.0)
     install_lab("lab", AGENTS, agents=["lab = a_lab:Agent"])
     protocol = decode_protocol(STUDY.replace("POLICY", f"lab:{how}").encode())
     [path] = simulate(protocol, tmp_path, participants=1, seed=1, player="random")

@@ -70,8 +70,8 @@ name = "walk"
 max_steps = 3
 episodes = 1
 instructions = "Walk."
-fixation_ms = 1000
-final_frame_ms = 1500
+fixation_ms = 3000
+final_frame_ms = 4000
 feedback = "{outcome}"
 show_outcome = true
 WORLD

@@ -91,6 +91,10 @@ def test_a_browser_that_is_killed_loses_no_press_that_it_had_committed(tmp_path:
                 wire.cut()
                 somebody.press(*"1231231231")
                 somebody.page.wait_for_timeout(waits_ms)
+                until_s = time.monotonic() + PATIENCE_MS / 1000
+                while waits_ms and sum(key in "123" for key in committed) < 12:  # at rest: all is committed
+                    assert time.monotonic() < until_s, committed
+                    somebody.page.wait_for_timeout(10)
                 known = sum(key in "123" for key in committed)
                 kill()
             wire.mend()

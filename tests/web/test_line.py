@@ -36,7 +36,8 @@ def test_over_a_long_line_no_key_is_lost_and_pictures_do_not_wait_for_it(tmp_pat
         somebody.to_end()
     [log] = tmp_path.rglob("*.mcap")
     events = list(read_events(log))
-    assert sum(isinstance(event, KeyPressed) and event.down and event.key in "123" for event in events) == 2 * keys
+    pressed = [event for event in events if isinstance(event, KeyPressed) and event.down and event.verdict != "repeat"]
+    assert sum(event.key in "123" for event in pressed) == 2 * keys
     steps = [event for event in events if isinstance(event, Stepped)]
     assert len(steps) == 2 * keys
     flips = {(e.episode, e.step): e.flip_ns for e in reversed(events) if isinstance(e, FrameShown)}

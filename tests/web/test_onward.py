@@ -141,10 +141,10 @@ def test_with_the_line_cut_what_is_read_answered_and_waited_for_goes_on(tmp_path
         browsing() as sit_down,
     ):
         somebody = sit_down(f"http://127.0.0.1:{wire_to.port}/#t={served.tokens[0]}")
-        somebody.until("s.kind === 'page' && s.foreseen >= 40")  # every way from there, three inputs on
+        somebody.until_seen("s.kind === 'page' && s.foreseen >= 40")  # every way from there, three inputs on
         wire_to.cut()
         somebody.press("enter")
-        somebody.until("s.kind === 'question' && s.ahead")
+        somebody.until_seen("s.kind === 'question' && s.ahead")
         assert "Which hand?" in somebody.screen()
         somebody.press("1")
         somebody.until_seen("document.querySelector('.option.chosen')?.textContent.includes('left')")

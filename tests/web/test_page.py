@@ -152,7 +152,8 @@ def test_keys_that_come_before_the_welcome_of_a_page_that_was_loaded_again_have_
         somebody.until("!s.playing")
         somebody.to_end()
         assert somebody.errors == []
-    pressed = [event for event in read_events(the_log(tmp_path).path) if isinstance(event, KeyPressed) and event.down]
+    events = [event for event in read_events(the_log(tmp_path).path) if isinstance(event, KeyPressed)]
+    pressed = [event for event in events if event.down and event.verdict != "repeat"]
     assert not [event.key for event in pressed if event.key.startswith("code_")]
     assert [event.key for event in pressed if event.key in "123"] == [*"1321", *"1111111"]
 
@@ -234,7 +235,7 @@ def test_where_a_browser_blocks_site_data_the_study_is_played_all_the_same(tmp_p
         somebody.to_play()
         somebody.press("1", "2")
         somebody.until("s.confirmed === 2 && s.unsafe === 0")
-        assert {error for error in somebody.errors} == {"blocked"}  # of what counts the keys here
+        assert set(somebody.errors) == {"blocked"}  # of what counts the keys here
 
 
 @pytest.mark.parametrize("was_welcomed", [False, True])

@@ -77,7 +77,7 @@ class Participant:
                 somebody.press(*seen(".keyboard li .cap span").all_inner_texts())
             case "question":
                 self._answer(words)
-                somebody.page.wait_for_timeout(50)  # nobody answers without looking
+                somebody.until_seen()  # nobody answers without looking
                 self._go_on()
             case "page":
                 self._go_on()
