@@ -24,12 +24,15 @@ import { IncomingStream } from "./stream.js";
 const VERSION = 5;
 const MIN_RETRY_MS = 200;
 const MAX_RETRY_MS = 3000;
+const SILENCE_MS = 20_000; // of a socket that has brought nothing: the line may be dead since the laptop slept
+const LATE_MS = 120_000; // what was sent on a socket that was given up may come so much later
 const RESIZE_PAUSE_MS = 500; // after the last change of size
 const utf8 = new TextDecoder();
 
 export class Connection {
   /** @type {WebSocket | null} */ #socket = null;
   #life = ""; // the server's numbering
+  #gaveUpMs = -Infinity; // a socket that stayed silent
   #retryMs = MIN_RETRY_MS;
   /** @type {Refusal | null} */ #refusal = null;
   #incoming = new IncomingStream((heard) => { if (this.welcomed) this.#send({ t: "heard", n: heard }); });
@@ -73,8 +76,19 @@ export class Connection {
         facts: state.facts, kernels: this.kernels,
       }));
     };
-    mine.onmessage = (event) => { if (mine === this.#socket) this.#receive(event.data); };
+    let isSilent = true;
+    mine.onmessage = (event) => {
+      isSilent = false;
+      if (mine === this.#socket) this.#receive(event.data);
+    };
     mine.onclose = (event) => { if (mine === this.#socket) this.#retry(event.code, event.reason); };
+    setTimeout(() => {
+      if (mine !== this.#socket || !isSilent || this.finished) return;
+      this.#socket = null;
+      this.#gaveUpMs = performance.now();
+      mine.close();
+      this.#retry(1006, "");
+    }, SILENCE_MS);
   }
 
   // Which of several servers a seat is on: a proxy goes by it. It says nothing of the link.
@@ -88,7 +102,8 @@ export class Connection {
   /** @param {number} code @param {string} reason */
   #retry(code, reason) {
     this.welcomed = false;
-    if (code === 4001) this.#leave(this.words.elsewhere);
+    if (code === 4001 && performance.now() - this.#gaveUpMs < LATE_MS) this.#gaveUpMs = -Infinity; // its hello came, late
+    else if (code === 4001) this.#leave(this.words.elsewhere);
     else if (code === 4002) this.#reload(reason);
     else if (code >= 4003 && code < 4100) {
       if (this.#refusal) this.#leave(this.#refusal.words);
