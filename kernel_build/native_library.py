@@ -210,7 +210,9 @@ def link_library(target: Target, codes: Sequence[str], count: int) -> bytes:
 
 
 def build_library(folder: Path, *, everywhere: bool = False) -> None:
-    """Write libraries for this machine, or everywhere, of the level Numba compiles for; and the manifest of all there.
+    """Write libraries for this machine, or everywhere, of the level Numba compiles for; and the manifest.
+
+    What was made of other kernels is not in the manifest: it would be loaded as if it were of these.
 
     Raises:
         BuildError: if there is no linker, or it refuses.
@@ -220,16 +222,18 @@ def build_library(folder: Path, *, everywhere: bool = False) -> None:
     files = []
     for system, machine, target in LIBRARIES:
         path = folder / f"kernels-{system}-{target.cpu}{target.suffix}"
-        if target.cpu == os.environ["NUMBA_CPU_NAME"] and (everywhere or [system, machine] == HERE):
+        wanted = target.cpu == os.environ["NUMBA_CPU_NAME"] and (everywhere or [system, machine] == HERE)
+        if wanted:
             try:
                 path.write_bytes(link_library(target, codes, len(names)))
             except BuildError as error:
                 if [system, machine] == HERE:
                     raise
-                print(f"{path}: not made. {str(error).splitlines()[0]}")  # others may be
+                path.unlink(missing_ok=True)  # one of other kernels
+                print(f"{path}: not made. {str(error).splitlines()[0]}")
             else:
                 print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
-        if path.exists():
+        if path.exists() and (wanted or everywhere):  # the other levels' are as new, or about to be made
             files.append({"file": path.name, "runs on": [system, machine]})
     modules = sorted({name.rpartition(".")[0] for name in names})
     needed = {module: import_closure(module, compilation.__name__) for module in modules}

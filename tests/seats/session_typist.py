@@ -50,12 +50,6 @@ def enter_at(typist: Typist, data: Path, *phases: str) -> None:
     until(data, *phases)
     time.sleep(0.2)  # written before it is shown
     typist.tap("enter")
-    again_s = time.monotonic() + 5.0
-    while "ready" in phases and _phase(data) == "ready":  # a key before its flip answers nothing there
-        if time.monotonic() > again_s:
-            typist.tap("enter")
-            again_s += 5.0
-        time.sleep(0.05)
 
 
 def agree(typist: Typist, data: Path) -> None:

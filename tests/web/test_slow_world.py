@@ -98,8 +98,7 @@ def test_key_to_picture_stays_within_a_few_steps_though_each_takes_longer_than_i
     quality = measure_recording_quality(session)
     print(f"steps {np.mean(made):.0f} ms apart, missed {quality.periods_missed} of {quality.periods} periods")
     print(f"hold {hold}, {rtt_ms:g} ms: key to picture {np.round(to_picture_ms)} ms")
-    # one may hold a stall of the machine; all were some 280 steps late, when nothing bounded it
-    assert sorted(to_picture_ms)[-2] < rtt_ms + 20 * np.mean(made), to_picture_ms
+    assert max(to_picture_ms) < rtt_ms + 20 * np.mean(made), to_picture_ms  # 280 steps late, when nothing bounded it
     assert list(find_log_differences(log, World)) == []
     assert len(episode.actions) == STEPS
     assert {1, 2} <= {*episode.actions}, "no press is lost"

@@ -44,7 +44,7 @@ function shorten(at, what) {
 }
 
 /** What a tab keeps without a storage: nothing, once it is left. */
-class MemoryStorage {
+export class MemoryStorage {
   /** @type {Map<string, string>} */ #items = new Map();
   get length() { return this.#items.size; }
   /** @param {number} index */

@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
 import { Connection } from "../../../minihuman/web/page/connection.js";
-import { Outbox } from "../../../minihuman/web/page/stream.js";
+import { MemoryStorage, Outbox } from "../../../minihuman/web/page/stream.js";
 
 class SilentSocket {
   static OPEN = 1;
@@ -18,13 +18,12 @@ class SilentSocket {
   open() { this.readyState = 1; this.onopen(); }
 }
 
-const emptyStorage = { length: 0, key: () => null, getItem: () => null, setItem() {}, removeItem() {}, clear() {} };
 let left = [];
 let ms = 0;
 
 function openConnection() {
   const listener = { status() {}, leave: (why) => left.push(why) };
-  const connection = new Connection(new Outbox(emptyStorage, performance), { token: "t", platform: {}, made: false }, listener);
+  const connection = new Connection(new Outbox(new MemoryStorage(), performance), { token: "t", platform: {}, made: false }, listener);
   connection.open();
   return connection;
 }

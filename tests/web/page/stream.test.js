@@ -3,23 +3,13 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
-import { encodeMessage, IncomingStream, MessageStore, Outbox } from "../../../minihuman/web/page/stream.js";
+import { encodeMessage, IncomingStream, MemoryStorage, MessageStore, Outbox } from "../../../minihuman/web/page/stream.js";
 
-/** A tab's storage, as the browser keeps it over reloads. */
-class MemoryStorage {
-  #items = new Map();
-  get length() { return this.#items.size; }
-  key(index) { return [...this.#items.keys()][index] ?? null; }
-  getItem(name) { return this.#items.get(name) ?? null; }
-  setItem(name, value) { this.#items.set(name, String(value)); }
-  removeItem(name) { this.#items.delete(name); }
-  clear() { this.#items.clear(); }
-
-  copy() {
-    const other = new MemoryStorage();
-    for (const [name, value] of this.#items) other.setItem(name, value);
-    return other;
-  }
+/** A storage as a browser has it on the disk, some time ago. */
+function copyOf(storage) {
+  const other = new MemoryStorage();
+  for (let i = 0; i < storage.length; i++) other.setItem(storage.key(i), storage.getItem(storage.key(i)));
+  return other;
 }
 
 /** An IndexedDB of one store: of each transaction all is kept or nothing, when it commits. */
@@ -304,7 +294,7 @@ test("a tab that the browser restores has what it kept last, though its own stor
   before.setTime("a", 0, true, 0);
   before.add(key("1"));
   await database.settle();
-  const older = storage.copy();
+  const older = copyOf(storage);
   clock.ms += 4000;
   before.acknowledge(1);
   before.add(key("2"));
