@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from minihuman.admin.enrolment_entries import SlotTaken, list_taken_slots, read_enrolment_log
 from minihuman.admin.lease import TTL_S, SessionLeases
@@ -31,6 +32,7 @@ from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.log.paths import LOG_SUFFIX, find_log_folders, group_sessions, list_sessions, session_folder
 from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.log.record import live_log
 from minihuman.log.record.disk import GATHER_S, FileWriter, GroupCommit
 from minihuman.log.record.finalization import find_leftovers, recover_log
 from minihuman.log.system import System, use_system
@@ -81,6 +83,7 @@ HAZARDS_OF_TWO = (*HAZARDS, *("partition",) * 4, *("reload",) * 4)
 HAZARDS_AT_COMMITS = (*HAZARDS_OF_TWO, *("absent",) * 8, *("stores",) * 4, *("remote",) * 3)
 FAULTS_AT_COMMITS_S = 45.0  # longer than a session is kept for a page that is away
 _MEMORY = Path("/dev/shm")
+_PACKAGES = b"simulated==1.0\n"  # how long a write takes, and where it tears, must not depend on what is installed
 
 
 @dataclass
@@ -651,4 +654,5 @@ def _unwind(loop: ServerLoop) -> None:
 
 def simulate(seed: int, parts: Parts = Parts(), *, machines: int = 1, at_commits: bool = False) -> Outcome:
     """Run a seed."""
-    return Simulation(seed, parts, machines=machines, at_commits=at_commits).run()
+    with patch.object(live_log, "_package_list", lambda: _PACKAGES):
+        return Simulation(seed, parts, machines=machines, at_commits=at_commits).run()
