@@ -7,7 +7,8 @@ All bodies act at once: a joint action is one action per body. A team world is n
 import abc
 import copy
 import importlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -177,6 +178,19 @@ class TeamBatch:
             self.observations[number, body] = self._worlds[number].observation(body)
 
 
+def find_team(world_id: str) -> Callable[..., TeamWorld] | None:
+    """What makes a team world from its options; None where the id is of a world of one body, or of none."""
+    module, _, name = world_id.rpartition(":")
+    if module:
+        importlib.import_module(module)
+    spec = gymnasium.registry.get(name)
+    made = None if spec is None else spec.entry_point
+    if isinstance(made, str):
+        where, _, attribute = made.partition(":")
+        made = getattr(importlib.import_module(where), attribute, None)
+    return partial(made, **spec.kwargs) if spec and isinstance(made, type) and issubclass(made, TeamWorld) else None
+
+
 def make_team(world_id: str, **options: Any) -> TeamWorld:
     """Make a team world from its id: ``make_team("minihuman/Team-FourRooms-v0")``.
 
@@ -185,20 +199,13 @@ def make_team(world_id: str, **options: Any) -> TeamWorld:
     Raises:
         WorldError: if there is no such world, it has one body only, or it does not take an option.
     """
-    module, _, name = world_id.rpartition(":")
     try:
-        if module:
-            importlib.import_module(module)
-        spec = gymnasium.spec(name)
+        make = find_team(world_id)
+        if make is None:
+            gymnasium.spec(world_id)
+            raise WorldError(f"{world_id} is not a team world; make it with gymnasium.make, or name a team world")
+        return make(**options)
     except (ModuleNotFoundError, gymnasium.error.Error) as error:
         raise WorldError(f"{world_id}: {error}") from error
-    made = spec.entry_point
-    if isinstance(made, str):
-        where, _, attribute = made.partition(":")
-        made = getattr(importlib.import_module(where), attribute)
-    if not isinstance(made, type) or not issubclass(made, TeamWorld):
-        raise WorldError(f"{world_id} is not a team world; make it with gymnasium.make, or name a team world")
-    try:
-        return made(**spec.kwargs | options)
     except TypeError as error:
         raise WorldError(f"{world_id}: the options {options!r} are invalid: {error}") from error

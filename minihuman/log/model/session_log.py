@@ -203,7 +203,8 @@ def gather_team(
         return None
     joint = [event for event in events if isinstance(event, JointStepped)][:steps]
     bodies = len(formed.seats)
-    poses = [ready.poses if ready is not None else (np.nan,) * 4 * bodies, *(event.poses for event in joint)]
+    unknown = (np.nan,) * 4 * bodies
+    poses = [(ready and ready.poses) or unknown, *(event.poses or unknown for event in joint)]
     taken = [event for event in events if isinstance(event, SeatTaken)]
     return TeamRecord(
         team=formed.team,

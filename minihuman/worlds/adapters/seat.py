@@ -4,7 +4,7 @@
 that neither of them names does the world's idle action.
 """
 
-import importlib
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.pose import Map, Pose
-from minihuman.worlds.team import TeamWorld, make_team
+from minihuman.worlds.team import TeamWorld, find_team
 
 SEAT_OPTION, SCRIPT_OPTION = "seat", "script"  # of the environment, beside the team world's own options
 
@@ -87,8 +87,9 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
         return self.team.pose(self.seat)
 
     def poses(self) -> tuple[Pose, ...]:
-        """Where each body stands, by seat."""
-        return tuple(self.team.pose(body) for body in range(self.team.bodies))
+        """Where each body stands, by seat; nothing where that is unknown."""
+        poses = map(self.team.pose, range(self.team.bodies))
+        return tuple(pose for pose in poses if not math.isnan(pose.x))
 
     def map(self) -> Map:
         """The floor plan."""
@@ -127,15 +128,7 @@ def make_seat(world_id: str, options: dict[str, Any]) -> SeatEnv | None:
     Raises:
         WorldError: if the world cannot be made with the options.
     """
-    module, _, name = world_id.rpartition(":")
-    if module:
-        importlib.import_module(module)
-    spec = gymnasium.registry.get(name)
-    entry = None if spec is None else spec.entry_point
-    if isinstance(entry, str):
-        where, _, attribute = entry.partition(":")
-        entry = getattr(importlib.import_module(where), attribute, None)
-    if not (isinstance(entry, type) and issubclass(entry, TeamWorld)):
+    if (make := find_team(world_id)) is None:
         return None
     own = {name: value for name, value in options.items() if name not in (SEAT_OPTION, SCRIPT_OPTION)}
-    return SeatEnv(make_team(world_id, **own), options.get(SEAT_OPTION, 0), options.get(SCRIPT_OPTION, ()))
+    return SeatEnv(make(**own), options.get(SEAT_OPTION, 0), options.get(SCRIPT_OPTION, ()))

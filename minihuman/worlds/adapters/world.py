@@ -166,7 +166,8 @@ class World:
 
     def pose(self) -> Pose | None:
         """Where the agent stands; None where that is unknown."""
-        return self._known.pose() if self._known else None
+        pose = self._known.pose() if self._known else None
+        return pose if pose is None or pose.x == pose.x else None  # not a number: a team's world does not know
 
     def subgoals(self) -> tuple[tuple[str, int], ...]:
         """The clauses of the episode's instruction, each with the step that did it; 0 for none yet."""
@@ -174,7 +175,7 @@ class World:
 
     def map(self) -> Map | None:
         """The floor plan; None where it is unknown."""
-        return self._known.map() if self._known else None
+        return self._known.map() if self._known and self.pose() is not None else None
 
     def state_hash(self) -> int:
         """A uint64 over everything that decides the future.
