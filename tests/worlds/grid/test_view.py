@@ -27,7 +27,8 @@ def draw_row(chance, *, see_through):
     row[state.HEADER : state.HEADER + width * height] = cells + (identities << 9)
     row[[state.WIDTH, state.HEIGHT, state.X, state.Y]] = width, height, chance.integers(width), chance.integers(height)
     row[[state.DIRECTION, state.CARRYING]] = chance.integers(4), chance.choice(LOOKS)
-    row[state.SEE_THROUGH] = int(see_through) | int(chance.integers(0, 1 << 20)) << 1
+    own = chance.integers(0, 1 << 20) if chance.integers(0, 3) == 0 else 0  # with own kinds the general view is taken
+    row[state.SEE_THROUGH] = int(see_through) | int(own) << 1
     return row
 
 
