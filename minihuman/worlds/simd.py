@@ -126,29 +126,13 @@ class NumpyOperations:
         """A uint32 below 2 ** 31 as float32."""
         return values.view(np.int32).astype(np.float32)
 
-    def bits(self, values: Any) -> Any:
-        """A float32's bits, as uint32."""
-        return values.view(np.uint32)
-
-    def halves(self, values: Any) -> Any:
-        """Each uint32 as two uint16."""
-        return values.view(np.uint16)
-
-    def wholes(self, values: Any) -> Any:
-        """Two uint16 as one uint32, or two uint8 as one uint16."""
-        return values.view(np.uint32 if values.dtype == np.uint16 else np.uint16)
+    def view(self, values: Any, kind: str) -> Any:
+        """The same bits as numbers of another kind, "uint8", "uint16" or "uint32", the lowest first."""
+        return values.view(kind)
 
     def upper(self, a: Any, b: Any) -> Any:
         """The upper half of each product of two uint16."""
         return (a.astype(np.uint32) * b >> 16).astype(np.uint16)
-
-    def octets(self, values: Any) -> Any:
-        """Each number as its uint8, the lowest first."""
-        return values.view(np.uint8)
-
-    def three_of_four(self, values: Any) -> Any:
-        """Every lane but each fourth."""
-        return values.reshape(-1, 4)[:, :3].ravel()
 
     def number(self, array: Array, at: int) -> int:
         """One whole number of an array."""
@@ -162,9 +146,9 @@ class NumpyOperations:
         """A whole number's lowest bits in every lane, as uint16."""
         return np.full(count, value & 0xFFFF, np.uint16)
 
-    def shuffled(self, first: Any, lanes: Sequence[int], second: Any) -> Any:
-        """Some lanes of two vectors, of the second counted on."""
-        return np.concatenate((first, second))[list(lanes)]
+    def shuffled(self, first: Any, lanes: Sequence[int], second: Any = None) -> Any:
+        """Some lanes of a vector, or of two: those of the second are counted on."""
+        return np.concatenate((first, first if second is None else second))[list(lanes)]
 
     def lane_bits(self, chosen: Any) -> int:
         """Which lanes are true: a bit each, the first the lowest."""
@@ -173,7 +157,3 @@ class NumpyOperations:
     def spread_bytes(self, number: int) -> Any:
         """The eight bytes of a whole number, a lane each, twice, as uint16."""
         return np.tile(np.array([number], np.uint64).view(np.uint8), 2).astype(np.uint16)
-
-    def part(self, values: Any, first: int, count: int) -> Any:
-        """Some neighbouring lanes."""
-        return values[first : first + count].copy()

@@ -307,28 +307,15 @@ class _Operations:
     def short(self, values: SimdVector) -> SimdVector:
         return SimdVector(self._builder, self._builder.sitofp(values.value, _vector(F32, values.count)), F32)
 
-    def bits(self, values: SimdVector) -> SimdVector:
-        return SimdVector(self._builder, self._builder.bitcast(values.value, _vector(U32, values.count)), U32)
-
-    def halves(self, values: SimdVector) -> SimdVector:
-        return SimdVector(self._builder, self._builder.bitcast(values.value, _vector(U16, 2 * values.count)), U16)
-
-    def wholes(self, values: SimdVector) -> SimdVector:
-        wider = U32 if values.kind == U16 else U16
-        return SimdVector(self._builder, self._builder.bitcast(values.value, _vector(wider, values.count // 2)), wider)
+    def view(self, values: SimdVector, kind: str) -> SimdVector:
+        kinds = _vector(kind, _BITS[values.kind] * values.count // _BITS[kind])
+        return SimdVector(self._builder, self._builder.bitcast(values.value, kinds), kind)
 
     def upper(self, a: SimdVector, b: SimdVector) -> SimdVector:
         build, wide = self._builder, _vector(U32, a.count)
         product = build.mul(build.zext(a.value, wide), build.zext(b.value, wide))
         half = build.lshr(product, ir.Constant(wide, [16] * a.count))
         return SimdVector(build, build.trunc(half, a.value.type), U16)
-
-    def octets(self, values: SimdVector) -> SimdVector:
-        count = _BITS[values.kind] // 8 * values.count
-        return SimdVector(self._builder, self._builder.bitcast(values.value, _vector(U8, count)), U8)
-
-    def three_of_four(self, values: SimdVector) -> SimdVector:
-        return self.shuffled(values, [lane for lane in range(values.count) if lane % 4 < 3], values)
 
     def number(self, array: Any, at: int) -> SimdVector:
         place = self._builder.gep(array.start, [self._whole(at)])
@@ -341,8 +328,9 @@ class _Operations:
         short = self._builder.trunc(self._whole(value), ir.IntType(16))
         return SimdVector(self._builder, _splat(self._builder, short, count), U16)
 
-    def shuffled(self, first: SimdVector, lanes: Sequence[int], second: SimdVector) -> SimdVector:
-        return SimdVector(self._builder, _shuffle(self._builder, first.value, second.value, lanes), first.kind)
+    def shuffled(self, first: SimdVector, lanes: Sequence[int], second: SimdVector | None = None) -> SimdVector:
+        shuffled = _shuffle(self._builder, first.value, (second or first).value, lanes)
+        return SimdVector(self._builder, shuffled, first.kind)
 
     def lane_bits(self, chosen: SimdVector) -> SimdVector:
         bits = self._builder.bitcast(chosen.value, ir.IntType(chosen.count))
@@ -352,9 +340,6 @@ class _Operations:
         short = self._builder.bitcast(number.value, _vector(U8, 8))
         twice = _shuffle(self._builder, short, short, range(16))
         return SimdVector(self._builder, self._builder.zext(twice, _vector(U16, 16)), U16)
-
-    def part(self, values: SimdVector, first: int, count: int) -> SimdVector:
-        return self.shuffled(values, range(first, first + count), values)
 
 
 def _splat(builder: Any, value: Any, count: int) -> Any:

@@ -49,7 +49,6 @@ from minihuman.worlds.grid.core.view import (
     is_usual,
     look_usual,
     see,
-    see_inline,
     show,
     show_usual,
     spread_usual,
@@ -313,7 +312,7 @@ def step_many(
             if together:
                 directions[i] = look_usual(rows[i], images[i])
             else:
-                see_inline(rows[i], images[i])
+                see(rows[i], images[i])
                 directions[i] = rows[i, DIRECTION]
             terminated[i] = status & TERMINATED != 0
             truncated[i] = status & TRUNCATED != 0

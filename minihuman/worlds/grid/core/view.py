@@ -13,6 +13,7 @@ from minihuman.worlds.grid.core.cells import (
     OPEN,
     RED,
     WALL,
+    ahead,
     colour_of,
     kind_of,
     look_of,
@@ -28,6 +29,7 @@ from minihuman.worlds.grid.core.state import (
     Row,
     X,
     Y,
+    cell_at,
     hiding_looks,
 )
 from minihuman.worlds.kernels import device_function, inline, int64, kernel
@@ -42,7 +44,9 @@ PAIRS = (0, 2), (1, 3), (4, 6), (5, 7)  # columns of a view that are in one vect
 # lanes of one such vector, or of two side by side
 _MIRRORED = [half + 6 - lane if lane < 7 else half + lane for half in (0, 8) for lane in range(8)]
 _SIDES = [[first + lane for first in firsts for lane in range(8)] for firsts in ((0, 16), (8, 24))]
-_MERGED = [[half + lane + of for half in (0, 8) for lane in lanes for of in (0, 16)] for lanes in (range(4), range(4, 8))]
+_MERGED = [
+    [half + lane + of for half in (0, 8) for lane in lanes for of in (0, 16)] for lanes in (range(4), range(4, 8))
+]
 _IN_ORDER = [first + lane for first in (0, 16, 8, 24) for lane in range(8)]
 _THREE_OF_FOUR = [half + lane for half in (0, 16) for lane in (0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 3, 7, 11, 15)]
 _ALL = 0x7F7F7F7F7F7F7F
@@ -68,12 +72,6 @@ def see(row: Row, image: NDArray[np.uint8]) -> None:
     the agent row by row, as Minigrid defines it: within a row first rightwards, then leftwards, and every seen cell
     that lets see passes it on to its neighbour in that direction and to the two cells ahead of both.
     """
-    see_inline(row, image)
-
-
-@device_function(force_inline=True)
-def see_inline(row: Row, image: NDArray[np.uint8]) -> None:
-    """`see`, for kernels that look at many rows."""
     if is_usual(row, image):
         see_usual(row, image)
         show(image, USUAL_VIEW // 2, USUAL_VIEW - 1, int64(row[CARRYING]))
@@ -83,8 +81,8 @@ def see_inline(row: Row, image: NDArray[np.uint8]) -> None:
 
 @inline
 def is_usual(row: Row, image: NDArray[np.uint8]) -> bool:
-    """Whether a view is of seven cells, in a world whose own kinds are as if they were scenery."""
-    return image.shape[0] == USUAL_VIEW and row[SEE_THROUGH] <= 1
+    """Whether a view is of seven cells, places fit into 15 bits, and no own kind hides anything."""
+    return image.shape[0] == USUAL_VIEW and max(row[WIDTH], row[HEIGHT]) < 1 << 15 and hiding_looks(row) == 0
 
 
 @simd_function()
@@ -99,7 +97,7 @@ def look_usual(ops: Any, row: Row, image: NDArray[np.uint8]) -> Any:
     """The first third of `see_usual`, for many: note the cells in the image and return what lets see."""
     columns, clear = look_ahead(ops, row)
     for number, codes in enumerate(columns):
-        ops.store(image, 32 * number, ops.octets(codes))
+        ops.store(image, 32 * number, ops.view(codes, "uint8"))
     return clear
 
 
@@ -112,7 +110,7 @@ def spread_usual(ops: Any, boards: NDArray[np.int64], first: Any) -> None:
 @simd_function()
 def show_usual(ops: Any, image: NDArray[np.uint8], boards: NDArray[np.int64], at: Any) -> None:
     """The last third: make the image of the cells that were noted in it."""
-    columns = [ops.wholes(ops.load(image, 32 * number, 32)) for number in range(len(PAIRS))]
+    columns = [ops.view(ops.load(image, 32 * number, 32), "uint16") for number in range(len(PAIRS))]
     write_view(ops, image, columns, ops.number(boards, at))
 
 
@@ -121,8 +119,7 @@ def look_ahead(ops: Any, row: Row) -> tuple[list[Any], Any]:
 
     The cells are loaded column by column of the grid, in the view's order; facing left or right they lie transposed.
     """
-    x, y, direction = ops.number(row, X), ops.number(row, Y), ops.number(row, DIRECTION)
-    width, height = ops.number(row, WIDTH), ops.number(row, HEIGHT)
+    x, y, direction, width, height = (ops.number(row, at) for at in (X, Y, DIRECTION, WIDTH, HEIGHT))
     turned, onward = direction & 1, (direction & 2) - 1  # the columns run leftwards where it faces right or down
     first_x = x - onward * (6 - turned * 3)
     first_y = y - ops.where(turned == 0, 3, (direction - 1) * 3)
@@ -138,7 +135,7 @@ def look_ahead(ops: Any, row: Row) -> tuple[list[Any], Any]:
     for left, right in zip(loaded[::2], [*loaded[1::2], loaded[-1]], strict=True):
         is_inside = is_in_height & (x_lanes < ops.fixed_16(width, 16))
         codes = ops.where(is_inside, ops.shuffled(left, range(16), right), GREY_WALL)
-        pairs.append(ops.where(mirrored, ops.shuffled(codes, _MIRRORED, codes), codes))
+        pairs.append(ops.where(mirrored, ops.shuffled(codes, _MIRRORED), codes))
         x_lanes = x_lanes + ops.fixed_16(onward * 2, 16)
     a, b, c, d = pairs
     straight, turning = shuffle_twice(ops, pairs, _SIDES), shuffle_twice(ops, (a, c, b, d), _MERGED)
@@ -188,12 +185,12 @@ def write_view(ops: Any, image: NDArray[np.uint8], columns: Sequence[Any], seen:
         shown = ops.where((seen_lanes & bits) == bits, codes, 0)
         looks, states = shown & 15 | (shown & 112) << 4, shown >> 7 & 3
         for half, lanes in enumerate(_MERGED):
-            cells = ops.octets(ops.shuffled(looks, lanes, states))  # kind, colour, state, 0
-            cells = ops.shuffled(cells, _THREE_OF_FOUR, cells)
-            written[left, half], written[right, half] = ops.part(cells, 0, 16), ops.part(cells, 16, 16)
+            cells = ops.view(ops.shuffled(looks, lanes, states), "uint8")  # kind, colour, state, 0
+            cells = ops.shuffled(cells, _THREE_OF_FOUR)
+            written[left, half], written[right, half] = (ops.shuffled(cells, range(at, at + 16)) for at in (0, 16))
     for column in range(USUAL_VIEW):
         ops.store(image, 21 * column, written[column, 0])
-        ops.store(image, 21 * column + 12, ops.part(written[column, 1], 0, 16 if column < 6 else 9))
+        ops.store(image, 21 * column + 12, ops.shuffled(written[column, 1], range(16 if column < 6 else 9)))
 
 
 @simd_function()
@@ -218,50 +215,23 @@ def fetch_header(ops: Any, row: Row) -> None:
 def see_cells(row: Row, image: NDArray[np.uint8], size: int) -> None:
     """What `see` says, for a view of ``size`` cells. Without branches on what lies where: those cannot be foreseen."""
     half = size // 2
-    x, y, width, height = row[X], row[Y], row[WIDTH], row[HEIGHT]
-    # rows of the view that lie in the grid, cells of a row left and right of the agent that do, and how far it is in
-    # the state from a cell to the one to its right and to the one ahead
-    direction = row[DIRECTION]
-    if direction == 0:
-        rows, left, right, aside, onward = width - x, y, height - 1 - y, 1, height
-    elif direction == 1:
-        rows, left, right, aside, onward = height - y, width - 1 - x, x, -height, 1
-    elif direction == 2:
-        rows, left, right, aside, onward = x + 1, height - 1 - y, y, -1, -height
-    else:
-        rows, left, right, aside, onward = y + 1, x, width - 1 - x, height, -1
-    first, last = half - left, half + right
-    everything = (1 << size) - 1
-    hiding = row[SEE_THROUGH] & 1 == 0
-    showing = ~(HIDING | hiding_looks(row))
-    seen = everything
-    ahead = 1 << half  # bit i: cell i of the next row is seen
-    start = HEADER + x * height + y - half * aside  # of the row's first cell
+    right, down = ahead(0, 0, row[DIRECTION])
+    x, y = row[X] + half * down, row[Y] - half * right  # the first cell of the agent's row
+    showing = int64(-1) if row[SEE_THROUGH] & 1 else int64(~(HIDING | hiding_looks(row)))
+    reached = 1 << half  # bit i: cell i of the row is seen from the one before
     for distance in range(size):
-        if distance >= rows:
-            last = -1
-        if hiding:
-            if ahead == 0:
-                leave_dark(image, size - distance)
-                break
-            clear = 0
-            for i in range(size):
-                inside = (first <= i) & (i <= last)
-                place = np.uint64(start + i * aside if inside else 0)  # unsigned: not looked for from the end
-                code = row[place]
-                clear |= (showing >> look_of(code) & inside) << i
-            giving = spread_right(ahead, clear) & everything >> 1
-            seen = ahead | giving << 1
-            ahead = giving | giving << 1
-            giving = spread_left(seen, clear, size) & ~1
-            seen |= giving >> 1
-            ahead |= giving | giving >> 1
+        if reached == 0:
+            image[:, : size - distance] = 0
+            break
+        clear = 0
         for i in range(size):
-            inside = (first <= i) & (i <= last)
-            place = np.uint64(start + i * aside if inside else 0)
-            code = (row[place] if inside else GREY_WALL) & -(seen >> i & 1)
-            show(image, i, size - 1 - distance, code)
-        start += onward
+            clear |= (showing >> look_of(cell_at(row, x - i * down, y + i * right)) & 1) << i
+        giving = spread(reached, clear, size)
+        beside = (giving << 1 | giving >> 1 | giving) & (1 << size) - 1
+        seen = reached | beside
+        for i in range(size):
+            show(image, i, size - 1 - distance, cell_at(row, x - i * down, y + i * right) & -(seen >> i & 1))
+        reached, x, y = beside, x + right, y + down
     show(image, half, size - 1, int64(row[CARRYING]))
 
 
@@ -274,24 +244,10 @@ def show(image: NDArray[np.uint8], i: int, j: int, code: int) -> None:
 
 
 @inline
-def leave_dark(image: NDArray[np.uint8], rows: int) -> None:
-    """Make the upper rows of a view unseen."""
-    for i in range(image.shape[0]):
-        for j in range(rows):
-            image[i, j, 0] = image[i, j, 1] = image[i, j, 2] = 0
-
-
-@inline
-def spread_right(seen: int, clear: int) -> int:
-    """The clear cells of a row that are seen once sight has spread along it to higher bits."""
+def spread(seen: int, clear: int, size: int) -> int:
+    """The clear cells of a row in whose runs one is seen."""
     giving = seen & clear
-    return (giving + clear ^ clear | giving) & clear  # the sum's carry runs through the clear cells after each
-
-
-@inline
-def spread_left(seen: int, clear: int, size: int) -> int:
-    """The clear cells of a row that are seen once sight has spread along it to lower bits."""
-    giving = seen & clear
+    giving = (giving + clear ^ clear | giving) & clear  # the sum's carry runs through the clear cells after each
     run = clear  # bit i: the cells from i to where a stride of this length starts are all clear
     stride = 1
     while stride < size:
