@@ -127,12 +127,12 @@ def look_ahead(ops: Any, row: Row) -> tuple[list[Any], Any]:
     mirrored = ops.fixed_16(direction + 1 & 2, 16) == 2  # facing down or left, a column's cells are the other way round
     is_in_height = ops.these_16([*range(8)] * 2) + ops.fixed_16(first_y, 16) < ops.fixed_16(height, 16)
     x_lanes = ops.fixed_16(first_x, 16) + (ops.fixed_16(onward, 16) & ops.these_16([0] * 8 + [0xFFFF] * 8))
-    start, loaded, pairs = first_x * height + first_y + HEADER, [], []
+    start, columns, pairs = first_x * height + first_y + HEADER, [], []
     for number in range(USUAL_VIEW):
         is_inside = (first_x + onward * number & 0xFFFFFFFF) < width
-        loaded.append(ops.load_16(row, ops.where(is_inside, start, HEADER), 8))
+        columns.append(ops.load_16(row, ops.where(is_inside, start, HEADER), 8))
         start = start + onward * height
-    for left, right in zip(loaded[::2], [*loaded[1::2], loaded[-1]], strict=True):
+    for left, right in zip(columns[::2], [*columns[1::2], columns[-1]], strict=True):
         is_inside = is_in_height & (x_lanes < ops.fixed_16(width, 16))
         codes = ops.where(is_inside, ops.shuffled(left, range(16), right), GREY_WALL)
         pairs.append(ops.where(mirrored, ops.shuffled(codes, _MIRRORED), codes))
