@@ -40,9 +40,13 @@ class NumpyOperations:
     """The operations on NumPy's arrays."""
 
     def load(self, array: Array, at: int, count: int) -> Any:
-        """``count`` neighbours in an array; int16 and int32, which are 0 or more, as uint32."""
-        values = array[at : at + count].copy()
-        return values.astype(np.uint32) if values.dtype.kind == "i" else values
+        """``count`` neighbours in an array, whatever its shape; int32, which are 0 or more, as uint32."""
+        values = array.reshape(-1)[at : at + count].copy()
+        return values.view(np.uint32) if values.dtype == np.int32 else values
+
+    def load_16(self, array: Array, at: int, count: int) -> Any:
+        """The lowest bits of neighbours in an array of int16 or int32, as uint16."""
+        return self.load(array, at, count).astype(np.uint16)
 
     def store(self, array: Array, at: int, values: Any) -> None:
         """Put neighbours into an array, whatever its shape."""
@@ -122,58 +126,34 @@ class NumpyOperations:
         """A uint32 below 2 ** 31 as float32."""
         return values.view(np.int32).astype(np.float32)
 
-    def bits(self, values: Any) -> Any:
-        """A float32's bits, as uint32."""
-        return values.view(np.uint32)
-
-    def halves(self, values: Any) -> Any:
-        """Each uint32 as two uint16."""
-        return values.view(np.uint16)
-
-    def wholes(self, values: Any) -> Any:
-        """Two uint16 as one uint32."""
-        return values.view(np.uint32)
+    def view(self, values: Any, kind: str) -> Any:
+        """The same bits as numbers of another kind, "uint8", "uint16" or "uint32", the lowest first."""
+        return values.view(kind)
 
     def upper(self, a: Any, b: Any) -> Any:
         """The upper half of each product of two uint16."""
         return (a.astype(np.uint32) * b >> 16).astype(np.uint16)
 
-    def octets(self, values: Any) -> Any:
-        """Each uint32 as four uint8, the lowest first."""
-        return values.view(np.uint8)
-
-    def three_of_four(self, values: Any) -> Any:
-        """Every lane but each fourth."""
-        return values.reshape(-1, 4)[:, :3].ravel()
-
     def number(self, array: Array, at: int) -> int:
         """One whole number of an array."""
         return int(array[at])
 
-    def indices(self, count: int) -> Any:
-        """0, 1, 2 and so on, as uint32."""
-        return np.arange(count, dtype=np.uint32)
+    def these_16(self, values: Sequence[int]) -> Any:
+        """Constants, as uint16."""
+        return np.array(values, np.uint16)
 
-    def shuffled(self, values: Any, lanes: Sequence[int]) -> Any:
-        """The lanes in another order."""
-        return values[list(lanes)]
+    def fixed_16(self, value: int, count: int) -> Any:
+        """A whole number's lowest bits in every lane, as uint16."""
+        return np.full(count, value & 0xFFFF, np.uint16)
 
-    def transposed(self, rows: Sequence[Any]) -> Sequence[Any]:
-        """Eight vectors of eight lanes: of each the first lane, of each the second, and so on."""
-        return list(np.array(rows).T)
+    def shuffled(self, first: Any, lanes: Sequence[int], second: Any = None) -> Any:
+        """Some lanes of a vector, or of two: those of the second are counted on."""
+        return np.concatenate((first, first if second is None else second))[list(lanes)]
 
     def lane_bits(self, chosen: Any) -> int:
-        """Of eight lanes, which are true: a bit each, the first the lowest."""
-        return int(np.packbits(chosen, bitorder="little")[0])
-
-    def join_bytes(self, values: Any) -> int:
-        """The lowest bytes of eight lanes as one whole number, the first lane's the lowest."""
-        return int(values.astype(np.uint8).view(np.uint64)[0])
+        """Which lanes are true: a bit each, the first the lowest."""
+        return int.from_bytes(np.packbits(chosen, bitorder="little").tobytes(), "little")
 
     def spread_bytes(self, number: int) -> Any:
-        """The eight bytes of a whole number, a lane each."""
-        return np.array([number], np.uint64).view(np.uint8).astype(np.uint32)
-
-    def part(self, values: Any, first: int, count: int) -> Any:
-        """Some neighbouring lanes."""
-        return values[first : first + count].copy()
+        """The eight bytes of a whole number, a lane each, twice, as uint16."""
+        return np.tile(np.array([number], np.uint64).view(np.uint8), 2).astype(np.uint16)

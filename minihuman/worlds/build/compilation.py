@@ -197,9 +197,11 @@ class _Operations:
     def load(self, array: Any, at: Any, count: int) -> SimdVector:
         kind = {"int32": U32, "int16": U16}.get(array.kind, array.kind)
         values = self._builder.load(self._place(array, at, kind, count), align=_BITS[kind] // 8)
-        if array.kind == "int16":
-            values, kind = self._builder.zext(values, _vector(U32, count)), U32
         return SimdVector(self._builder, values, kind)
+
+    def load_16(self, array: Any, at: Any, count: int) -> SimdVector:
+        values = self.load(array, at, count).value
+        return SimdVector(self._builder, self._builder.trunc(values, _vector(U16, count)), U16)
 
     def store(self, array: Any, at: Any, values: SimdVector) -> None:
         place = self._place(array, at, values.kind, values.count)
@@ -305,14 +307,9 @@ class _Operations:
     def short(self, values: SimdVector) -> SimdVector:
         return SimdVector(self._builder, self._builder.sitofp(values.value, _vector(F32, values.count)), F32)
 
-    def bits(self, values: SimdVector) -> SimdVector:
-        return SimdVector(self._builder, self._builder.bitcast(values.value, _vector(U32, values.count)), U32)
-
-    def halves(self, values: SimdVector) -> SimdVector:
-        return SimdVector(self._builder, self._builder.bitcast(values.value, _vector(U16, 2 * values.count)), U16)
-
-    def wholes(self, values: SimdVector) -> SimdVector:
-        return SimdVector(self._builder, self._builder.bitcast(values.value, _vector(U32, values.count // 2)), U32)
+    def view(self, values: SimdVector, kind: str) -> SimdVector:
+        kinds = _vector(kind, _BITS[values.kind] * values.count // _BITS[kind])
+        return SimdVector(self._builder, self._builder.bitcast(values.value, kinds), kind)
 
     def upper(self, a: SimdVector, b: SimdVector) -> SimdVector:
         build, wide = self._builder, _vector(U32, a.count)
@@ -320,50 +317,29 @@ class _Operations:
         half = build.lshr(product, ir.Constant(wide, [16] * a.count))
         return SimdVector(build, build.trunc(half, a.value.type), U16)
 
-    def octets(self, values: SimdVector) -> SimdVector:
-        return SimdVector(self._builder, self._builder.bitcast(values.value, _vector(U8, 4 * values.count)), U8)
-
-    def three_of_four(self, values: SimdVector) -> SimdVector:
-        return self._shuffled(values, values, [lane for lane in range(values.count) if lane % 4 < 3])
-
     def number(self, array: Any, at: int) -> SimdVector:
         place = self._builder.gep(array.start, [self._whole(at)])
         return SimdVector(self._builder, self._builder.sext(self._builder.load(place), _WHOLE), I64)
 
-    def indices(self, count: int) -> SimdVector:
-        return SimdVector(self._builder, ir.Constant(_vector(U32, count), list(range(count))), U32)
+    def these_16(self, values: Sequence[int]) -> SimdVector:
+        return SimdVector(self._builder, ir.Constant(_vector(U16, len(values)), list(values)), U16)
 
-    def shuffled(self, values: SimdVector, lanes: Sequence[int]) -> SimdVector:
-        return self._shuffled(values, values, lanes)
+    def fixed_16(self, value: Any, count: int) -> SimdVector:
+        short = self._builder.trunc(self._whole(value), ir.IntType(16))
+        return SimdVector(self._builder, _splat(self._builder, short, count), U16)
 
-    def transposed(self, rows: Sequence[SimdVector]) -> Sequence[SimdVector]:
-        found, lanes = list(rows), range(8)
-        for half in (4, 2, 1):
-            for row in (row for row in lanes if not row & half):
-                a, b = found[row], found[row + half]
-                found[row] = self._shuffled(a, b, [lane if not lane & half else 8 + lane - half for lane in lanes])
-                found[row + half] = self._shuffled(
-                    a, b, [lane + half if not lane & half else 8 + lane for lane in lanes]
-                )
-        return found
+    def shuffled(self, first: SimdVector, lanes: Sequence[int], second: SimdVector | None = None) -> SimdVector:
+        shuffled = _shuffle(self._builder, first.value, (second or first).value, lanes)
+        return SimdVector(self._builder, shuffled, first.kind)
 
     def lane_bits(self, chosen: SimdVector) -> SimdVector:
-        byte = self._builder.bitcast(chosen.value, ir.IntType(8))
-        return SimdVector(self._builder, self._builder.zext(byte, _WHOLE), I64)
-
-    def join_bytes(self, values: SimdVector) -> SimdVector:
-        short = self._builder.trunc(values.value, _vector(U8, 8))
-        return SimdVector(self._builder, self._builder.bitcast(short, _WHOLE), I64)
+        bits = self._builder.bitcast(chosen.value, ir.IntType(chosen.count))
+        return SimdVector(self._builder, self._builder.zext(bits, _WHOLE), I64)
 
     def spread_bytes(self, number: SimdVector) -> SimdVector:
         short = self._builder.bitcast(number.value, _vector(U8, 8))
-        return SimdVector(self._builder, self._builder.zext(short, _vector(U32, 8)), U32)
-
-    def part(self, values: SimdVector, first: int, count: int) -> SimdVector:
-        return self._shuffled(values, values, list(range(first, first + count)))
-
-    def _shuffled(self, a: SimdVector, b: SimdVector, lanes: Sequence[int]) -> SimdVector:
-        return SimdVector(self._builder, _shuffle(self._builder, a.value, b.value, lanes), a.kind)
+        twice = _shuffle(self._builder, short, short, range(16))
+        return SimdVector(self._builder, self._builder.zext(twice, _vector(U16, 16)), U16)
 
 
 def _splat(builder: Any, value: Any, count: int) -> Any:

@@ -24,6 +24,7 @@ from minihuman.worlds.grid.core.rewards import INSTRUCTED
 from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act_inline
 from minihuman.worlds.grid.core.state import (
     ACTIONS,
+    CARRYING,
     DIRECTION,
     FAILED,
     HEIGHT,
@@ -40,11 +41,22 @@ from minihuman.worlds.grid.core.state import (
     Y,
     clear,
 )
-from minihuman.worlds.grid.core.view import fetch_header, fetch_usual, see, see_inline
+from minihuman.worlds.grid.core.view import (
+    TOGETHER,
+    USUAL_VIEW,
+    fetch_header,
+    fetch_usual,
+    is_usual,
+    look_usual,
+    see,
+    show,
+    show_usual,
+    spread_usual,
+)
 from minihuman.worlds.grid.engine import GridSnapshot
 from minihuman.worlds.grid.env import GridEnv
 from minihuman.worlds.grid.layout import Recipe
-from minihuman.worlds.kernels import inline, kernel
+from minihuman.worlds.kernels import inline, int64, kernel
 from minihuman.worlds.options import BatchSeeds, seeds_per_world
 from minihuman.worlds.rng import RngState, read_rng_state, write_rng_state
 from minihuman.worlds.shared_work import APART, DONE, TAKEN, Counters, add_to_counter, share_work
@@ -282,24 +294,36 @@ def step_many(
         (~) of the first such world. Then none was stepped.
     """
     count = first_refusal(rows, actions, mode, first, last)
-    for i in range(first, last if count == 0 else first):
-        fetch(rows, i)
-        if instructed:
-            fetch_instruction(rows, i)
-        status, rewards[i] = 0, 0.0
-        stepped = rows[i, PHASE] != OVER
-        if stepped:
-            status, rewards[i] = (
-                act_unedited(rows[i], actions[i], rng_state[i], True)
-                if instructed
-                else act_inline(rows[i], actions[i], rng_state[i])
-            )
-            see_inline(rows[i], images[i])
-            directions[i] = rows[i, DIRECTION]
-        terminated[i] = status & TERMINATED != 0
-        truncated[i] = status & TRUNCATED != 0
-        over[first + count] = i  # counts only if it is
-        count += not stepped or (mode == SAME_STEP and status != 0)
+    for start in range(first, last if count == 0 else first, TOGETHER):
+        end = min(start + TOGETHER, last)
+        together = end - start == TOGETHER and is_usual(rows[start], images[start])
+        for i in range(start, end):
+            fetch(rows, i)
+            if instructed:
+                fetch_instruction(rows, i)
+            status, rewards[i] = 0, 0.0
+            stepped = rows[i, PHASE] != OVER
+            if stepped:
+                status, rewards[i] = (
+                    act_unedited(rows[i], actions[i], rng_state[i], True)
+                    if instructed
+                    else act_inline(rows[i], actions[i], rng_state[i])
+                )
+            if together:
+                directions[i] = look_usual(rows[i], images[i])
+            else:
+                see(rows[i], images[i])
+                directions[i] = rows[i, DIRECTION]
+            terminated[i] = status & TERMINATED != 0
+            truncated[i] = status & TRUNCATED != 0
+            over[first + count] = i  # counts only if it is
+            count += not stepped or (mode == SAME_STEP and status != 0)
+        if together:
+            spread_usual(directions, start)
+            for i in range(start, end):
+                show_usual(images[i], directions, i)
+                show(images[i], USUAL_VIEW // 2, USUAL_VIEW - 1, int64(rows[i, CARRYING]))
+                directions[i] = rows[i, DIRECTION]
     return count
 
 

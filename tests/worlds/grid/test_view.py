@@ -27,7 +27,8 @@ def draw_row(chance, *, see_through):
     row[state.HEADER : state.HEADER + width * height] = cells + (identities << 9)
     row[[state.WIDTH, state.HEIGHT, state.X, state.Y]] = width, height, chance.integers(width), chance.integers(height)
     row[[state.DIRECTION, state.CARRYING]] = chance.integers(4), chance.choice(LOOKS)
-    row[state.SEE_THROUGH] = int(see_through) | int(chance.integers(0, 1 << 20)) << 1
+    own = chance.integers(0, 1 << 20) if chance.integers(0, 3) == 0 else 0  # the general view, where one of them hides
+    row[state.SEE_THROUGH] = int(see_through) | int(own) << 1
     return row
 
 
@@ -49,3 +50,17 @@ def test_vectors_write_nothing_beside_the_picture():
         see(draw_row(chance, see_through=False), room[32:-32].reshape(USUAL_VIEW, USUAL_VIEW, 3))
         assert (room[:32] == 99).all()
         assert (room[-32:] == 99).all()
+
+
+@pytest.mark.parametrize("x", [32_760, 65_530, 65_538, 66_003])
+@pytest.mark.parametrize("direction", range(4))
+def test_a_world_longer_than_16_bits_count_is_seen_as_any(x, direction):
+    seen = []
+    for width, at in ((66_004, x), (21, 20 if x == 66_003 else 10)):
+        row = np.zeros(state.row_length(width, 4), np.int32)
+        row[state.HEADER : state.HEADER + 4 * width] = pack(1, 0, 0, 0)
+        row[[state.WIDTH, state.HEIGHT, state.X, state.Y, state.DIRECTION]] = width, 4, at, 1, direction
+        row[state.CARRYING] = pack(1, 0, 0, 0)
+        seen.append(np.full((USUAL_VIEW, USUAL_VIEW, 3), 99, np.uint8))
+        see(row, seen[-1])
+    np.testing.assert_array_equal(*seen)

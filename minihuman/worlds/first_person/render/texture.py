@@ -30,6 +30,7 @@ BRIGHTER, DARK = 1.12, 0.45  # how light a near wall is in the look of a display
 
 _BIAS = 127  # of a float32's power of two
 _OTHERS = 0x00FF00FF  # than green
+_THREE_OF_FOUR = [lane for lane in range(4 * LANES) if lane % 4 < 3]
 
 
 def _seen(
@@ -74,7 +75,7 @@ def _fitting(ops: Any, count: int, far: Any, ways: Sequence[Any], wide: float, h
 def _number(ops: Any, count: int, covered: Any, last: int) -> Any:
     square = covered * covered
     # the power of two in the fourth power counts quarters of a halving
-    quarters, bias = ops.bits(square * square) >> 23, ops.fixed(_BIAS, count)
+    quarters, bias = ops.view(square * square, "uint32") >> 23, ops.fixed(_BIAS, count)
     return ops.smaller(ops.larger(quarters, bias), bias + ops.fixed(last, count)) - bias
 
 
@@ -116,7 +117,7 @@ def fit(
     ops.store(sizes, 0, _fitting(ops, LANES, seen[0], changes, wide, high, last))
     for k in (0, 2):
         moved = (changes[k] * ops.single(beside, LANES) + changes[k + 1] * ops.single(below, LANES)) * seen[0]
-        ops.store(sizes, (1 + k // 2) * LANES, ops.bits(moved))
+        ops.store(sizes, (1 + k // 2) * LANES, ops.view(moved, "uint32"))
     by = [ops.single(each, LANES) for each in (wide, high)]
     right, down = (ops.larger(ops.size(changes[k]) * by[0], ops.size(changes[k + 2]) * by[1]) * seen[0] for k in (0, 1))
     long, short = ops.larger(right, down), ops.smaller(right, down)
@@ -210,19 +211,19 @@ def _look_up(count: int, taps: int = 1) -> Any:
 
         Of several taps each has its share of the light.
         """
-        by = [ops.halves(ops.load(lights, nth * LANES, count)) for nth in (0, 1)]
+        by = [ops.view(ops.load(lights, nth * LANES, count), "uint16") for nth in (0, 1)]
         found = []
         for here in range(0, taps * TAP, TAP):
             a, b = ops.pairs_at(texels, places, at + here, count)
             c, d = ops.pairs_at(texels, places, at + (here + LANES), count)
-            share = [ops.halves(ops.load(places, at + (here + nth * LANES), count)) for nth in (2, 3)]
-            others = [ops.halves(each & _OTHERS) for each in (a, b, c, d)]
-            greens = [ops.halves(each) >> 8 for each in (a, b, c, d)]
+            share = [ops.view(ops.load(places, at + (here + nth * LANES), count), "uint16") for nth in (2, 3)]
+            others = [ops.view(each & _OTHERS, "uint16") for each in (a, b, c, d)]
+            greens = [ops.view(each, "uint16") >> 8 for each in (a, b, c, d)]
             channels = _between(others, *share), _between(greens, *share)
             # rounded; a channel has 0 to 255 above eight bits of no meaning, before and after
             found.append([ops.upper((each + 128) & 0xFF00, light) for each, light in zip(channels, by, strict=True)])
         two, one = (sum(each[1:], each[0]) + 128 for each in zip(*found, strict=True))
-        ops.store(out, slot, ops.wholes(two >> 8) | (ops.wholes(one) & 0xFF00))
+        ops.store(out, slot, ops.view(two >> 8, "uint32") | (ops.view(one, "uint32") & 0xFF00))
 
     return simd_function()(look_up)
 
@@ -330,7 +331,7 @@ def copy(ops: Any, out: Array, at: int, colours: Array, slot: int) -> None:
 @simd_function()
 def pack(ops: Any, line: Array, x: int, picture: Array, at: int) -> None:
     """Write sixteen colours as bytes: red, green, blue."""
-    ops.store(picture, at, ops.three_of_four(ops.octets(ops.load(line, x, LANES))))
+    ops.store(picture, at, ops.shuffled(ops.view(ops.load(line, x, LANES), "uint8"), _THREE_OF_FOUR))
 
 
 @kernel("void(uint8[:, :, ::1], uint32[::1], uint32[::1])", only=True, hold_gil=True)

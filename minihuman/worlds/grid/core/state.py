@@ -48,6 +48,7 @@ HEADER = 24
 
 NEW, PLAYING, OVER = 0, 1, 2  # phases
 
+_POSITIVE = (1 << 31) - 1  # bits of a number that is 0 or more; of a negative one they are more than any size
 NOWHERE = -1  # an object's cell while it is carried, contained or gone
 
 
@@ -88,9 +89,9 @@ def clear(row: Row) -> None:
 @kernel("int64(int32[::1], int64, int64)", "int64(int16[::1], int64, int64)", only=True)
 def cell_at(row: Row, x: int, y: int) -> int:
     """The code in a cell; outside the grid everything is wall."""
-    if x < 0 or y < 0 or x >= row[WIDTH] or y >= row[HEIGHT]:
-        return GREY_WALL
-    return row[HEADER + x * row[HEIGHT] + y]
+    is_inside = (int(x) & _POSITIVE < row[WIDTH]) & (int(y) & _POSITIVE < row[HEIGHT])
+    place = np.uint64(HEADER + x * row[HEIGHT] + y if is_inside else 0)  # unsigned: not looked for from the end
+    return row[place] if is_inside else GREY_WALL
 
 
 @kernel("int64(int32[::1], int64, int64)", "int64(int16[::1], int64, int64)", only=True)

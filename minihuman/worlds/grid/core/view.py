@@ -1,5 +1,6 @@
 """What the agent sees: the cells in front of it, turned so that it looks up, without those that walls hide."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from minihuman.worlds.grid.core.cells import (
     OPEN,
     RED,
     WALL,
+    ahead,
     colour_of,
     kind_of,
     look_of,
@@ -27,6 +29,7 @@ from minihuman.worlds.grid.core.state import (
     Row,
     X,
     Y,
+    cell_at,
     hiding_looks,
 )
 from minihuman.worlds.kernels import device_function, inline, int64, kernel
@@ -35,6 +38,18 @@ from minihuman.worlds.simd import simd_function
 
 LARGEST_VIEW = 61  # a row of the view is the bits of one int64
 USUAL_VIEW = 7
+TOGETHER = 8  # views in which `spread_usual` spreads sight
+
+PAIRS = (0, 2), (1, 3), (4, 6), (5, 7)  # columns of a view that are in one vector, eight cells each; there is no eighth
+# lanes of one such vector, or of two side by side
+_MIRRORED = [half + 6 - lane if lane < 7 else half + lane for half in (0, 8) for lane in range(8)]
+_SIDES = [[first + lane for first in firsts for lane in range(8)] for firsts in ((0, 16), (8, 24))]
+_MERGED = [
+    [half + lane + of for half in (0, 8) for lane in lanes for of in (0, 16)] for lanes in (range(4), range(4, 8))
+]
+_IN_ORDER = [first + lane for first in (0, 16, 8, 24) for lane in range(8)]
+_THREE_OF_FOUR = [half + lane for half in (0, 16) for lane in (0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 3, 7, 11, 15)]
+_ALL = 0x7F7F7F7F7F7F7F
 
 # what hides what is behind it: bit ``kind | state << 4`` of a number, for all four states that a cell has room for
 HIDING = np.int64(sum(1 << (WALL | state << 4) | (state != OPEN) << (DOOR | state << 4) for state in range(4)))
@@ -57,73 +72,125 @@ def see(row: Row, image: NDArray[np.uint8]) -> None:
     the agent row by row, as Minigrid defines it: within a row first rightwards, then leftwards, and every seen cell
     that lets see passes it on to its neighbour in that direction and to the two cells ahead of both.
     """
-    see_inline(row, image)
-
-
-@device_function(force_inline=True)
-def see_inline(row: Row, image: NDArray[np.uint8]) -> None:
-    """`see`, for kernels that look at many rows."""
-    if image.shape[0] == USUAL_VIEW:
-        see_usual(row, image, int64(-1) if row[SEE_THROUGH] & 1 else ~(HIDING | hiding_looks(row)))
+    if is_usual(row, image):
+        see_usual(row, image)
         show(image, USUAL_VIEW // 2, USUAL_VIEW - 1, int64(row[CARRYING]))
     else:
         see_cells(row, image, image.shape[0])
 
 
+@inline
+def is_usual(row: Row, image: NDArray[np.uint8]) -> bool:
+    """Whether a view is of seven cells, places fit into 15 bits, and no own kind hides anything."""
+    return image.shape[0] == USUAL_VIEW and max(row[WIDTH], row[HEIGHT]) < 1 << 15 and hiding_looks(row) == 0
+
+
 @simd_function()
-def see_usual(ops: Any, row: Row, image: NDArray[np.uint8], showing: Any) -> None:
-    """What `see` says, for a view of seven cells, without what is carried: a vector for each column of the grid.
+def see_usual(ops: Any, row: Row, image: NDArray[np.uint8]) -> None:
+    """What `see` says, for a view that `is_usual`, without what is carried."""
+    columns, clear = look_ahead(ops, row)
+    write_view(ops, image, columns, spread_sight(clear))
 
-    The 49 cells are loaded column by column in the order in which the view has them; facing left or right they lie
-    transposed. What lets see is a number with a byte for each row of the view, in which sight spreads row by row.
 
-    Args:
-        showing: bit ``kind | state << 4``: whether such a cell shows what is behind it.
+@simd_function(counts=True)
+def look_usual(ops: Any, row: Row, image: NDArray[np.uint8]) -> Any:
+    """The first third of `see_usual`, for many: note the cells in the image and return what lets see."""
+    columns, clear = look_ahead(ops, row)
+    for number, codes in enumerate(columns):
+        ops.store(image, 32 * number, ops.view(codes, "uint8"))
+    return clear
+
+
+@simd_function()
+def spread_usual(ops: Any, boards: NDArray[np.int64], first: Any) -> None:
+    """The second third, for `TOGETHER` neighbours: make of what lets see what is seen."""
+    ops.store(boards, first, spread_sight(ops.load(boards, first, TOGETHER)))
+
+
+@simd_function()
+def show_usual(ops: Any, image: NDArray[np.uint8], boards: NDArray[np.int64], at: Any) -> None:
+    """The last third: make the image of the cells that were noted in it."""
+    columns = [ops.view(ops.load(image, 32 * number, 32), "uint16") for number in range(len(PAIRS))]
+    write_view(ops, image, columns, ops.number(boards, at))
+
+
+def look_ahead(ops: Any, row: Row) -> tuple[list[Any], Any]:
+    """The columns `PAIRS` of a view, and what lets see: a number with a byte for each row of the view.
+
+    The cells are loaded column by column of the grid, in the view's order; facing left or right they lie transposed.
     """
-    columns = range(USUAL_VIEW)
-    x, y, direction = ops.number(row, X), ops.number(row, Y), ops.number(row, DIRECTION)
-    width, height = ops.number(row, WIDTH), ops.number(row, HEIGHT)
-    transposed = (direction & 1) == 0
-    mirrored = ((direction + 1) & 2) == 2  # facing down or left, a column's cells are in the opposite order
-    onward = (direction & 2) - 1  # the columns run leftwards where it faces right or down
-    first_x = x - onward * (6 - (direction & 1) * 3)
-    first_y = y - ops.where(transposed, 3, (direction - 1) * 3)
-    y_lanes = ops.indices(8) + ops.fixed(first_y & 0xFFFFFFFF, 8)
-    low, high = (ops.fixed(half & 0xFFFFFFFF, 8) for half in (showing, showing >> 32))
-    cells, across, along = [], 0, 0
-    for number in columns:
-        column = (first_x + onward * number) & 0xFFFFFFFF
-        is_inside = column < width
-        start = ops.where(is_inside, column * height + first_y + HEADER, 0)
-        codes = ops.load(row, start, 8)
-        codes = ops.where(y_lanes < ops.fixed(ops.where(is_inside, height, 0), 8), codes, GREY_WALL)
-        codes = ops.where(mirrored, ops.shuffled(codes, (6, 5, 4, 3, 2, 1, 0, 7)), codes)
-        bits = ops.where((codes & 256) == 0, low, high) >> (codes & 15 | codes >> 3 & 16) & 1
-        across = bits << number | across
-        along = ops.lane_bits(bits == 1) << 8 * number | along
-        cells.append(codes & 15 | (codes & 112) << 4 | (codes & 384) << 9)  # a byte each: kind, colour, state
-    views = ops.transposed([*cells, cells[-1]])
-    clear = ops.where(transposed, along, ops.join_bytes(across)) & 0x7F7F7F7F7F7F7F
+    x, y, direction, width, height = (ops.number(row, at) for at in (X, Y, DIRECTION, WIDTH, HEIGHT))
+    turned, onward = direction & 1, (direction & 2) - 1  # the columns run leftwards where it faces right or down
+    first_x = x - onward * (6 - turned * 3)
+    first_y = y - ops.where(turned == 0, 3, (direction - 1) * 3)
+    transposed = ops.fixed_16(turned, 16) == 0
+    mirrored = ops.fixed_16(direction + 1 & 2, 16) == 2  # facing down or left, a column's cells are the other way round
+    is_in_height = ops.these_16([*range(8)] * 2) + ops.fixed_16(first_y, 16) < ops.fixed_16(height, 16)
+    x_lanes = ops.fixed_16(first_x, 16) + (ops.fixed_16(onward, 16) & ops.these_16([0] * 8 + [0xFFFF] * 8))
+    start, columns, pairs = first_x * height + first_y + HEADER, [], []
+    for number in range(USUAL_VIEW):
+        is_inside = (first_x + onward * number & 0xFFFFFFFF) < width
+        columns.append(ops.load_16(row, ops.where(is_inside, start, HEADER), 8))
+        start = start + onward * height
+    for left, right in zip(columns[::2], [*columns[1::2], columns[-1]], strict=True):
+        is_inside = is_in_height & (x_lanes < ops.fixed_16(width, 16))
+        codes = ops.where(is_inside, ops.shuffled(left, range(16), right), GREY_WALL)
+        pairs.append(ops.where(mirrored, ops.shuffled(codes, _MIRRORED), codes))
+        x_lanes = x_lanes + ops.fixed_16(onward * 2, 16)
+    a, b, c, d = pairs
+    straight, turning = shuffle_twice(ops, pairs, _SIDES), shuffle_twice(ops, (a, c, b, d), _MERGED)
+    a, b, c, d = turning
+    turning = shuffle_twice(ops, shuffle_twice(ops, shuffle_twice(ops, (a, c, b, d), _MERGED), _SIDES), _MERGED)
+    hiding, hidden = (ops.number(row, SEE_THROUGH) & 1) - 1, []
+    for one, other in zip(straight, turning, strict=True):
+        codes = ops.where(transposed, one, other)  # a row of the view
+        kinds = codes & 15
+        hidden.append((kinds == WALL) | ((kinds == DOOR) & ((codes & 3 << 7) > 0)))
+    lower, upper = (ops.lane_bits(each) for each in shuffle_twice(ops, hidden, (_IN_ORDER,)))
+    clear = ((lower | upper << 32) & hiding ^ _ALL) & _ALL
+    return [ops.where(transposed, other, one) for one, other in zip(straight, turning, strict=True)], clear
+
+
+def shuffle_twice(ops: Any, vectors: Sequence[Any], lanes: Sequence[Sequence[int]]) -> list[Any]:
+    """Lanes of the first two vectors together, in each of some orders, and of the last two likewise."""
+    return [ops.shuffled(vectors[at], each, vectors[at + 1]) for at in (0, 2) for each in lanes]
+
+
+def spread_sight(clear: Any) -> Any:
+    """What is seen, of what lets see: a byte for each row of a view.
+
+    A run of clear cells is seen as soon as one of them is, with what is beside it and ahead of all these.
+    """
     pairs = clear >> 1 & clear  # and the cell to the left is clear, too
     fours = pairs >> 2 & pairs
-    ahead, seen = (direction & 0) + 8, direction & 0
-    for number in reversed(columns):
+    ahead, seen = (clear & 0) + 8, clear & 0
+    for number in reversed(range(USUAL_VIEW)):
         lets, two, four = (each >> 8 * number & 127 for each in (clear, pairs, fours))
         giving = ahead & lets
-        giving = ((giving + lets ^ lets) | giving) & lets & 63
-        here = giving << 1 | ahead
-        ahead = giving << 1 | giving
-        giving = here & lets
+        giving = (giving + lets ^ lets | giving) & lets
         giving = giving >> 1 & lets | giving
         giving = giving >> 2 & two | giving
-        giving = (giving >> 4 & four | giving) & 126
-        seen = seen << 8 | here | giving >> 1
-        ahead = ahead | giving | giving >> 1
-    seen_lanes = ops.spread_bytes(seen)
-    for number in columns:
-        shown = ops.where(transposed, views[number], cells[number]) & (0 - (seen_lanes >> number & 1))
-        colours = ops.three_of_four(ops.octets(shown))
-        ops.store(image, 21 * number, colours if number < 6 else ops.part(colours, 0, 21))
+        giving = giving >> 4 & four | giving
+        beside = (giving << 1 | giving >> 1 | giving) & 127
+        seen = (ahead | beside) << 8 * number | seen
+        ahead = beside
+    return seen
+
+
+def write_view(ops: Any, image: NDArray[np.uint8], columns: Sequence[Any], seen: Any) -> None:
+    """Write down the cells of a view that are seen. What is written too far, the next column overwrites."""
+    seen_lanes, written = ops.spread_bytes(seen), {}
+    for (left, right), codes in zip(PAIRS, columns, strict=True):
+        bits = ops.these_16([1 << left] * 8 + [1 << right] * 8)
+        shown = ops.where((seen_lanes & bits) == bits, codes, 0)
+        looks, states = shown & 15 | (shown & 112) << 4, shown >> 7 & 3
+        for half, lanes in enumerate(_MERGED):
+            cells = ops.view(ops.shuffled(looks, lanes, states), "uint8")  # kind, colour, state, 0
+            cells = ops.shuffled(cells, _THREE_OF_FOUR)
+            written[left, half], written[right, half] = (ops.shuffled(cells, range(at, at + 16)) for at in (0, 16))
+    for column in range(USUAL_VIEW):
+        ops.store(image, 21 * column, written[column, 0])
+        ops.store(image, 21 * column + 12, ops.shuffled(written[column, 1], range(16 if column < 6 else 9)))
 
 
 @simd_function()
@@ -148,50 +215,23 @@ def fetch_header(ops: Any, row: Row) -> None:
 def see_cells(row: Row, image: NDArray[np.uint8], size: int) -> None:
     """What `see` says, for a view of ``size`` cells. Without branches on what lies where: those cannot be foreseen."""
     half = size // 2
-    x, y, width, height = row[X], row[Y], row[WIDTH], row[HEIGHT]
-    # rows of the view that lie in the grid, cells of a row left and right of the agent that do, and how far it is in
-    # the state from a cell to the one to its right and to the one ahead
-    direction = row[DIRECTION]
-    if direction == 0:
-        rows, left, right, aside, onward = width - x, y, height - 1 - y, 1, height
-    elif direction == 1:
-        rows, left, right, aside, onward = height - y, width - 1 - x, x, -height, 1
-    elif direction == 2:
-        rows, left, right, aside, onward = x + 1, height - 1 - y, y, -1, -height
-    else:
-        rows, left, right, aside, onward = y + 1, x, width - 1 - x, height, -1
-    first, last = half - left, half + right
-    everything = (1 << size) - 1
-    hiding = row[SEE_THROUGH] & 1 == 0
-    showing = ~(HIDING | hiding_looks(row))
-    seen = everything
-    ahead = 1 << half  # bit i: cell i of the next row is seen
-    start = HEADER + x * height + y - half * aside  # of the row's first cell
+    right, down = ahead(0, 0, row[DIRECTION])
+    x, y = row[X] + half * down, row[Y] - half * right  # the first cell of the agent's row
+    showing = int64(-1) if row[SEE_THROUGH] & 1 else int64(~(HIDING | hiding_looks(row)))
+    reached = 1 << half  # bit i: cell i of the row is seen from the one before
     for distance in range(size):
-        if distance >= rows:
-            last = -1
-        if hiding:
-            if ahead == 0:
-                leave_dark(image, size - distance)
-                break
-            clear = 0
-            for i in range(size):
-                inside = (first <= i) & (i <= last)
-                place = np.uint64(start + i * aside if inside else 0)  # unsigned: not looked for from the end
-                code = row[place]
-                clear |= (showing >> look_of(code) & inside) << i
-            giving = spread_right(ahead, clear) & everything >> 1
-            seen = ahead | giving << 1
-            ahead = giving | giving << 1
-            giving = spread_left(seen, clear, size) & ~1
-            seen |= giving >> 1
-            ahead |= giving | giving >> 1
+        if reached == 0:
+            image[:, : size - distance] = 0
+            break
+        clear = 0
         for i in range(size):
-            inside = (first <= i) & (i <= last)
-            place = np.uint64(start + i * aside if inside else 0)
-            code = (row[place] if inside else GREY_WALL) & -(seen >> i & 1)
-            show(image, i, size - 1 - distance, code)
-        start += onward
+            clear |= (showing >> look_of(cell_at(row, x - i * down, y + i * right)) & 1) << i
+        giving = spread(reached, clear, size)
+        beside = (giving << 1 | giving >> 1 | giving) & (1 << size) - 1
+        seen = reached | beside
+        for i in range(size):
+            show(image, i, size - 1 - distance, cell_at(row, x - i * down, y + i * right) & -(seen >> i & 1))
+        reached, x, y = beside, x + right, y + down
     show(image, half, size - 1, int64(row[CARRYING]))
 
 
@@ -204,24 +244,10 @@ def show(image: NDArray[np.uint8], i: int, j: int, code: int) -> None:
 
 
 @inline
-def leave_dark(image: NDArray[np.uint8], rows: int) -> None:
-    """Make the upper rows of a view unseen."""
-    for i in range(image.shape[0]):
-        for j in range(rows):
-            image[i, j, 0] = image[i, j, 1] = image[i, j, 2] = 0
-
-
-@inline
-def spread_right(seen: int, clear: int) -> int:
-    """The clear cells of a row that are seen once sight has spread along it to higher bits."""
+def spread(seen: int, clear: int, size: int) -> int:
+    """The clear cells of a row in whose runs one is seen."""
     giving = seen & clear
-    return (giving + clear ^ clear | giving) & clear  # the sum's carry runs through the clear cells after each
-
-
-@inline
-def spread_left(seen: int, clear: int, size: int) -> int:
-    """The clear cells of a row that are seen once sight has spread along it to lower bits."""
-    giving = seen & clear
+    giving = (giving + clear ^ clear | giving) & clear  # the sum's carry runs through the clear cells after each
     run = clear  # bit i: the cells from i to where a stride of this length starts are all clear
     stride = 1
     while stride < size:
