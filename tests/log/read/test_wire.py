@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from minihuman.log.proto import minihuman_v1_pb2 as v1
-from minihuman.log.read.protobuf_columns import FieldColumn, read_message_columns
+from minihuman.log.read.protobuf_columns import BEYOND, FieldColumn, MessageColumns
 
 VALUES = {
     FieldDescriptor.TYPE_INT64: st.integers(-(2**63), 2**63 - 1) | st.integers(-300, 300),
@@ -60,7 +60,9 @@ MANY = ANY.flatmap(lambda kind: st.lists(messages(kind), min_size=1, max_size=4)
 def columns(kind: type[Message], payloads: Sequence[bytes]) -> Mapping[str, FieldColumn]:
     lengths = np.array([len(payload) for payload in payloads], np.int64)
     ends = np.cumsum(lengths)
-    return dict(read_message_columns(kind, b"".join(payloads), ends - lengths, ends))  # every field looked at
+    return dict(
+        MessageColumns(kind.DESCRIPTOR, b"".join(payloads) + BEYOND, ends - lengths, ends)
+    )  # every field looked at
 
 
 def assert_read(read: Mapping[str, FieldColumn], parsed: Sequence[Message]) -> None:
