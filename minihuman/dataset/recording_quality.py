@@ -16,7 +16,7 @@ from minihuman.log.model.session_log import EpisodeLog, SessionLog
 
 LATE_MS = 5.0  # a press that waited longer for the session than this is counted
 _NS_PER_MS = 1e6
-_NO_FLIP = np.iinfo(np.int64).min
+_NO_FLIP = -1
 _DISPLAY = ("window", "window_size_px", "refresh_hz_reported", "vsync", "key_times")
 _SOFTWARE = (
     *("version_minihuman", "git_commit", "rules", "python", "system", "version_numpy", "window_version"),
@@ -158,7 +158,7 @@ def _key_to_flip_ms(episode: EpisodeLog) -> NDArray[np.float64]:
     # backwards: of several pictures of a step the first is kept
     steps, flips_ns = (np.asarray(episode.frames.column(name), np.int64)[::-1] for name in ("step", "flip_ns"))
     is_done = (steps > 0) & (steps <= len(episode.actions))  # a log may break off between a picture and its step
-    first_ns = np.full(len(episode.actions), _NO_FLIP)
+    first_ns = np.full(len(episode.actions), _NO_FLIP, np.int64)
     first_ns[steps[is_done] - 1] = flips_ns[is_done]
     counts = ~CategoricalTexts.of(episode.step_keys).equals_any(("",)) & (first_ns != _NO_FLIP)
-    return (first_ns[counts] - episode.key_t_ns[counts]) / _NS_PER_MS
+    return np.asarray((first_ns[counts] - episode.key_t_ns[counts]) / _NS_PER_MS)

@@ -129,3 +129,9 @@ def test_bytes_that_are_no_message_are_refused(damaged: bytes, why: str) -> None
 
 def test_no_messages_are_columns_without_rows() -> None:
     assert all(len(column.is_present) == 0 for column in columns(v1.KeyEvent, []).values())
+
+
+def test_thousands_of_different_texts_are_read() -> None:
+    """More than the table has slots by which equal texts are found."""
+    sent = [v1.KeyEvent(key=f"key {number % 3_000}", symbol="x") for number in range(5_000)]
+    assert_read(columns(v1.KeyEvent, [message.SerializeToString() for message in sent]), sent)
