@@ -116,8 +116,8 @@ def _texts(values: CategoricalTexts | list[str | None], name: Callable[[str], st
     ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
     said = np.array([bool(word) for word in encoded], np.bool_)
     buffers = [pa.py_buffer(np.packbits(said, bitorder="little")), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))]
-    dictionary = pa.Array.from_buffers(pa.string(), len(encoded), buffers)
-    return pa.DictionaryArray.from_arrays(as_int64(words.codes), dictionary)
+    texts = pa.Array.from_buffers(pa.string(), len(encoded), buffers)
+    return pa.DictionaryArray.from_arrays(as_int64(words.codes), texts)
 
 
 def as_int64(numbers: NDArray[np.integer[Any]]) -> pa.Array:

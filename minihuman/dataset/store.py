@@ -373,7 +373,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             self.connection.execute("CREATE SCHEMA kept")
             for name in TABLES:
                 empty = self.connection.from_arrow(pa.Table.from_batches([], arrow_schema(name)))
-                empty.project("0::INTEGER AS log, 0::INTEGER AS row, *").create(f"kept.{name}")
+                empty.project("0::INTEGER AS log, 0::INTEGER AS row, *").to_table(f"kept.{name}")
                 self.connection.execute(f"ALTER TABLE kept.{name} ALTER log SET NOT NULL")
                 columns = ", ".join(f'"{column.name}"' for column in TABLES[name])
                 self.connection.execute(f"CREATE VIEW {name} AS SELECT {columns} FROM kept.{name}")
