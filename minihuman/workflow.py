@@ -426,10 +426,10 @@ def report(
         LogError: if there is no such folder.
         ReportError: if no log in it can be read, the logs are of different studies, or nothing can be modelled.
     """
+    from minihuman.dataset.log_files import infrequent_collection
     from minihuman.dataset.selection import Selection
     from minihuman.dataset.sessions import StudySessions
     from minihuman.errors import name_output_when_full
-    from minihuman.figures.figure_data import infrequent_collection
     from minihuman.reporting.build import build_report, find_stale_figures
 
     out = Path(out)

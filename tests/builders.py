@@ -4,6 +4,7 @@ import hashlib
 import math
 from collections import deque
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Literal
@@ -272,6 +273,10 @@ def session_of(
         keyboard_check=False, texts=(text,) * blocks, closing_text="",
         episodes=tuple(played.plan for played in episodes), first_episode=0, segment=1,
     )  # fmt: skip
+    pressed = EventColumns.of(KeyPressed, [press for played in episodes for press in played.keys])
+    ends = np.cumsum([0, *(len(played.keys) for played in episodes)]).tolist()
+    spans = zip(episodes, pairwise(ends), strict=True)
+    episodes = [replace(played, keys=pressed[begin:end]) for played, (begin, end) in spans]
     return SessionLog(
         path=path or Path(f"sessions/{study}/{participant}/ses-01/{participant}_ses-01.mcap"),
         plan=session_plan, player="human-like", started_at="2026-01-05T09:00:00Z", clean=clean,
@@ -281,9 +286,7 @@ def session_of(
                 number=1, started_at="2026-01-05T09:00:00Z", started_unix_ns=STARTED_NS, started_monotonic_ns=None,
                 monotonic_clock="", start_ns=0, end_ns=max((int(one.t_ns[-1]) for one in episodes), default=0),
                 end_reason=end_reason, clean=clean, facts=facts, notes=notes,
-                keys=EventColumns.of(
-                    KeyPressed, (press for played in episodes for press in played.keys) if keys is None else keys
-                ),
+                keys=pressed if keys is None else EventColumns.of(KeyPressed, keys),
             ),
         ),
     )  # fmt: skip

@@ -1,6 +1,6 @@
 import gc
 
-from minihuman.figures.figure_data import infrequent_collection
+from minihuman.dataset.log_files import infrequent_collection
 
 
 def test_cycles_are_looked_for_seldom_and_afterwards_as_before():

@@ -132,7 +132,7 @@ def plot(
 
     Example: minihuman plot sessions/demo --out figures --each
     """
-    from minihuman.figures.figure_data import infrequent_collection
+    from minihuman.dataset.log_files import infrequent_collection
 
     with infrequent_collection():
         from minihuman.dataset.sessions import StudySessions

@@ -23,7 +23,8 @@ except ModuleNotFoundError:  # a station does without a cache, and reads its log
 TABLE_CACHE = "tables.duckdb"  # every table's rows, and the session index
 INDEX_SCHEMA = "session_index"  # which has a digest per row, and none of its definition
 IN_USE_ERRORS = (duckdb.ConnectionException, duckdb.ResourceInUseException) if duckdb else ()  # open in this process
-CACHE_SETTINGS = {"threads": "2", "memory_limit": "128MB"}  # one process cannot open it with two kinds
+# one process cannot open it with two kinds; with one thread, rows that are put in take whole pieces of the file
+CACHE_SETTINGS = {"threads": "1", "memory_limit": "128MB"}
 LOCK_WAIT_S = 2.0  # how long another process may hold it before a command does without it
 _LOCK_POLL_S = 0.02
 _LOCK_ERRORS = ("Could not set lock", "being used by another process")  # of DuckDB, on POSIX and on Windows

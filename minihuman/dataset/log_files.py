@@ -12,7 +12,7 @@ import re
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import islice
@@ -86,6 +86,7 @@ _SEGMENT_ENDING = re.compile(r"(_seg-\d+)?\.mcap(\.part)?$")
 _MIN_LOGS_PER_PROCESS = 32  # sessions; fewer are read sooner than one more process starts
 _BATCH = 4  # sessions handed over together
 _AHEAD = 4  # batches worked on and not yet taken, beside two for each other process
+_SELDOM = 50_000, 20, 100  # new objects before the youngest are looked at, and so on; Python's own begin at 700
 _Batch = tuple[list[Path], "Future[list[T]]"]
 
 
@@ -232,9 +233,21 @@ def _oldest(waiting: "deque[_Batch[T]]", each: Callable[[list[Path]], list[T]]) 
     return waiting.popleft()[1].result()
 
 
+@contextmanager
+def infrequent_collection() -> Iterator[None]:
+    """Meanwhile look for cycles seldom: a tenth of drawing figures, and holds little back."""
+    usual = gc.get_threshold()
+    gc.set_threshold(*_SELDOM)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*usual)
+
+
 def _settle(work: Callable[[SessionLog], object]) -> None:
     """Make a process ready. Handed over, ``work`` has imported what it needs: the collector may leave that alone."""
     gc.freeze()
+    gc.set_threshold(*_SELDOM)
     atexit.register(gc.unfreeze)  # else libraries in C take what is frozen for leaked, and say so
 
 

@@ -7,7 +7,6 @@ effect if the observation after it differs from the one before it.
 
 import json
 import math
-import statistics
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -64,7 +63,8 @@ def response_ms(episode: EpisodeLog) -> NDArray[np.float64]:
 def mean_and_median(times_ms: NDArray[np.float64]) -> tuple[float | None, float | None]:
     """Mean and median of the times that are not NaN; None without any."""
     known = times_ms[~np.isnan(times_ms)]
-    return (float(known.mean()), statistics.median(known.tolist())) if known.size else (None, None)
+    middle = np.sort(known)[(known.size - 1) // 2 : known.size // 2 + 1]  # one, or two
+    return (float(known.mean()), float(middle.mean())) if known.size else (None, None)
 
 
 TURN_DTYPE = np.dtype([("row", np.int64), ("turned_rad", np.float64), ("steps", np.int64)])

@@ -16,6 +16,7 @@ from minihuman.log.model.session_log import EpisodeLog, SessionLog
 
 LATE_MS = 5.0  # a press that waited longer for the session than this is counted
 _NS_PER_MS = 1e6
+_NO_FLIP = -1
 _DISPLAY = ("window", "window_size_px", "refresh_hz_reported", "vsync", "key_times")
 _SOFTWARE = (
     *("version_minihuman", "git_commit", "rules", "python", "system", "version_numpy", "window_version"),
@@ -154,11 +155,10 @@ def _periods(episode: EpisodeLog, pauses: Sequence[tuple[int, int]]) -> NDArray[
 
 def _key_to_flip_ms(episode: EpisodeLog) -> NDArray[np.float64]:
     """From each step's key to the first flip of its picture, where there was a key and a picture."""
-    steps = np.asarray(episode.frames.column("step"), np.int64)
-    flips = np.asarray(episode.frames.column("flip_ns"), np.int64)
-    shown, places = np.unique(steps, return_index=True)
-    steps_done = np.arange(1, len(episode.actions) + 1)
-    _, of_steps, of_shown = np.intersect1d(steps_done, shown, assume_unique=True, return_indices=True)
-    had_key = ~CategoricalTexts.of(episode.step_keys).equals_any(("",))[of_steps]
-    waits_ns = flips[places[of_shown[had_key]]] - episode.key_t_ns[of_steps[had_key]]
-    return waits_ns / _NS_PER_MS
+    # backwards: of several pictures of a step the first is kept
+    steps, flips_ns = (np.asarray(episode.frames.column(name), np.int64)[::-1] for name in ("step", "flip_ns"))
+    is_done = (steps > 0) & (steps <= len(episode.actions))  # a log may break off between a picture and its step
+    first_ns = np.full(len(episode.actions), _NO_FLIP, np.int64)
+    first_ns[steps[is_done] - 1] = flips_ns[is_done]
+    counts = ~CategoricalTexts.of(episode.step_keys).equals_any(("",)) & (first_ns != _NO_FLIP)
+    return np.asarray((first_ns[counts] - episode.key_t_ns[counts]) / _NS_PER_MS)

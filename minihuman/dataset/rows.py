@@ -3,7 +3,7 @@
 Arrow costs as much per column for one session as for a hundred, and plain columns travel faster between processes.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import chain
@@ -78,7 +78,9 @@ class SessionTables(Mapping[str, pa.Table]):
     parts: Mapping[str, RowBatch]
 
     def __getitem__(self, name: str) -> pa.Table:
-        return merge_tables(name, [self])
+        arrow = arrow_schema(name)
+        columns = zip(arrow_columns(name, [self.parts[name]]), arrow.types, strict=True)
+        return pa.Table.from_arrays([values.cast(kind) for values, kind in columns], schema=arrow)
 
     def __iter__(self) -> Iterator[str]:
         return iter(TABLES)
@@ -91,46 +93,36 @@ class SessionTables(Mapping[str, pa.Table]):
         return self.parts[name].count
 
 
-def merge_tables(name: str, sessions: Sequence[SessionTables]) -> pa.Table:
-    """One table's rows of several sessions. A NaN becomes NULL, and so does an empty text: nothing is said there."""
-    part = RowBatch.below([session.parts[name] for session in sessions if session.parts[name].count])
-    arrow = arrow_schema(name)
-    columns = [
-        (column.kind, field.type, part.columns.get(column.name, []))
-        for column, field in zip(TABLES[name], arrow, strict=True)
+def arrow_columns(name: str, parts: Sequence[RowBatch]) -> list[pa.Array]:
+    """One table's columns of several sessions' rows, texts as places in a dictionary.
+
+    A NaN becomes NULL, and so does an empty text: nothing is said there.
+    """
+    columns = RowBatch.below([part for part in parts if part.count]).columns
+    return [
+        _numbers(columns.get(column.name, []), _ARROW[column.kind])
+        if column.kind not in ("text", "key")
+        else _texts(columns.get(column.name, []), table_key_name if column.kind == "key" else str)
+        for column in TABLES[name]
     ]
-    return pa.Table.from_arrays(
-        [
-            _texts(_keys_named(values) if kind == "key" else values)
-            if arrow_type == pa.string()
-            else _numbers(values, arrow_type)
-            for kind, arrow_type, values in columns
-        ],
-        schema=arrow,
-    )
-
-
-def _keys_named(values: CategoricalTexts | list[str]) -> CategoricalTexts:
-    words = CategoricalTexts.of(values)
-    return CategoricalTexts(words.codes, [table_key_name(key) for key in words.categories])
 
 
 # from their bytes, as pa.array would import pandas, half a second, to see that it was given nothing of that
 
 
-def _texts(values: CategoricalTexts | list[str | None]) -> pa.Array:
-    words = values if isinstance(values, CategoricalTexts) else CategoricalTexts.of(value or "" for value in values)
-    encoded = [word.encode() for word in words.categories]
+def _texts(values: CategoricalTexts | list[str | None], name: Callable[[str], str]) -> pa.DictionaryArray:
+    words = CategoricalTexts.of(value or "" for value in values) if isinstance(values, list) else values
+    encoded = [name(word).encode() for word in words.categories]
     ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
     said = np.array([bool(word) for word in encoded], np.bool_)
-    there = None if said.all() else pa.py_buffer(np.packbits(said, bitorder="little"))
-    buffers = [there, pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))]
-    return pa.Array.from_buffers(pa.string(), len(encoded), buffers).take(_numbers(words.codes, pa.int64()))
+    buffers = [pa.py_buffer(np.packbits(said, bitorder="little")), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))]
+    texts = pa.Array.from_buffers(pa.string(), len(encoded), buffers)
+    return pa.DictionaryArray.from_arrays(as_int64(words.codes), texts)
 
 
 def as_int64(numbers: NDArray[np.integer[Any]]) -> pa.Array:
     """Counts and places as Arrow's int64."""
-    return pa.Array.from_buffers(pa.int64(), len(numbers), [None, pa.py_buffer(numbers.astype(np.int64))])
+    return pa.Array.from_buffers(pa.int64(), len(numbers), [None, pa.py_buffer(numbers.astype(np.int64, copy=False))])
 
 
 def _numbers(values: NDArray[Any] | list[float | None], kind: pa.DataType) -> pa.Array:
@@ -141,7 +133,7 @@ def _numbers(values: NDArray[Any] | list[float | None], kind: pa.DataType) -> pa
         numbers = np.array([0 if value is None else value for value in values], dtype)
     else:
         missing = np.isnan(values)
-        numbers = values.astype(dtype)
+        numbers = values.astype(dtype, copy=False)
     bits = np.packbits(numbers, bitorder="little") if dtype is np.bool_ else numbers
     there = pa.py_buffer(np.packbits(~missing, bitorder="little")) if missing.any() else None
     return pa.Array.from_buffers(kind, len(values), [there, pa.py_buffer(bits)])

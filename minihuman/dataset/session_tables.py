@@ -10,7 +10,6 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from minihuman.dataset.annotations import Annotation
 from minihuman.dataset.measures import KeyTally, response_ms, summarize_key_use, visible_effect
@@ -29,7 +28,6 @@ from minihuman.experiment.machine.events import (
     ClauseDone,
     DesignDecided,
     EpisodesSkipped,
-    KeyPressed,
     Linked,
     ModelCall,
     PageShown,
@@ -45,7 +43,7 @@ from minihuman.experiment.machine.events import (
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.protocol.protocol import decode_logged_protocol
 from minihuman.log import activity_topics, topics
-from minihuman.log.model.event_columns import NO_ACTION, CategoricalTexts, EventColumns
+from minihuman.log.model.event_columns import NO_ACTION, CategoricalTexts
 from minihuman.log.model.session_log import EpisodeLog, PartEvent, Segment, SegmentNote, SessionLog
 
 SessionKey = Mapping[str, Any]  # the columns that all rows of a session share
@@ -169,34 +167,15 @@ def _frames(episode: EpisodeLog) -> RowBatch:
 
 def _other_presses(segment: Segment, episodes: Sequence[EpisodeLog]) -> RowBatch:
     """The keys that moved while no episode ran: those of a segment that are in none of its episodes."""
-    keys, at = segment.keys, 0
+    keys = segment.keys
     outside = np.ones(len(keys), bool)
     for episode in episodes:
-        if episode.segment == segment.number and len(episode.keys):
-            at = _where(episode.keys, keys, at)
-            outside[at : at + len(episode.keys)] = False
-            at += len(episode.keys)
+        if episode.segment == segment.number:
+            outside[keys.place(episode.keys)] = False
     rows = np.flatnonzero(outside)
     names = ("t_ns", "phase", "key", "symbol", "down", "verdict")
-    columns = {name: _at(keys.column(name), rows) for name in names}
+    columns = {name: keys.column(name)[rows] for name in names}
     return RowBatch(len(rows), {"segment": segment.number} | columns)
-
-
-def _at(column: Any, rows: NDArray[np.int64]) -> Any:
-    return (
-        CategoricalTexts(column.codes[rows], column.categories)
-        if isinstance(column, CategoricalTexts)
-        else column[rows]
-    )
-
-
-def _where(some: EventColumns[KeyPressed], keys: EventColumns[KeyPressed], begin: int) -> int:
-    """Where a segment's keys have an episode's, which follow each other: by time, then, among equal ones, by what."""
-    times = keys.column("t_ns")
-    at = begin + int(np.searchsorted(times[begin:], some[0].t_ns))
-    while keys[at] != some[0] or not np.array_equal(times[at : at + len(some)], some.column("t_ns")):
-        at += 1
-    return at
 
 
 def _note(note: SegmentNote) -> _TableRow:

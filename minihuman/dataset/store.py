@@ -43,9 +43,15 @@ from minihuman.dataset.caches import (
     transaction,
 )
 from minihuman.dataset.caches import TABLE_CACHE as FILE_NAME
-from minihuman.dataset.log_files import SkippedLog, list_readable_logs, map_logs, name_paths_from
+from minihuman.dataset.log_files import (
+    SkippedLog,
+    infrequent_collection,
+    list_readable_logs,
+    map_logs,
+    name_paths_from,
+)
 from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
-from minihuman.dataset.rows import SessionTables, arrow_schema, as_int64, merge_tables
+from minihuman.dataset.rows import RowBatch, SessionTables, arrow_columns, arrow_schema, as_int64
 from minihuman.dataset.selection import Selection, SelectionSummary, find_practice_blocks
 from minihuman.dataset.session_measures import average_path_measures, compare_with_shortest_path, find_layout_bounds
 from minihuman.dataset.sessions import SessionRows, StudySessions, read_session_rows
@@ -55,6 +61,7 @@ from minihuman.errors import LogError, QueryError
 _ROWS = 100_000  # handed out at once
 _QUERY_SETTINGS = {  # SQL reads the tables: no files, no network, no variables of this program
     **CACHE_SETTINGS,
+    "threads": "2",
     "enable_external_access": "false",
     "python_enable_replacements": "false",
     "lock_configuration": "true",
@@ -62,7 +69,8 @@ _QUERY_SETTINGS = {  # SQL reads the tables: no files, no network, no variables 
 _DIGEST_MODULUS = 2**64
 _SESSIONS_PER_UPDATE = 1_000
 _MAX_OPENINGS = 5  # to look, to write, to read; another command may write meanwhile
-_SESSIONS_PER_INSERT = 128  # more are quicker, as whole pieces of the file are written at once, and take more memory
+_SESSIONS_PER_COMMIT = 384  # what is left of a piece of the file is written once more then
+_ROWS_PER_INSERT = 50_000  # of a table; fewer are slower, more take more memory
 _READING = frozenset(f"StatementType.{name}" for name in ("SELECT", "EXPLAIN", "PRAGMA", "MULTI"))  # MULTI: PIVOT
 _MAKERS = ("dataset", "log/model")  # the packages whose code makes the rows
 _ROW_DIGESTS = pa.schema([("log", pa.int32()), ("row_digests", pa.list_(pa.uint64()))])
@@ -169,23 +177,34 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             self.connection.close()
             raise
 
-    def insert(self, sessions: Mapping[int, SessionTables]) -> dict[int, list[int]]:
+    def insert(self, sessions: Iterable[tuple[int, SessionTables]]) -> dict[int, list[int]]:
         """Put sessions' rows in, and give the digests of each session's rows, in the order of ``TABLES``."""
-        digests = {number: [0] * len(TABLES) for number in sessions}
-        for place, name in enumerate(TABLES if sessions else ()):
-            counts = [rows.count(name) for rows in sessions.values()]
-            if not any(counts):
-                continue
-            places = np.concatenate([np.arange(count) for count in counts])
-            new = merge_tables(name, list(sessions.values()))
-            new = new.add_column(0, "row", as_int64(places))
-            new = new.add_column(0, "log", as_int64(np.repeat(list(sessions), counts)))
-            self.connection.register("new", new)
-            for number, digest in self._digest_rows(name, "new").items():
-                digests[number][place] = digest
-            self.connection.execute(f"INSERT INTO kept.{name} SELECT * FROM new")
-            self.connection.unregister("new")
+        digests: dict[int, list[int]] = {}
+        waiting: dict[str, dict[int, RowBatch]] = {name: {} for name in TABLES}
+        for number, rows in sessions:
+            digests[number] = [0] * len(TABLES)
+            for name, its in waiting.items():
+                if rows.count(name):
+                    its[number] = rows.parts[name]
+                if sum(part.count for part in its.values()) >= _ROWS_PER_INSERT:
+                    self._insert(name, its, digests)
+        for name, its in waiting.items():
+            self._insert(name, its, digests)
         return digests
+
+    def _insert(self, name: str, parts: dict[int, RowBatch], digests: Mapping[int, list[int]]) -> None:
+        """Put some sessions' rows of a table in, note their digests, and forget them."""
+        if not parts:
+            return
+        counts = [part.count for part in parts.values()]
+        numbers = np.repeat(list(parts), counts), np.concatenate([np.arange(count) for count in counts])
+        columns = [*map(as_int64, numbers), *arrow_columns(name, list(parts.values()))]
+        # no view, which would keep them in memory until the transaction ends
+        new = self.connection.from_arrow(pa.Table.from_arrays(columns, ["log", "row", *arrow_schema(name).names]))
+        for number, digest in self._digest_rows(name, new).items():
+            digests[number][list(TABLES).index(name)] = digest
+        new.insert_into(f"kept.{name}")
+        parts.clear()
 
     def add_path_measures(self, numbers: Sequence[int], practice: Mapping[int, Collection[str]]) -> None:
         """Fill in the columns that take the worlds, from the rows alone.
@@ -224,11 +243,11 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
                 continue
             changed = [column for column in arrow_schema(name).names if column in COLUMNS_NEEDING_WORLD]
             assigned = ", ".join(f'"{column}" = new."{column}"' for column in changed)
-            self.connection.register("new", pa.Table.from_pylist(new[name]).select(list({"log", key}) + changed))
+            found_out = pa.Table.from_pylist(new[name]).select(list({"log", key}) + changed)  # noqa: F841 - SQL reads it
             self.connection.execute(
-                f"UPDATE kept.{name} SET {assigned} FROM new WHERE {name}.log = new.log AND {name}.{key} = new.{key}"
+                f"UPDATE kept.{name} SET {assigned} FROM found_out AS new "
+                f"WHERE {name}.log = new.log AND {name}.{key} = new.{key}"
             )
-            self.connection.unregister("new")
 
     def remove(self, numbers: Sequence[int]) -> None:
         """Take sessions' rows out."""
@@ -237,12 +256,12 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
 
     def digest_rows(self, name: str) -> dict[int, int]:
         """The digest of each session's rows in a table, of those that have any: any edit changes it."""
-        return self._digest_rows(name, f"kept.{name}")
+        return self._digest_rows(name, self.connection.sql(f"FROM kept.{name}"))
 
-    def _digest_rows(self, name: str, source: str) -> dict[int, int]:
+    def _digest_rows(self, name: str, rows: duckdb.DuckDBPyRelation) -> dict[int, int]:
         columns = ", ".join(f'"{column}"' for column in arrow_schema(name).names)
         digest = f"(sum(hash(log::BIGINT, row::BIGINT, {columns})) % {_DIGEST_MODULUS})::UBIGINT"
-        return dict(self.connection.execute(f"SELECT log, {digest} FROM {source} GROUP BY log").fetchall())
+        return dict(rows.aggregate(f"log, {digest}", "log").fetchall())
 
     def _digest_catalogue(self) -> str:
         """Digest the definitions of all tables, views and macros, any of which could stand for one of ours.
@@ -267,9 +286,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         self.connection.execute("CREATE OR REPLACE TEMP TABLE placed (log INTEGER, place INTEGER)")
         columns = (np.array(numbers), np.arange(len(numbers)))
         placed = pa.Table.from_arrays([as_int64(column) for column in columns], ["log", "place"])
-        self.connection.register("new", placed)
-        self.connection.execute("INSERT INTO placed SELECT * FROM new")
-        self.connection.unregister("new")
+        self.connection.from_arrow(placed).insert_into("placed")
 
     def batches(
         self, name: str, *, without: frozenset[str] = frozenset(), counting: bool = False
@@ -355,13 +372,11 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         with transaction(self.connection):
             self.connection.execute("CREATE SCHEMA kept")
             for name in TABLES:
-                self.connection.register("empty", pa.Table.from_batches([], arrow_schema(name)))
-                rows = "SELECT 0::INTEGER AS log, 0::INTEGER AS row, * FROM empty"
-                self.connection.execute(f"CREATE TABLE kept.{name} AS {rows}")
+                empty = self.connection.from_arrow(pa.Table.from_batches([], arrow_schema(name)))
+                empty.project("0::INTEGER AS log, 0::INTEGER AS row, *").to_table(f"kept.{name}")
                 self.connection.execute(f"ALTER TABLE kept.{name} ALTER log SET NOT NULL")
                 columns = ", ".join(f'"{column.name}"' for column in TABLES[name])
                 self.connection.execute(f"CREATE VIEW {name} AS SELECT {columns} FROM kept.{name}")
-                self.connection.unregister("empty")
             self.connection.execute(
                 "CREATE TABLE kept.logs (log INTEGER NOT NULL, key TEXT, fingerprint TEXT, with_shortest BOOLEAN, "
                 "row_digests UBIGINT[], about BLOB, facts BLOB, digest UBIGINT)"
@@ -474,7 +489,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         """Every log with the facts of each episode in it that counts."""
         paths = {path: self._sessions.source / path for path in self._keys}
         found = self.tables.connection.execute("SELECT key, facts FROM kept.logs")
-        while lines := found.fetchmany(_SESSIONS_PER_INSERT):
+        while lines := found.fetchmany(_SESSIONS_PER_COMMIT):
             for key, facts in lines:
                 yield from ((paths[key], of_episode) for of_episode in msgspec.msgpack.decode(facts))
 
@@ -616,51 +631,51 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
                     }
                     for _, log, _, row_digests in about
                 ]
-                logs.register("new", pa.Table.from_pylist(stored, _ROW_DIGESTS))
+                new = pa.Table.from_pylist(stored, _ROW_DIGESTS)  # noqa: F841 - SQL reads it
                 logs.execute(
                     "UPDATE kept.logs SET with_shortest = true, row_digests = new.row_digests, digest = NULL "
                     "FROM new WHERE logs.log = new.log"
                 )
-                logs.unregister("new")
                 logs.execute(f"UPDATE kept.logs SET digest = hash({_LOG_COLUMNS}) WHERE digest IS NULL")
             filled |= {key: log for log, (key, _) in sessions.items()}
         return filled
 
+    @infrequent_collection()
     def _read(self, fresh: Mapping[str, Path], prints: Mapping[str, str]) -> None:
         """Read logs and keep their rows, some sessions at a time."""
         logs = self.tables.connection
         ((last,),) = logs.execute("SELECT coalesce(max(log), 0) FROM kept.logs").fetchall()
         work = partial(read_session_rows, selection=self._sessions.selection, with_shortest=self._with_shortest)
         found = map_logs(list(fresh.values()), work, processes=self._sessions.processes)
-        numbered = enumerate(zip(fresh, found, strict=True), last + 1)
-        while batch := list(islice(numbered, _SESSIONS_PER_INSERT)):
-            self._insert_sessions(batch, prints)
-            batch.clear()  # before the next are read: memory holds one batch, not two
+        numbered = iter(enumerate(zip(fresh, found, strict=True), last + 1))
+        for _ in range(0, len(fresh), _SESSIONS_PER_COMMIT):
+            with transaction(logs):
+                self._insert_sessions(islice(numbered, _SESSIONS_PER_COMMIT), prints)
 
     def _insert_sessions(
-        self, batch: Sequence[tuple[int, tuple[str, SessionRows | SkippedLog]]], prints: Mapping[str, str]
+        self, sessions: Iterable[tuple[int, tuple[str, SessionRows | SkippedLog]]], prints: Mapping[str, str]
     ) -> None:
-        """Keep some sessions' rows, or why a log of theirs cannot be read, in one transaction."""
-        logs = self.tables.connection
-        rows: dict[int, SessionTables] = {}
-        lines = []
-        for number, (key, one) in batch:
-            facts: tuple[dict[str, Any], ...] = ()
-            if isinstance(one, SkippedLog):
-                if not self._sessions.source.is_dir():
+        """Keep some sessions' rows, or why a log of theirs cannot be read; memory holds few at a time."""
+        lines = dict[int, tuple[Any, ...]]()
+
+        def each() -> Iterator[tuple[int, SessionTables]]:
+            for number, (key, one) in sessions:
+                if not isinstance(one, SkippedLog):
+                    about, facts = _read_cached_sessions(one), one.facts
+                    yield number, one.rows
+                elif self._sessions.source.is_dir():
+                    about, facts = CachedSession("", problem=name_paths_from(self._sessions.source, one.reason)), ()
+                else:
                     raise LogError(one.reason)
-                about = CachedSession("", problem=name_paths_from(self._sessions.source, one.reason))
-            else:
-                about, rows[number], facts = _read_cached_sessions(one), one.rows, one.facts
-            encoded = msgspec.msgpack.encode(about), msgspec.msgpack.encode(facts)
-            lines.append((number, key, prints[key], self._with_shortest, *encoded))
-        with transaction(self.tables.connection):
-            digests, none = self.tables.insert(rows), [0] * len(TABLES)
-            logs.executemany(
-                "INSERT INTO kept.logs VALUES (?, ?, ?, ?, ?, ?, ?, NULL)",
-                [(*line[:4], digests.get(line[0], none), *line[4:]) for line in lines],
-            )
-            logs.execute(f"UPDATE kept.logs SET digest = hash({_LOG_COLUMNS}) WHERE digest IS NULL")
+                encoded = msgspec.msgpack.encode(about), msgspec.msgpack.encode(facts)
+                lines[number] = (key, prints[key], self._with_shortest, *encoded)
+
+        digests, logs = self.tables.insert(each()), self.tables.connection
+        logs.executemany(
+            "INSERT INTO kept.logs VALUES (?, ?, ?, ?, ?, ?, ?, NULL)",
+            [(n, *its[:3], digests.get(n, [0] * len(TABLES)), *its[3:]) for n, its in lines.items()],
+        )
+        logs.execute(f"UPDATE kept.logs SET digest = hash({_LOG_COLUMNS}) WHERE digest IS NULL")
 
     def _match(self, held: Mapping[str, int], digests: Sequence[int]) -> bool:
         """Whether a session's rows in the tables that are to be read are those that were put in."""

@@ -5,11 +5,9 @@ Loads neither Matplotlib nor pandas unless a figure is drawn: drawing one takes 
 part.
 """
 
-import gc
 import importlib
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from hashlib import blake2b
@@ -146,17 +144,3 @@ def _encode(value: Any) -> object:
     if isinstance(value, Sequence):  # of our own: columns of a log
         return list(value)
     raise TypeError(f"a figure's data contain a {type(value).__qualname__}, which has no digest; use plain values")
-
-
-_SELDOM = 50_000, 20, 100  # new objects before the youngest are looked at, and so on; Python's own begin at 700
-
-
-@contextmanager
-def infrequent_collection() -> Iterator[None]:
-    """Meanwhile look for cycles seldom: of drawing figures it is a tenth, and holds little back."""
-    usual = gc.get_threshold()
-    gc.set_threshold(*_SELDOM)
-    try:
-        yield
-    finally:
-        gc.set_threshold(*usual)

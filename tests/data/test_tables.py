@@ -12,7 +12,7 @@ import pyarrow as pa
 import pytest
 
 from minihuman.dataset.annotations import Annotation
-from minihuman.dataset.rows import merge_tables
+from minihuman.dataset.rows import arrow_columns, arrow_schema
 from minihuman.dataset.selection import NOT_FINISHED, Selection, SelectionSummary, read_exclusion_rules
 from minihuman.dataset.session_measures import SessionMeasures
 from minihuman.dataset.session_tables import build_activity_rows, build_session_tables
@@ -248,7 +248,7 @@ def test_a_rule_about_a_column_that_is_not_there_is_refused(log):
 def test_parquet_csv_pandas_and_duckdb_agree_and_every_column_is_explained(log, tables, tmp_path):
     made = tabled(log)
     with TableDatabase(tmp_path / "one.duckdb") as kept:
-        kept.insert({1: made, 2: made})
+        kept.insert([(1, made), (2, made)])
         paths = write_tables(kept, tmp_path, empty=True)
     explained = json.loads((tmp_path / "dictionary.json").read_text())
     assert {path.name for path in paths} >= {"steps.parquet", "participants.csv", "dictionary.json"}
@@ -271,14 +271,24 @@ def test_several_sessions_rows_together_are_each_ones_in_turn(log):
     without = dataclasses.replace(log, episodes=())
     made = [tabled(one) for one in (log, without, log)]
     for name, columns in TABLES.items():
-        table = merge_tables(name, made)
+        table = put_together(name, made)
         table.validate(full=True)
         rows = [row for one in made for row in one[name].to_pylist()]
         assert table.to_pylist() == rows
         assert len(rows) == sum(one.count(name) for one in made)
         assert set(table.column_names) == {column.name for column in columns}
-    assert merge_tables("episodes", made).column("excess_steps").null_count == 2
-    assert merge_tables("steps", []).num_rows == 0
+    assert put_together("episodes", made).column("excess_steps").null_count == 2
+    assert put_together("steps", []).num_rows == 0
+
+
+def put_together(name, sessions):
+    schema = arrow_schema(name)
+    columns = arrow_columns(name, [one.parts[name] for one in sessions])
+    texts = [pa.types.is_dictionary(column.type) for column in columns]
+    assert texts == [pa.types.is_string(kind) for kind in schema.types]
+    return pa.Table.from_arrays(
+        [column.cast(kind) for column, kind in zip(columns, schema.types, strict=True)], schema=schema
+    )
 
 
 def test_a_number_that_does_not_fit_is_no_other_number(log):
@@ -306,7 +316,7 @@ def test_many_sessions_take_no_more_memory_than_a_few(log, tmp_path):
         held = []
         with TableDatabase(tmp_path / f"of-{sessions}.duckdb") as kept:
             for number in range(sessions):
-                kept.insert({number: made})
+                kept.insert([(number, made)])
                 held.append(pa.total_allocated_bytes())
             write_tables(kept, tmp_path / str(sessions))
         held.append(pa.total_allocated_bytes())

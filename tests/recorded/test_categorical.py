@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minihuman.log.model.event_columns import CategoricalTexts
+from minihuman.experiment.machine.events import KeyPressed
+from minihuman.log.model.event_columns import CategoricalTexts, EventColumns
 
 TEXTS = st.lists(st.sampled_from(["left", "right", "", "kp_8"]))
 
@@ -33,3 +34,12 @@ def test_chosen_places_are_counted_and_the_first_is_found(texts: list[str], data
     assert words.count_values(mask) == Counter(texts[place] for place in chosen)
     assert words.first_index(mask) == {texts[place]: place for place in reversed(chosen)}
     assert words.equals_any(("left", "kp_8")).tolist() == [text in ("left", "kp_8") for text in texts]
+
+
+def test_a_part_knows_where_it_was_cut_from():
+    pressed = EventColumns.of(
+        KeyPressed, [KeyPressed(t, "a", "a", True, None, "unmapped", "playing") for t in range(9)]
+    )
+    some = pressed[2:8]
+    assert (pressed.place(some), some.place(some[1:3]), some.place(some[6:])) == (slice(2, 8), slice(1, 3), slice(6, 6))
+    assert list(pressed)[pressed.place(some[1:3])] == list(some[1:3])

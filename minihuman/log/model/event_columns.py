@@ -56,11 +56,11 @@ class CategoricalTexts(Sequence[str]):
     @overload
     def __getitem__(self, place: int) -> str: ...
     @overload
-    def __getitem__(self, place: slice) -> "CategoricalTexts": ...
-    def __getitem__(self, place: int | slice) -> "str | CategoricalTexts":
+    def __getitem__(self, place: slice | NDArray[Any]) -> "CategoricalTexts": ...
+    def __getitem__(self, place: int | slice | NDArray[Any]) -> "str | CategoricalTexts":
         return (
             CategoricalTexts(self.codes[place], self.categories)
-            if isinstance(place, slice)
+            if isinstance(place, slice | np.ndarray)
             else self.categories[self.codes[place]]
         )
 
@@ -139,6 +139,11 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
     def column(self, name: str) -> Any:
         """The field of that name, of every event: ``CategoricalTexts`` or an array, with NO_ACTION for no action."""
         return self._column(name)[self._rows.start : self._rows.stop : self._rows.step]
+
+    def place(self, part: "EventColumns[KeyOrFrame]") -> slice:
+        """Where a part lies that was cut from these."""
+        begin = part._rows.start - self._rows.start
+        return slice(begin, begin + len(part))
 
     def __len__(self) -> int:
         return len(self._rows)

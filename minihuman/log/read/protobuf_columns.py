@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from google.protobuf.descriptor import FieldDescriptor
-from google.protobuf.message import Message
 from numpy.typing import NDArray
 
 from minihuman.log.model.event_columns import CategoricalTexts
@@ -37,8 +36,9 @@ _PAIRS = tuple(  # how far the upper of two neighbours moves down to the lower, 
     (np.uint64(bits), np.uint64(lower))
     for bits, lower in ((1, 0x007F007F007F007F), (2, 0x00003FFF00003FFF), (4, 0x000000000FFFFFFF))
 )
+_SPREAD, _DOWN = np.uint64(0x9E3779B97F4A7C15), np.uint64(53)  # to one of 2,048 slots, by the upper bits of a product
 _FIRST_BYTES = np.array([(1 << 8 * count) - 1 for count in range(8)], np.uint64)  # none to seven of eight
-_BEYOND = bytes(16)  # behind the last message, so that a number cut off there can be read before it is refused
+BEYOND = bytes(16)  # behind the last message, so that a number cut off there can be read before it is refused
 
 
 class FieldColumn(NamedTuple):
@@ -56,7 +56,7 @@ class MessageColumns(Mapping[str, FieldColumn]):
     """
 
     def __init__(self, kind: Any, data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> None:
-        """``kind`` is the messages' descriptor; they lie between these places in ``data``, and ``_BEYOND`` behind."""
+        """``kind`` is the messages' descriptor; they lie between these places in ``data``, and ``BEYOND`` behind."""
         self._data = data
         self._found = {field.name: _Field(field, data, ends) for field in kind.fields}
         self._read: dict[str, FieldColumn] = {}
@@ -70,7 +70,8 @@ class MessageColumns(Mapping[str, FieldColumn]):
 
     def __getitem__(self, name: str) -> FieldColumn:
         if name not in self._read:
-            self._read[name] = self._found[name].read(self._data)
+            its = self._found[name]
+            self._read[name] = FieldColumn(its.values(self._data), its.is_present)
         return self._read[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -78,17 +79,6 @@ class MessageColumns(Mapping[str, FieldColumn]):
 
     def __len__(self) -> int:
         return len(self._found)
-
-
-def read_message_columns(
-    kind: type[Message], data: bytes, begins: MessageOffsets, ends: MessageOffsets
-) -> MessageColumns:
-    """Read the messages of one kind that lie between these places in ``data``.
-
-    Raises:
-        ValueError: as ``Columns``.
-    """
-    return MessageColumns(kind.DESCRIPTOR, data + _BEYOND, begins, ends)
 
 
 class _Field:
@@ -106,7 +96,7 @@ class _Field:
         self._bytes: ByteArray = np.frombuffer(data, np.uint8)
         self._eights = _eights(data)
         self._ends = ends
-        self._there = np.zeros(len(ends), np.bool_)
+        self.is_present = np.zeros(len(ends), np.bool_)
         self._numbers = np.zeros(len(ends), np.uint64)  # the number itself, or where a text or message begins
         self._lengths = np.zeros(len(ends), np.int64)
 
@@ -133,14 +123,11 @@ class _Field:
             self._numbers[rows] = numbers
         if (here > ends).any():
             raise ValueError(f"field {self._kind.name} is truncated")
-        self._there[rows] = True
+        self.is_present[rows] = True
         at[rows] = here
 
-    def read(self, data: bytes) -> FieldColumn:
+    def values(self, data: bytes) -> Any:
         """The whole column, when every message has been gone through."""
-        return FieldColumn(self._values(data), self._there)
-
-    def _values(self, data: bytes) -> Any:
         match self._kind.type:
             case FieldDescriptor.TYPE_DOUBLE if self._is_list:
                 return self._lists(data)
@@ -207,11 +194,24 @@ def _texts(data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> Categor
     for offset in range(0, max(1, int(lengths.max(initial=0))), 7):
         rest = (lengths - offset).clip(0, 7).astype(np.uint64)
         part = eights[np.minimum(begins + offset, len(eights) - 1)] & _FIRST_BYTES[rest] | rest << np.uint64(56)
-        different, firsts, these = np.unique(part, return_index=True, return_inverse=True)
+        firsts, these = _distinct(part)
         if offset:
-            _, firsts, these = np.unique(codes * len(different) + these, return_index=True, return_inverse=True)
+            firsts, these = _distinct(codes.astype(np.uint64) * np.uint64(len(firsts)) + these.astype(np.uint64))
         codes = these
     return CategoricalTexts(codes, tuple(data[begins[first] : ends[first]].decode() for first in firsts.tolist()))
+
+
+def _distinct(values: Uint64Array) -> tuple[MessageOffsets, NDArray[np.int64]]:
+    """A place of each different value, and which of them each is; sorted only where two of them share a slot."""
+    slots = (values * _SPREAD >> _DOWN).astype(np.int64)
+    holders = np.full(1 << 64 - int(_DOWN), -1)
+    holders[slots] = np.arange(len(values))
+    is_held = holders >= 0
+    places, codes = holders[is_held], (np.cumsum(is_held) - 1)[slots]
+    if (values[places[codes]] == values).all():
+        return places, codes
+    _, places, codes = np.unique(values, return_index=True, return_inverse=True)
+    return places, codes
 
 
 def _after_unknown(data: bytes, at: int, end: int) -> int:

@@ -39,7 +39,7 @@ from minihuman.log.model.teaching_events import TeachingRecord, gather_teaching
 from minihuman.log.observations import ObservationSequence
 from minihuman.log.paths import PART_SUFFIX, list_sessions, raise_as_log_error
 from minihuman.log.proto import minihuman_v1_pb2 as v1
-from minihuman.log.read.protobuf_columns import FieldColumn, MessageColumns, read_message_columns
+from minihuman.log.read.protobuf_columns import BEYOND, FieldColumn, MessageColumns
 from minihuman.log.read.reader import LogReader
 from minihuman.log.salvage.records import TopicMessages
 from minihuman.log.salvage.summary_section import all_ended_cleanly
@@ -203,7 +203,7 @@ class _TopicRows:
 
     @cached_property
     def _columns(self) -> MessageColumns:
-        return read_message_columns(_THOUSANDS[self._topic], self._data, self._begins, self._ends)
+        return MessageColumns(_THOUSANDS[self._topic].DESCRIPTOR, self._data, self._begins, self._ends)
 
     def column(self, name: str) -> FieldColumn:
         """One field of them all.
@@ -231,7 +231,7 @@ class _SessionRows:
     """The messages on the topics that have thousands: steps, keys and frames."""
 
     def __init__(self, found: Mapping[str, Sequence[TopicMessages]], chunks: Sequence[bytes]) -> None:
-        data = b"".join(chunks)
+        data = b"".join((*chunks, BEYOND))
         self.steps, self.keys, self.frames = (_TopicRows(topic, found.get(topic, ()), data) for topic in _THOUSANDS)
 
     def shift_to_session_time(self, begins: NDArray[np.int64], starts_ns: NDArray[np.int64]) -> None:

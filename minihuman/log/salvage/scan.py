@@ -47,6 +47,7 @@ from minihuman.log.topics import PLAN
 
 _CRC = struct.Struct("<I")
 _FOOTER = struct.Struct("<QQI")  # where the summary starts, where its offsets start, its checksum
+_FEW = 64  # numbers; more are compared sooner as an array
 _CUT_OFF = "its record"
 
 
@@ -331,8 +332,10 @@ class LogScanner:
 
     def _gaps_between(self, sequences: NDArray[np.uint32]) -> list[MissingMessages]:
         """List the messages missing before a chunk or in it; refuse a chunk whose messages are out of order."""
-        if sequences.tolist() == list(range(self._sequence + 1, self._sequence + 1 + len(sequences))):
-            self._sequence += len(sequences)  # as almost always; a live file's chunks are too small for arrays
+        next_ones = range(self._sequence + 1, self._sequence + 1 + len(sequences))
+        few = len(sequences) < _FEW and sequences.tolist() == list(next_ones)
+        if few or np.array_equal(sequences, np.array(next_ones)):
+            self._sequence += len(sequences)  # as almost always
             return []
         counted = sequences[sequences > 0].astype(np.int64)  # previews have 0
         if not len(counted):

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from minihuman.log.proto import minihuman_v1_pb2 as v1
-from minihuman.log.read.protobuf_columns import FieldColumn, read_message_columns
+from minihuman.log.read.protobuf_columns import BEYOND, FieldColumn, MessageColumns
 
 VALUES = {
     FieldDescriptor.TYPE_INT64: st.integers(-(2**63), 2**63 - 1) | st.integers(-300, 300),
@@ -60,7 +60,9 @@ MANY = ANY.flatmap(lambda kind: st.lists(messages(kind), min_size=1, max_size=4)
 def columns(kind: type[Message], payloads: Sequence[bytes]) -> Mapping[str, FieldColumn]:
     lengths = np.array([len(payload) for payload in payloads], np.int64)
     ends = np.cumsum(lengths)
-    return dict(read_message_columns(kind, b"".join(payloads), ends - lengths, ends))  # every field looked at
+    return dict(
+        MessageColumns(kind.DESCRIPTOR, b"".join(payloads) + BEYOND, ends - lengths, ends)
+    )  # every field looked at
 
 
 def assert_read(read: Mapping[str, FieldColumn], parsed: Sequence[Message]) -> None:
@@ -127,3 +129,9 @@ def test_bytes_that_are_no_message_are_refused(damaged: bytes, why: str) -> None
 
 def test_no_messages_are_columns_without_rows() -> None:
     assert all(len(column.is_present) == 0 for column in columns(v1.KeyEvent, []).values())
+
+
+def test_thousands_of_different_texts_are_read() -> None:
+    """More than the table has slots by which equal texts are found."""
+    sent = [v1.KeyEvent(key=f"key {number % 3_000}", symbol="x") for number in range(5_000)]
+    assert_read(columns(v1.KeyEvent, [message.SerializeToString() for message in sent]), sent)
