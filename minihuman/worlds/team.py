@@ -67,7 +67,7 @@ class TeamWorld(abc.ABC):
 
     @abc.abstractmethod
     def pose(self, body: int) -> Pose:
-        """Where a body stands and looks."""
+        """Where a body stands and looks; NaN throughout where that is unknown, and `map` does not count then."""
 
     @abc.abstractmethod
     def map(self) -> Map:
@@ -202,7 +202,7 @@ def make_team(world_id: str, **options: Any) -> TeamWorld:
     try:
         make = find_team(world_id)
         if make is None:
-            gymnasium.spec(world_id)
+            gymnasium.spec(world_id.rpartition(":")[2])  # what it says of an id that there is not
             raise WorldError(f"{world_id} is not a team world; make it with gymnasium.make, or name a team world")
         return make(**options)
     except (ModuleNotFoundError, gymnasium.error.Error) as error:

@@ -109,6 +109,11 @@ def test_agents_that_differ_are_refused() -> None:
         made(Unequal)
 
 
+def test_a_world_of_one_body_is_named_as_such() -> None:
+    with pytest.raises(WorldError, match="pong_world:CartPole-v1 is not a team world"):
+        minihuman.make_team("pong_world:CartPole-v1")
+
+
 def test_it_is_not_copied_in_the_middle_of_an_episode() -> None:
     with pytest.raises(WorldError, match="cannot be copied in the middle of an episode"):
         minihuman.make_team(ID).save()

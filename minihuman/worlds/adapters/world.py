@@ -5,6 +5,7 @@ other world plays too, without pose and map. Knows no keys and no time. A world 
 """
 
 import copy
+import math
 import tomllib
 from collections import deque
 from collections.abc import Iterable
@@ -167,7 +168,7 @@ class World:
     def pose(self) -> Pose | None:
         """Where the agent stands; None where that is unknown."""
         pose = self._known.pose() if self._known else None
-        return pose if pose is None or pose.x == pose.x else None  # not a number: a team's world does not know
+        return None if pose is None or math.isnan(pose.x) else pose
 
     def subgoals(self) -> tuple[tuple[str, int], ...]:
         """The clauses of the episode's instruction, each with the step that did it; 0 for none yet."""

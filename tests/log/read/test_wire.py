@@ -60,9 +60,8 @@ MANY = ANY.flatmap(lambda kind: st.lists(messages(kind), min_size=1, max_size=4)
 def columns(kind: type[Message], payloads: Sequence[bytes]) -> Mapping[str, FieldColumn]:
     lengths = np.array([len(payload) for payload in payloads], np.int64)
     ends = np.cumsum(lengths)
-    return dict(
-        MessageColumns(kind.DESCRIPTOR, b"".join(payloads) + BEYOND, ends - lengths, ends)
-    )  # every field looked at
+    found = MessageColumns(kind.DESCRIPTOR, b"".join(payloads) + BEYOND, ends - lengths, ends)
+    return dict(found)  # every field looked at
 
 
 def assert_read(read: Mapping[str, FieldColumn], parsed: Sequence[Message]) -> None:
