@@ -286,7 +286,7 @@ class RewardModelEnv(TrainingEnv):
         if terminated:
             seen, _ = super().reset()
         self._before = seen
-        too_long = not terminated and (truncated or len(self.save()["actions"]) >= self._most_steps)
+        too_long = not terminated and (truncated or self._steps >= self._most_steps)
         return seen, worth, False, too_long, {}
 
 
