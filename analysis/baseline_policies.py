@@ -26,8 +26,9 @@ from minihuman.learn.demonstrations import read_demonstrations
 from minihuman.learn.policy.file import PolicyCard, save_policy
 from minihuman.learn.policy.network import EncoderName
 from minihuman.learn.policy.observation import Observation, ObservationEncoder
-from minihuman.learn.ppo import PpoSettings, TrainingEnv, make_ppo, train_ppo
+from minihuman.learn.ppo import PpoSettings, make_ppo
 from minihuman.planning.benchmark import FAMILIES, HANDS, TURNS, Family
+from transfer_study.training import ResumableEnv, train_resumably
 
 TRAINING_LIMIT = {"max_steps": 150}  # steps of an episode of PPO
 ENTROPY = 0.01  # weight in PPO's loss: rewards are rare
@@ -73,7 +74,7 @@ def list_policy_files() -> list[PolicyFile]:
     ]
 
 
-class AlternatingEnv(TrainingEnv):
+class AlternatingEnv(ResumableEnv):
     """One world after the other, an episode each."""
 
     def __init__(self, worlds: list[str], options: dict[str, Any], **settings: Any) -> None:
@@ -81,12 +82,10 @@ class AlternatingEnv(TrainingEnv):
         others = (gymnasium.make(one, disable_env_checker=True, **options).unwrapped for one in worlds[1:])
         self._worlds = [self.world, *others]
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+    def reset(self, **_: Any) -> tuple[Observation, dict[str, Any]]:
         """Begin the next world's episode."""
         self.world = self._worlds[(self._episode + 1) % len(self._worlds)]
-        return super().reset(seed=seed, options=options)
+        return super().reset()
 
 
 def train_clone(file: PolicyFile, people: Path, path: Path, *, most: int) -> str:
@@ -114,7 +113,7 @@ def train_agent(file: PolicyFile, steps: int, path: Path, checkpoint: Path) -> s
     world = AlternatingEnv(file.worlds, TRAINING_LIMIT, seed=1, eyesight=file.eyesight, actions=file.actions)
     agent = make_ppo(world, settings=SETTINGS, eyes=file.eyes, seed=1, device="cpu")
     agent.ent_coef = ENTROPY
-    history = train_ppo(agent, world, steps=steps, checkpoint=checkpoint)
+    history = train_resumably(agent, world, steps=steps, checkpoint=checkpoint)
     first, *others = file.worlds
     names, done = world.action_names[: file.actions], agent.num_timesteps
     card = PolicyCard(

@@ -17,11 +17,12 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from stable_baselines3.common.vec_env import DummyVecEnv
 
+from analysis.transfer_study.training import ResumableEnv, TrainingHistory, train_resumably
 from benchmarks import upstream_first_person, upstream_grid
 from minihuman.learn.policy.file import get_versions
 from minihuman.learn.policy.network import EncoderName, get_policy_settings
 from minihuman.learn.policy.observation import ObservationEncoder
-from minihuman.learn.ppo import PpoSettings, TrainingEnv, TrainingHistory, make_ppo, train_ppo
+from minihuman.learn.ppo import PpoSettings, make_ppo
 
 GRID_WORLD, FIRST_PERSON_WORLD = "minihuman/MiniGrid-GoToObj-Transfer-v0", "minihuman/MiniWorld-GoToObj-Transfer-v0"
 
@@ -29,7 +30,7 @@ GRID_WORLD, FIRST_PERSON_WORLD = "minihuman/MiniGrid-GoToObj-Transfer-v0", "mini
 @dataclass
 class Side:
     name: str
-    world: TrainingEnv
+    world: ResumableEnv
     eyes: EncoderName
     history: TrainingHistory
     cpu_s: float
@@ -54,14 +55,14 @@ class Side:
         return ", ".join(f"{name} {value / whole:.0%}" for name, value in parts.items())
 
 
-def as_it_comes(world: TrainingEnv, eyes: EncoderName) -> PPO:
+def as_it_comes(world: ResumableEnv, eyes: EncoderName) -> PPO:
     """The published network in Stable-Baselines3's own policy, optimiser and loops."""
     settings = {name: value for name, value in get_policy_settings(eyes).items() if name != "optimizer_kwargs"}
     return PPO(MultiInputActorCriticPolicy, DummyVecEnv([lambda: world]), policy_kwargs=settings, seed=1, device="cpu")
 
 
 def measure(name: str, world_id: str, eyes: EncoderName, steps: int) -> Side:
-    world = TrainingEnv(world_id, {}, seed=1, eyesight=ObservationEncoder(missions=True))
+    world = ResumableEnv(world_id, {}, seed=1, eyesight=ObservationEncoder(missions=True))
     if name == "ours":
         agent: PPO = make_ppo(world, settings=PpoSettings(), eyes=eyes, seed=1, device="cpu")
     else:
@@ -69,7 +70,7 @@ def measure(name: str, world_id: str, eyes: EncoderName, steps: int) -> Side:
     world.reset()
     world.step(0)  # compiled before the clock starts
     started_s = time.process_time()
-    history = train_ppo(agent, world, steps=steps)
+    history = train_resumably(agent, world, steps=steps)
     return Side(name, world, eyes, history, time.process_time() - started_s)
 
 

@@ -20,10 +20,11 @@ from minihuman.errors import LearnError
 from minihuman.learn.policy.file import PolicyCard, get_versions, read_policy_file, save_policy
 from minihuman.learn.policy.network import ACTOR_HEAD, EncoderName
 from minihuman.learn.policy.observation import ObservationEncoder
-from minihuman.learn.ppo import LeanPpo, TrainingEnv, TrainingHistory, TrainingPoint, make_ppo, train_ppo
+from minihuman.learn.ppo import LeanPpo, TrainingPoint, make_ppo
 from minihuman.operating_system import lock_descriptor, write_atomically
 from minihuman.statistics.paired import paired_test
 from transfer_study.plan import SOURCE, ProtocolName, TransferJob
+from transfer_study.training import ResumableEnv, TrainingHistory, train_resumably
 
 
 def area_under(steps: NDArray[np.float64], rewards: NDArray[np.float64]) -> float:
@@ -241,7 +242,7 @@ def _train_to_the_end(job: TransferJob, out: Path, device: str) -> Result:
     started = time.perf_counter()
     source = None if job.source is None else load_weights(out / job.source.name / POLICY)
     ppo, world = prepare(job, source, device)
-    history = train_ppo(
+    history = train_resumably(
         ppo,
         world,
         steps=job.steps,
@@ -263,10 +264,10 @@ def _train_to_the_end(job: TransferJob, out: Path, device: str) -> Result:
     return result
 
 
-def prepare(job: TransferJob, source: Weights | None, device: str) -> tuple[LeanPpo, TrainingEnv]:
+def prepare(job: TransferJob, source: Weights | None, device: str) -> tuple[LeanPpo, ResumableEnv]:
     """The job's agent in its world, before the first step: seeded, and with the source's weights where it takes any."""
     as_published = job.study.published
-    world = TrainingEnv(
+    world = ResumableEnv(
         job.world,
         job.world_options,
         seed=job.seed,
@@ -334,7 +335,7 @@ def _eyes(job: TransferJob) -> EncoderName:
     return "grid" if job.cell.name == SOURCE else "atari"
 
 
-def _card(job: TransferJob, world: TrainingEnv) -> PolicyCard:
+def _card(job: TransferJob, world: ResumableEnv) -> PolicyCard:
     return PolicyCard(
         world=job.world,
         world_options=job.world_options,

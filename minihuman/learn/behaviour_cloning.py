@@ -22,7 +22,7 @@ from minihuman.learn.demonstrations import Demonstrations, read_demonstrations
 from minihuman.learn.policy.file import PolicyCard, get_versions, save_policy
 from minihuman.learn.policy.network import EncoderName, Policy, build_policy
 from minihuman.learn.policy.observation import Observation, ObservationEncoder, ViewMode, get_image_shape
-from minihuman.learn.ppo import PpoSettings, TrainingEnv, TrainingHistory, episode_seed, make_ppo, train_ppo
+from minihuman.learn.ppo import PpoSettings, TrainingEnv, TrainingPoint, episode_seed, make_ppo, train_ppo
 from minihuman.operating_system import write_atomically
 from minihuman.statistics.comparison import find_units
 from minihuman.statistics.scores import wilson_interval
@@ -247,11 +247,11 @@ class TrainingStart:
 
     start: str  # "clone" or "nothing"
     seed: int
-    history: TrainingHistory
+    points: list[TrainingPoint]
 
     def steps_to(self, success: float) -> int | None:
         """Steps until the success rate of the last 100 episodes reached ``success``; None if it never did."""
-        return next((point.steps for point in self.history.points if point.success >= success), None)
+        return next((point.steps for point in self.points if point.success >= success), None)
 
 
 def compare_starts(
@@ -281,7 +281,7 @@ def compare_starts(
                 fresh = copy.deepcopy(agent.policy.state_dict())
                 critic = {name: value for name, value in fresh.items() if "value_net" in name}
                 agent.policy.load_state_dict(policy.state_dict() | critic)
-            starts.append(TrainingStart(start, run_seed, train_ppo(agent, world, steps=steps)))
+            starts.append(TrainingStart(start, run_seed, train_ppo(agent, steps=steps)))
             if start == "clone":
                 assert isinstance(agent.policy, Policy)
                 tuned = agent.policy
@@ -422,7 +422,7 @@ def describe_fine_tuning(study: CloneStudy, starts: list[TrainingStart]) -> list
     for run in starts:
         reached = run.steps_to(study.success)
         steps = "not reached" if reached is None else f"{reached:,}"
-        at_end = f"{run.history.points[-1].success:.2f}" if run.history.points else "-"  # where no episode ended
+        at_end = f"{run.points[-1].success:.2f}" if run.points else "-"  # where no episode ended
         lines.append(f"| {run.start} | {run.seed} | {steps} | {at_end} |")
     return [*lines, ""]
 
@@ -436,7 +436,7 @@ def _numbers(
         "chance": asdict(chance) | {"success": chance.rate, "interval": chance.interval},
         "fine_tuning": [
             {"start": run.start, "seed": run.seed, "steps_to_success": run.steps_to(study.success)}
-            | {"points": [asdict(point) for point in run.history.points]}
+            | {"points": [asdict(point) for point in run.points]}
             for run in starts
         ],
         "command": command,

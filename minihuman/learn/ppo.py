@@ -1,16 +1,11 @@
-"""PPO with Stable-Baselines3's settings, losses and draws: its environment, its two loops, and resumable training.
+"""PPO with Stable-Baselines3's settings, losses and draws: its environment and its two loops.
 
 One world, no wrappers, no logging: a rollout acts through the network's fast forward pass, an update runs over
 tensors that were made once. The sums are Stable-Baselines3's (a test compares a rollout and an update); a step
-costs a third less. Training can stop at any moment: at most the update in progress is lost, never the result.
+costs a third less.
 """
 
-import random
-import time
-from collections import deque
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium
@@ -24,8 +19,6 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from torch.nn import functional
 
-from minihuman.errors import LearnError
-from minihuman.learn.policy.file import save_atomically
 from minihuman.learn.policy.network import EncoderName, Policy, get_policy_settings, make_forward
 from minihuman.learn.policy.observation import Observation, ObservationEncoder, get_image_shape
 from minihuman.worlds.contract import NativeWorld
@@ -74,11 +67,10 @@ class TrainingEnv(gymnasium.Env[Any, Any]):
         self.image_shape = get_image_shape(self.observation_space)
         assert isinstance(self.world.action_space, spaces.Discrete)
         self.action_space = spaces.Discrete(actions or int(self.world.action_space.n))
-        self.step_s = 0.0  # wall time spent inside the world
         self._seed = seed
         self._episode = -1
         self._return = 0.0
-        self._actions: list[int] = []  # of the episode so far
+        self._steps = 0
 
     @property
     def action_names(self) -> tuple[str, ...]:
@@ -90,38 +82,20 @@ class TrainingEnv(gymnasium.Env[Any, Any]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin the next episode. A seed given here is ignored: the job's own decides."""
-        started = time.perf_counter()
         self._episode += 1
-        self._return, self._actions = 0.0, []
+        self._return, self._steps = 0.0, 0
         raw, info = self.world.reset(seed=episode_seed(self._seed, self._episode))
-        seen = self._encoder.encode(self.world, raw)
-        self.step_s += time.perf_counter() - started
-        return seen, info
+        return self._encoder.encode(self.world, raw), info
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """One step of the world."""
-        started = time.perf_counter()
         raw, reward, terminated, truncated, info = self.world.step(int(action))
         self._return += float(reward)
-        self._actions.append(int(action))
+        self._steps += 1
         if terminated or truncated:
-            info["episode"] = {"r": self._return, "l": len(self._actions)}
+            info["episode"] = {"r": self._return, "l": self._steps}
             info["is_success"] = terminated and float(reward) > 0
-        seen = self._encoder.encode(self.world, raw)
-        self.step_s += time.perf_counter() - started
-        return seen, float(reward), terminated, truncated, info
-
-    def save(self) -> dict[str, Any]:
-        """The state to resume from, in plain values: the episode's number and its actions."""
-        return {"episode": self._episode, "actions": list(self._actions)}
-
-    def restore(self, saved: dict[str, Any]) -> Observation:
-        """Replay the episode up to a saved point; return the observation there."""
-        self._episode = saved["episode"] - 1
-        seen, _ = self.reset()
-        for action in saved["actions"]:
-            seen, *_ = self.step(action)
-        return seen
+        return self._encoder.encode(self.world, raw), float(reward), terminated, truncated, info
 
 
 def episode_seed(seed: int, episode: int) -> int:
@@ -276,17 +250,6 @@ class TrainingPoint:
     success: float  # share that ended by themselves with a reward
 
 
-@dataclass(slots=True)
-class TrainingHistory:
-    """A curve so far, and where the time went (seconds, over all sittings)."""
-
-    points: list[TrainingPoint] = field(default_factory=list)
-    world_s: float = 0.0  # the world's steps and pictures
-    acting_s: float = 0.0  # choosing actions
-    learning_s: float = 0.0  # the updates
-    cpu_s: float = 0.0  # of the processor, for all of it: what it took where other work waits too
-
-
 def make_ppo(world: TrainingEnv, *, settings: PpoSettings, eyes: EncoderName, seed: int, device: str) -> LeanPpo:
     """A fresh agent in a world, seeded."""
     ppo = LeanPpo(
@@ -306,150 +269,25 @@ def make_ppo(world: TrainingEnv, *, settings: PpoSettings, eyes: EncoderName, se
     return ppo
 
 
-def train_ppo(
-    ppo: PPO,
-    world: TrainingEnv,
-    *,
-    steps: int,
-    checkpoint: Path | None = None,
-    told: Callable[[int], None] = lambda steps: None,
-) -> TrainingHistory:
-    """Train for ``steps`` in all, resuming from the checkpoint if there is one.
-
-    A run that is killed and started again ends with the same weights and the same curve, to the bit, as one that was
-    not (on the CPU, with the same number of threads). ``told`` is called with the number of steps after every update.
-
-    Raises:
-        LearnError: if the checkpoint was written by another version; it is left as it is.
-    """
-    history = TrainingHistory()
-    if checkpoint is not None and checkpoint.exists():
-        history = _resume(ppo, world, read_checkpoint(checkpoint))
-    fresh = ppo.num_timesteps == 0
-    if ppo.num_timesteps < steps:
-        ledger = _Ledger(world, history, checkpoint, told)
-        ppo.learn(steps - ppo.num_timesteps, callback=ledger, log_interval=None, reset_num_timesteps=fresh)  # type: ignore[arg-type]
-    return history
+def train_ppo(ppo: PPO, *, steps: int) -> list[TrainingPoint]:
+    """Train for ``steps``; return the curve."""
+    curve = LearningCurve()
+    ppo.learn(steps, callback=curve, log_interval=None)
+    return curve.points
 
 
-class _Ledger(BaseCallback):
-    """Writes down each update; between an update and the next rollout everything is at rest, so it saves there."""
+class LearningCurve(BaseCallback):
+    """Notes a point after each rollout, once an episode has ended."""
 
-    def __init__(
-        self, world: TrainingEnv, history: TrainingHistory, checkpoint: Path | None, told: Callable[[int], None]
-    ) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._world = world
-        self._history = history
-        self._checkpoint = checkpoint
-        self._told = told
-        self._mark, self._cpu_mark = time.perf_counter(), time.process_time()
-        self._learning = False
+        self.points: list[TrainingPoint] = []
 
     def _on_step(self) -> bool:
         return True
 
-    def _on_rollout_start(self) -> None:
-        self._finish_update()
-        self._mark, self._cpu_mark = time.perf_counter(), time.process_time()
-        self._world.step_s = 0.0
-
     def _on_rollout_end(self) -> None:
-        now = time.perf_counter()
-        history, world_s = self._history, self._world.step_s
-        history.world_s += world_s
-        history.acting_s += now - self._mark - world_s
-        episodes = self.model.ep_info_buffer
-        if episodes:
+        if episodes := self.model.ep_info_buffer:
             reward, length = (float(np.mean([episode[key] for episode in episodes])) for key in ("r", "l"))
             success = float(np.mean(self.model.ep_success_buffer or ()))
-            history.points.append(TrainingPoint(self.num_timesteps, reward, length, success))
-        self._mark = now
-        self._learning = True
-
-    def _on_training_end(self) -> None:
-        self._finish_update()
-
-    def _finish_update(self) -> None:
-        if not self._learning:
-            return
-        self._learning = False
-        self._history.learning_s += time.perf_counter() - self._mark
-        self._history.cpu_s += time.process_time() - self._cpu_mark
-        assert isinstance(self.model, PPO)
-        if self._checkpoint is not None:
-            save_atomically(_snapshot(self.model, self._world, self._history), self._checkpoint)
-        self._told(self.num_timesteps)
-
-
-def _snapshot(ppo: PPO, world: TrainingEnv, history: TrainingHistory) -> dict[str, Any]:
-    held = {id(parameter) for group in ppo.policy.optimizer.param_groups for parameter in group["params"]}
-    return {
-        "policy": ppo.policy.state_dict(),
-        "optimiser": ppo.policy.optimizer.state_dict(),
-        # parameters outside the optimiser are never cleared: their gradients are state (as-published only)
-        "stray_gradients": {
-            name: parameter.grad
-            for name, parameter in ppo.policy.named_parameters()
-            if id(parameter) not in held and parameter.grad is not None
-        },
-        "steps": ppo.num_timesteps,
-        "updates": ppo._n_updates,
-        "episode_starts": bool(ppo._last_episode_starts[0]),  # type: ignore[index]
-        "episodes": list(ppo.ep_info_buffer or ()),
-        "successes": [bool(success) for success in ppo.ep_success_buffer or ()],
-        "world": world.save(),
-        "python_random": random.getstate(),
-        "numpy_random": _plain(np.random.get_state()),  # minibatches are drawn from the global stream
-        "torch_random": torch.get_rng_state(),
-        "cuda_random": torch.cuda.get_rng_state_all(),
-        "history": asdict(history),
-    }
-
-
-def _plain(state: Any) -> tuple[Any, ...]:
-    """NumPy's random state without an array in it."""
-    kind, keys, *rest = state
-    return (kind, keys.tolist(), *rest)
-
-
-def read_checkpoint(checkpoint: Path) -> dict[str, Any]:
-    """A checkpoint's content: tensors and plain values.
-
-    Raises:
-        LearnError: if it was written by another version; it is left as it is.
-    """
-    try:
-        # weights_only: a study's folder from elsewhere must not be able to run code
-        saved: dict[str, Any] = torch.load(checkpoint, map_location="cpu", weights_only=True)
-    except Exception as error:  # unpickling raises whatever it likes
-        raise LearnError(
-            f"checkpoint {checkpoint} cannot be read ({type(error).__name__}); "
-            "resume with the version that wrote it, or move the file away to start again"
-        ) from error
-    return saved
-
-
-def _resume(ppo: PPO, world: TrainingEnv, saved: dict[str, Any]) -> TrainingHistory:
-    ppo.policy.load_state_dict(saved["policy"])
-    ppo.policy.optimizer.load_state_dict(saved["optimiser"])
-    parameters = dict(ppo.policy.named_parameters())
-    for name, gradient in saved["stray_gradients"].items():
-        parameters[name].grad = gradient.to(parameters[name].device)
-    ppo.num_timesteps = saved["steps"]
-    ppo._n_updates = saved["updates"]
-    ppo._last_episode_starts = np.array([saved["episode_starts"]])
-    ppo.ep_info_buffer = deque(saved["episodes"], maxlen=LAST_EPISODES)
-    ppo.ep_success_buffer = deque(saved["successes"], maxlen=LAST_EPISODES)
-    ppo._last_obs = {name: part[None] for name, part in world.restore(saved["world"]).items()}
-    random.setstate(saved["python_random"])
-    np.random.set_state(saved["numpy_random"])
-    torch.set_rng_state(saved["torch_random"])
-    torch.cuda.set_rng_state_all(saved["cuda_random"])
-    return get_history(saved)
-
-
-def get_history(saved: dict[str, Any]) -> TrainingHistory:
-    """The history in a checkpoint's content."""
-    kept = saved["history"]
-    return TrainingHistory(**kept | {"points": [TrainingPoint(**point) for point in kept["points"]]})
+            self.points.append(TrainingPoint(self.num_timesteps, reward, length, success))

@@ -25,7 +25,6 @@ from minihuman.learn.behaviour_cloning import (
 from minihuman.learn.demonstrations import read_demonstrations
 from minihuman.learn.policy.file import load_policy, save_atomically, save_policy
 from minihuman.learn.policy.observation import ObservationEncoder, encode_whole_grid
-from minihuman.learn.ppo import TrainingHistory
 from minihuman.log.read.session_reader import read_log
 from minihuman.runtime.simulated_session import simulate
 from tests.disks import fill, small_disk
@@ -248,7 +247,7 @@ def test_no_demonstrations_are_no_size_to_try(size, logs, tmp_path):
 
 
 def test_a_fine_tuning_in_which_no_episode_ended_is_told_as_such():
-    runs = [TrainingStart(start, 3, TrainingHistory()) for start in ("nothing", "clone")]
+    runs = [TrainingStart(start, 3, []) for start in ("nothing", "clone")]
     assert describe_fine_tuning(replace(STUDY, finetune_steps=2048), runs)[-2:] == [
         "| clone | 3 | not reached | - |",
         "",

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from minihuman.errors import LearnError
-from minihuman.learn.ppo import PpoSettings, train_ppo
+from minihuman.learn.ppo import PpoSettings
 from transfer_study.job import (
     CHECKPOINT,
     LOCK,
@@ -25,6 +25,7 @@ from transfer_study.job import (
     steps_so_far,
 )
 from transfer_study.plan import BASELINE, SOURCE, TransferCell, TransferJob, TransferStudy
+from transfer_study.training import train_resumably
 
 pytestmark = pytest.mark.program
 
@@ -127,14 +128,14 @@ def test_an_interrupted_transfer_goes_on_to_the_same_weights(finished, tmp_path,
             raise StoppedError
 
     ppo, world = prepare(job, source, "cpu")
-    history = train_ppo(ppo, world, steps=job.steps)
+    history = train_resumably(ppo, world, steps=job.steps)
 
     checkpoint = tmp_path / "checkpoint.pt"
     broken, its_world = prepare(job, source, "cpu")
     with pytest.raises(StoppedError):
-        train_ppo(broken, its_world, steps=job.steps, checkpoint=checkpoint, told=stop_at_256)
+        train_resumably(broken, its_world, steps=job.steps, checkpoint=checkpoint, told=stop_at_256)
     resumed, its_world = prepare(job, source, "cpu")
-    its_history = train_ppo(resumed, its_world, steps=job.steps, checkpoint=checkpoint)
+    its_history = train_resumably(resumed, its_world, steps=job.steps, checkpoint=checkpoint)
     assert its_history.points == history.points
     assert same_weights(resumed.policy.state_dict(), ppo.policy.state_dict())
 

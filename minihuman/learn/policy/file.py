@@ -190,3 +190,20 @@ def save_atomically(value: Any, path: Path) -> None:
         file.write(content.getbuffer())
         file.flush()
         sync_file(file.fileno())
+
+
+def read_checkpoint(checkpoint: Path) -> dict[str, Any]:
+    """A checkpoint's content: tensors and plain values.
+
+    Raises:
+        LearnError: if it was written by another version; it is left as it is.
+    """
+    try:
+        # weights_only: a study's folder from elsewhere must not be able to run code
+        saved: dict[str, Any] = torch.load(checkpoint, map_location="cpu", weights_only=True)
+    except Exception as error:  # unpickling raises whatever it likes
+        raise LearnError(
+            f"checkpoint {checkpoint} cannot be read ({type(error).__name__}); "
+            "resume with the version that wrote it, or move the file away to start again"
+        ) from error
+    return saved

@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 from torch import nn
 
 from minihuman.errors import LearnError
-from minihuman.learn.policy.file import save_atomically
+from minihuman.learn.policy.file import read_checkpoint, save_atomically
 from minihuman.learn.policy.network import EncoderName, Policy, build_policy
 from minihuman.learn.policy.observation import get_image_shape
-from minihuman.learn.ppo import read_checkpoint
 from minihuman.learn.teaching.dataset import Dataset, Lesson
 from minihuman.plugins import make_plugin, read_settings
 

@@ -286,7 +286,7 @@ class RewardModelEnv(TrainingEnv):
         if terminated:
             seen, _ = super().reset()
         self._before = seen
-        too_long = not terminated and (truncated or len(self.save()["actions"]) >= self._most_steps)
+        too_long = not terminated and (truncated or self._steps >= self._most_steps)
         return seen, worth, False, too_long, {}
 
 
@@ -335,9 +335,6 @@ class PreferenceLearner(Learner):
             settings,
             start=request.policy,
             seed=int(request.rng.integers(2**31)),
-            checkpoint=None
-            if request.checkpoint is None
-            else request.checkpoint.with_name(f"{request.checkpoint.name}-ppo"),
         )
         notes = {"comparisons": len(request.dataset.comparisons)}
         return LearningResult(trained, asdict(settings) | {"reward_updates": updates}, notes)
@@ -350,7 +347,6 @@ def optimise_policy(
     *,
     seed: int,
     start: Policy | None = None,
-    checkpoint: Path | None = None,
 ) -> Policy:
     """Train a policy with PPO on rewards that ``worth`` gives, from ``start`` on or from fresh weights."""
     world = RewardModelEnv(dataset, worth, seed=seed)
@@ -362,12 +358,10 @@ def optimise_policy(
         agent.lr_schedule = lambda left: settings.learning_rate * left
         if start is not None:
             agent.policy.load_state_dict(copy_policy(start, dataset).state_dict())
-        train_ppo(agent, world, steps=settings.steps, checkpoint=checkpoint)
+        train_ppo(agent, steps=settings.steps)
     finally:
         np.random.set_state(state)  # Stable-Baselines3 seeds the streams of everybody
         torch.set_rng_state(own)
-    if checkpoint is not None:
-        checkpoint.unlink(missing_ok=True)
     assert isinstance(agent.policy, Policy)
     agent.policy.set_training_mode(False)
     return agent.policy
