@@ -5,6 +5,7 @@
 Runs where only lerobot is installed. The mean loss of the last sixth of the steps is below that of the first sixth.
 """
 
+import itertools
 import os
 import re
 import subprocess
@@ -26,14 +27,12 @@ def main(folder: Path, steps: int = 60, seeds: int = 1) -> None:
     """Raise where one does not."""
     roots = sorted(path.parent for path in folder.glob("*/meta"))
     assert roots, "nothing was exported"
-    for root in roots:
-        for policy, options in POLICIES.items():
-            for seed in range(seeds):
-                losses = train(root, policy, options, steps, seed)
-                sixth = max(1, len(losses) // 6)
-                first, last = (sum(part) / len(part) for part in (losses[:sixth], losses[-sixth:]))
-                assert last < first, f"{root.name}, {policy}, seed {seed}: loss {first:.3f} to {last:.3f}"
-                print(f"{root.name}, {policy}, seed {seed}: loss {first:.3f} to {last:.3f}", flush=True)
+    for seed, root, (policy, options) in itertools.product(range(seeds), roots, POLICIES.items()):
+        losses = train(root, policy, options, steps, seed)
+        sixth = max(1, len(losses) // 6)
+        first, last = (sum(part) / len(part) for part in (losses[:sixth], losses[-sixth:]))
+        assert last < first, f"{root.name}, {policy}, seed {seed}: loss {first:.3f} to {last:.3f}"
+        print(f"{root.name}, {policy}, seed {seed}: loss {first:.3f} to {last:.3f}", flush=True)
     print(f"lerobot {version('lerobot')}: {len(roots)} datasets")
 
 
