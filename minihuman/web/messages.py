@@ -39,7 +39,7 @@ KEY_CODES: Mapping[str, str] = (
     | {"CapsLock": "caps_lock", "NumLock": "num_lock"}
 )
 
-MESSAGE_VERSION = 5
+MESSAGE_VERSION = 6
 MAX_PAGE_MESSAGE_BYTES = 16 * 1024  # of a message of the page's
 _PICTURE = struct.Struct("<IIBBHH")  # stream number, picture number, encoding, spare, width, height
 _PART = struct.Struct("<BI")  # of several messages in one: 0 for text and 1 for a picture, bytes
@@ -465,7 +465,7 @@ class PictureMessage(msgspec.Struct, frozen=True):
     """A picture, for the page to keep under its number."""
 
     number: int
-    encoding: int  # 0: zlib of RGB, 1: JPEG
+    encoding: int  # 0: zlib of RGB, 1: JPEG, 2: the numbers of its tiles, uint32, row by row
     width: int
     height: int
     data: bytes

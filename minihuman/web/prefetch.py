@@ -156,7 +156,9 @@ class LookAheadGraph:
         known = self._scenes.get(here)
         if known is not None and (closed or not known.closed):
             return known
-        picture = self._image_cache.number(world.frame(self.plan.view, self._picture_px, self.plan.palette))
+        look, cache = (self.plan.view, self._picture_px, self.plan.palette), self._image_cache
+        tiles = world.picture_tiles(*look)
+        picture = cache.number(world.frame(*look)) if tiles is None else cache.number_tiles(tiles)
         saved = None
         if not closed and not self.blind:
             try:

@@ -7,7 +7,7 @@ of a plug-in's activity is sent as the picture that a window would show.
 """
 
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, Literal
 
@@ -22,6 +22,7 @@ from minihuman.display.drawing.sheet import arrange_keycaps
 from minihuman.experiment.keys import key_label
 from minihuman.experiment.machine import screens
 from minihuman.web.messages import PictureMessage
+from minihuman.worlds.team import PictureTiles
 
 _WINDOW_PX = (960, 720)  # of a picture that a plug-in draws
 PENDING_PICTURE = -1  # the number of a picture that is not drawn yet: see ``_film_numbers``
@@ -128,7 +129,7 @@ CONVERTERS: Mapping[type, tuple[str, Callable[[Any, NumberPicture], dict[str, An
 
 
 ImageEncoding = Literal["auto", "lossless", "jpeg"]
-ZLIB, JPEG = 0, 1
+ZLIB, JPEG, TILED = 0, 1, 2
 JPEG_QUALITY = 85
 _LEVEL = 1  # of ISA-L's four: a tenth of zlib's time at its first, and smaller
 _FLAT = 0.12  # of its bytes: what zlib makes smaller than this is drawn of few colours, and stays exact
@@ -171,27 +172,41 @@ class ImageCache:
         self._encoding = encoding
         self.next = 0  # the number of the next one
         self._numbers: dict[bytes, int] = {}
-        self._packed: dict[int, PictureMessage] = {}  # not sent yet
+        self._new: list[PictureMessage] = []  # not sent yet
+        self._tiles: dict[Hashable, int] = {}  # numbers of tiles, by key
 
-    def number(self, picture: NDArray[np.uint8]) -> int:
-        """A picture's number, uint8[H, W, 3]; a new one is to be sent before it is named."""
+    def number(self, picture: NDArray[np.uint8], *, is_tile: bool = False) -> int:
+        """A picture's number, uint8[H, W, 3]; a new one is to be sent before it is named. Tiles are packed exactly."""
         raw = np.ascontiguousarray(picture)
         digest = xxhash.xxh3_128_digest(raw.data) + bytes(str(picture.shape), "ascii")
-        known = self._numbers.get(digest)
-        if known is None:
-            known = self._numbers[digest] = self.next
-            self.next += 1
-            packing, packed = _SHARED.of(digest, self._encoding, raw)
-            self._packed[known] = PictureMessage(known, packing, raw.shape[1], raw.shape[0], packed)
-        return known
+        if digest not in self._numbers:
+            packing, packed = _SHARED.of(digest, "lossless" if is_tile else self._encoding, raw)
+            self._add(digest, packing, raw.shape[1], raw.shape[0], packed)
+        return self._numbers[digest]
+
+    def number_tiles(self, tiles: PictureTiles) -> int:
+        """The number of a picture of tiles, which have numbers of their own: only those that are new are packed."""
+        new = dict.fromkeys(key for key in tiles.keys if key not in self._tiles)
+        self._tiles |= {key: self.number(tiles.draw(*key), is_tile=True) for key in new}
+        data = np.array([self._tiles[key] for key in tiles.keys], "<u4").tobytes()
+        if data not in self._numbers:
+            size_px = tiles.columns * tiles.tile_px, len(tiles.keys) // tiles.columns * tiles.tile_px
+            self._add(data, TILED, *size_px, data)
+        return self._numbers[data]
+
+    def _add(self, digest: bytes, packing: int, width: int, height: int, packed: bytes) -> None:
+        self._new.append(PictureMessage(self.next, packing, width, height, packed))
+        self._numbers[digest] = self.next
+        self.next += 1
 
     def forget(self) -> None:
         """The page lets go of what it has: a picture that comes again is a new one."""
         self._numbers.clear()
+        self._tiles.clear()
 
     def take_new(self) -> list[PictureMessage]:
         """What is to be sent."""
-        new, self._packed = list(self._packed.values()), {}
+        new, self._new = self._new, []
         return new
 
 

@@ -7,7 +7,7 @@ All bodies act at once: a joint action is one action per body. A team world is n
 import abc
 import copy
 import importlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import partial
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -32,6 +32,23 @@ class TeamStep(NamedTuple):  # three times as quick to make as a frozen dataclas
     terminated: bool  # the task is over, for all bodies at once
     truncated: bool  # the step limit is reached
     info: Mapping[str, Any] = NO_INFO
+
+
+class PictureTiles(NamedTuple):
+    """A picture made of square tiles, most of which are in other pictures as well."""
+
+    keys: Sequence[tuple[Hashable, ...]]  # one per tile, row by row; equal keys look the same
+    columns: int
+    tile_px: int
+    draw: Callable[..., NDArray[np.uint8]]  # a tile's pixels, uint8[tile_px, tile_px, 3], from what its key holds
+
+    def join(self) -> NDArray[np.uint8]:
+        """The whole picture, uint8[H, W, 3]."""
+        shape = len(self.keys) // self.columns, self.tile_px, self.columns, self.tile_px, 3
+        out = np.empty(shape, np.uint8)  # a tenth of the time of np.stack and its copy
+        for at, key in enumerate(self.keys):
+            out[at // self.columns, :, at % self.columns] = self.draw(*key)
+        return out.reshape(-1, self.columns * self.tile_px, 3)
 
 
 class TeamWorld(abc.ABC):
@@ -64,6 +81,10 @@ class TeamWorld(abc.ABC):
     @abc.abstractmethod
     def frame(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> NDArray[np.uint8]:
         """The picture that a person in this body sees, uint8[H, W, 3], at most so many pixels large."""
+
+    def picture_tiles(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> PictureTiles | None:
+        """The picture of `frame` as tiles, of which a page is sent each only once; None where there are none."""
+        return None
 
     @abc.abstractmethod
     def pose(self, body: int) -> Pose:

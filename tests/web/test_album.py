@@ -5,7 +5,8 @@ import zlib
 import numpy as np
 
 from minihuman.web import screen_values
-from minihuman.web.screen_values import JPEG, ZLIB, ImageCache
+from minihuman.web.screen_values import JPEG, TILED, ZLIB, ImageCache
+from minihuman.worlds.team import PictureTiles, make_team
 
 
 def test_what_somebody_else_has_seen_is_not_packed_again(monkeypatch) -> None:
@@ -42,3 +43,30 @@ def test_what_is_kept_for_everybody_has_a_bound(monkeypatch) -> None:
 def taken(into: ImageCache, picture: np.ndarray) -> list:
     into.number(picture)
     return into.take_new()
+
+
+def test_a_picture_of_tiles_is_packed_once_for_each_that_is_new() -> None:
+    def draw(shade: int) -> np.ndarray:
+        return np.full((4, 4, 3), shade, np.uint8)
+
+    cache = ImageCache("jpeg")
+    first = cache.number_tiles(PictureTiles([(1,), (2,), (1,), (1,)], 2, 4, draw))
+    *tiles, whole = cache.take_new()
+    assert [zlib.decompress(tile.data)[0] for tile in tiles] == [1, 2], "exact, whatever the study's encoding is"
+    assert (whole.number, whole.encoding, whole.width, whole.height) == (first, TILED, 8, 8)
+    assert np.frombuffer(whole.data, "<u4").tolist() == [tiles[0].number, tiles[1].number, *2 * [tiles[0].number]]
+    second = cache.number_tiles(PictureTiles([(1,), (2,), (1,), (3,)], 2, 4, draw))
+    assert len(cache.take_new()) == 2
+    assert second != first
+    assert cache.number_tiles(PictureTiles([(1,), (2,), (1,), (1,)], 2, 4, draw)) == first
+    cache.forget()
+    cache.number_tiles(PictureTiles([(1,), (2,), (1,), (1,)], 2, 4, draw))
+    assert len(cache.take_new()) == 3
+
+
+def test_a_kitchen_of_tiles_is_the_picture_that_it_draws() -> None:
+    kitchen = make_team("minihuman/Team-CrampedRoom-v0")
+    kitchen.reset(1)
+    tiles = kitchen.picture_tiles(0, 400, 300)
+    assert np.array_equal(tiles.join(), kitchen.frame(0, 400, 300))
+    assert tiles.join().shape == (300, 375, 3)

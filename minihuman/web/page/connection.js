@@ -21,7 +21,7 @@ import { IncomingStream } from "./stream.js";
  * @property {(why: string, refusal: Refusal | null) => void} leave
  */
 
-const VERSION = 5;
+const VERSION = 6;
 const MIN_RETRY_MS = 200;
 const MAX_RETRY_MS = 3000;
 const SILENCE_MS = 20_000; // of a socket that has brought nothing: the line may be dead since the laptop slept
@@ -170,7 +170,8 @@ export class Connection {
       if (!this.#incoming.take(view.getUint32(from, true))) continue;
       this.listener.picture({
         number: view.getUint32(from + 4, true), encoding: view.getUint8(from + 8), width: view.getUint16(from + 10, true),
-        height: view.getUint16(from + 12, true), bytes: new Uint8Array(data.slice(from + 14, at)), bitmap: null, ready: null,
+        height: view.getUint16(from + 12, true), bytes: new Uint8Array(data.slice(from + 14, at)), tiles: [],
+        bitmap: null, ready: null,
       });
     }
   }

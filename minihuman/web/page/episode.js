@@ -3,6 +3,7 @@
 
 import { ComputedScenes } from "./computed.js";
 import { capOf, el, fit, paint, words } from "./elements.js";
+import { isFlat } from "./pictures.js";
 import { UNTIMED } from "./stream.js";
 
 /** @import { EpisodeComputer } from "./computed.js" */
@@ -559,10 +560,10 @@ export class EpisodeView {
   }
 
   /** @param {Picture} picture */
-  putPicture({ width, height, encoding, ready }) {
-    if (!this.canvas || !ready) return;
-    this.#size(this.canvas, width, height, encoding === 0);
-    paint(this.canvas, ready);
+  putPicture(picture) {
+    if (!this.canvas || !picture.ready) return;
+    this.#size(this.canvas, picture.width, picture.height, isFlat(picture));
+    paint(this.canvas, picture.ready);
   }
 
   /** @param {import("./computed.js").Drawn} picture that the page drew @param {boolean} isFlat */

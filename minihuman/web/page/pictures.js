@@ -5,7 +5,7 @@ import { el, fit, paint, words } from "./elements.js";
 /** @import { FilmScreen, Frame, Input, PairScreen, ScreenMessage } from "./messages" */
 /**
  * @typedef {{ number: number, encoding: number, width: number, height: number, bytes: Uint8Array<ArrayBuffer>,
- * bitmap: Promise<ImageBitmap> | null, ready: ImageBitmap | null }} Picture
+ * tiles: (Picture | undefined)[], bitmap: Promise<ImageBitmap> | null, ready: ImageBitmap | null }} Picture
  */
 /** @typedef {(flip: number) => void} FlipCallback */
 /**
@@ -13,6 +13,10 @@ import { el, fit, paint, words } from "./elements.js";
  */
 
 const MAX_BITMAPS = 160;
+const JPEG = 1, TILED = 2;
+
+/** Whether a picture is drawn of few colours, and exact. @param {{ encoding: number }} picture */
+export const isFlat = ({ encoding }) => encoding !== JPEG;
 
 export class ImageCache {
   /** @type {Map<number, Picture>} */ #pictures = new Map();
@@ -23,7 +27,10 @@ export class ImageCache {
   /** @param {number} number */
   get(number) { return this.#pictures.get(number); }
   /** @param {Picture} picture */
-  add(picture) { this.#pictures.set(picture.number, picture); }
+  add(picture) {
+    this.#pictures.set(picture.number, picture);
+    if (picture.encoding === TILED) picture.tiles = Array.from(new Uint32Array(picture.bytes.buffer), (tile) => this.#pictures.get(tile));
+  }
 
   /**
    * Let go of pictures of episodes that are over; the server would send them again. @param {number} before
@@ -46,13 +53,22 @@ export class ImageCache {
       this.#unpacked.delete(number);
       oldest.bitmap = oldest.ready = null;
     }
-    return picture.bitmap ??= decode(picture).then((bitmap) => (picture.ready = bitmap));
+    return picture.bitmap ??= (picture.encoding === TILED ? this.#join(picture) : decode(picture)).then((bitmap) => (picture.ready = bitmap));
+  }
+
+  // A picture of which a tile is missing is never shown. The server sends tiles before what they are in.
+  /** @param {Picture} picture of tiles */
+  async #join({ number, width, height, tiles }) {
+    const canvas = new OffscreenCanvas(width, height), context = canvas.getContext("2d", { alpha: false });
+    const bitmaps = await Promise.all(tiles.map((tile) => tile ? this.unpack(tile) : Promise.reject(new Error(`picture ${number} lacks a tile`))));
+    bitmaps.forEach((bitmap, at) => context?.drawImage(bitmap, (at * bitmap.width) % width, Math.floor((at * bitmap.width) / width) * bitmap.height));
+    return canvas.transferToImageBitmap();
   }
 }
 
 /** @param {Picture} picture */
 async function decode({ encoding, width, height, bytes }) {
-  if (encoding === 1) return createImageBitmap(new Blob([bytes], { type: "image/jpeg" }));
+  if (encoding === JPEG) return createImageBitmap(new Blob([bytes], { type: "image/jpeg" }));
   const packed = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
   const rgb = new Uint8Array(await new Response(packed).arrayBuffer());
   const rgba = new Uint8ClampedArray(width * height * 4);
@@ -188,7 +204,7 @@ export class FilmViewer {
       const canvas = film.canvases[side];
       if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) {
         Object.assign(canvas, { width: bitmap.width, height: bitmap.height });
-        canvas.classList.toggle("flat", pictures[side].encoding === 0);
+        canvas.classList.toggle("flat", isFlat(pictures[side]));
         fit(canvas, ...film.room);
       }
       paint(canvas, bitmap);

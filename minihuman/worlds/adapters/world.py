@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.trust import locate_world
-from minihuman.worlds.adapters.seat import make_seat
+from minihuman.worlds.adapters.seat import SeatEnv, make_seat
 from minihuman.worlds.adapters.spaces import Action, ActionInterface, DiscreteActions, VectorActions, find_chords
 from minihuman.worlds.adapters.upstream import MinigridAdapter, MiniworldAdapter, is_minigrid_like, is_miniworld_like
 from minihuman.worlds.adapters.world_text import describe_observation, draw_text
@@ -37,6 +37,7 @@ from minihuman.worlds.contract import (
 from minihuman.worlds.hashing import hash64, resolve_files
 from minihuman.worlds.pose import Map, Pose
 from minihuman.worlds.step_limit import elapsed_steps, set_elapsed_steps, step_limit_of
+from minihuman.worlds.team import PictureTiles
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,6 +235,15 @@ class World:
                 "W, 3]"
             )
         return picture.astype(np.uint8, copy=False)
+
+    def picture_tiles(
+        self, view: View | Literal["text"], size_px: tuple[int, int], palette: Palette
+    ) -> PictureTiles | None:
+        """The picture of `frame` as tiles; None where it is not a team world's that has some."""
+        seat = self._env.unwrapped
+        if not isinstance(seat, SeatEnv) or view == "text" or self._wrappers.redraw:
+            return None
+        return seat.team.picture_tiles(seat.seat, *size_px, palette=palette)
 
     def text(self) -> str:
         """What the agent of a grid world observes now, as a diagram and as sentences.

@@ -19,12 +19,17 @@ from minihuman.errors import WorldError
 from minihuman.worlds.contract import Palette
 from minihuman.worlds.grid.core import kitchen_rules as fields
 from minihuman.worlds.grid.core.kitchen_rules import Row, kitchen_row_length, observe, step_kitchen, step_kitchens
-from minihuman.worlds.grid.pictures.team_pictures import THING_COLOURS, THING_NAMES, draw_kitchen
+from minihuman.worlds.grid.pictures.team_pictures import (
+    THING_COLOURS,
+    THING_NAMES,
+    draw_kitchen_tile,
+    list_kitchen_tiles,
+)
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.options import check_one_of, check_whole
 from minihuman.worlds.pose import Map, Pose, Thing, wall_outlines
 from minihuman.worlds.step_limit import check_max_steps
-from minihuman.worlds.team import TeamBatch, TeamStep, TeamWorld
+from minihuman.worlds.team import PictureTiles, TeamBatch, TeamStep, TeamWorld
 
 CELLS = " PXOTDS"  # by terrain number
 RECIPES = ("o", "t", "oo", "ot", "tt", "ooo", "oot", "ott", "ttt")
@@ -319,9 +324,14 @@ class Kitchen(TeamWorld):
 
     def frame(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> NDArray[np.uint8]:
         """The kitchen from above, the same for all cooks but for the ring around one's own."""
+        return self.picture_tiles(body, width, height, palette=palette).join()
+
+    def picture_tiles(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> PictureTiles:
+        """The picture of `frame` as tiles, one per cell."""
         columns, rows = self.row[:2].tolist()
         tile_px = max(1, min(width // columns, height // rows))
-        return draw_kitchen(self.row, check_whole("body", body, 0, self.bodies - 1), tile_px, palette)
+        cells = list_kitchen_tiles(self.row, check_whole("body", body, 0, self.bodies - 1), tile_px, palette)
+        return PictureTiles(cells, columns, tile_px, draw_kitchen_tile)
 
     def pose(self, body: int) -> Pose:
         """A cook's cell (column, 0, row) and direction."""

@@ -4,7 +4,7 @@ kitchen from above: stations, pots with their clocks, cooks in their colours and
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,28 +114,29 @@ THING_COLOURS = tuple(
 _SPOTS = (((0.5, 0.5),), ((0.36, 0.5), (0.64, 0.5)), ((0.5, 0.36), (0.36, 0.62), (0.64, 0.62)))  # of 1 to 3 things
 
 
-def draw_kitchen(row: Row, body: int, tile_px: int, palette: Palette) -> Pixels:
-    """A picture of the whole kitchen, uint8[height * tile_px, width * tile_px, 3]; the own cook has a white ring."""
+def list_kitchen_tiles(row: Row, body: int, tile_px: int, palette: Palette) -> list[tuple[Any, ...]]:
+    """What `draw_kitchen_tile` draws of each cell of a kitchen, row by row; the own cook has a white ring."""
     width, height, cooks = row[:3].tolist()
-    places, times = row[fields.COOK + 4 * cooks :].tobytes(), row[fields.TIMES : fields.COOK].tobytes()
-    out = _empty_kitchen(width, height, places, times, tile_px).copy()
-    for cook in range(cooks):
-        x, y, direction, held = row[fields.COOK + 4 * cook :][:4].tolist()
-        colour = OBJECT_COLOURS[palette][BODY_COLOURS[cook]]
-        lay(_cook(colour, direction, held, cook == body, tile_px), x * tile_px, y * tile_px, out)
-    return out
+    times, figures = row[fields.TIMES : fields.COOK].tolist(), {}
+    for cook, (x, y, *looks) in enumerate(row[fields.COOK :][: 4 * cooks].reshape(cooks, 4).tolist()):
+        figures[x, y] = (OBJECT_COLOURS[palette][BODY_COLOURS[cook]], *looks, cook == body)
+    places = row[fields.COOK + 4 * cooks :].reshape(2, width, height).tolist()
+    return [
+        (terrain, thing, times[recipe_of(thing)] if kind_of(thing) == fields.SOUP else 0, figures.get((x, y)), tile_px)
+        for y in range(height)
+        for x in range(width)
+        for terrain, thing in [(places[0][x][y], places[1][x][y])]
+    ]
 
 
-@lru_cache(maxsize=32)
-def _empty_kitchen(width: int, height: int, places: bytes, times: bytes, tile_px: int) -> Pixels:
-    """A kitchen without its cooks, who alone change with most steps; of int32 what is where, and the cooking times."""
-    (terrains, things), cooked = np.frombuffer(places, np.int32).reshape(2, -1), np.frombuffer(times, np.int32).tolist()
-    out = np.empty((height * tile_px, width * tile_px, 3), np.uint8)
-    for cell, (terrain, thing) in enumerate(zip(terrains.tolist(), things.tolist(), strict=True)):
-        x, y = divmod(cell, height)
-        out[y * tile_px : (y + 1) * tile_px, x * tile_px : (x + 1) * tile_px] = _station(
-            terrain, thing, cooked[recipe_of(thing)] if kind_of(thing) == fields.SOUP else 0, tile_px
-        )
+@lru_cache(maxsize=1024)
+def draw_kitchen_tile(
+    terrain: int, thing: int, time: int, cook: tuple[RGB, int, int, bool] | None, size_px: int
+) -> Pixels:
+    """A cell of a kitchen, not to be written to: a station or the floor, and the cook on it."""
+    out = _station(terrain, thing, time, size_px).copy()
+    if cook is not None:
+        lay(_cook(*cook, size_px), 0, 0, out)
     return out
 
 
