@@ -16,7 +16,7 @@ from minihuman.errors import LearnError
 from minihuman.experiment.activities import preferences
 from minihuman.learn.policy.network import Policy
 from minihuman.learn.policy.observation import Observation
-from minihuman.learn.ppo import PpoSettings, TrainingEnv, make_ppo, train_ppo
+from minihuman.learn.ppo import PpoSettings, TrainingEnv, make_ppo
 from minihuman.learn.teaching.dataset import Dataset, LessonFragment
 from minihuman.learn.teaching.learner import (
     LabelledSteps,
@@ -353,7 +353,7 @@ def optimise_policy(
         agent.lr_schedule = lambda left: settings.learning_rate * left
         if start is not None:
             agent.policy.load_state_dict(copy_policy(start, dataset).state_dict())
-        train_ppo(agent, steps=settings.steps)
+        agent.learn(settings.steps, log_interval=None)
     finally:
         np.random.set_state(state)  # Stable-Baselines3 seeds the streams of everybody
         torch.set_rng_state(own)
