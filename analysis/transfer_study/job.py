@@ -20,11 +20,11 @@ from minihuman.errors import LearnError
 from minihuman.learn.policy.file import PolicyCard, get_versions, read_policy_file, save_policy
 from minihuman.learn.policy.network import ACTOR_HEAD, EncoderName
 from minihuman.learn.policy.observation import ObservationEncoder
-from minihuman.learn.ppo import LeanPpo, TrainingPoint, make_ppo
+from minihuman.learn.ppo import LeanPpo, make_ppo
 from minihuman.operating_system import lock_descriptor, write_atomically
 from minihuman.statistics.paired import paired_test
 from transfer_study.plan import SOURCE, ProtocolName, TransferJob
-from transfer_study.training import ResumableEnv, TrainingHistory, train_resumably
+from transfer_study.training import ResumableEnv, TrainingHistory, TrainingPoint, train_resumably
 
 
 def area_under(steps: NDArray[np.float64], rewards: NDArray[np.float64]) -> float:

@@ -53,17 +53,6 @@ def clone(
     sizes: Annotated[str, Option(help="The numbers of demonstrations to try, such as 5,10,25.")] = "",
     mirrored: Annotated[bool, Option(help="Augment the data with mirrored steps.")] = False,
     episodes: Annotated[int, Option(min=1, help="The number of held-out episodes to evaluate the policy on.")] = 200,
-    finetune: Annotated[
-        int,
-        Option(
-            min=0,
-            help="Also fine-tune the clone for this many PPO steps, and train a policy from scratch for comparison.",
-        ),
-    ] = 0,
-    finetune_runs: Annotated[
-        int, Option(min=1, help="The number of PPO runs, both from the clone and from scratch.")
-    ] = 1,
-    success: Annotated[float, Option(help="Measure how many steps PPO needs to reach this success rate.")] = 0.9,
     seed: Annotated[int, Option(min=0, help="The random seed of the data split, training and evaluation.")] = 1,
     *,
     selection: Any,
@@ -81,9 +70,6 @@ def clone(
         missions=missions,
         sizes=_numbers(sizes),
         evaluation_episodes=episodes,
-        finetune_steps=finetune,
-        finetune_runs=finetune_runs,
-        success=success,
         selection=selection,
         cloning=CloningSettings(mirrored=mirrored, seed=seed),
     )

@@ -1,13 +1,9 @@
 """Behaviour cloning: train a policy to do what people did, stop when it no longer improves on other people, evaluate
-it on fixed held-out episodes, and write it with its card.
+it on fixed held-out episodes, and write it with its card."""
 
-Optionally compares PPO from the clone's weights with PPO from fresh weights, by steps to a success rate.
-"""
-
-import copy
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +18,11 @@ from minihuman.learn.demonstrations import Demonstrations, read_demonstrations
 from minihuman.learn.policy.file import PolicyCard, get_versions, save_policy
 from minihuman.learn.policy.network import EncoderName, Policy, build_policy
 from minihuman.learn.policy.observation import Observation, ObservationEncoder, ViewMode, get_image_shape
-from minihuman.learn.ppo import PpoSettings, TrainingEnv, TrainingPoint, episode_seed, make_ppo, train_ppo
+from minihuman.learn.ppo import episode_seed
 from minihuman.operating_system import write_atomically
 from minihuman.statistics.comparison import find_units
 from minihuman.statistics.scores import wilson_interval
 from minihuman.worlds.adapters.world import World
-from minihuman.worlds.hashing import hash64
 
 ChooseAction = Callable[[Observation], int]  # an action from what is seen
 
@@ -241,53 +236,6 @@ def _with_mirror_images(steps: Steps, action_names: tuple[str, ...], eyes: Encod
 _OTHER_SIDE = {"left": "right", "right": "left", "turn_left": "turn_right", "turn_right": "turn_left"}
 
 
-@dataclass(frozen=True, slots=True)
-class TrainingStart:
-    """One run of PPO from one start."""
-
-    start: str  # "clone" or "nothing"
-    seed: int
-    points: list[TrainingPoint]
-
-    def steps_to(self, success: float) -> int | None:
-        """Steps until the success rate of the last 100 episodes reached ``success``; None if it never did."""
-        return next((point.steps for point in self.points if point.success >= success), None)
-
-
-def compare_starts(
-    policy: Policy,
-    card: PolicyCard,
-    *,
-    steps: int,
-    runs: int,
-    seed: int,
-    device: str = "auto",
-    ppo: PpoSettings | None = None,
-) -> tuple[list[TrainingStart], Policy, PolicyCard]:
-    """Train from the clone and from nothing, ``runs`` times each, with the same seeds; and the last fine-tuned policy.
-
-    Only the actor and what it sees come from the clone: a clone's critic has learnt nothing.
-    """
-    starts = []
-    tuned = policy
-    for run in range(runs):
-        for start in ("nothing", "clone"):
-            run_seed = hash64((seed, "finetune", run)) % 2**31
-            world = TrainingEnv(
-                card.world, card.world_options, seed=run_seed, eyesight=card.eyesight, actions=len(card.action_names)
-            )
-            agent = make_ppo(world, settings=ppo or PpoSettings(), eyes=card.eyes, seed=run_seed, device=device)
-            if start == "clone":
-                fresh = copy.deepcopy(agent.policy.state_dict())
-                critic = {name: value for name, value in fresh.items() if "value_net" in name}
-                agent.policy.load_state_dict(policy.state_dict() | critic)
-            starts.append(TrainingStart(start, run_seed, train_ppo(agent, steps=steps)))
-            if start == "clone":
-                assert isinstance(agent.policy, Policy)
-                tuned = agent.policy
-    return starts, tuned, replace(card, trained_by="cloning, then ppo", steps=steps, seed=seed)
-
-
 _EYES: dict[ViewMode, EncoderName] = {"whole": "map", "remembered": "near"}
 
 
@@ -300,9 +248,6 @@ class CloneStudy:
     missions: bool = False
     sizes: tuple[int, ...] = ()  # numbers of demonstrations to clone from, beside all of them
     evaluation_episodes: int = 200
-    finetune_steps: int = 0  # of PPO from the clone and from nothing; 0 for none
-    finetune_runs: int = 1
-    success: float = 0.9  # the rate that fine-tuning is timed to
     selection: Selection = field(default_factory=lambda: Selection(outcome=("goal",)))
     cloning: CloningSettings = field(default_factory=CloningSettings)
 
@@ -316,10 +261,10 @@ class CloneEvaluation:
     played: Evaluation
 
 
-def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str, device: str = "auto") -> str:
+def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str) -> str:
     """Clone, judge, and write the policy (``out``), its card (``out`` + .md) and numbers (.json); returns the card.
 
-    The policy is the clone from all demonstrations, fine-tuned where that is asked for.
+    The policy is the clone from all demonstrations.
 
     Raises:
         LearnError: if a file is there already, a number of demonstrations is below 1, or nothing can be cloned; nothing
@@ -334,10 +279,8 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str, dev
     demonstrations = read_demonstrations(
         source, study.world, ObservationEncoder(study.missions, sight=study.sight), study.selection
     )
-    if any(one.team for one in demonstrations.episodes) and (study.cloning.mirrored or study.finetune_steps):
-        raise LearnError(
-            f"{study.world} is a world of teams; remove --mirrored and --finetune, which need a world of one body"
-        )
+    if any(one.team for one in demonstrations.episodes) and study.cloning.mirrored:
+        raise LearnError(f"{study.world} is a world of teams; remove --mirrored, which needs a world of one body")
     channels, height, _ = get_image_shape(demonstrations.space)
     small: EncoderName = "grid" if channels == 3 else "planes"
     eyes = _EYES.get(study.sight, small if height < 36 else "atari")  # which is what the Atari network needs
@@ -353,16 +296,10 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str, dev
     assert policy is not None
     random = make_random_policy(len(demonstrations.action_names), study.cloning.seed)
     chance = _play(random, demonstrations, study)
-    card = _card(demonstrations, eyes, study)
-    starts: list[TrainingStart] = []
-    if study.finetune_steps:
-        starts, policy, card = compare_starts(
-            policy, card, steps=study.finetune_steps, runs=study.finetune_runs, seed=study.cloning.seed, device=device
-        )
-    text = build_card_text(study, demonstrations, rows, chance, starts, command)
+    text = build_card_text(study, demonstrations, rows, chance, command)
     out.parent.mkdir(parents=True, exist_ok=True)
-    save_policy(policy, card, out)
-    write_atomically(json.dumps(_numbers(study, rows, chance, starts, command), indent=1), files[".json"])
+    save_policy(policy, _card(demonstrations, eyes, study), out)
+    write_atomically(json.dumps(_numbers(study, rows, chance, command), indent=1), files[".json"])
     write_atomically(text, files[".md"])
     return text
 
@@ -372,7 +309,6 @@ def build_card_text(
     demonstrations: Demonstrations,
     rows: list[CloneEvaluation],
     chance: Evaluation,
-    starts: list[TrainingStart],
     command: str,
 ) -> str:
     """The card in Markdown: what it learnt from, how well it plays, and how that was found."""
@@ -405,40 +341,15 @@ def build_card_text(
         f"| chance | {chance} | {chance.mean_return:.3f} | - | - | - |",
         "",
     ]
-    if starts:
-        lines += describe_fine_tuning(study, starts)
     lines += [f"Command: `{command}`", "", "Versions: " + ", ".join(f"{k} {v}" for k, v in get_versions().items())]
     return "\n".join(lines) + "\n"
 
 
-def describe_fine_tuning(study: CloneStudy, starts: list[TrainingStart]) -> list[str]:
-    """The card's section on PPO from the clone and from scratch."""
-    lines = [
-        f"PPO for {study.finetune_steps:,} steps; steps until {study.success:g} of the last 100 episodes succeeded:",
-        "",
-        "| start | seed | steps | success at the end |",
-        "| --- | --- | --- | --- |",
-    ]
-    for run in starts:
-        reached = run.steps_to(study.success)
-        steps = "not reached" if reached is None else f"{reached:,}"
-        at_end = f"{run.points[-1].success:.2f}" if run.points else "-"  # where no episode ended
-        lines.append(f"| {run.start} | {run.seed} | {steps} | {at_end} |")
-    return [*lines, ""]
-
-
-def _numbers(
-    study: CloneStudy, rows: list[CloneEvaluation], chance: Evaluation, starts: list[TrainingStart], command: str
-) -> dict[str, Any]:
+def _numbers(study: CloneStudy, rows: list[CloneEvaluation], chance: Evaluation, command: str) -> dict[str, Any]:
     return {
         "study": asdict(study),
         "rows": [asdict(row) | {"success": row.played.rate, "interval": row.played.interval} for row in rows],
         "chance": asdict(chance) | {"success": chance.rate, "interval": chance.interval},
-        "fine_tuning": [
-            {"start": run.start, "seed": run.seed, "steps_to_success": run.steps_to(study.success)}
-            | {"points": [asdict(point) for point in run.points]}
-            for run in starts
-        ],
         "command": command,
         "versions": get_versions(),
     }

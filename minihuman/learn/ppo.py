@@ -240,16 +240,6 @@ class _Chooser:
 LAST_EPISODES = 100  # a curve's point is the mean over so many
 
 
-@dataclass(frozen=True, slots=True)
-class TrainingPoint:
-    """One update of a learning curve: means over the last 100 episodes."""
-
-    steps: int
-    reward: float
-    length: float
-    success: float  # share that ended by themselves with a reward
-
-
 def make_ppo(world: TrainingEnv, *, settings: PpoSettings, eyes: EncoderName, seed: int, device: str) -> LeanPpo:
     """A fresh agent in a world, seeded."""
     ppo = LeanPpo(
@@ -267,27 +257,3 @@ def make_ppo(world: TrainingEnv, *, settings: PpoSettings, eyes: EncoderName, se
     )
     ppo.policy.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     return ppo
-
-
-def train_ppo(ppo: PPO, *, steps: int) -> list[TrainingPoint]:
-    """Train for ``steps``; return the curve."""
-    curve = LearningCurve()
-    ppo.learn(steps, callback=curve, log_interval=None)
-    return curve.points
-
-
-class LearningCurve(BaseCallback):
-    """Notes a point after each rollout, once an episode has ended."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.points: list[TrainingPoint] = []
-
-    def _on_step(self) -> bool:
-        return True
-
-    def _on_rollout_end(self) -> None:
-        if episodes := self.model.ep_info_buffer:
-            reward, length = (float(np.mean([episode[key] for episode in episodes])) for key in ("r", "l"))
-            success = float(np.mean(self.model.ep_success_buffer or ()))
-            self.points.append(TrainingPoint(self.num_timesteps, reward, length, success))

@@ -307,7 +307,8 @@ def _send_series(recording: rr.RecordingStream, root: str, log: SessionLog, mome
         returns = np.concatenate([[0.0], np.cumsum(episode.rewards)])
         for name, times, values in (
             ("reward", episode.t_ns[1:], episode.rewards),
-            ("return", np.repeat(episode.t_ns, 2), to_step_line(returns, carried)),
+            # each value beside the one before it: the line goes on level, then changes at once
+            ("return", np.repeat(episode.t_ns, 2), np.column_stack([[carried, *returns[:-1]], returns]).ravel()),
             ("reaction_ms", episode.t_ns[1:][answered], times_ms[answered]),
         ):
             series[name][0].append(times)
@@ -324,11 +325,6 @@ def _send_series(recording: rr.RecordingStream, root: str, log: SessionLog, mome
         recording.log(f"{root}/{name}", styles[name], static=True)
         rows = moments.columns(np.concatenate(all_times))
         recording.send_columns(f"{root}/{name}", rows, rr.Scalars.columns(scalars=np.concatenate(all_values)))
-
-
-def to_step_line(values: NDArray[np.float64], before: float) -> NDArray[np.float64]:
-    """Each value beside the one before it, for a line that goes on level and then changes at once."""
-    return np.column_stack([[before, *values[:-1]], values]).ravel()
 
 
 def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:

@@ -10,6 +10,7 @@ time-outs, about 2.4 times the shortest path, and a standard deviation of 0.066 
 
 import math
 from dataclasses import dataclass, fields, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -193,7 +194,8 @@ class HumanLikeParticipant(SimulatedParticipant):
         if plan.show_keys:
             self._understood = dict(plan.key_map.keys)
         self._detour, self._last, self._lost, self._no_effect = [], None, False, False
-        self._search = build_search(world, plan.view, self._judgement_errors, self._rng)
+        errors = partial(self._rng.normal, 0.0, self.person.judgement_sd_steps)  # of judgements, in actions
+        self._search = build_search(world, plan.view, errors, self._rng)
 
     def press(self, world: World) -> KeyPress:
         """Look, learn from the last key, then press one.
@@ -258,10 +260,6 @@ class HumanLikeParticipant(SimulatedParticipant):
         unknown = [key for key in self._pool if key not in self._understood] or list(self._pool)
         fewest = min(self._fruitless.get(key, 0) for key in unknown)
         return self._any([key for key in unknown if self._fruitless.get(key, 0) == fewest])
-
-    def _judgement_errors(self, count: int) -> np.ndarray:
-        """Draw the errors of so many judgements, in actions."""
-        return self._rng.normal(0.0, self.person.judgement_sd_steps, count)
 
     def _any(self, keys: list[str] | tuple[str, ...]) -> str:
         return keys[int(self._rng.integers(len(keys)))]

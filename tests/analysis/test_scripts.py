@@ -62,7 +62,13 @@ def test_every_script_is_in_the_list():
 
 
 def test_every_script_is_tested():
-    others = ("learn/test_analysis.py", "cli/test_teach.py", "test_error_rates.py", "designs/test_bars.py")
+    others = (
+        "learn/test_analysis.py",
+        "learn/test_clone.py",
+        "cli/test_teach.py",
+        "test_error_rates.py",
+        "designs/test_bars.py",
+    )
     tests = Path(__file__).read_text() + "".join((SCRIPTS.parent / "tests" / each).read_text() for each in others)
     scripts = [path for path in SCRIPTS.glob("*.py") if "__main__" in path.read_text()]
     assert len(scripts) > 5

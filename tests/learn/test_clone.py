@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import torch
 
+import fine_tuning
 from cloning_curve import run_cloning_curve
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.dataset.selection import Selection
@@ -12,10 +13,8 @@ from minihuman.errors import LearnError
 from minihuman.learn.behaviour_cloning import (
     CloneStudy,
     CloningSettings,
-    TrainingStart,
     clone_policy,
     clone_study,
-    describe_fine_tuning,
     evaluate_policy,
     held_out_seed,
     make_random_policy,
@@ -175,13 +174,17 @@ def test_a_clone_plays_a_session_and_its_log_says_so(cloned, protocol, tmp_path)
     assert all(len(episode.actions) for episode in log.episodes)
 
 
-def test_fine_tuning_is_told_apart_from_nothing(logs, tmp_path):
+def test_fine_tuning_is_told_apart_from_nothing(cloned, tmp_path, monkeypatch):
     out = tmp_path / "tuned.pt"
-    text = clone_study(logs, out, replace(STUDY, finetune_steps=2048, evaluation_episodes=3), command="test")
+    monkeypatch.setattr("sys.argv", ["fine_tuning.py", str(cloned[0]), str(out), "--steps", "2048"])
+    fine_tuning.main()
+    text = out.with_name("tuned.pt.md").read_text()
     assert "| clone |" in text
     assert "| nothing |" in text
-    _, card = load_policy(out)
+    policy, card = load_policy(out)
     assert card.trained_by == "cloning, then ppo"
+    before = load_policy(cloned[0])[0].state_dict()
+    assert any(not torch.equal(before[name], value) for name, value in policy.state_dict().items())
 
 
 def test_a_policy_for_another_world_is_refused_in_one_line(cloned, protocol, tmp_path):
@@ -247,11 +250,8 @@ def test_no_demonstrations_are_no_size_to_try(size, logs, tmp_path):
 
 
 def test_a_fine_tuning_in_which_no_episode_ended_is_told_as_such():
-    runs = [TrainingStart(start, 3, []) for start in ("nothing", "clone")]
-    assert describe_fine_tuning(replace(STUDY, finetune_steps=2048), runs)[-2:] == [
-        "| clone | 3 | not reached | - |",
-        "",
-    ]
+    runs = [fine_tuning.TrainingStart(start, 3, []) for start in ("nothing", "clone")]
+    assert "| clone | 3 | not reached | - |" in fine_tuning.describe(runs, steps=2048, success=0.9).splitlines()
 
 
 def test_a_curve_that_goes_on_has_no_clone_twice(demonstrations, tmp_path):

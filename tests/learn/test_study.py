@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from minihuman.errors import LearnError
-from minihuman.learn.ppo import PpoSettings, TrainingPoint
+from minihuman.learn.ppo import PpoSettings
 from transfer_study.engines import (
     LocalPool,
     RayCluster,
@@ -30,6 +30,7 @@ from transfer_study.summary import (
     speed_table,
     write_report,
 )
+from transfer_study.training import TrainingPoint
 
 pytestmark = pytest.mark.program
 

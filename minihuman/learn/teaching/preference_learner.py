@@ -16,7 +16,7 @@ from minihuman.errors import LearnError
 from minihuman.experiment.activities import preferences
 from minihuman.learn.policy.network import Policy
 from minihuman.learn.policy.observation import Observation
-from minihuman.learn.ppo import PpoSettings, TrainingEnv, make_ppo, train_ppo
+from minihuman.learn.ppo import PpoSettings, TrainingEnv, make_ppo
 from minihuman.learn.teaching.dataset import Dataset, LessonFragment
 from minihuman.learn.teaching.learner import (
     LabelledSteps,
@@ -66,8 +66,7 @@ class RewardModel:
     def rewards(self, seen: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
         """Rewards of many steps, (n,)."""
         each = (self._raw(seen, actions) - self._shifts) / self._scales
-        rewards: NDArray[np.float64] = self._scale * each.mean(axis=0)
-        return rewards
+        return np.asarray(self._scale * each.mean(axis=0))
 
     def reward(self, seen: Observation, action: int) -> float:
         """The reward of one step."""
@@ -86,15 +85,13 @@ class RewardModel:
         longest = _longest([side for pair in pairs for side in pair])
         left, right = (_rows([pair[place] for pair in pairs], first, longest) for place in (0, 1))
         gains = [_average(one[right[0]], right[1]) - _average(one[left[0]], left[1]) for one in raw]
-        chances: NDArray[np.float64] = torch.sigmoid(longest * torch.stack(gains)).numpy()
-        return chances
+        return np.asarray(torch.sigmoid(longest * torch.stack(gains)))
 
     def _raw(self, seen: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
         """Each member's value of each step, (members, n)."""
         with torch.no_grad():
             said = [member(seen).gather(1, actions[:, None])[:, 0] for member in self._members]
-        raw: NDArray[np.float64] = torch.stack(said).double().numpy()
-        return raw
+        return np.asarray(torch.stack(said).double())
 
 
 def fit_reward(
@@ -204,8 +201,7 @@ def _alike(steps: LabelledSteps) -> torch.Tensor:
 
 
 def _average(said: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
-    average: torch.Tensor = (said * inside).sum(dim=1) / inside.sum(dim=1)
-    return average
+    return torch.div((said * inside).sum(dim=1), inside.sum(dim=1))
 
 
 Pair = tuple[LessonFragment, LessonFragment]
@@ -214,8 +210,7 @@ EVERY_EPISODE = 2**31
 
 def compute_disagreement(model: RewardModel, dataset: Dataset, pairs: Sequence[Pair]) -> NDArray[np.float64]:
     """How much the members disagree on each pair: the variance of the chance that each gives to the right side."""
-    variances: NDArray[np.float64] = model.chances(dataset, pairs).var(axis=0)
-    return variances
+    return np.asarray(model.chances(dataset, pairs).var(axis=0))
 
 
 def choose_disputed_pair(
@@ -358,7 +353,7 @@ def optimise_policy(
         agent.lr_schedule = lambda left: settings.learning_rate * left
         if start is not None:
             agent.policy.load_state_dict(copy_policy(start, dataset).state_dict())
-        train_ppo(agent, steps=settings.steps)
+        agent.learn(settings.steps, log_interval=None)
     finally:
         np.random.set_state(state)  # Stable-Baselines3 seeds the streams of everybody
         torch.set_rng_state(own)

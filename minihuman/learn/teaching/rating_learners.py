@@ -140,8 +140,7 @@ def get_credit_weights(after_ms: NDArray[np.float64], delay_ms: float, spread_ms
     density = np.exp(-0.5 * ((after_ms - delay_ms) / spread_ms) ** 2)
     density = np.nan_to_num(density)
     sums = density.sum(axis=1, keepdims=True)
-    weights: NDArray[np.float64] = density / np.maximum(sums, 1e-12)
-    return weights
+    return np.asarray(density / np.maximum(sums, 1e-12))
 
 
 class ActionValues(nn.Module):
@@ -318,5 +317,4 @@ def _chances_then(dataset: Dataset) -> NDArray[np.float64]:
         else lesson.policy_probabilities[np.arange(len(lesson.actions)), lesson.actions]
         for lesson in dataset.lessons
     ]
-    clipped: NDArray[np.float64] = np.clip(np.concatenate(chances), 0.05, 1).astype(np.float64)
-    return clipped
+    return np.asarray(np.clip(np.concatenate(chances), 0.05, 1), np.float64)
