@@ -711,7 +711,7 @@ def _fingerprint(path: Path) -> str:
     """
     folder = path if path.is_dir() else path.parent
     if folder.name.startswith("ses-"):
-        return "\n".join(_describe_files(one, "") for one in [folder, *sorted(folder.parent.glob("ses-*"))])
+        return "\n".join(_describe_files(one, "") for one in sorted(folder.parent.glob("ses-*")))
     marks = annotations_path(path)
     return _describe_files(folder, marks.name.partition("_")[0])
 
