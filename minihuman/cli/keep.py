@@ -71,6 +71,9 @@ def recover(
     logs: Annotated[list[Path], Argument("Cut-off or damaged logs, or folders of cut-off ones.", "LOG...")],
     reason: ReasonOption = "",
     experimenter: ExperimenterOption = "",
+    archive: Annotated[
+        Path | None, Option("--archive", help="Only copy whole logs into this folder, without their message index.")
+    ] = None,
 ) -> None:
     """Complete interrupted logs and repair damaged ones.
 
@@ -83,6 +86,13 @@ def recover(
     from minihuman.admin.log_info import recover_logs
     from minihuman.errors import MinihumanError
 
+    if archive is not None:
+        from minihuman.log.record.finalization import archive_log
+
+        archive.mkdir(parents=True, exist_ok=True)
+        for log in logs:
+            print(archive_log(log, archive))
+        return
     codes = [0]
     for became in recover_logs(logs, AuditNote(ask_reason(reason), experimenter)):
         if isinstance(became, MinihumanError):
