@@ -7,6 +7,7 @@ from typing import Annotated
 
 from minihuman.cli.options import (
     Argument,
+    EngineOption,
     ExperimenterOption,
     LogFile,
     Option,
@@ -43,6 +44,7 @@ def verify(
         list[Path] | None,
         Option(help="With --tables, also check the report or export in this folder; repeatable."),
     ] = None,
+    engine: EngineOption = "local",
     json: Annotated[bool, Option("--json", help="Print one JSON object per line.")] = False,
 ) -> None:
     """Replay logs from their seeds and inputs; report any difference.
@@ -55,7 +57,15 @@ def verify(
     from minihuman.workflow import verify as verify_logs
 
     code = 0
-    checks = verify_logs(*logs, manifest=manifest, trust=trust, policies=policies, tables=tables, outputs=report or ())
+    checks = verify_logs(
+        *logs,
+        manifest=manifest,
+        trust=trust,
+        policies=policies,
+        tables=tables,
+        outputs=report or (),
+        engine=engine,
+    )
     for found in checks:
         code = max(code, found.error.exit_code if found.error else int(not found.ok))
         if json:

@@ -646,7 +646,8 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         logs = self.tables.connection
         ((last,),) = logs.execute("SELECT coalesce(max(log), 0) FROM kept.logs").fetchall()
         work = partial(read_session_rows, selection=self._sessions.selection, with_shortest=self._with_shortest)
-        found = map_logs(list(fresh.values()), work, processes=self._sessions.processes)
+        its = self._sessions
+        found = map_logs(list(fresh.values()), work, processes=its.processes, engine=its.engine)
         numbered = iter(enumerate(zip(fresh, found, strict=True), last + 1))
         for _ in range(0, len(fresh), _SESSIONS_PER_COMMIT):
             with transaction(logs):
