@@ -6,6 +6,8 @@ verifying a log opens no window and running a session reads no tables.
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from minihuman.experiment.protocol.protocol import Protocol
 
 Listener = Callable[[str], None]
+_LOGS_PER_PROCESS = 8  # to verify; fewer are replayed sooner than one more process starts
 
 
 def _ignore(_: str) -> None:
@@ -268,6 +271,7 @@ def verify(
     policies: bool = False,
     tables: bool = False,
     outputs: Collection[Path | str] = (),
+    engine: str = "local",
 ) -> Iterator[VerificationLine]:
     """Replay logs from their seeds and inputs, and compare every message; of a study also its enrolment log.
 
@@ -279,6 +283,7 @@ def verify(
         tables: instead of replaying, recompute every table of study folders from their logs, and compare the caches.
         outputs: folders of reports and of CSV and Parquet exports, made of all that is included by default; they are
             compared with what is recomputed, too.
+        engine: replays many logs in processes of this machine (local) or in a Ray cluster (ray).
 
     Yields:
         Findings. ``all(line.ok for line in verify(path))`` says whether everything is as logged. A log that cannot be
@@ -289,13 +294,8 @@ def verify(
             one study's tables, or nothing is at a path.
     """
     from minihuman.admin.verify.episodes import verify_teams
-    from minihuman.admin.verify.log import (
-        find_sessions,
-        find_studies,
-        verify_enrolment,
-        verify_manifest,
-        verify_session,
-    )
+    from minihuman.admin.verify.log import find_sessions, find_studies, verify_enrolment, verify_manifest
+    from minihuman.dataset.log_files import map_paths
 
     if manifest is not None and (trust or policies):
         raise MinihumanError("--manifest only compares files; use --trust or --policies in a separate command")
@@ -307,25 +307,37 @@ def verify(
         raise MinihumanError(
             "--report needs --tables and exactly one study; run: minihuman verify STUDY --tables --report FOLDER"
         )
-    checks: list[tuple[Path, Iterator[tuple[str, bool]]]] = []
+    checks: list[Iterable[VerificationLine]] = []
+    verify_log = partial(_verify_log, trust=trust, policies=policies)
     for path in map(Path, paths):
         if tables:
-            checks.append((path, _verify_tables(path, [Path(output) for output in outputs])))
+            checks.append(_name_findings(path, _verify_tables(path, [Path(output) for output in outputs])))
             continue
         if manifest is not None:
-            checks.append((path, verify_manifest(path, manifest)))
+            checks.append(_name_findings(path, verify_manifest(path, manifest)))
             continue
         studies = find_studies(path)
         logs = find_sessions(path, required=not studies)
-        checks += ((log, verify_session(log, trust=trust, policies=policies)) for log in logs)
-        checks += ((study, verify_enrolment(study)) for study in studies)
-        checks += ((study, verify_teams(study)) for study in studies)
-    for path, found in checks:
-        try:
-            for text, ok in found:
-                yield VerificationLine(path, text, ok)
-        except MinihumanError as error:
-            yield VerificationLine(path, str(error), ok=False, error=error)
+        processes = 1 if trust else None  # what is trusted is one file
+        found = map_paths(logs, verify_log, processes=processes, engine=engine, per_process=_LOGS_PER_PROCESS)
+        checks.append(chain.from_iterable(found))
+        checks += (_name_findings(study, verify_enrolment(study)) for study in studies)
+        checks += (_name_findings(study, verify_teams(study)) for study in studies)
+    yield from chain.from_iterable(checks)
+
+
+def _verify_log(log: Path, *, trust: bool, policies: bool) -> list[VerificationLine]:
+    from minihuman.admin.verify.log import verify_session
+
+    return list(_name_findings(log, verify_session(log, trust=trust, policies=policies)))
+
+
+def _name_findings(path: Path, found: Iterable[tuple[str, bool]]) -> Iterator[VerificationLine]:
+    try:
+        for text, ok in found:
+            yield VerificationLine(path, text, ok)
+    except MinihumanError as error:
+        yield VerificationLine(path, str(error), ok=False, error=error)
 
 
 def _verify_tables(study: Path, outputs: Iterable[Path]) -> Iterator[tuple[str, bool]]:
@@ -371,6 +383,7 @@ def export(
     *,
     selection: "Selection | None" = None,
     stored_frames: bool = False,
+    engine: str = "local",
     on_progress: Listener = _ignore,
 ) -> ExportSummary:
     """Export a study or a log as tables, demonstrations or an archive.
@@ -381,6 +394,7 @@ def export(
         out: a folder that does not exist yet.
         selection: which sessions and episodes are included.
         stored_frames: take the observations from the logs; by default they are replayed. Both are checked by hash.
+        engine: reads logs for tables in processes of this machine (local) or in a Ray cluster (ray).
         on_progress: is told of each log.
 
     Raises:
@@ -399,6 +413,7 @@ def export(
             out,
             selection or Selection(),
             stored_frames=stored_frames,
+            engine=engine,
             progress=lambda log: on_progress(str(log)),
         )
     excluded = (f"excluded: {line}" for line in written.left_out)

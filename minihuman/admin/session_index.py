@@ -35,7 +35,7 @@ from minihuman.dataset.caches import (
 )
 from minihuman.errors import LogError
 from minihuman.log.names import CHAIN_KEY, SCHEMA_VERSION, STEP
-from minihuman.log.paths import find_log_folders, group_sessions, raise_as_log_error, require_folder
+from minihuman.log.paths import LOG_SUFFIX, find_log_folders, group_sessions, raise_as_log_error, require_folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,9 +298,11 @@ def find_double_sessions(study: Path) -> Iterator[str]:
     from minihuman.log.salvage.summary_section import read_summary
 
     for folder, names in find_log_folders(study):
+        if sum(name.endswith(LOG_SUFFIX) for name in names) < 2:  # as in nearly every folder
+            continue
         logs = [log for log, files in group_sessions(folder, names).items() if log in files]
         complete: dict[tuple[str, int], dict[str, Path]] = {}  # by how the log ends
-        for log in logs if len(logs) > 1 else ():
+        for log in logs:
             try:
                 found, its = read_summary(log), summarize_session([log])
             except LogError:  # named elsewhere

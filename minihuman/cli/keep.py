@@ -7,6 +7,7 @@ from typing import Annotated
 
 from minihuman.cli.options import (
     Argument,
+    EngineOption,
     ExperimenterOption,
     LogFile,
     Option,
@@ -43,6 +44,7 @@ def verify(
         list[Path] | None,
         Option(help="With --tables, also check the report or export in this folder; repeatable."),
     ] = None,
+    engine: EngineOption = "local",
     json: Annotated[bool, Option("--json", help="Print one JSON object per line.")] = False,
 ) -> None:
     """Replay logs from their seeds and inputs; report any difference.
@@ -55,7 +57,15 @@ def verify(
     from minihuman.workflow import verify as verify_logs
 
     code = 0
-    checks = verify_logs(*logs, manifest=manifest, trust=trust, policies=policies, tables=tables, outputs=report or ())
+    checks = verify_logs(
+        *logs,
+        manifest=manifest,
+        trust=trust,
+        policies=policies,
+        tables=tables,
+        outputs=report or (),
+        engine=engine,
+    )
     for found in checks:
         code = max(code, found.error.exit_code if found.error else int(not found.ok))
         if json:
@@ -71,6 +81,9 @@ def recover(
     logs: Annotated[list[Path], Argument("Cut-off or damaged logs, or folders of cut-off ones.", "LOG...")],
     reason: ReasonOption = "",
     experimenter: ExperimenterOption = "",
+    archive: Annotated[
+        Path | None, Option("--archive", help="Only copy whole logs into this folder, without their message index.")
+    ] = None,
 ) -> None:
     """Complete interrupted logs and repair damaged ones.
 
@@ -83,6 +96,13 @@ def recover(
     from minihuman.admin.log_info import recover_logs
     from minihuman.errors import MinihumanError
 
+    if archive is not None:
+        from minihuman.log.record.finalization import archive_log
+
+        archive.mkdir(parents=True, exist_ok=True)
+        for log in logs:
+            print(archive_log(log, archive))
+        return
     codes = [0]
     for became in recover_logs(logs, AuditNote(ask_reason(reason), experimenter)):
         if isinstance(became, MinihumanError):

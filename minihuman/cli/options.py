@@ -61,6 +61,10 @@ ExperimenterOption = Annotated[
 TrustOption = Annotated[
     bool, Option("--trust", help="Trust the protocol's folder from now on, so that Python code in it may run.")
 ]
+EngineOption = Annotated[
+    str,
+    Option(help="Where many logs are worked on: `local`, or `ray`, a Ray cluster (RAY_ADDRESS) that sees the files."),
+]
 JsonOption = Annotated[bool, Option("--json", help="Print JSON instead of plain text.")]
 
 _HELP = {

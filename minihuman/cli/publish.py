@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 from minihuman.cli.options import (
     Argument,
+    EngineOption,
     JsonOption,
     Option,
     ProtocolFile,
@@ -32,6 +33,7 @@ def export(
     stored_frames: Annotated[
         bool, Option("--stored-frames", help="Use the observations stored in the logs instead of replaying episodes.")
     ] = False,
+    engine: EngineOption = "local",
     *,
     selection: Any,
 ) -> None:
@@ -47,7 +49,13 @@ def export(
     assert out is not None
     with show_progress("exporting") as progress:
         done = export_study(
-            format_name, study, out, selection=selection, stored_frames=stored_frames, on_progress=progress
+            format_name,
+            study,
+            out,
+            selection=selection,
+            stored_frames=stored_frames,
+            engine=engine,
+            on_progress=progress,
         )
     print_account(done.notes)
     print(f"{done.episodes} episodes, {done.steps} steps in {out}; see {out / 'README.md'}")

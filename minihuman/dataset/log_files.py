@@ -18,7 +18,7 @@ from functools import cache, partial
 from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -198,20 +198,44 @@ def _which(facts: dict[str, str]) -> str:
 
 
 def map_logs(
-    paths: Sequence[Path], work: Callable[[SessionLog], T], *, processes: int | None = None
+    paths: Sequence[Path],
+    work: Callable[[SessionLog], T],
+    *,
+    processes: int | None = None,
+    engine: str = "local",
 ) -> Iterator[T | SkippedLog]:
-    """Yield what ``work`` makes of one session after the other, in order, several read side by side.
+    """Yield what ``work`` makes of one session after the other, as ``map_paths`` does.
 
-    ``work`` also runs in other processes where there are many sessions, so it and its results can be pickled. It may
-    raise LogError or ProtocolError: that session is skipped. Only a few results are held at a time.
+    It may raise LogError or ProtocolError: that session is skipped.
+    """
+    return map_paths(paths, partial(_work_on, work=work), processes=processes, engine=engine)
+
+
+def map_paths(
+    paths: Sequence[Path],
+    work: Callable[[Path], T],
+    *,
+    processes: int | None = None,
+    engine: str = "local",
+    per_process: int = _MIN_LOGS_PER_PROCESS,
+) -> Iterator[T]:
+    """Yield what ``work`` makes of one log after the other, in order, several side by side: here, or in a Ray cluster.
+
+    ``work`` also runs in other processes where there are ``per_process`` logs for each, so it and its results can be
+    pickled. Only a few results are held at a time.
     """
     paths, each = list(paths), partial(_work_on_each, work=work)
-    others = min(processes or count_processes(), len(paths) // _MIN_LOGS_PER_PROCESS + 1) - 1
+    if engine == "ray":
+        yield from _map_with_ray(paths, each)
+        return
+    if engine != "local":
+        raise LogError(f"no engine is called {engine!r}; there are local and ray")
+    others = min(processes or count_processes(), len(paths) // per_process + 1) - 1
     if not others:
-        yield from (_work_on(path, work) for path in paths)
+        yield from map(work, paths)
         return
     with ProcessPoolExecutor(others, get_context("spawn"), _settle, (work,)) as pool:
-        waiting: deque[_Batch[T | SkippedLog]] = deque()
+        waiting: deque[_Batch[T]] = deque()
         for first in range(0, len(paths), _BATCH):
             batch = paths[first : first + _BATCH]
             waiting.append((batch, pool.submit(each, batch)))
@@ -219,6 +243,26 @@ def map_logs(
                 yield from _oldest(waiting, each)
         while waiting:
             yield from _oldest(waiting, each)
+
+
+def _map_with_ray(paths: list[Path], each: Callable[[list[Path]], list[T]]) -> Iterator[T]:
+    """Work in the cluster that RAY_ADDRESS names, or in one of this machine's cores; all see the same files."""
+    import ray  # an extra
+
+    with ray.init(log_to_driver=False, logging_level="warning"):
+        work = ray.remote(num_cpus=1)(_call)
+        ahead, waiting = 2 * int(ray.cluster_resources()["CPU"]), deque[Any]()
+        for first in range(0, len(paths), _BATCH):
+            waiting.append(work.remote(each, paths[first : first + _BATCH], Path.cwd()))
+            if len(waiting) > ahead:
+                yield from ray.get(waiting.popleft())
+        while waiting:
+            yield from ray.get(waiting.popleft())
+
+
+def _call(each: Callable[[list[Path]], list[T]], paths: list[Path], folder: Path) -> list[T]:
+    os.chdir(folder)  # paths may be relative
+    return each(paths)
 
 
 def _oldest(waiting: "deque[_Batch[T]]", each: Callable[[list[Path]], list[T]]) -> list[T]:
@@ -244,15 +288,15 @@ def infrequent_collection() -> Iterator[None]:
         gc.set_threshold(*usual)
 
 
-def _settle(work: Callable[[SessionLog], object]) -> None:
+def _settle(work: Callable[[Path], object]) -> None:
     """Make a process ready. Handed over, ``work`` has imported what it needs: the collector may leave that alone."""
     gc.freeze()
     gc.set_threshold(*_SELDOM)
     atexit.register(gc.unfreeze)  # else libraries in C take what is frozen for leaked, and say so
 
 
-def _work_on_each(paths: list[Path], work: Callable[[SessionLog], T]) -> list[T | SkippedLog]:
-    return [_work_on(path, work) for path in paths]
+def _work_on_each(paths: list[Path], work: Callable[[Path], T]) -> list[T]:
+    return [work(path) for path in paths]
 
 
 def _work_on(path: Path, work: Callable[[SessionLog], T]) -> T | SkippedLog:

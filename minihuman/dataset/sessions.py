@@ -63,6 +63,7 @@ class StudySessions:
         *,
         say: Callable[[str], None] = lambda line: None,
         processes: int | None = None,
+        engine: str = "local",
         from_logs: bool = False,
     ) -> None:
         self.source = source
@@ -71,6 +72,7 @@ class StudySessions:
         self.account = SelectionSummary(str(self.selection))
         self._say = say
         self.processes = processes
+        self.engine = engine
 
     def __iter__(self) -> Iterator[SelectedSession]:
         """One session in memory at a time.
@@ -109,7 +111,8 @@ class StudySessions:
         paths, skipped = list_readable_logs(self.source)
         for one in skipped:
             self.skip(one)
-        for found in map_logs(paths, work, processes=processes):
+        engine = "local" if processes == 1 else self.engine
+        for found in map_logs(paths, work, processes=processes, engine=engine):
             if isinstance(found, SkippedLog):
                 if not self.source.is_dir():
                     raise LogError(found.reason)

@@ -646,7 +646,8 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         logs = self.tables.connection
         ((last,),) = logs.execute("SELECT coalesce(max(log), 0) FROM kept.logs").fetchall()
         work = partial(read_session_rows, selection=self._sessions.selection, with_shortest=self._with_shortest)
-        found = map_logs(list(fresh.values()), work, processes=self._sessions.processes)
+        its = self._sessions
+        found = map_logs(list(fresh.values()), work, processes=its.processes, engine=its.engine)
         numbered = iter(enumerate(zip(fresh, found, strict=True), last + 1))
         for _ in range(0, len(fresh), _SESSIONS_PER_COMMIT):
             with transaction(logs):
@@ -711,7 +712,7 @@ def _fingerprint(path: Path) -> str:
     """
     folder = path if path.is_dir() else path.parent
     if folder.name.startswith("ses-"):
-        return "\n".join(_describe_files(one, "") for one in [folder, *sorted(folder.parent.glob("ses-*"))])
+        return "\n".join(_describe_files(one, "") for one in sorted(folder.parent.glob("ses-*")))
     marks = annotations_path(path)
     return _describe_files(folder, marks.name.partition("_")[0])
 

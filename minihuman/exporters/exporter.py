@@ -106,6 +106,7 @@ def export_study(
     selection: Selection,
     *,
     stored_frames: bool = False,
+    engine: str = "local",
     progress: Callable[[Path], None] = lambda _: None,
 ) -> tuple[ExportResult, ExportCard]:
     """Write the chosen episodes of a log or study to ``out``; ``progress`` hears of each log once.
@@ -122,7 +123,7 @@ def export_study(
         raise ExportError(f"{out} already exists; choose another folder, or move that one away")
     if out.resolve().samefile(".") if out.exists() else not out.name:
         raise ExportError(f"{out} is the current folder; choose a new folder")
-    sessions = StudySessions(source, selection)
+    sessions = StudySessions(source, selection, engine=engine)
     card = ExportCard(format_name, sessions.account, stored_frames=stored_frames)
 
     heard: Path | None = None

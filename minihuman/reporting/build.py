@@ -40,7 +40,7 @@ from minihuman.reporting.results import (
     list_exclusions,
 )
 from minihuman.reporting.scorecard import build_scorecard, draw_scorecard, find_models_folder, write_score_table
-from minihuman.reporting.sections import count_clauses, flow_section
+from minihuman.reporting.sections import ATTEMPT_COLUMNS, count_clauses, flow_section
 from minihuman.reporting.study_measures import add_measures
 from minihuman.reporting.teaching_section import read_taught_logs, tabulate_teaching, teaching_figures, teaching_section
 from minihuman.reporting.template import ReportFigure
@@ -173,7 +173,8 @@ def build_report(
         tables = write_tables(store.tables, out / "tables", names=names)
         episodes = store.tables.table("episodes", _EPISODE_COLUMNS).to_pandas()
         blocks, participants = (store.tables.table(name).to_pandas() for name in ("blocks", "participants"))
-        answers, starts, done = (store.tables.table(name).to_pandas() for name in ("answers", "starts", "clauses"))
+        answers, done = (store.tables.table(name).to_pandas() for name in ("answers", "clauses"))
+        starts = store.tables.table("starts", [*ATTEMPT_COLUMNS, "mission"]).to_pandas()  # their maps are long
         controls, teams = (store.tables.table(name).to_pandas() for name in ("controls", "teams"))
         protocols = read_protocols(store.kept)
         analysis = read_planned_analysis(protocols)

@@ -391,7 +391,7 @@ def skipped_table(logs: Sequence[SkippedLog]) -> Table:
 
 
 VERBS = {"GoTo": "go to", "Open": "open", "Pickup": "pick up", "PutNext": "put next to"}  # by a clause's type
-_ATTEMPT = ["participant", "session", "segment", "episode"]  # one of an episode: a segment has one at most
+ATTEMPT_COLUMNS = ["participant", "session", "segment", "episode"]  # one of an episode: a segment has one at most
 
 
 def count_clauses(episodes: pd.DataFrame, starts: pd.DataFrame, done: pd.DataFrame) -> pd.DataFrame:
@@ -405,14 +405,16 @@ def count_clauses(episodes: pd.DataFrame, starts: pd.DataFrame, done: pd.DataFra
     Returns:
         block, verb, group, asked, done, median_step (of those done); no row of blocks in which no clause was ever done.
     """
-    counted = episodes.loc[episodes["exclusion_reason"].isna(), [*_ATTEMPT, "block", "group"]]
-    counted = counted.merge(starts[[*_ATTEMPT, "mission"]], on=_ATTEMPT)
+    counted = episodes.loc[episodes["exclusion_reason"].isna(), [*ATTEMPT_COLUMNS, "block", "group"]]
+    counted = counted.merge(starts[[*ATTEMPT_COLUMNS, "mission"]], on=ATTEMPT_COLUMNS)
     # the blocks whose worlds have instructions, as far as anything of one was done
-    counted = counted[counted["block"].isin(counted.merge(done[_ATTEMPT].drop_duplicates(), on=_ATTEMPT)["block"])]
+    counted = counted[
+        counted["block"].isin(counted.merge(done[ATTEMPT_COLUMNS].drop_duplicates(), on=ATTEMPT_COLUMNS)["block"])
+    ]
     if counted.empty:
         return pd.DataFrame(columns=["block", "verb", "group", "asked", "done", "median_step"])
-    steps = done[[*_ATTEMPT, "clause", "step"]]
-    asked = pd.DataFrame(_asked(counted)).merge(steps, on=[*_ATTEMPT, "clause"], how="left")
+    steps = done[[*ATTEMPT_COLUMNS, "clause", "step"]]
+    asked = pd.DataFrame(_asked(counted)).merge(steps, on=[*ATTEMPT_COLUMNS, "clause"], how="left")
     grouped = asked.groupby(["block", "verb", "group"], sort=False)["step"]
     return grouped.agg(asked="size", done="count", median_step="median").reset_index()
 
@@ -423,7 +425,7 @@ def _asked(counted: pd.DataFrame) -> list[dict[str, Any]]:
 
     return [
         {
-            **dict(zip([*_ATTEMPT, "block", "group"], row[:-1], strict=True)),
+            **dict(zip([*ATTEMPT_COLUMNS, "block", "group"], row[:-1], strict=True)),
             "clause": at,
             "verb": VERBS[type(clause).__name__],
         }

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from google.protobuf.message import Message as Protobuf
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
-from mcap.writer import Writer
+from mcap.writer import IndexType, Writer
 
 from minihuman.errors import LogError, MinihumanError, NewerLogError
 from minihuman.experiment.machine.events import EpisodeEnded, EpisodesSkipped, Event, SessionEnded, SessionStarted
@@ -442,6 +442,26 @@ def _repaired(log: Path) -> FinalizedLog:
     return FinalizedLog(log, True, steps, episodes, ended, lacks, damaged_copy_path=aside, was_finished=True)
 
 
+def archive_log(log: Path, folder: Path) -> Path:
+    """Copy a whole log into a folder, without its index of messages: nearly a third smaller. It proves as the log does.
+
+    Raises:
+        LogError: if it cannot be opened, is no session log, is damaged, or its copy is there already.
+        OSError: if the disk is full.
+    """
+    target = folder / log.name
+    if target.exists():
+        raise LogError(f"{target} already exists; choose another folder, or move that file away")
+    with raise_as_log_error(log, "copied"):
+        read_segment_starts(log)
+        temporary = target.with_name(f"{target.name}{UNFINISHED_SUFFIX}")
+        with _written(temporary, IndexType.ALL ^ IndexType.MESSAGE) as copy:
+            copy.copy_file(LogScanner(log))
+    current_system().disk.rename(temporary, target)
+    sync_folder(folder)
+    return target
+
+
 def find_leftovers(folder: Path) -> list[Path]:
     """List the cut-off logs anywhere below a folder, those still being written and other programs' files left out."""
     return [
@@ -485,10 +505,10 @@ def _rewrite(
 
 
 @contextmanager
-def _written(target: Path) -> Iterator[LogCopier]:
+def _written(target: Path, indexes: IndexType = IndexType.ALL) -> Iterator[LogCopier]:
     """Write a new finished log; it is durable on exit."""
     with write_durably(target) as file:
-        writer = Writer(file, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
+        writer = Writer(file, chunk_size=CHUNK_BYTES, enable_data_crcs=True, index_types=indexes)
         writer.start(profile=names.PROFILE, library=LIBRARY_NAME)
         yield LogCopier(writer)
         writer.finish()
