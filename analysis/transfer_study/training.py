@@ -16,6 +16,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from minihuman.learn.policy.file import read_checkpoint, save_atomically
 from minihuman.learn.policy.observation import Observation
 from minihuman.learn.ppo import LAST_EPISODES, TrainingEnv
+from minihuman.worlds.contract import NativeWorld
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +50,12 @@ class ResumableEnv(TrainingEnv):
     """A world under training that can be put back to where it was, and says how long it took."""
 
     step_s = 0.0  # wall time spent inside the world
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """The world's action names; the agent may use only the first few."""
+        assert isinstance(self.world, NativeWorld)
+        return self.world.action_names
 
     def reset(self, **_: Any) -> tuple[Observation, dict[str, Any]]:
         """Begin the next episode."""

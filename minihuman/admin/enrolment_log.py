@@ -141,7 +141,7 @@ def draw_slot(protocol: Protocol, study_dir: Path, code: str, stratum: str) -> P
             )
         if (line.stratum, line.slot is None) == (stratum, False):
             return _taken_before(line, None)[0]
-        by_hand = holders.chosen_group(code)
+        by_hand = holders.began[code].group  # "" where none was chosen
         slot = holders.next_in_stratum(protocol, stratum)
         chosen, assigned = by_hand, None
         if not by_hand:
@@ -248,7 +248,7 @@ class _SlotHolders:
     def __init__(self) -> None:
         self.taken: dict[str, SlotTaken] = {}  # as `list_taken_slots` lists them, by participant
         self.replaced: set[str] = set()
-        self._began: dict[str, SlotTaken] = {}
+        self.began: dict[str, SlotTaken] = {}
         self._withdrawn: set[str] = set()
         self._held: dict[int, SlotTaken] = {}
         self._drawn: set[int | None] = set()  # the places in the allocation list of those who hold a slot
@@ -264,7 +264,7 @@ class _SlotHolders:
         """Take a line in."""
         match line:
             case SlotTaken():
-                self._began[line.participant] = line
+                self.began[line.participant] = line
                 self._hold(line)
             case GroupDrawn() if (before := self.taken.get(line.drawn)) is not None:
                 if self._held.get(before.index) is before:
@@ -306,10 +306,6 @@ class _SlotHolders:
         if code in self._withdrawn:
             raise AllocationError("this participant has withdrawn; remove --participant to offer the slot again")
         return self.taken.get(code)
-
-    def chosen_group(self, code: str) -> str:
-        """The group that was chosen by hand for somebody whose draw is still to come; "" where none was."""
-        return self._began[code].group
 
     def free(self, code: str) -> int:
         """The slot of a code that has none yet.

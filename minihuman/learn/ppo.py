@@ -21,7 +21,6 @@ from torch.nn import functional
 
 from minihuman.learn.policy.network import EncoderName, Policy, get_policy_settings, make_forward
 from minihuman.learn.policy.observation import Observation, ObservationEncoder, get_image_shape
-from minihuman.worlds.contract import NativeWorld
 from minihuman.worlds.hashing import hash64
 
 
@@ -71,12 +70,6 @@ class TrainingEnv(gymnasium.Env[Any, Any]):
         self._episode = -1
         self._return = 0.0
         self._steps = 0
-
-    @property
-    def action_names(self) -> tuple[str, ...]:
-        """The world's action names; the agent may use only the first few."""
-        assert isinstance(self.world, NativeWorld)
-        return self.world.action_names
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -38,8 +38,14 @@ def list_part_names(protocol: Protocol, slot: AllocationSlot, group: str, sessio
     Raises:
         AllocationError: if the study has no such session.
     """
-    if not protocol.lists_parts:
-        return _add_debrief(protocol, _list_default_parts(protocol, group), group)
+    if not protocol.lists_parts:  # a group lists blocks: what belongs around them comes by itself
+        parts = [
+            *([CONSENT] if protocol.study.consent else []),
+            *([KEYBOARD] if protocol.keys.keyboard_check else []),
+            *protocol.group(group).blocks,
+            *([CLOSING] if protocol.study.closing != "" else []),
+        ]
+        return _add_debrief(protocol, parts, group)
     if protocol.sessions:
         if session > len(protocol.sessions):
             raise AllocationError(
@@ -56,17 +62,6 @@ def list_part_names(protocol: Protocol, slot: AllocationSlot, group: str, sessio
         inside = _apply_order(protocol, slot, chosen)
         names += [chosen] if inside is None else [instead.get(part, part) for part in inside]
     return _add_debrief(protocol, _add_default_parts(protocol, [name for name in names if name], session), group)
-
-
-def _list_default_parts(protocol: Protocol, group: str) -> list[str]:
-    """A group that lists blocks: what belongs around them comes by itself."""
-    study = protocol.study
-    return [
-        *([CONSENT] if study.consent else []),
-        *([KEYBOARD] if protocol.keys.keyboard_check else []),
-        *protocol.group(group).blocks,
-        *([CLOSING] if study.closing != "" else []),
-    ]
 
 
 def _apply_order(protocol: Protocol, slot: AllocationSlot, name: str) -> list[str] | None:

@@ -62,20 +62,6 @@ def write_description(out: Path, about: AboutSpec, study: str) -> Path:
     )
 
 
-def write_derivatives_description(folder: Path, about: AboutSpec, study: str) -> Path:
-    """Write the description of the tables and figures that were made from the data."""
-    return write_json(
-        folder / "dataset_description.json",
-        {
-            "Name": f"{about.title or study}: tables and figures",
-            "BIDSVersion": BIDS_VERSION,
-            "DatasetType": "derivative",
-            "GeneratedBy": [GENERATED_BY],
-            "License": about.licence,
-        },
-    )
-
-
 def get_task_facts(about: AboutSpec, study: str) -> dict[str, Any]:
     """What every recording's sidecar says of the task and the place."""
     facts = {
@@ -207,7 +193,16 @@ class _Dataset:
         write_json(out / "scans.json", {"acq_time": {"Description": "When the run began, UTC."}})
         people = write_participants(out, source, self._about, list(self._people.values()))
         described = write_description(out, self._about, self._study)
-        write_derivatives_description(out / _DERIVATIVES, self._about, self._study)
+        write_json(
+            out / _DERIVATIVES / "dataset_description.json",
+            {
+                "Name": f"{self._about.title or self._study}: tables and figures",
+                "BIDSVersion": BIDS_VERSION,
+                "DatasetType": "derivative",
+                "GeneratedBy": [GENERATED_BY],
+                "License": self._about.licence,
+            },
+        )
         answered = self._phenotype.write(out)
         return (described, people, *answered, *(out / who for who in self._people), out / "sourcedata")
 

@@ -231,10 +231,6 @@ class Policy(MultiInputActorCriticPolicy):
             log_probs, values, self._hidden = self.think_on(obs, self._hidden, torch.zeros(1))
         return log_probs[0], values[0]
 
-    def add_memory(self) -> None:
-        """Remember the steps of an episode, in as many numbers as the features of one."""
-        self.memory = nn.GRUCell(self.features_dim, self.features_dim)
-
     def forget(self) -> None:
         """An episode begins."""
         self._hidden = torch.zeros(1, self.features_dim)
@@ -297,7 +293,7 @@ def build_policy(observation_space: spaces.Dict, actions: int, eyes: EncoderName
         **get_policy_settings(eyes),
     )
     if memory:
-        policy.add_memory()
+        policy.memory = nn.GRUCell(policy.features_dim, policy.features_dim)  # of the steps of an episode
     return policy
 
 
