@@ -5,6 +5,7 @@ running session or log, so a server that was killed goes on from the longest of 
 """
 
 import math
+import secrets
 import threading
 from bisect import bisect_left as bisect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -22,6 +23,7 @@ from minihuman.agents.agent import BaseAgent, is_registered_agent, make_agent, m
 from minihuman.errors import AllocationError, WorldError
 from minihuman.experiment.activities.activity import ActivityRequest, RequestHandler
 from minihuman.experiment.activities.block_plans import PERSON, SIMULATED, TeamPlan, TeamPlayPlan, find_seat_agent
+from minihuman.experiment.activities.team_messages import INTERVAL_NS, MessageGiven, MessageShown
 from minihuman.experiment.activities.team_play import (
     ActionSource,
     JointRequest,
@@ -183,6 +185,7 @@ class _TeamState:
     left: bool = False  # a partner left, and the block ends
     agents: dict[int, SeatAgent] = field(default_factory=dict)  # of the present episode, by seat
     agents_of: int = -1
+    sent: dict[str, tuple[MessageShown, float]] = field(default_factory=dict)  # by digest, with when they came
 
 
 class TeamTable:
@@ -448,6 +451,16 @@ class TeamTable:
         actions, sources = rows[-1]
         return JointTaken(0, episode, want.step, actions, sources)
 
+    def pass_on(self, want: JointRequest, member: "TeamMember") -> MessageGiven | None:
+        """The next of the others' messages that a seat has not received; words wait for it, a mark does not."""
+        state, now_s = self._state(want, member), self._now_s()
+        if new := [message for message in want.sent if message.digest not in state.sent]:
+            state.sent |= {message.digest: (message, now_s) for message in new}
+            self._tell(one for one in state.members.values() if one is not member)
+        others = [sent for sent in state.sent.values() if sent[0].seat != want.team.seat]
+        due = (one for one, since_s in others if one.text or now_s - since_s < INTERVAL_NS / 1e9)
+        return next((MessageGiven(0, one) for one in due if one.digest not in want.received), None)
+
     def _decide(self, state: _TeamState, plan: EpisodePlan, play: TeamEpisode, late: set[int]) -> Row:
         if state.agents_of != plan.episode:
             self._close_agents(state)
@@ -566,19 +579,20 @@ class TeamMember(RequestHandler):
         if found is None:
             return None
         if isinstance(found, Team):
-            return TeamJoined(t_ns, found)
+            writes = isinstance(want, TeamRequest) and want.plan.team.chat and not self._patient
+            return TeamJoined(t_ns, found, secrets.token_hex(16) if writes else "")
         return replace(found, t_ns=t_ns)
 
     def _ask(
         self, want: TeamRequest | ReadyRequest | JointRequest, play: RunningEpisode | None
-    ) -> Team | SeatsReady | JointTaken | TeamLost | None:
+    ) -> Team | SeatsReady | JointTaken | TeamLost | MessageGiven | None:
         match want:
             case TeamRequest():
                 return self.table.join(want, self)
             case ReadyRequest():
                 return self.table.ready(want, self)
             case JointRequest() if isinstance(play, TeamEpisode):
-                return self.table.close_step(want, play, self)
+                return self.table.pass_on(want, self) or self.table.close_step(want, play, self)
         return None
 
     def close(self) -> None:
