@@ -50,8 +50,9 @@ def until_reads(somebody: Somebody, *said: str) -> None:
 def test_words_and_marks_are_on_both_screens_and_in_both_logs(tmp_path: Path, pace: str) -> None:
     path = talk_study(tmp_path)
     if pace == "ticks":
+        ticks = 'view = "full"\npace = "real_time"\nstep_period_ms = 200\noptions = { max_steps = 100_000 }'
         text = path.read_text(encoding="utf-8").replace("max_steps = 3", "max_steps = 100_000")
-        path.write_text(text.replace('view = "full"', 'view = "full"\npace = "real_time"\nstep_period_ms = 200\noptions = { max_steps = 100_000 }'))
+        path.write_text(text.replace('view = "full"', ticks), encoding="utf-8")
     with serving(path, tmp_path, links=2) as server, browsing() as sit_down:
         people = [sit_down(f"http://127.0.0.1:{server.port}/#t={token}") for token in server.tokens]
         for somebody in people:

@@ -15,6 +15,7 @@ from minihuman.errors import ProtocolError
 from minihuman.experiment.activities.team_messages import MESSAGE_LETTERS, MessageShown
 from minihuman.experiment.machine.events import Noted
 from minihuman.experiment.machine.inputs import TextInput
+from minihuman.experiment.plan.dry_run import check_worlds
 from minihuman.experiment.replay import compare_replay
 from minihuman.runtime.team_host import TeamTable
 from minihuman.worlds.adapters.world import World
@@ -225,8 +226,11 @@ def test_no_export_holds_what_was_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("team", "view", "complaint"),
     [
-        (TALK, "partial", "marks a cell of the whole picture, but view is 'partial'"),
-        (TALK.replace('"m"', '"1"'), "full", "needs the key '1'; it is the session's own, in $.keys.pool, or none"),
+        (
+            TALK.replace('"m"', '"1"'),
+            "full",
+            "needs the key '1', but that is in $.keys.pool, the session's own, or unknown",
+        ),
         (TALK.replace('"m"', '"enter"'), "full", "needs the key 'enter'"),
         (TALK.replace('"m"', '"f2"'), "full", "is 'f2', which reports words"),
         (
@@ -244,10 +248,19 @@ def test_where_nobody_could_answer_or_no_key_is_free_a_protocol_is_refused(
     assert complaint in str(refused.value)
 
 
+@pytest.mark.parametrize(("world", "view"), [(FOUR_ROOMS, "partial"), ("minihuman/Team-FourRooms3D-v0", "full")])
+def test_a_mark_needs_a_picture_of_the_whole_grid(tmp_path: Path, world: str, view: str) -> None:
+    actions = "turn_left" if "3D" in world else "left"
+    text = talk_study(tmp_path, view=view).read_text(encoding="utf-8").replace(FOUR_ROOMS, world)
+    (tmp_path / "duet.toml").write_text(text.replace('"left", "right", "forward"', f'"{actions}"'), encoding="utf-8")
+    with pytest.raises(ProtocolError, match="marks a cell of the whole picture; use it in a grid with view = 'full'"):
+        check_worlds(read_protocol(tmp_path / "duet.toml"))
+
+
 def test_without_either_nothing_is_written_or_shown(tmp_path: Path) -> None:
     (one, two), _, _ = talking(tmp_path, team=PEOPLE)
     write(one, SECRET)
     one.press("m", "f2")
     two.wait(1)
     assert one.of(MessageShown) == []
-    assert not one.machine.screen.messages
+    assert one.machine.screen.messages is None

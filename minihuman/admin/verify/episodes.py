@@ -216,14 +216,21 @@ def _compare_members(found: dict[int, _Played]) -> Iterator[str]:
 
 def _compare_messages(logs: dict[int, SessionLog | None], found: dict[int, _Played]) -> Iterator[str]:
     """Which messages came onto a screen that their author's log, if it is here and whole, does not have."""
-    numbers = {seat: {episode.plan.episode for episode, _ in played.values()} for seat, played in found.items()}
     shown = {
-        seat: [one for one in log.part_events if isinstance(one, MessageShown) and one.episode in numbers[seat]]
+        seat: [
+            one
+            for played in [{episode.plan.episode for episode, _ in found[seat].values()}]
+            for one in log.part_events
+            if isinstance(one, MessageShown) and one.episode in played
+        ]
         for seat, log in logs.items()
         if log is not None
     }
-    whole = {seat for seat, log in logs.items() if log is not None and log.segments[-1].clean}
-    sent = {seat: {one.digest for one in shown[seat] if one.seat == seat} for seat in whole}
+    sent = {
+        seat: {one.digest for one in shown[seat] if one.seat == seat}
+        for seat, log in logs.items()
+        if log is not None and log.segments[-1].clean
+    }
     yield from (
         f"episode {one.episode + 1}: seat {seat} was shown a message that seat {one.seat} did not send"
         for seat, messages in shown.items()

@@ -236,7 +236,7 @@ def check_team(team: TeamPlan | None, pool: tuple[str, ...]) -> list[tuple[str, 
             (
                 key in taken or key not in BUTTON_NAMES,
                 name,
-                f"needs the key {key!r}; it is the session's own, in $.keys.pool, or none",
+                f"needs the key {key!r}, but that is in $.keys.pool, the session's own, or unknown",
             )
             for name, key in own
         ),

@@ -115,25 +115,29 @@ class TeamMessages:
             self.context.emit(here if message.seat == self.seat else replace(here, text=""))
         self.shown[message.digest] = here
 
-    def look(self, play: RunningEpisode | None) -> dict[str, object] | list[str]:
-        """What a page has of them; nothing where people neither write nor mark."""
+    def look(self, play: RunningEpisode | None) -> dict[str, object] | None:
+        """What a page has of them; None where people neither write nor mark."""
         rules, words, marks = self.rules, self.context.words, self.marks
         lines = [message for message in self.shown.values() if not message.cell][-N_LINES:]
         hints = [words["team.chat_keys"]] * bool(rules.chat)
         hints += [words.fill("team.ping_key", ping=key_label(key)) for key in [rules.ping] if key]
-        return hints and {
-            "writes": bool(rules.chat),
-            "hint": "   ".join(hints),
-            "lines": [
-                (
-                    words["team.you"]
-                    if one.seat == self.seat
-                    else (rules.roles or {one.seat: words.fill("team.person", number=one.seat + 1)})[one.seat],
-                    (one.text or "…") + (f" ({words['team.reported']})" if one.digest == self._reported else ""),
-                )
-                for one in lines
-            ],
-            "entry": self.draft and self.draft.widget(),
-            "cells": [(*mark.cell, mark.seat == self.seat) for mark in marks],
-            "bounds": play.world.unwrapped.map().bounds if play and marks else (),
-        }
+        return (
+            None
+            if not hints
+            else {
+                "writes": bool(rules.chat),
+                "hint": "   ".join(hints),
+                "lines": [
+                    (
+                        words["team.you"]
+                        if one.seat == self.seat
+                        else (rules.roles or {one.seat: words.fill("team.person", number=one.seat + 1)})[one.seat],
+                        (one.text or "…") + (f" ({words['team.reported']})" if one.digest == self._reported else ""),
+                    )
+                    for one in lines
+                ],
+                "entry": self.draft and self.draft.widget(),
+                "cells": [(*mark.cell, mark.seat == self.seat) for mark in marks],
+                "bounds": play.world.unwrapped.map().bounds if play and marks else (),
+            }
+        )

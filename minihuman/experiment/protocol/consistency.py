@@ -383,8 +383,6 @@ def _check_block_kind(block: "BlockSpec", pool: tuple[str, ...]) -> Iterator[Fie
         for keys in () if block.team is None else block.team.seat_keys or ():
             if sorted(keys.values()) != sorted(block.actions):
                 yield "team.seat_keys", f"has keys for {', '.join(keys.values())}; give each seat one for each action"
-        if block.team is not None and block.team.ping and block.view != "full":
-            yield "team.ping", f"marks a cell of the whole picture, but view is {block.view!r}; use view = 'full'"
         for field in ("max_episode_s", "max_block_s", "stop_criterion", "noop_action"):
             if getattr(block, field):
                 yield field, "would end or step each seat by its own clock; leave it out of a team block"
