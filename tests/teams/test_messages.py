@@ -209,6 +209,15 @@ def test_a_mark_that_comes_too_late_is_not_shown(tmp_path: Path) -> None:
     assert [event.cell for event in two.of(MessageShown)] == [()]
 
 
+def test_marks_of_two_people_on_one_cell_are_two_messages(tmp_path: Path) -> None:
+    seats, _, _ = talking(tmp_path, team=f'{PEOPLE}\nping = "m"')
+    for seat in seats:
+        seat.part._messages._send(seat.machine.play, "", (3, 4))
+    for seat in (*seats, *seats):
+        seat.wait(1)
+    assert [len(seat.part._messages.marks) for seat in seats] == [2, 2]
+
+
 def test_no_export_holds_what_was_written(tmp_path: Path) -> None:
     seats, _, _ = talking(tmp_path)
     for seat in seats:

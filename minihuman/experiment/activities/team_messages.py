@@ -86,8 +86,12 @@ class TeamMessages:
             if not draft.value or self._send(play, draft.display_text, ()):
                 self.draft = None
         elif is_enter:
-            words, asked = self.context.words, QuestionItemSpec("chat", "text", "", longest=MESSAGE_LETTERS)
-            self.draft = TextDraft(asked, None, rtl=words.rtl, language=words.language)
+            self.draft = TextDraft(
+                QuestionItemSpec("chat", "text", "", longest=MESSAGE_LETTERS),
+                None,
+                rtl=self.context.words.rtl,
+                language=self.context.words.language,
+            )
         elif press.key == self.rules.ping:
             if (pose := play.world.pose()) is not None:
                 self._send(play, "", (round(pose.x + math.cos(pose.yaw_rad)), round(pose.z - math.sin(pose.yaw_rad))))
@@ -102,8 +106,9 @@ class TeamMessages:
         now_ns = self.context.now_ns
         if self.sent and now_ns < self.sent[-1].t_ns + INTERVAL_NS:
             return False
-        data = f"{len(self.sent)} {text} {cell}".encode()
-        digest = hashlib.blake2b(data, key=self.salt.encode(), digest_size=16).hexdigest()
+        digest = hashlib.blake2b(
+            f"{self.seat} {now_ns} {text} {cell}".encode(), key=self.salt.encode(), digest_size=16
+        ).hexdigest()
         self.sent += (MessageShown(now_ns, play.plan.episode, play.steps, self.seat, text, cell, digest),)
         self.show(self.sent[-1], play)
         return True
@@ -121,23 +126,21 @@ class TeamMessages:
         lines = [message for message in self.shown.values() if not message.cell][-N_LINES:]
         hints = [words["team.chat_keys"]] * bool(rules.chat)
         hints += [words.fill("team.ping_key", ping=key_label(key)) for key in [rules.ping] if key]
-        return (
-            None
-            if not hints
-            else {
-                "writes": bool(rules.chat),
-                "hint": "   ".join(hints),
-                "lines": [
-                    (
-                        words["team.you"]
-                        if one.seat == self.seat
-                        else (rules.roles or {one.seat: words.fill("team.person", number=one.seat + 1)})[one.seat],
-                        (one.text or "…") + (f" ({words['team.reported']})" if one.digest == self._reported else ""),
-                    )
-                    for one in lines
-                ],
-                "entry": self.draft and self.draft.widget(),
-                "cells": [(*mark.cell, mark.seat == self.seat) for mark in marks],
-                "bounds": play.world.unwrapped.map().bounds if play and marks else (),
-            }
-        )
+        if not hints:
+            return None
+        return {
+            "writes": bool(rules.chat),
+            "hint": "   ".join(hints),
+            "lines": [
+                (
+                    words["team.you"]
+                    if one.seat == self.seat
+                    else (rules.roles or {one.seat: words.fill("team.person", number=one.seat + 1)})[one.seat],
+                    (one.text or "…") + (f" ({words['team.reported']})" if one.digest == self._reported else ""),
+                )
+                for one in lines
+            ],
+            "entry": self.draft and self.draft.widget(),
+            "cells": [(*mark.cell, mark.seat == self.seat) for mark in marks],
+            "bounds": play.world.unwrapped.map().bounds if play and marks else (),
+        }
