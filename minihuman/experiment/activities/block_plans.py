@@ -121,22 +121,24 @@ class AgentPlayPlan(PlayPlan, frozen=True):
 
 def check_agent(agent: AgentPlan, pool: tuple[str, ...]) -> list[tuple[str, str]]:
     """Every (field, complaint) about values that make no agent; ``pool`` is the keys that may have an action."""
-    found = []
-    if not 20 <= agent.step_ms <= 60_000:
-        found.append(("step_ms", f"is {agent.step_ms:g}; an agent steps every 20 to 60000 ms"))
-    if not 1 <= agent.update_every <= 10_000:
-        found.append(("update_every", f"is {agent.update_every}; use 1 to 10000 episodes"))
-    for name in ("budget_s", "wait_s"):
-        if not 0 <= getattr(agent, name) <= 86_400:
-            found.append((name, f"is {getattr(agent, name):g}; use 0 to 86400 s"))
-    for name in ("hand_back", "good", "bad"):
-        key = getattr(agent, name)
-        if key not in BUTTON_NAMES:
-            found.append((name, f"is {key!r}, which is not a key"))
-        elif key in RESERVED_KEYS or key in pool:
-            whose = "the session itself uses" if key in RESERVED_KEYS else "may have an action ($.keys.pool)"
-            found.append((name, f"is {key!r}, which {whose}; choose another"))
-    return found
+    own = [(name, getattr(agent, name)) for name in ("hand_back", "good", "bad")]
+    waits = [(name, getattr(agent, name)) for name in ("budget_s", "wait_s")]
+    updates, choose = agent.update_every, "which {}; choose another"
+    checks = [
+        (20 <= agent.step_ms <= 60_000, "step_ms", f"is {agent.step_ms:g}; an agent steps every 20 to 60000 ms"),
+        (1 <= updates <= 10_000, "update_every", f"is {updates}; use 1 to 10000 episodes"),
+        *((0 <= wait_s <= 86_400, name, f"is {wait_s:g}; use 0 to 86400 s") for name, wait_s in waits),
+        *((key in BUTTON_NAMES, name, f"is {key!r}, which is not a key") for name, key in own),
+        *(
+            (key not in RESERVED_KEYS, name, f"is {key!r}, {choose.format('the session itself uses')}")
+            for name, key in own
+        ),
+        *(
+            (key not in pool, name, f"is {key!r}, {choose.format('may have an action ($.keys.pool)')}")
+            for name, key in own
+        ),
+    ]
+    return [(name, complaint) for is_right, name, complaint in checks if not is_right]
 
 
 PERSON = "person"
