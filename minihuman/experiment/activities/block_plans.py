@@ -138,7 +138,7 @@ def check_agent(agent: AgentPlan, pool: tuple[str, ...]) -> list[tuple[str, str]
             for name, key in own
         ),
     ]
-    return [(name, complaint) for is_right, name, complaint in checks if not is_right]
+    return [(name, complaint) for is_valid, name, complaint in checks if not is_valid]
 
 
 PERSON = "person"
