@@ -45,7 +45,8 @@ if TYPE_CHECKING:
 
 ActionSource = Literal["person", "late", "agent"]  # late: the idle action, since no input came in time
 SeatHolder = Literal["person", "agent"]
-GoneReason = Literal["no_partner", "partner_left", "replaced"]  # replaced: the seat is an agent's for good
+# replaced: the seat is an agent's for good; declined: one of the team left before its first step
+GoneReason = Literal["no_partner", "partner_left", "replaced", "declined"]
 POLL_NS = 250_000_000  # how often a waiting machine asks again, if nothing else happens
 
 
@@ -197,7 +198,7 @@ class SeatTaken(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class TeamEnded(ActivityEvent):
-    """The block ends before its last episode: no partner came, or one left."""
+    """The block ends before its last episode, as no partner came or one left; or the team before its first step."""
 
     part: int
     reason: GoneReason
@@ -317,6 +318,7 @@ TEAM_TRANSITIONS: "TransitionTable[Any]" = TransitionTable(
         PhaseTransition(Phase.LOBBY, TransitionCause.DONE, Phase.PREPARING),
         PhaseTransition(Phase.READY, TransitionCause.DONE, Phase.WAITING),
         PhaseTransition(Phase.WAITING, TransitionCause.DONE, Phase.INTERVAL),
+        PhaseTransition(Phase.WAITING, TransitionCause.GO_BACK, Phase.LOBBY),
         *PLAY_TRANSITIONS.rows,
     ]
 )
@@ -461,10 +463,14 @@ class TeamPlayActivity(PlayActivity):
             self._lobby_ns = self.context.now_ns
 
     def _lose(self, reason: GoneReason) -> None:
+        self.context.emit(TeamEnded(self.context.now_ns, self.number, reason))
+        if reason == "declined":
+            self.formed, self.context.teams = None, self.context.teams[:-1]
+            self._move(TransitionCause.GO_BACK)
+            return
         if self.phase is Phase.LOBBY:
             self._count_waiting()
         self.context.stranded |= reason != "replaced"
-        self.context.emit(TeamEnded(self.context.now_ns, self.number, reason))
         self._tally.skip = reason
         if self.playing:
             self._episode_ended("partner_left")
