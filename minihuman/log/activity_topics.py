@@ -1,6 +1,6 @@
 """Topics that our activity kinds add to a log: agents and ratings, pairs of clips, corrections, teams."""
 
-from minihuman.experiment.activities import agent_blocks, correction, preferences, team_play
+from minihuman.experiment.activities import agent_blocks, correction, preferences, team_messages, team_play
 from minihuman.log.codec import EventRow
 from minihuman.log.proto import minihuman_agent_v1_pb2 as agent_v1
 from minihuman.log.topics import Topic
@@ -62,4 +62,6 @@ TEAM_ROWS = (
     EventRow(team_play.PictureCorrected, Topic("/team/corrected", agent_v1.PictureCorrected)),
     EventRow(team_play.SeatTaken, Topic("/team/seat", agent_v1.SeatTaken)),
     EventRow(team_play.TeamEnded, Topic("/team/end", agent_v1.TeamEnded)),
+    EventRow(team_messages.MessageTyped, Topic("/team/typed", agent_v1.MessageTyped)),
+    EventRow(team_messages.MessageShown, Topic("/team/message", agent_v1.MessageShown)),
 )

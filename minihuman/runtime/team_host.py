@@ -5,6 +5,7 @@ running session or log, so a server that was killed goes on from the longest of 
 """
 
 import math
+import secrets
 import threading
 from bisect import bisect_left as bisect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -22,6 +23,7 @@ from minihuman.agents.agent import BaseAgent, is_registered_agent, make_agent, m
 from minihuman.errors import AllocationError, WorldError
 from minihuman.experiment.activities.activity import ActivityRequest, RequestHandler
 from minihuman.experiment.activities.block_plans import PERSON, SIMULATED, TeamPlan, TeamPlayPlan, find_seat_agent
+from minihuman.experiment.activities.team_messages import INTERVAL_NS, MessageGiven, MessageShown
 from minihuman.experiment.activities.team_play import (
     ActionSource,
     JointRequest,
@@ -181,8 +183,10 @@ class _TeamState:
     keyed_s: dict[int, float] = field(default_factory=dict)  # by seat, when a key of its person's came last
     away: set[int] = field(default_factory=set)  # seats that the stand-in has
     left: bool = False  # a partner left, and the block ends
+    declined: bool = False  # one left before the first step: the others go back to the lobby
     agents: dict[int, SeatAgent] = field(default_factory=dict)  # of the present episode, by seat
     agents_of: int = -1
+    sent: dict[str, tuple[MessageShown, float]] = field(default_factory=dict)  # by digest, with when they came
 
 
 class TeamTable:
@@ -327,19 +331,22 @@ class TeamTable:
         code, session = member.plan.participant.id, member.plan.session
         for entry in reversed(list_team_entries(self._study_dir)):
             seat = next((int(seat) for seat, of in entry.members.items() if of == code), None)
-            if seat is not None and (entry.block, entry.session, entry.solo) == (want.block, session, False):
+            state = self._teams.get((entry.team, entry.session, entry.block))
+            is_over = state is not None and state.declined and not any(state.rows.values())
+            if seat is not None and (entry.block, entry.session, entry.solo or is_over) == (want.block, session, False):
                 return Team(entry.team, entry.index, seat, entry.seats)
         return None
 
     # Playing
 
-    def _state(self, want: ReadyRequest | JointRequest, member: "TeamMember") -> _TeamState:
-        key = (want.team.team, member.plan.session, want.plan.block_name)
+    def take_seat(self, team: Team, block: str, rules: TeamPlayPlan, member: "TeamMember") -> _TeamState:
+        """What is known of a member's team in a block."""
+        key = (team.team, member.plan.session, block)
         state = self._teams.get(key)
         if state is None:
-            state = self._teams[key] = _TeamState(want.team, want.rules)
+            state = self._teams[key] = _TeamState(team, rules)
             self._restore(state, key)
-        state.members[want.team.seat] = member
+        state.members[team.seat] = member
         return state
 
     def _restore(self, state: _TeamState, key: tuple[str, int, str]) -> None:
@@ -387,9 +394,14 @@ class TeamTable:
 
     def ready(self, want: ReadyRequest, member: "TeamMember") -> SeatsReady | TeamLost | None:
         """Whether an episode may begin."""
-        state, episode, now_s = self._state(want, member), want.plan.episode, self._now_s()
-        if state.left:
-            return TeamLost(0, "partner_left")
+        state, episode, now_s = (
+            self.take_seat(want.team, want.plan.block_name, want.rules, member),
+            want.plan.episode,
+            self._now_s(),
+        )
+        is_over = state.declined and not any(state.rows.values())
+        if is_over or state.left:
+            return TeamLost(0, "declined" if is_over else "partner_left")
         if not self._may_return(state, want.team.seat) and state.rules.team.partner_return == "end":
             return TeamLost(0, "replaced")
         state.away.discard(want.team.seat)
@@ -408,7 +420,11 @@ class TeamTable:
 
     def close_step(self, want: JointRequest, play: TeamEpisode, member: "TeamMember") -> JointTaken | TeamLost | None:
         """The joint action of a step, once every seat's input is there or its time is over."""
-        state, episode, now_s = self._state(want, member), want.plan.episode, self._now_s()
+        state, episode, now_s = (
+            self.take_seat(want.team, want.plan.block_name, want.rules, member),
+            want.plan.episode,
+            self._now_s(),
+        )
         rows, seat = state.rows.setdefault(episode, []), want.team.seat
         rows += zip(play.joint_actions[len(rows) :], play.sources[len(rows) :], strict=True)
         may_return, absent = self._may_return(state, seat), self._is_absent(state, want, now_s)
@@ -447,6 +463,16 @@ class TeamTable:
         self._tell(one for one in state.members.values() if one is not member)
         actions, sources = rows[-1]
         return JointTaken(0, episode, want.step, actions, sources)
+
+    def pass_on(self, want: JointRequest, member: "TeamMember") -> MessageGiven | None:
+        """The next of the others' messages that a seat has not received; words wait for it, a mark does not."""
+        state, now_s = self.take_seat(want.team, want.plan.block_name, want.rules, member), self._now_s()
+        if new := [message for message in want.sent if message.digest not in state.sent]:
+            state.sent |= {message.digest: (message, now_s) for message in new}
+            self._tell(one for one in state.members.values() if one is not member)
+        others = [sent for sent in state.sent.values() if sent[0].seat != want.team.seat]
+        due = (one for one, since_s in others if one.text or now_s - since_s < INTERVAL_NS / 1e9)
+        return next((MessageGiven(0, one) for one in due if one.digest not in want.received), None)
 
     def _decide(self, state: _TeamState, plan: EpisodePlan, play: TeamEpisode, late: set[int]) -> Row:
         if state.agents_of != plan.episode:
@@ -515,6 +541,7 @@ class TeamTable:
             for key, state in list(self._teams.items()):
                 for seat in [seat for seat, one in state.members.items() if one is member]:
                     del state.members[seat]
+                    state.declined |= state.rules.team.pairing not in ("same", "fixed") and not any(state.rows.values())
                     self._replace(state, {seat})
                     self._tell(state.members.values())
                 if not state.members:
@@ -563,22 +590,22 @@ class TeamMember(RequestHandler):
         with self.table.hold() as changed:
             while (found := self._ask(want, play)) is None and waits:
                 changed.wait(timeout=0.5)
-        if found is None:
-            return None
-        if isinstance(found, Team):
-            return TeamJoined(t_ns, found)
-        return replace(found, t_ns=t_ns)
+            if isinstance(found, Team) and isinstance(want, TeamRequest):
+                self.table.take_seat(found, want.block, want.plan, self)
+                writes = want.plan.team.chat and not self._patient
+                return TeamJoined(t_ns, found, secrets.token_hex(16) if writes else "")
+        return None if found is None or isinstance(found, Team) else replace(found, t_ns=t_ns)
 
     def _ask(
         self, want: TeamRequest | ReadyRequest | JointRequest, play: RunningEpisode | None
-    ) -> Team | SeatsReady | JointTaken | TeamLost | None:
+    ) -> Team | SeatsReady | JointTaken | TeamLost | MessageGiven | None:
         match want:
             case TeamRequest():
                 return self.table.join(want, self)
             case ReadyRequest():
                 return self.table.ready(want, self)
             case JointRequest() if isinstance(play, TeamEpisode):
-                return self.table.close_step(want, play, self)
+                return self.table.pass_on(want, self) or self.table.close_step(want, play, self)
         return None
 
     def close(self) -> None:

@@ -68,7 +68,6 @@ class Outbox:
     def __init__(
         self, session: SessionMachine, make_world: WorldFactory, settings: PageSettings, logged: Sequence[Event] = ()
     ) -> None:
-        self.outgoing: OutgoingStream[messages.ServerMessage | messages.PictureMessage] = OutgoingStream()
         self.through = 0  # the last of the page's messages that was taken
         self.at_ns = 0  # when that was
         self.moved = 0  # the last of them that the page waits for, as it may lead somewhere
@@ -77,16 +76,10 @@ class Outbox:
         self._session = session
         self._make_world = make_world
         self._settings = settings
-        self._plan: EpisodePlan | None = None  # of the episode that the page has the rules of
         self._computed: ComputedEpisode | None = None  # by the page; else there is a graph
-        self._look_ahead_graph: LookAheadGraph | None = None
         self._own_world: World | None = None  # that may be reset
-        self._arrays: set[str] = set()  # that the page has
-        self._page_plays = False  # an episode
-        self._screen: Screen | None = None  # that the page has
-        self._screen_play: RunningEpisode | None = None  # that was played then
         self._said: object = None  # below its picture
-        self._screen_id = self._screen_name = 0
+        self._screen_id = 0
         self._episode = -1  # whose steps these are
         self._scenes: list[int] = []  # the names of those that its steps led to; -1 if unknown
         self._of_team = False  # it is a team's: the page shows the own action before the others'
@@ -99,9 +92,21 @@ class Outbox:
                     self._episode, self._scenes = event.episode, [-1] * (event.step + 1)
                 case Stepped() | CorrectionStepped():
                     self._scenes.append(-1)
+        self._forget_page()
+
+    def _forget_page(self) -> None:
+        """Begin with a page that has nothing."""
+        self.outgoing: OutgoingStream[messages.ServerMessage | messages.PictureMessage] = OutgoingStream()
+        self._plan: EpisodePlan | None = None  # of the episode that the page has the rules of
+        self._look_ahead_graph: LookAheadGraph | None = None
+        self._arrays: set[str] = set()  # that the page has
+        self._page_plays = False  # an episode
+        self._screen: Screen | None = None  # that the page has
+        self._screen_name = 0
+        self._screen_play: RunningEpisode | None = None  # that was played then
         self._sent_state: tuple[object, ...] | None = None
         self._sent_control: messages.AgentControl | None = None
-        self._image_cache = ImageCache(settings.encoding)
+        self._image_cache = ImageCache(self._settings.encoding)
         self._screen_prefetcher = ScreenPrefetcher(self._image_cache.number, self._lent)
         self._film_prefetcher = FilmPrefetcher(self._image_cache.number)
 
@@ -313,18 +318,10 @@ class Outbox:
             asked: what the page was asked and has not answered.
             begun: whether there is anything to tell.
         """
-        self.outgoing = OutgoingStream()
-        self._image_cache = ImageCache(self._settings.encoding)
-        self._screen_prefetcher = ScreenPrefetcher(self._image_cache.number, self._lent)
-        self._film_prefetcher = FilmPrefetcher(self._image_cache.number)
-        self._screen = self._screen_play = self._sent_state = self._sent_control = None
-        self._screen_name = 0
+        self._forget_page()
         for number in asked:
             self.outgoing.add(messages.CommandMessage(number))
-        self._plan = self._look_ahead_graph = None
         self._computed = self._computed if self.page_computes else None
-        self._arrays.clear()
-        self._page_plays = False
         if not self._session.over and begun:
             play = self._session.part.play or self._session.part.next_play  # also behind a pause
             if play is not None:
@@ -340,7 +337,7 @@ class Outbox:
         if not is_known and (screen := self._session.screen) is not self._screen:
             values, name = describe_screen(self._session, self._image_cache.number, self._screen_name)
             self._screen = screen
-            said, self._said = self._said, values.get("controller_text")  # a team's, which the page cannot know
+            said, self._said = self._said, (values.get("controller_text"), values.get("messages"))  # of a team
             of_team = isinstance(self._session.play, TeamEpisode) and said != self._said
             if name != self._screen_name or of_team or not advances_by_itself(self._session):
                 self._screen_id, self._screen_name = self._screen_id + 1, name

@@ -66,6 +66,7 @@ def _play(screen: screens.PlayScreen, number: NumberPicture) -> dict[str, Any]:
         "mission": screen.mission[:1].upper() + screen.mission[1:],
         "legend": [[*labels.get(key, (key_label(key), "")), action] for key, action in screen.legend],
         **({"pointer": True} if screen.accepts_pointer else {}),
+        **({"messages": screen.messages} if screen.messages else {}),
     }
 
 

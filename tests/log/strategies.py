@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from minihuman.experiment.activities import agent_blocks, correction, preferences, team_play
+from minihuman.experiment.activities import agent_blocks, correction, preferences, team_messages, team_play
 from minihuman.experiment.activities.block_plans import CriterionSpec, PlayPlan
 from minihuman.experiment.activities.keyboard_check import KeyboardCheckPlan
 from minihuman.experiment.activities.pages import PagePlan
@@ -301,7 +301,7 @@ EVENTS_BY_TYPE: dict[type[events.Event], st.SearchStrategy[events.Event]] = {
         SEEDS,
     ),
     team_play.TeamFormed: st.builds(
-        team_play.TeamFormed, TIMES, COUNTS, TEXTS, COUNTS, COUNTS, TEXTS, st.lists(TEXTS, max_size=3).map(tuple)
+        team_play.TeamFormed, TIMES, COUNTS, TEXTS, COUNTS, COUNTS, TEXTS, st.lists(TEXTS, max_size=3).map(tuple), TEXTS
     ),
     team_play.SeatsReadied: st.builds(team_play.SeatsReadied, TIMES, COUNTS, st.lists(FLOATS, max_size=8).map(tuple)),
     team_play.JointStepped: st.builds(
@@ -319,6 +319,13 @@ EVENTS_BY_TYPE: dict[type[events.Event], st.SearchStrategy[events.Event]] = {
     team_play.PictureCorrected: st.builds(team_play.PictureCorrected, TIMES, COUNTS, COUNTS, TIMES, TIMES),
     team_play.SeatTaken: st.builds(
         team_play.SeatTaken, TIMES, COUNTS, COUNTS, COUNTS, st.sampled_from(get_args(team_play.SeatHolder))
+    ),
+    team_messages.MessageTyped: st.builds(team_messages.MessageTyped, TIMES, TEXTS),
+    team_messages.MessageShown: st.builds(
+        team_messages.MessageShown,
+        *(TIMES, COUNTS, COUNTS, COUNTS, TEXTS),
+        st.lists(FLOATS, max_size=2).map(tuple),
+        TEXTS,
     ),
     team_play.TeamEnded: st.builds(team_play.TeamEnded, TIMES, COUNTS, st.sampled_from(get_args(team_play.GoneReason))),
     correction.NothingToCorrect: st.builds(correction.NothingToCorrect, TIMES, COUNTS, COUNTS),

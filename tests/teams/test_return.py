@@ -11,7 +11,9 @@ from minihuman.admin.verify.episodes import verify_teams
 from minihuman.agents.agent import RandomAgent
 from minihuman.experiment.activities.team_play import JointStepped, SeatTaken, TeamEnded
 from minihuman.experiment.machine.events import EpisodeEnded, KeyPressed
+from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.replay import compare_replay
+from minihuman.log.read.session_reader import read_log
 from minihuman.runtime.team_host import SeatAgent, TeamTable
 from minihuman.worlds.adapters.world import World
 from tests.teams.machines import Clock, Seat, sit_down
@@ -113,6 +115,52 @@ def test_a_team_that_quit_and_comes_back_begins_the_episode_anew_and_goes_on_the
     assert again[0].joint == again[1].joint
     assert [acted_without_a_key(seat) for seat in again] == [[], []]
     assert proven(*seats, *again)
+
+
+@pytest.mark.parametrize("leaves", ["agent", "end"])
+def test_who_is_left_before_the_first_step_goes_back_to_the_lobby_and_plays_with_the_next(
+    tmp_path: Path, leaves: str
+) -> None:
+    block = 'instructions = "Play together."'
+    path = team_study(tmp_path, team=f'{PEOPLE}\npartner_leaves = "{leaves}"', episodes=1, max_steps=2, block=block)
+    (one, two, three), _, _ = sit_down(path, tmp_path, people=3)
+    one.press("enter")
+    two.press("enter")
+    one.wait(1000)
+    first = one.part.formed.team
+    assert two.part.formed.team == first
+    two.stop_and_save()
+    for _ in range(3):
+        one.wait(300)
+        one.press("enter")
+    assert one.machine.phase is Phase.LOBBY
+    assert [event.reason for event in one.of(TeamEnded)] == ["declined"]
+    one.to_play(three)
+    assert one.part.formed.team == three.part.formed.team != first
+    for _ in range(2):
+        step(one, three)
+    for seat in (one, three):
+        seat.wait(600)
+        seat.press("enter", "enter")
+        seat.save()
+    assert one.machine.end_reason == three.machine.end_reason == "complete"
+    assert [len(seat.joint) for seat in (one, two, three)] == [2, 0, 2]
+    assert proven(one, three)
+    assert [good for _, good in verify_teams(tmp_path / "duet")] == [True, True]
+    log = read_log(next((tmp_path / "duet" / one.plan.participant.id).rglob("*.mcap")).parent)
+    assert not log.stranded
+    assert not one.machine._context.stranded
+    assert log.waited_ns == one.machine._context.waited_ns
+
+
+def test_who_is_left_in_an_episode_that_has_begun_stays_in_it(tmp_path: Path) -> None:
+    (one, two), _, _ = sit_down(team_study(tmp_path), tmp_path)
+    one.to_play(two)
+    two.stop_and_save()
+    one.press(key_of(one, "stay"))
+    one.wait(1)
+    assert len(one.joint) == 1
+    assert one.of(TeamEnded) == []
 
 
 def test_who_comes_back_while_the_partner_plays_on_catches_up_and_both_logs_agree(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from minihuman.admin.enrolment_entries import TeamRecorded, list_team_entries
 from minihuman.experiment.activities.activity import WorldFactory
 from minihuman.experiment.activities.block_plans import PERSON
+from minihuman.experiment.activities.team_messages import MessageShown
 from minihuman.experiment.machine.events import EpisodeStarted, Stepped
 from minihuman.experiment.machine.running_episode import RunningEpisode, WorldFailedError
 from minihuman.experiment.replay import renders_same_images
@@ -149,10 +150,11 @@ def verify_teams(study: Path) -> Iterator[tuple[str, bool]]:
         people = [seat for seat, kind in enumerate(entry.seats) if kind == PERSON]
         if len(people) < 2:
             continue
-        found = {seat: _read_episodes(study, entry, str(seat)) for seat in people}
+        logs = {seat: _read_member(study, entry, str(seat)) for seat in people}
+        found = {seat: _find_episodes(log, entry) for seat, log in logs.items()}
         where = f"team {entry.team}, block {entry.block}"
         gone = [seat for seat in people if str(seat) not in entry.members]
-        wrong = list(_compare_members(found))
+        wrong = [*_compare_members(found), *_compare_messages(logs, found)]
         yield from ((f"{where}: {line}", False) for line in wrong)
         for seat in gone:
             yield f"{where}: seat {seat} withdrawn", True
@@ -163,18 +165,23 @@ def verify_teams(study: Path) -> Iterator[tuple[str, bool]]:
             yield f"{where}: {steps} joint steps, the same in each log here (seats {seats})", True
 
 
-def _read_episodes(study: Path, entry: TeamRecorded, seat: str) -> _Played:
-    """The episodes that a member played in this team; none of one who withdrew or has no log."""
+def _read_member(study: Path, entry: TeamRecorded, seat: str) -> SessionLog | None:
+    """A member's log; None of one who withdrew or has none."""
     code = entry.members.get(seat)
     folder = None if code is None else session_folder(study.parent, study.name, code, entry.session)
-    if folder is None or not folder.is_dir() or not list_sessions(folder):
-        return {}
-    log = read_log(folder)
-    return {
-        (episode.plan.episode_in_block, episode.attempt): (episode, episode.team)
-        for episode in log.episodes
-        if episode.team is not None and (episode.team.team, episode.plan.block_name) == (entry.team, entry.block)
-    }
+    return read_log(folder) if folder is not None and folder.is_dir() and list_sessions(folder) else None
+
+
+def _find_episodes(log: SessionLog | None, entry: TeamRecorded) -> _Played:
+    return (
+        {}
+        if log is None
+        else {
+            (episode.plan.episode_in_block, episode.attempt): (episode, episode.team)
+            for episode in log.episodes
+            if episode.team is not None and (episode.team.team, episode.plan.block_name) == (entry.team, entry.block)
+        }
+    )
 
 
 def _compare_members(found: dict[int, _Played]) -> Iterator[str]:
@@ -205,6 +212,31 @@ def _compare_members(found: dict[int, _Played]) -> Iterator[str]:
             elif len(team.actions) == len(theirs.actions) and team.digest != theirs.digest:
                 lines[f"{where}: seats {seats} logged different digests"] = None
     yield from lines
+
+
+def _compare_messages(logs: dict[int, SessionLog | None], found: dict[int, _Played]) -> Iterator[str]:
+    """Which messages came onto a screen that their author's log, if it is here and whole, does not have."""
+    shown = {
+        seat: [
+            one
+            for played in [{episode.plan.episode for episode, _ in found[seat].values()}]
+            for one in log.part_events
+            if isinstance(one, MessageShown) and one.episode in played
+        ]
+        for seat, log in logs.items()
+        if log is not None
+    }
+    sent = {
+        seat: {one.digest for one in shown[seat] if one.seat == seat}
+        for seat, log in logs.items()
+        if log is not None and log.segments[-1].clean
+    }
+    yield from (
+        f"episode {one.episode + 1}: seat {seat} was shown a message that seat {one.seat} did not send"
+        for seat, messages in shown.items()
+        for one in messages
+        if one.digest not in sent.get(one.seat, {one.digest})
+    )
 
 
 def _count_same(one: TeamRecord, other: TeamRecord) -> int:

@@ -21,6 +21,7 @@ from minihuman.experiment.machine.events import (
     Noted,
     PartEnd,
     PauseReason,
+    TextTyped,
 )
 from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, KeyUp
 from minihuman.experiment.machine.running_episode import RunningEpisode, catch_world_errors
@@ -154,6 +155,7 @@ class Activity(abc.ABC):
     play: RunningEpisode | None = None  # the running episode, for simulated participants that look at its world
     next_play: RunningEpisode | None = None  # the next one, its world reset, so that its pictures can be prepared
     request: ActivityRequest | None = None  # to the session host
+    typed_event: Callable[[int, str], Event] = TextTyped  # what is logged of text
 
     def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
         self.number = number

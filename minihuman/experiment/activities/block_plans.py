@@ -121,26 +121,29 @@ class AgentPlayPlan(PlayPlan, frozen=True):
 
 def check_agent(agent: AgentPlan, pool: tuple[str, ...]) -> list[tuple[str, str]]:
     """Every (field, complaint) about values that make no agent; ``pool`` is the keys that may have an action."""
-    found = []
-    if not 20 <= agent.step_ms <= 60_000:
-        found.append(("step_ms", f"is {agent.step_ms:g}; an agent steps every 20 to 60000 ms"))
-    if not 1 <= agent.update_every <= 10_000:
-        found.append(("update_every", f"is {agent.update_every}; use 1 to 10000 episodes"))
-    for name in ("budget_s", "wait_s"):
-        if not 0 <= getattr(agent, name) <= 86_400:
-            found.append((name, f"is {getattr(agent, name):g}; use 0 to 86400 s"))
-    for name in ("hand_back", "good", "bad"):
-        key = getattr(agent, name)
-        if key not in BUTTON_NAMES:
-            found.append((name, f"is {key!r}, which is not a key"))
-        elif key in RESERVED_KEYS or key in pool:
-            whose = "the session itself uses" if key in RESERVED_KEYS else "may have an action ($.keys.pool)"
-            found.append((name, f"is {key!r}, which {whose}; choose another"))
-    return found
+    own = [(name, getattr(agent, name)) for name in ("hand_back", "good", "bad")]
+    waits = [(name, getattr(agent, name)) for name in ("budget_s", "wait_s")]
+    updates, choose = agent.update_every, "which {}; choose another"
+    checks = [
+        (20 <= agent.step_ms <= 60_000, "step_ms", f"is {agent.step_ms:g}; an agent steps every 20 to 60000 ms"),
+        (1 <= updates <= 10_000, "update_every", f"is {updates}; use 1 to 10000 episodes"),
+        *((0 <= wait_s <= 86_400, name, f"is {wait_s:g}; use 0 to 86400 s") for name, wait_s in waits),
+        *((key in BUTTON_NAMES, name, f"is {key!r}, which is not a key") for name, key in own),
+        *(
+            (key not in RESERVED_KEYS, name, f"is {key!r}, {choose.format('the session itself uses')}")
+            for name, key in own
+        ),
+        *(
+            (key not in pool, name, f"is {key!r}, {choose.format('may have an action ($.keys.pool)')}")
+            for name, key in own
+        ),
+    ]
+    return [(name, complaint) for is_valid, name, complaint in checks if not is_valid]
 
 
 PERSON = "person"
 SIMULATED = "simulated"  # a seat that a simulated participant has, by the keys that it presses
+REPORT_KEY = "f2"  # where people write to each other: reports the latest words of another
 SEAT_GRAMMAR = "'person', 'policy:FILE', 'scripted:NAME', 'simulated:NAME' or 'planner'"
 
 
@@ -158,6 +161,8 @@ class TeamPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     stand_in: str = "scripted:random"  # the agent that takes a seat
     partner_return: Literal["seat", "watch", "end"] | msgspec.UnsetType = msgspec.UNSET  # unset: "seat", at once
     partner_disclosure: Literal["", "always", "debrief"] = ""  # when people learn which partners are agents
+    chat: bool | msgspec.UnsetType = msgspec.UNSET  # people write to each other while they play
+    ping: str | msgspec.UnsetType = msgspec.UNSET  # the key that marks the cell in front on all screens
 
     @property
     def persons(self) -> tuple[int, ...]:
@@ -190,30 +195,61 @@ def check_team(team: TeamPlan | None, pool: tuple[str, ...]) -> list[tuple[str, 
     """Every (field, complaint) about values that make no team; ``pool`` is the keys that may have an action."""
     if team is None or len(team.seats) < 2:
         return [("seats", f"has {len(team.seats) if team else 0} seats; give one for each body, {SEAT_GRAMMAR}")]
-    found = []
-    for kind in (*team.seats, team.stand_in):
-        what, _, name = kind.partition(":")
-        if kind not in (PERSON, "planner") and not (what in ("policy", "scripted", SIMULATED) and name):
-            found.append(("seats", f"has {kind!r}; a seat is {SEAT_GRAMMAR}"))
-    if team.stand_in == PERSON:
-        found.append(("stand_in", "is 'person'; name an agent, such as 'scripted:random'"))
-    if not team.persons:
-        found.append(("seats", "has no 'person'; a session needs one"))
-    if team.seat_keys and len(team.seat_keys) != len(team.seats):
-        found.append(("seat_keys", f"has {len(team.seat_keys)} for {len(team.seats)} seats; give each seat its own"))
-    for key, seats in Counter(key for keys in team.seat_keys or () for key in keys).items():
-        if seats > 1:
-            found.append(("seat_keys", f"gives {key!r} to {seats} seats; a key belongs to one"))
-        if key not in pool:
-            found.append(("seat_keys", f"names {key!r}, which is not in $.keys.pool"))
-    if team.roles and len(team.roles) != len(team.seats):
-        found.append(("roles", f"has {len(team.roles)} for {len(team.seats)} seats; give one each, or none"))
-    for name, least, most in (("late_ms", 10, 10_000), ("lobby_s", 1, 86_400), ("partner_wait_s", 1, 86_400)):
-        if not least <= getattr(team, name) <= most:
-            found.append((name, f"is {getattr(team, name):g}; use {least} to {most}"))
-    if team.agents and not team.partner_disclosure:
-        found.append(("partner_disclosure", "is missing, but an agent can hold a seat; use 'always' or 'debrief'"))
-    return found
+    kinds = [(kind, *kind.partition(":")[::2]) for kind in (*team.seats, team.stand_in)]
+    agents, keys = ("policy", "scripted", SIMULATED), Counter(key for keys in team.seat_keys or () for key in keys)
+    own = [(name, key) for name, key in (("chat", team.chat and REPORT_KEY), ("ping", team.ping)) if key]
+    limits = (("late_ms", 10, 10_000), ("lobby_s", 1, 86_400), ("partner_wait_s", 1, 86_400))
+    n_seats, taken, may_meet = len(team.seats), (*pool, *RESERVED_KEYS), len(team.persons) > 1 and not team.seat_keys
+    checks = [
+        *(
+            (
+                kind not in (PERSON, "planner") and not (what in agents and name),
+                "seats",
+                f"has {kind!r}; a seat is {SEAT_GRAMMAR}",
+            )
+            for kind, what, name in kinds
+        ),
+        (team.stand_in == PERSON, "stand_in", "is 'person'; name an agent, such as 'scripted:random'"),
+        (not team.persons, "seats", "has no 'person'; a session needs one"),
+        (
+            bool(team.seat_keys) and len(team.seat_keys or ()) != n_seats,
+            "seat_keys",
+            f"has {len(team.seat_keys or ())} for {n_seats} seats; give each seat its own",
+        ),
+        *(
+            (seats > 1, "seat_keys", f"gives {key!r} to {seats} seats; a key belongs to one")
+            for key, seats in keys.items()
+        ),
+        *((key not in pool, "seat_keys", f"names {key!r}, which is not in $.keys.pool") for key in keys),
+        (
+            bool(team.roles) and len(team.roles) != n_seats,
+            "roles",
+            f"has {len(team.roles)} for {n_seats} seats; give one each, or none",
+        ),
+        *(
+            (not least <= getattr(team, name) <= most, name, f"is {getattr(team, name):g}; use {least} to {most}")
+            for name, least, most in limits
+        ),
+        *(
+            (not may_meet, name, "is for two or more people in browsers of their own, without seat_keys")
+            for name, _ in own
+        ),
+        *(
+            (
+                key in taken or key not in BUTTON_NAMES,
+                name,
+                f"needs the key {key!r}, but that is in $.keys.pool, the session's own, or unknown",
+            )
+            for name, key in own
+        ),
+        (team.ping == REPORT_KEY, "ping", f"is {REPORT_KEY!r}, which reports words; name another key"),
+        (
+            bool(team.agents) and not team.partner_disclosure,
+            "partner_disclosure",
+            "is missing, but an agent can hold a seat; use 'always' or 'debrief'",
+        ),
+    ]
+    return [(name, complaint) for is_wrong, name, complaint in checks if is_wrong]
 
 
 ReadyPolicy = Literal["each", "first", "none"]

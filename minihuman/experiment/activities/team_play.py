@@ -8,6 +8,7 @@ seeds of its episodes are open in the plan and resolved by `TeamFormed` before t
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
@@ -23,9 +24,16 @@ from minihuman.experiment.activities.activity import (
 )
 from minihuman.experiment.activities.block_plans import PERSON, TeamPlayPlan
 from minihuman.experiment.activities.play import PLAY_TRANSITIONS, PlayActivity
+from minihuman.experiment.activities.team_messages import (
+    INTERVAL_NS,
+    MessageGiven,
+    MessageShown,
+    MessageTyped,
+    TeamMessages,
+)
 from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.events import ActivityEvent, FrameShown, Noted, Stepped
-from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, ScreenShown
+from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, ScreenShown, TextInput
 from minihuman.experiment.machine.running_episode import RunningEpisode, catch_world_errors
 from minihuman.experiment.machine.screens import PlayScreen, Screen
 from minihuman.experiment.machine.transitions import Phase, PhaseTransition, TransitionCause, TransitionTable
@@ -37,7 +45,8 @@ if TYPE_CHECKING:
 
 ActionSource = Literal["person", "late", "agent"]  # late: the idle action, since no input came in time
 SeatHolder = Literal["person", "agent"]
-GoneReason = Literal["no_partner", "partner_left", "replaced"]  # replaced: the seat is an agent's for good
+# replaced: the seat is an agent's for good; declined: one of the team left before its first step
+GoneReason = Literal["no_partner", "partner_left", "replaced", "declined"]
 POLL_NS = 250_000_000  # how often a waiting machine asks again, if nothing else happens
 
 
@@ -86,6 +95,8 @@ class JointRequest(TeamAnswerRequest):
     step: int  # that it makes, 1 for the first
     action: int | None  # of this seat; None: its person has given none yet
     is_key: bool = True  # a key gave it; False: the world's idle action at a tick without one
+    sent: tuple[MessageShown, ...] = ()  # by this seat, in this block
+    received: frozenset[str] = frozenset()  # the digests of messages that it has
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +104,7 @@ class TeamJoined(ActivityInput):
     """The team is complete."""
 
     team: Team
+    salt: str = ""  # of the digests of this seat's words, a secret of its log; "" where nobody writes
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +141,7 @@ class TeamFormed(ActivityEvent):
     seat: int
     role: str  # of this seat; "" where the protocol names none
     seats: tuple[str, ...]
+    salt: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +198,7 @@ class SeatTaken(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class TeamEnded(ActivityEvent):
-    """The block ends before its last episode: no partner came, or one left."""
+    """The block ends before its last episode, as no partner came or one left; or the team before its first step."""
 
     part: int
     reason: GoneReason
@@ -193,10 +206,7 @@ class TeamEnded(ActivityEvent):
 
 def digest_joint_actions(team: str, seed: int, actions: Sequence[Sequence[int]]) -> int:
     """A digest of an episode's joint actions, uint64: BLAKE2b chained over team, seed and each step's actions."""
-    digest = start_digest(team, seed)
-    for row in actions:
-        digest = extend_digest(digest, row)
-    return digest
+    return reduce(extend_digest, actions, start_digest(team, seed))
 
 
 def start_digest(team: str, seed: int) -> int:
@@ -308,6 +318,7 @@ TEAM_TRANSITIONS: "TransitionTable[Any]" = TransitionTable(
         PhaseTransition(Phase.LOBBY, TransitionCause.DONE, Phase.PREPARING),
         PhaseTransition(Phase.READY, TransitionCause.DONE, Phase.WAITING),
         PhaseTransition(Phase.WAITING, TransitionCause.DONE, Phase.INTERVAL),
+        PhaseTransition(Phase.WAITING, TransitionCause.GO_BACK, Phase.LOBBY),
         *PLAY_TRANSITIONS.rows,
     ]
 )
@@ -319,12 +330,14 @@ class TeamPlayActivity(PlayActivity):
     plan: TeamPlayPlan
     can_copy = False
     transitions = TEAM_TRANSITIONS
+    typed_event = MessageTyped
 
     def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
         super().__init__(number, part, context)
         self.formed: Team | None = None
         self._holders: tuple[SeatHolder, ...] = ()
         self._lobby_ns = 0  # when it was entered
+        self._messages = TeamMessages(self.plan.team, context)
 
     @property
     def next_plan(self) -> EpisodePlan:
@@ -373,20 +386,33 @@ class TeamPlayActivity(PlayActivity):
         if self.playing and self.formed is not None:
             play = self.team_episode
             action, is_key = (None, False) if (mine := play.submitted) is None else (mine.action, bool(mine.key))
-            return JointRequest(self.formed, play.plan, self.plan, play.steps + 1, action, is_key)
+            return JointRequest(
+                self.formed,
+                play.plan,
+                self.plan,
+                play.steps + 1,
+                action,
+                is_key,
+                self._messages.sent,
+                self._messages.received,
+            )
         return None
 
     def receive(self, happened: Input) -> None:
         """Take an input."""
         match happened:
             case TeamJoined() if self.phase is Phase.LOBBY:
-                self._join(happened.team)
+                self._join(happened.team, happened.salt)
             case SeatsReady() if self.phase is Phase.WAITING and happened.episode == self.team_episode.plan.episode:
                 self.context.emit(SeatsReadied(self.context.now_ns, happened.episode, self.team_episode.poses()))
                 self._move(TransitionCause.DONE)
             case JointTaken() if self.playing:
                 self._let_time_pass()
                 self._take_joint(happened)
+            case MessageGiven() if self.playing and happened.message.seat != self._messages.seat:
+                self._messages.show(happened.message, self.team_episode)
+            case TextInput() if self.playing and self._messages.draft is not None:
+                self._messages.draft.type_text(happened.text)
             case TeamLost() if self.phase in (Phase.LOBBY, Phase.WAITING, Phase.PLAYING):
                 self._lose(happened.reason)
             case ActivityInput():
@@ -399,7 +425,11 @@ class TeamPlayActivity(PlayActivity):
         """What came from the team host."""
         match event:
             case TeamFormed():
-                return TeamJoined(event.t_ns, Team(event.team, event.index, event.seat, event.seats))
+                return TeamJoined(event.t_ns, Team(event.team, event.index, event.seat, event.seats), event.salt)
+            case MessageTyped():
+                return TextInput(event.t_ns, event.text)
+            case MessageShown():
+                return MessageGiven(event.t_ns, event)
             case SeatsReadied():
                 return SeatsReady(event.t_ns, event.episode)
             case JointStepped():
@@ -408,15 +438,16 @@ class TeamPlayActivity(PlayActivity):
                 return TeamLost(event.t_ns, event.reason)
         return None
 
-    def _join(self, team: Team) -> None:
+    def _join(self, team: Team, salt: str) -> None:
         self.formed = team
+        self._messages.seat, self._messages.salt = team.seat, salt
         self._count_waiting()
         self._holders = tuple("person" if kind == PERSON else "agent" for kind in team.seats)
         roles, context = self.plan.team.roles, self.context
         role = roles[team.seat] if roles else ""
         context.teams = (*context.teams, team.team)
         self._note_partners()
-        context.emit(TeamFormed(context.now_ns, self.number, team.team, team.index, team.seat, role, team.seats))
+        context.emit(TeamFormed(context.now_ns, self.number, team.team, team.index, team.seat, role, team.seats, salt))
         self._move(TransitionCause.DONE)
 
     def _note_partners(self) -> None:
@@ -432,10 +463,14 @@ class TeamPlayActivity(PlayActivity):
             self._lobby_ns = self.context.now_ns
 
     def _lose(self, reason: GoneReason) -> None:
+        self.context.emit(TeamEnded(self.context.now_ns, self.number, reason))
+        if reason == "declined":
+            self.formed, self.context.teams = None, self.context.teams[:-1]
+            self._move(TransitionCause.GO_BACK)
+            return
         if self.phase is Phase.LOBBY:
             self._count_waiting()
         self.context.stranded |= reason != "replaced"
-        self.context.emit(TeamEnded(self.context.now_ns, self.number, reason))
         self._tally.skip = reason
         if self.playing:
             self._episode_ended("partner_left")
@@ -469,6 +504,8 @@ class TeamPlayActivity(PlayActivity):
     def _key_in_play(self, press: KeyDown) -> None:
         play = self.team_episode
         action = play.action_of(press.key)
+        if self._messages.take_key(press, play):
+            return
         if play.real_time or action is None or press.repeat:
             super()._key_in_play(press)
         elif play.submitted is None:
@@ -482,13 +519,15 @@ class TeamPlayActivity(PlayActivity):
         """What every block waits for, and the next time to ask for what has not come."""
         due = super().next_tick_ns
         waits = self.phase in (Phase.LOBBY, Phase.WAITING) or (self.playing and self.team_episode.submitted is not None)
-        return min((t for t in (due, self.context.now_ns + POLL_NS if waits else None) if t is not None), default=None)
+        gone = [mark.t_ns + INTERVAL_NS for mark in self._messages.marks if self.playing]
+        asks = self.context.now_ns + POLL_NS if waits else None
+        return min((t for t in (due, asks, *gone) if t is not None), default=None)
 
     # What is seen
 
     @property
     def _look(self) -> object:
-        return self._waits, self._holders
+        return self._waits, self._holders, self._messages.look(self._play)
 
     @property
     def _waits(self) -> bool:
@@ -519,8 +558,7 @@ class TeamPlayActivity(PlayActivity):
         return tuple(self.context.words[f"team.is_{who}"] for who in ("person", "agent") if who in others)
 
     def _play_screen(self) -> PlayScreen:
-        screen = super()._play_screen()
-        words = self.context.words
+        words, screen = self.context.words, replace(super()._play_screen(), messages=self._messages.look(self._play))
         text = "  ".join(self._describe_role())
         if self.playing and self.formed is not None and self._holders[self.formed.seat] == "agent":
             text = words["team.replaced"]

@@ -91,6 +91,7 @@ class PlayScreen:
     flash: OutcomeMark = ""  # the frame for a moment: a press was taken
     accepts_pointer: bool = False  # a click in the picture is an action
     motion: Motion | None = None  # how the view gets here; windows may leave it out
+    messages: dict[str, object] | None = None  # of a team's people, as a page has them: see `TeamMessages.look`
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,7 +27,6 @@ from minihuman.experiment.machine.events import (
     PointerUsed,
     SessionEnded,
     SessionStarted,
-    TextTyped,
 )
 from minihuman.experiment.machine.inputs import (
     ActivityInput,
@@ -270,7 +269,7 @@ class SessionMachine:
                 self._let_time_pass(happened.t_ns)
                 self._key_up(happened)
             case TextInput():
-                self._context.emit(TextTyped(self._now_ns, happened.text))
+                self._context.emit(self.part.typed_event(self._now_ns, happened.text))
                 self._to_part(happened)
             case PointerPressed():
                 self._pointer("pressed", happened)

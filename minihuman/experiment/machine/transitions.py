@@ -84,6 +84,7 @@ class TransitionCause(StrEnum):
     ASK_QUIT = "ask_quit"
     ASK_ABORT = "ask_abort"
     STAY = "stay"
+    GO_BACK = "go_back"
     END = "end"
 
 

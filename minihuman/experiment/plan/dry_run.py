@@ -284,6 +284,10 @@ def _find_world_errors(block: BlockSpec) -> Iterator[tuple[str, str]]:
     if block.computed == "page" and not world.is_compiled:
         what = "but its rules or pictures are Python, or it lacks options.trig = 1; leave it out, or use 'server'"
         yield "computed", f"is 'page' for {block.world}, {what}"
+    if block.team is not None and block.team.ping:
+        world.reset(0)
+        if block.view != "full" or (plan := world.map()) is None or plan.unit != "cell":
+            yield "team.ping", "marks a cell of the whole picture; use it in a grid with view = 'full', or leave it out"
     if block.axes or block.spot:
         try:
             check_bindings(world, Bindings(block.axes, block.spot))

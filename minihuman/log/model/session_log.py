@@ -350,7 +350,11 @@ class SessionLog:
         """How long it waited in lobbies, from each arrival to a team, to the end of the wait, or to its own."""
         waited_ns = 0
         for segment in self.segments:
-            met_ns = [event.t_ns for event in segment.part_events if isinstance(event, TeamFormed | TeamEnded)]
+            met_ns = [
+                event.t_ns
+                for event in segment.part_events
+                if isinstance(event, TeamFormed) or (isinstance(event, TeamEnded) and event.reason != "declined")
+            ]
             for note in segment.notes:
                 if isinstance(note, Noted) and (note.kind, note.text) == ("phase", Phase.LOBBY):
                     waited_ns += min((t_ns for t_ns in met_ns if t_ns >= note.t_ns), default=segment.end_ns) - note.t_ns
@@ -359,7 +363,9 @@ class SessionLog:
     @property
     def stranded(self) -> bool:
         """Whether a team's block of it ended because no partner came, or one left."""
-        return any(isinstance(event, TeamEnded) and event.reason != "replaced" for event in self.part_events)
+        return any(
+            isinstance(event, TeamEnded) and event.reason not in ("replaced", "declined") for event in self.part_events
+        )
 
     @property
     def comparisons(self) -> tuple[PairComparison, ...]:

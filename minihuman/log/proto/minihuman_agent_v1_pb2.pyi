@@ -260,7 +260,7 @@ class CorrectionEnded(_message.Message):
     def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., correction: _Optional[int] = ..., episode: _Optional[int] = ..., outcome: _Optional[str] = ...) -> None: ...
 
 class TeamFormed(_message.Message):
-    __slots__ = ("t_ns", "part", "team", "index", "seat", "role", "seats")
+    __slots__ = ("t_ns", "part", "team", "index", "seat", "role", "seats", "salt")
     T_NS_FIELD_NUMBER: _ClassVar[int]
     PART_FIELD_NUMBER: _ClassVar[int]
     TEAM_FIELD_NUMBER: _ClassVar[int]
@@ -268,6 +268,7 @@ class TeamFormed(_message.Message):
     SEAT_FIELD_NUMBER: _ClassVar[int]
     ROLE_FIELD_NUMBER: _ClassVar[int]
     SEATS_FIELD_NUMBER: _ClassVar[int]
+    SALT_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     part: int
     team: str
@@ -275,7 +276,8 @@ class TeamFormed(_message.Message):
     seat: int
     role: str
     seats: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., team: _Optional[str] = ..., index: _Optional[int] = ..., seat: _Optional[int] = ..., role: _Optional[str] = ..., seats: _Optional[_Iterable[str]] = ...) -> None: ...
+    salt: str
+    def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., team: _Optional[str] = ..., index: _Optional[int] = ..., seat: _Optional[int] = ..., role: _Optional[str] = ..., seats: _Optional[_Iterable[str]] = ..., salt: _Optional[str] = ...) -> None: ...
 
 class SeatsReadied(_message.Message):
     __slots__ = ("t_ns", "episode", "poses")
@@ -360,6 +362,32 @@ class TeamEnded(_message.Message):
     part: int
     reason: str
     def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., reason: _Optional[str] = ...) -> None: ...
+
+class MessageTyped(_message.Message):
+    __slots__ = ("t_ns", "text")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    TEXT_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    text: str
+    def __init__(self, t_ns: _Optional[int] = ..., text: _Optional[str] = ...) -> None: ...
+
+class MessageShown(_message.Message):
+    __slots__ = ("t_ns", "episode", "step", "seat", "text", "cell", "digest")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    STEP_FIELD_NUMBER: _ClassVar[int]
+    SEAT_FIELD_NUMBER: _ClassVar[int]
+    TEXT_FIELD_NUMBER: _ClassVar[int]
+    CELL_FIELD_NUMBER: _ClassVar[int]
+    DIGEST_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    episode: int
+    step: int
+    seat: int
+    text: str
+    cell: _containers.RepeatedScalarFieldContainer[float]
+    digest: str
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., seat: _Optional[int] = ..., text: _Optional[str] = ..., cell: _Optional[_Iterable[float]] = ..., digest: _Optional[str] = ...) -> None: ...
 
 class ModelCall(_message.Message):
     __slots__ = ("t_ns", "call", "state", "episode", "step", "screen", "attempt", "prompt_sha256", "picture_sha256", "provider", "model", "temperature", "max_tokens", "prompt_tokens", "completion_tokens", "price", "latency_ms", "answer", "reasoning", "finish_reason", "verdict", "reading", "error")

@@ -511,6 +511,15 @@ export class EpisodePlayer {
 const FRAMES = ["agent", "person", "good", "bad"];
 const MARKS = { good: "✓", bad: "✗", neutral: "–" };
 
+// A cell that somebody of a team marked, in a picture of the whole world.
+/** @param {number} x @param {number} z @param {boolean} isOwn @param {import("./messages").TeamMessages["bounds"]} bounds */
+function drawCell(x, z, isOwn, [left, top, right, bottom]) {
+  const width = 100 / (right - left), height = 100 / (bottom - top);
+  return el("div", { class: isOwn ? "cell own" : "cell", style: {
+    left: `${(x - 0.5 - left) * width}%`, top: `${(z - 0.5 - top) * height}%`, width: `${width}%`, height: `${height}%`,
+  } });
+}
+
 /** The picture of an episode, its frame, and the line below that says who steers. */
 export class EpisodeView {
   /** @type {HTMLCanvasElement | null} */ canvas = null;
@@ -518,6 +527,7 @@ export class EpisodeView {
   /** @type {HTMLElement[]} */ #frames = [];
   /** @type {HTMLElement[]} */ #lines = [];
   #framed = { who: "", text: "" };
+  #share = 0.74; // of the window's height, for the picture; words of a team stand below it
   #flash = "";
   /** @type {HTMLElement | null} */ #press = null;
   #lineSays = "";
@@ -537,6 +547,7 @@ export class EpisodeView {
   /** @param {PlayScreen} s */
   draw(s) {
     this.canvas ??= el("canvas", { role: "img" });
+    this.#share = s.messages ? 0.52 : 0.74;
     this.canvas.setAttribute("aria-label", s.mission || s.progress);
     if (s.pointer && !s.mark) this.canvas.dataset.target = "picture";
     else delete this.canvas.dataset.target;
@@ -547,6 +558,7 @@ export class EpisodeView {
     return [
       words("h1", "", s.mission) ?? el("h1"),
       el("div", { class: s.controller ? "picture framed" : "picture" }, this.canvas, this.#frames, this.#press,
+        s.messages?.cells.map(([x, z, isOwn]) => drawCell(x, z, isOwn, s.messages?.bounds ?? [0, 0, 1, 1])),
         s.mark ? el("div", { class: `mark ${s.mark}` }, el("span", { text: `${MARKS[s.mark]} ${s.score_text}` })) : null),
       s.controller ? el("p", { class: "steers", role: "status" }, this.#lines) : null,
       s.legend.length ? el("ul", { class: "legend" }, s.legend.map(([cap, above, action]) =>
@@ -556,7 +568,7 @@ export class EpisodeView {
   }
 
   fit() {
-    if (this.canvas) fit(this.canvas, this.#framed.who ? 0.7 : 0.74); // of the height; below a frame stands who steers
+    if (this.canvas) fit(this.canvas, this.#share - (this.#framed.who ? 0.04 : 0)); // below a frame stands who steers
   }
 
   /** @param {Picture} picture */

@@ -8,6 +8,7 @@ const LEFT_TO_BROWSER = new Set(["F5", "F11"]);
  * @typedef {object} KeyListener
  * @property {() => boolean} isActive
  * @property {() => boolean} isTyping whether letters go into a field
+ * @property {() => boolean} isChatting whether that field is for words to a partner
  * @property {() => boolean} isScrollable whether arrows up and down are the browser's
  * @property {() => number} now
  * @property {(ms: number) => number} timeOf
@@ -47,7 +48,7 @@ export class Keyboard {
     const isLetter = isTyping && event.key.length === 1;
     const scrolls = (event.code === "ArrowUp" || event.code === "ArrowDown") && this.listener.isScrollable();
     if (!isShortcut && !scrolls && !LEFT_TO_BROWSER.has(event.code) && !isLetter && !composes) event.preventDefault();
-    if (event.repeat || composes) return;
+    if (event.repeat || composes || (isLetter && this.listener.isChatting())) return; // what is said is no key of the game's
     this.press(key, event.key.length === 1 ? event.key : "", event.timeStamp, event.isTrusted);
   }
 

@@ -68,8 +68,12 @@ export type BlankScreen = Common & { kind: "blank"; cross: boolean };
 export type PlayScreen = Common & {
   kind: "play"; mission: string; controller: string; controller_text?: string; mark: "" | "good" | "bad" | "neutral"; score_text: string;
   legend: [cap: string, above: string, action: string][]; picture?: number; episode: number; step: number;
-  pointer?: boolean;
+  pointer?: boolean; messages?: TeamMessages;
 };
+export interface TeamMessages {
+  writes: boolean; hint: string; lines: [author: string, text: string][]; entry: Omit<TextField, "form"> | null; bounds: [left: number, top: number, right: number, bottom: number];
+  cells: [x: number, z: number, isOwn: boolean][];
+}
 export type PairScreen = Common & {
   kind: "pair"; lefts: number[]; rights: number[]; step: number; period: number; replay_key: string;
 };

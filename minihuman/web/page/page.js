@@ -4,7 +4,7 @@
 import { collectBrowserFacts } from "./browser.js";
 import { EpisodeComputer } from "./computed.js";
 import { Connection } from "./connection.js";
-import { EpisodePlayer } from "./episode.js";
+import { EpisodePlayer, RESERVED } from "./episode.js";
 import { GamepadReader } from "./gamepad.js";
 import { Keyboard, listenToFocus, listenToPointer } from "./input.js";
 import { FilmViewer, FlipReporter, ImageCache } from "./pictures.js";
@@ -47,6 +47,7 @@ class Page {
   #keyboard = new Keyboard(globalThis, {
     isActive: () => this.#isListening,
     isTyping: () => this.#entry.isActive,
+    isChatting: () => this.#entry.isActive && this.#screen?.screen.kind === "play",
     isScrollable: () => /^(page|text)$/.test(this.#screen?.screen.kind ?? ""),
     now: () => this.#outbox.now(),
     timeOf: (ms) => this.#outbox.timeOf(ms),
@@ -262,12 +263,27 @@ class Page {
       t: "key", key, down: true, stamp, symbol: symbol || undefined, repeat: isRepeat || undefined,
       trusted: trusted && undefined, digest: step?.digest,
     }, step && !step.ends);
+    if (this.#chat(key, isRepeat)) return;
     this.#entry.edit(key);
     this.#films.press(key, isRepeat);
     if (this.#player.pressBesideAgent(key, n, stamp, isRepeat, this.#screen?.screen.kind === "play")) return;
     if (this.#player.play) this.#player.press(key, n, stamp, isRepeat, this.#due);
     else if (isRepeat) this.#prefetch.unknown(n);
     else this.#advance(n, `key:${key}`, stamp);
+  }
+
+  // A line to write on opens at once, and closes when the server says so: it may be too soon for another message.
+  /** @param {string} key @param {boolean} isRepeat @returns {boolean} whether the key is none of the game's */
+  #chat(key, isRepeat) {
+    const m = this.#screen, messages = m?.screen.kind === "play" && this.#player.play ? m.screen.messages : undefined;
+    if (!m || !messages || RESERVED.has(key)) return false;
+    if (messages.entry) this.#entry.edit(key);
+    else if (key !== "enter" || isRepeat || !messages.writes) return false;
+    else {
+      messages.entry = { text: "", caret: 0, long: false, unit: "" };
+      this.#view.show(m);
+    }
+    return true;
   }
 
   /** @param {string} text */

@@ -38,7 +38,10 @@ export class ScreenView {
       words("p", "progress", s.progress),
     ],
     blank: (/** @type {BlankScreen} */ s) => [s.cross ? el("div", { class: "cross", role: "img", "aria-label": "+" }) : null],
-    play: (/** @type {PlayScreen} */ s) => this.parts.episode.draw(s),
+    play: (/** @type {PlayScreen} */ s) => [...this.parts.episode.draw(s), s.messages && el("div", { class: "chat" },
+      el("div", { role: "log", class: "lines" }, s.messages.lines.map(([author, text]) => el("p", {}, el("b", { text: author }), ` ${text}`))),
+      s.messages.entry && el("div", { class: "entry" }, this.parts.entry.open({ form: "TextField", ...s.messages.entry })),
+      el("p", { class: "prompt", id: "ask", text: s.messages.hint }))],
     pair: (/** @type {PairScreen} */ s, /** @type {ScreenMessage} */ m) => this.parts.films.draw(s, m),
     film: (/** @type {FilmScreen} */ s, /** @type {ScreenMessage} */ m) => this.parts.films.draw(s, m),
     page: (/** @type {PageScreen} */ s) => [

@@ -17,6 +17,7 @@ beforeEach(() => {
   keyboard = new Keyboard(target, {
     isActive: () => state.active,
     isTyping: () => state.typing,
+    isChatting: () => state.chatting ?? false,
     isScrollable: () => state.scrollable,
     now: () => 0,
     timeOf: (ms) => ms,

@@ -1,0 +1,146 @@
+"""Messages in a team: what people type to each other while they play, and cells that they mark. No clock, no socket.
+
+Typed words are in their author's log alone. Another's log holds the digest of those that came onto its screen, salted
+with a secret of the author's log: withdrawing a person removes their words, and `verify` still compares both logs.
+"""
+
+import hashlib
+import math
+from dataclasses import dataclass, field, replace
+
+from minihuman.experiment.activities.activity import ENTER_KEYS, SessionContext
+from minihuman.experiment.activities.block_plans import REPORT_KEY, TeamPlan
+from minihuman.experiment.activities.questions.free_text import TextDraft
+from minihuman.experiment.activities.questions.question import QuestionItemSpec
+from minihuman.experiment.keys import key_label
+from minihuman.experiment.machine.events import ActivityEvent, KeyVerdict, Noted
+from minihuman.experiment.machine.inputs import ActivityInput, KeyDown
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.transitions import Phase
+
+MESSAGE_LETTERS, N_LINES = 200, 4
+INTERVAL_NS = 2_000_000_000  # from one message of a person to the next, and how long a mark is seen
+
+
+@dataclass(frozen=True, slots=True)
+class MessageShown(ActivityEvent):
+    """Words or a mark, one's own or another's, came onto the screen."""
+
+    episode: int
+    step: int  # the latest then
+    seat: int  # the author's
+    text: str  # "" of another's in a log: it is in the author's alone
+    cell: tuple[float, ...]  # x and z of the marked cell; empty for words
+    digest: str  # salted; another for each message, even with the same words
+
+
+@dataclass(frozen=True, slots=True)
+class MessageTyped(ActivityEvent):
+    """Letters of a message were typed: in no table, as an answer's `TextTyped` are."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class MessageGiven(ActivityInput):
+    """Another seat's message, as it was shown there; in a replay without its words."""
+
+    message: MessageShown
+
+
+@dataclass(slots=True)
+class TeamMessages:
+    """The messages of a block, seen from one seat."""
+
+    rules: TeamPlan
+    context: SessionContext
+    seat: int = -1
+    salt: str = ""  # of the digests of this seat's messages
+    sent: tuple[MessageShown, ...] = ()
+    shown: dict[str, MessageShown] = field(default_factory=dict)  # by digest, in the order in which they came
+    draft: TextDraft | None = None  # what is being typed
+    _reported: str = ""  # the digest of the words that were reported last
+
+    @property
+    def received(self) -> frozenset[str]:
+        """The digests of what need not be given again: a session that was resumed from its log lacks others' words."""
+        return frozenset(digest for digest, message in self.shown.items() if message.text or message.cell)
+
+    @property
+    def marks(self) -> list[MessageShown]:
+        """The marks that are to be seen now."""
+        over_ns = self.context.now_ns - INTERVAL_NS
+        return [message for message in self.shown.values() if message.cell and message.t_ns > over_ns]
+
+    def take_key(self, press: KeyDown, play: RunningEpisode) -> bool:
+        """Take a key; False where it has nothing to do with messages."""
+        is_enter, draft = press.key in ENTER_KEYS, self.draft
+        keys = (*ENTER_KEYS, REPORT_KEY, self.rules.ping) if self.rules.chat else (self.rules.ping,)
+        if draft is None and (press.repeat or press.key not in keys):
+            return False
+        verdict: KeyVerdict = "repeat" if press.repeat else "accepted" if is_enter or draft is None else "typing"
+        self.context.emit_key(press, verdict, Phase.PLAYING)
+        if draft is not None and verdict != "accepted":
+            draft.key(press)
+        elif draft is not None:
+            if not draft.value or self._send(play, draft.display_text, ()):
+                self.draft = None
+        elif is_enter:
+            self.draft = TextDraft(
+                QuestionItemSpec("chat", "text", "", longest=MESSAGE_LETTERS),
+                None,
+                rtl=self.context.words.rtl,
+                language=self.context.words.language,
+            )
+        elif press.key == self.rules.ping:
+            if (pose := play.world.pose()) is not None:
+                self._send(play, "", (round(pose.x + math.cos(pose.yaw_rad)), round(pose.z - math.sin(pose.yaw_rad))))
+        else:
+            for said in [one for one in self.shown.values() if one.seat != self.seat and not one.cell][-1:]:
+                self._reported = said.digest
+                self.context.emit(Noted(self.context.now_ns, "report", f"message {said.digest} of seat {said.seat}"))
+        return True
+
+    def _send(self, play: RunningEpisode, text: str, cell: tuple[float, ...]) -> bool:
+        """Send a message, unless it is too soon after the last one."""
+        now_ns = self.context.now_ns
+        if self.sent and now_ns < self.sent[-1].t_ns + INTERVAL_NS:
+            return False
+        digest = hashlib.blake2b(
+            f"{self.seat} {now_ns} {text} {cell}".encode(), key=self.salt.encode(), digest_size=16
+        ).hexdigest()
+        self.sent += (MessageShown(now_ns, play.plan.episode, play.steps, self.seat, text, cell, digest),)
+        self.show(self.sent[-1], play)
+        return True
+
+    def show(self, message: MessageShown, play: RunningEpisode) -> None:
+        """Show a message; the words of one that was shown before only come again."""
+        here = replace(message, t_ns=self.context.now_ns, episode=play.plan.episode, step=play.steps)
+        if message.digest not in self.shown:
+            self.context.emit(here if message.seat == self.seat else replace(here, text=""))
+        self.shown[message.digest] = here
+
+    def look(self, play: RunningEpisode | None) -> dict[str, object] | None:
+        """What a page has of them; None where people neither write nor mark."""
+        rules, words, marks = self.rules, self.context.words, self.marks
+        lines = [message for message in self.shown.values() if not message.cell][-N_LINES:]
+        hints = [words["team.chat_keys"]] * bool(rules.chat)
+        hints += [words.fill("team.ping_key", ping=key_label(key)) for key in [rules.ping] if key]
+        if not hints:
+            return None
+        return {
+            "writes": bool(rules.chat),
+            "hint": "   ".join(hints),
+            "lines": [
+                (
+                    words["team.you"]
+                    if one.seat == self.seat
+                    else (rules.roles or {one.seat: words.fill("team.person", number=one.seat + 1)})[one.seat],
+                    (one.text or "…") + (f" ({words['team.reported']})" if one.digest == self._reported else ""),
+                )
+                for one in lines
+            ],
+            "entry": self.draft and self.draft.widget(),
+            "cells": [(*mark.cell, mark.seat == self.seat) for mark in marks],
+            "bounds": play.world.unwrapped.map().bounds if play and marks else (),
+        }
