@@ -89,9 +89,11 @@ def take_slot(
         chosen, assigned = group, None
         if group is None and not protocol.allocation.stratify_by:
             chosen, assigned = assign_group(protocol, register.lines, study_dir, index, "")
+        codes = (format_participant_code(index, before, prefix=prefix) for before in count())
         who = msgspec.structs.replace(
             enrol_participant(protocol, index, chosen or None),
-            id=participant or holders.next_code(index, prefix),
+            id=participant
+            or next(code for code in codes if code not in holders.taken),  # never one that was somebody's
             assigned=assigned,
         )
         if who.slot is not None:
@@ -115,7 +117,8 @@ def require_free_slots(protocol: Protocol, study_dir: Path, count: int) -> None:
         AllocationError: if fewer slots are free, or the register cannot be read.
     """
     journal = open_enrolment_log(study_dir)
-    free = len(_SlotHolders.of(journal, journal.read()).free_slots(protocol))
+    holders = _SlotHolders.of(journal, journal.read())
+    free = sum(index not in holders.held for index in range(protocol.study.participants))
     if count > free:
         raise AllocationError(
             f"study {protocol.study.name!r} has too few free slots ({free}) for {count} participants; ask for fewer, "
@@ -250,7 +253,7 @@ class _SlotHolders:
         self.replaced: set[str] = set()
         self.began: dict[str, SlotTaken] = {}
         self._withdrawn: set[str] = set()
-        self._held: dict[int, SlotTaken] = {}
+        self.held: dict[int, SlotTaken] = {}
         self._drawn: set[int | None] = set()  # the places in the allocation list of those who hold a slot
         self._next = 0  # below this all slots are held
         self._next_in_stratum: dict[str, int] = {}
@@ -267,7 +270,7 @@ class _SlotHolders:
                 self.began[line.participant] = line
                 self._hold(line)
             case GroupDrawn() if (before := self.taken.get(line.drawn)) is not None:
-                if self._held.get(before.index) is before:
+                if self.held.get(before.index) is before:
                     self._drawn.discard(before.slot)
                     self._next_in_stratum.clear()
                 drawn = {"group": line.group, "stratum": line.stratum, "slot": line.slot, "assigned": line.assigned}
@@ -286,13 +289,13 @@ class _SlotHolders:
     def _hold(self, line: SlotTaken) -> None:
         self.taken[line.participant] = line
         if line.participant not in self._withdrawn and line.participant not in self.replaced:
-            self._held[line.index] = line
+            self.held[line.index] = line
             self._drawn.add(line.slot)
 
     def _let_go(self, code: str) -> None:
         line = self.taken.get(code)
-        if line is not None and self._held.get(line.index) is line:
-            del self._held[line.index]
+        if line is not None and self.held.get(line.index) is line:
+            del self.held[line.index]
             self._drawn.discard(line.slot)
             self._next = min(self._next, line.index)
             self._next_in_stratum.clear()
@@ -314,15 +317,11 @@ class _SlotHolders:
             AllocationError: if it is no code, or somebody else has that slot.
         """
         index = parse_participant_code(code)
-        if index in self._held:
+        if index in self.held:
             raise AllocationError(
-                f"{code} would take the same slot as {self._held[index].participant}; choose another code"
+                f"{code} would take the same slot as {self.held[index].participant}; choose another code"
             )
         return index
-
-    def free_slots(self, protocol: Protocol) -> list[int]:
-        """The slots that nobody holds, in order."""
-        return [index for index in range(protocol.study.participants) if index not in self._held]
 
     def next_free(self, protocol: Protocol) -> int:
         """The first slot that nobody holds.
@@ -330,7 +329,7 @@ class _SlotHolders:
         Raises:
             AllocationError: if all are held.
         """
-        self._next = next(index for index in count(self._next) if index not in self._held)
+        self._next = next(index for index in count(self._next) if index not in self.held)
         if self._next < protocol.study.participants:
             return self._next
         raise AllocationError(
@@ -353,11 +352,6 @@ class _SlotHolders:
             f"all slots of stratum {stratum!r} of study {protocol.study.name!r} are taken; raise "
             "$.study.participants in the protocol"
         )
-
-    def next_code(self, index: int, prefix: str) -> str:
-        """The code of the next participant in a slot: never one that was somebody's."""
-        codes = (format_participant_code(index, before, prefix=prefix) for before in count())
-        return next(code for code in codes if code not in self.taken)
 
 
 @cache

@@ -114,12 +114,6 @@ class Rollout:
         self.starts = np.empty(n, np.float32)  # 1 where an episode began with this step
         self.advantages = np.empty(n, np.float32)
 
-    def keep(self, step: int, seen: Observation) -> None:
-        """Store the observation before a step."""
-        self.images[step] = seen["image"].transpose(1, 2, 0)
-        if self.missions is not None:
-            self.missions[step] = seen["mission"]
-
     def judge(self, last_value: float, ended: bool, *, gamma: float, gae_lambda: float) -> None:
         """Compute generalised advantage estimates (Schulman et al., 2016)."""
         following, goes_on, running = np.float32(last_value), np.float32(not ended), np.float32(0)
@@ -151,7 +145,9 @@ class LeanPpo(PPO):
         starts = bool(self._last_episode_starts[0])
         rollout = self._rollout = getattr(self, "_rollout", None) or Rollout(n_rollout_steps, seen)
         for step in range(n_rollout_steps):
-            rollout.keep(step, seen)
+            rollout.images[step] = seen["image"].transpose(1, 2, 0)
+            if rollout.missions is not None:
+                rollout.missions[step] = seen["mission"]
             action, value, log_prob = choose(seen)
             seen, reward, terminated, truncated, info = world.step(action)
             self.num_timesteps += 1

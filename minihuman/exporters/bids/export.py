@@ -40,40 +40,6 @@ HED_VERSION = "8.3.0"
 GENERATED_BY = {"Name": "minihuman", "Version": __version__}
 
 
-def write_description(out: Path, about: AboutSpec, study: str) -> Path:
-    """Write ``dataset_description.json``."""
-    return write_json(
-        out / "dataset_description.json",
-        {
-            "Name": about.title or study,
-            "BIDSVersion": BIDS_VERSION,
-            "DatasetType": "raw",
-            "HEDVersion": HED_VERSION,
-            "License": about.licence,
-            "Authors": [author.name for author in about.authors],
-            "Keywords": list(about.keywords),
-            "HowToAcknowledge": about.how_to_acknowledge,
-            "Funding": list(about.funding),
-            "EthicsApprovals": list(about.ethics_approvals),
-            "ReferencesAndLinks": list(about.references),
-            "DatasetDOI": f"doi:{about.doi}" if about.doi else "",
-            "GeneratedBy": [GENERATED_BY],
-        },
-    )
-
-
-def get_task_facts(about: AboutSpec, study: str) -> dict[str, Any]:
-    """What every recording's sidecar says of the task and the place."""
-    facts = {
-        "TaskName": about.title or study,
-        "TaskDescription": about.task_description or about.description,
-        "InstitutionName": about.institution,
-        "InstitutionAddress": about.address,
-        "InstitutionalDepartmentName": about.department,
-    }
-    return {name: value for name, value in facts.items() if value}
-
-
 def write_participants(out: Path, source: Path, about: AboutSpec, people: Sequence[Mapping[str, Any]]) -> Path:
     """Write ``participants.tsv`` and what its columns mean; the laboratory's own columns behind ours.
 
@@ -129,7 +95,14 @@ class _Dataset:
         self._out, self._study = out, plan.study
         self._about: AboutSpec = get_plan_study_facts(plan)
         self._task = make_label(plan.study)
-        self._task_facts = get_task_facts(self._about, plan.study)
+        facts = {  # what every recording's sidecar says of the task and the place
+            "TaskName": self._about.title or plan.study,
+            "TaskDescription": self._about.task_description or self._about.description,
+            "InstitutionName": self._about.institution,
+            "InstitutionAddress": self._about.address,
+            "InstitutionalDepartmentName": self._about.department,
+        }
+        self._task_facts = {name: value for name, value in facts.items() if value}
         self._labels: dict[str, str] = {}
         self._people: dict[str, dict[str, Any]] = {}
         self._sessions: defaultdict[str, list[dict[str, str]]] = defaultdict(list)
@@ -192,7 +165,24 @@ class _Dataset:
         write_json(out / "sessions.json", {"acq_time": meaning})
         write_json(out / "scans.json", {"acq_time": {"Description": "When the run began, UTC."}})
         people = write_participants(out, source, self._about, list(self._people.values()))
-        described = write_description(out, self._about, self._study)
+        described = write_json(
+            out / "dataset_description.json",
+            {
+                "Name": self._about.title or self._study,
+                "BIDSVersion": BIDS_VERSION,
+                "DatasetType": "raw",
+                "HEDVersion": HED_VERSION,
+                "License": self._about.licence,
+                "Authors": [author.name for author in self._about.authors],
+                "Keywords": list(self._about.keywords),
+                "HowToAcknowledge": self._about.how_to_acknowledge,
+                "Funding": list(self._about.funding),
+                "EthicsApprovals": list(self._about.ethics_approvals),
+                "ReferencesAndLinks": list(self._about.references),
+                "DatasetDOI": f"doi:{self._about.doi}" if self._about.doi else "",
+                "GeneratedBy": [GENERATED_BY],
+            },
+        )
         write_json(
             out / _DERIVATIVES / "dataset_description.json",
             {
