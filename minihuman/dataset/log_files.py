@@ -15,6 +15,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import cache, partial
+from importlib import import_module
 from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
@@ -247,9 +248,8 @@ def map_paths(
 
 def _map_with_ray(paths: list[Path], each: Callable[[list[Path]], list[T]]) -> Iterator[T]:
     """Work in the cluster that RAY_ADDRESS names, or in one of this machine's cores; all see the same files."""
-    import ray  # an extra
-
-    with ray.init(log_to_driver=False, logging_level="warning"):
+    ray: Any = import_module("ray")  # an extra
+    with ray.init(log_to_driver=False, logging_level=30):  # warnings
         work = ray.remote(num_cpus=1)(_call)
         ahead, waiting = 2 * int(ray.cluster_resources()["CPU"]), deque[Any]()
         for first in range(0, len(paths), _BATCH):

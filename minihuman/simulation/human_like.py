@@ -10,7 +10,6 @@ time-outs, about 2.4 times the shortest path, and a standard deviation of 0.066 
 
 import math
 from dataclasses import dataclass, fields, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -194,8 +193,8 @@ class HumanLikeParticipant(SimulatedParticipant):
         if plan.show_keys:
             self._understood = dict(plan.key_map.keys)
         self._detour, self._last, self._lost, self._no_effect = [], None, False, False
-        errors = partial(self._rng.normal, 0.0, self.person.judgement_sd_steps)  # of judgements, in actions
-        self._search = build_search(world, plan.view, errors, self._rng)
+        sd_actions = self.person.judgement_sd_steps  # of a judgement's error
+        self._search = build_search(world, plan.view, lambda count: self._rng.normal(0.0, sd_actions, count), self._rng)
 
     def press(self, world: World) -> KeyPress:
         """Look, learn from the last key, then press one.

@@ -116,4 +116,4 @@ class InterventionWeighted(ImitationLearner):
     def weigh(self, steps: LabelledSteps) -> NDArray[np.float64]:
         """Half of the weight to the person's steps, half to the agent's if there are any."""
         person = steps.by_person
-        return np.where(person, 1 / max(1, person.sum()), 1 / max(1, (~person).sum()))
+        return np.asarray(np.where(person, 1 / max(1, person.sum()), 1 / max(1, (~person).sum())))

@@ -353,7 +353,7 @@ def optimise_policy(
         agent.lr_schedule = lambda left: settings.learning_rate * left
         if start is not None:
             agent.policy.load_state_dict(copy_policy(start, dataset).state_dict())
-        agent.learn(settings.steps, log_interval=None)
+        agent.learn(settings.steps, log_interval=None)  # type: ignore[arg-type]
     finally:
         np.random.set_state(state)  # Stable-Baselines3 seeds the streams of everybody
         torch.set_rng_state(own)
