@@ -183,10 +183,15 @@ class _TeamState:
     keyed_s: dict[int, float] = field(default_factory=dict)  # by seat, when a key of its person's came last
     away: set[int] = field(default_factory=set)  # seats that the stand-in has
     left: bool = False  # a partner left, and the block ends
-    declined: bool = False  # one left before the first step: the others go back to the lobby
+    declined: bool = False  # one left before the first step
     agents: dict[int, SeatAgent] = field(default_factory=dict)  # of the present episode, by seat
     agents_of: int = -1
     sent: dict[str, tuple[MessageShown, float]] = field(default_factory=dict)  # by digest, with when they came
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it never played and never will: its people go back to the lobby."""
+        return self.declined and not any(self.rows.values())
 
 
 class TeamTable:
@@ -332,8 +337,8 @@ class TeamTable:
         for entry in reversed(list_team_entries(self._study_dir)):
             seat = next((int(seat) for seat, of in entry.members.items() if of == code), None)
             state = self._teams.get((entry.team, entry.session, entry.block))
-            is_over = state is not None and state.declined and not any(state.rows.values())
-            if seat is not None and (entry.block, entry.session, entry.solo or is_over) == (want.block, session, False):
+            is_open = not entry.solo and not (state is not None and state.is_over)
+            if is_open and seat is not None and (entry.block, entry.session) == (want.block, session):
                 return Team(entry.team, entry.index, seat, entry.seats)
         return None
 
@@ -399,9 +404,8 @@ class TeamTable:
             want.plan.episode,
             self._now_s(),
         )
-        is_over = state.declined and not any(state.rows.values())
-        if is_over or state.left:
-            return TeamLost(0, "declined" if is_over else "partner_left")
+        if state.is_over or state.left:
+            return TeamLost(0, "declined" if state.is_over else "partner_left")
         if not self._may_return(state, want.team.seat) and state.rules.team.partner_return == "end":
             return TeamLost(0, "replaced")
         state.away.discard(want.team.seat)

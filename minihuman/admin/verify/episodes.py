@@ -173,15 +173,11 @@ def _read_member(study: Path, entry: TeamRecorded, seat: str) -> SessionLog | No
 
 
 def _find_episodes(log: SessionLog | None, entry: TeamRecorded) -> _Played:
-    return (
-        {}
-        if log is None
-        else {
-            (episode.plan.episode_in_block, episode.attempt): (episode, episode.team)
-            for episode in log.episodes
-            if episode.team is not None and (episode.team.team, episode.plan.block_name) == (entry.team, entry.block)
-        }
-    )
+    return {
+        (episode.plan.episode_in_block, episode.attempt): (episode, episode.team)
+        for episode in (log.episodes if log is not None else ())
+        if episode.team is not None and (episode.team.team, episode.plan.block_name) == (entry.team, entry.block)
+    }
 
 
 def _compare_members(found: dict[int, _Played]) -> Iterator[str]:
