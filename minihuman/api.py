@@ -40,7 +40,7 @@ def read_table_frame(source: Path, selection: Selection, name: str, *, with_excl
     if name not in TABLES:
         raise QueryError(f"table {name!r} does not exist; the tables are {', '.join(TABLES)}")
     sessions = StudySessions(source, selection)
-    with StudyStore(sessions, with_shortest=has_world_columns(name), tables=(name,)) as store:
+    with StudyStore(sessions, with_shortest=has_world_columns(name), tables=(name,), with_account=False) as store:
         found: pd.DataFrame = store.tables.table(name, counting=not with_excluded).to_pandas()
         return found
 
@@ -410,7 +410,7 @@ class Study:
 
         sessions = StudySessions(self.path, self.selection)
         tables_read, planned = find_queried_tables(sql), needs_shortest_paths(sql)
-        with StudyStore(sessions, with_shortest=planned, tables=tables_read) as store:
+        with StudyStore(sessions, with_shortest=planned, tables=tables_read, with_account=False) as store:
             tables: TableDatabase = store.tables
             found: pd.DataFrame = tables.query(sql).to_pandas()
             return found

@@ -1,11 +1,11 @@
 """The session index of a study: one row per session, cached so that no unchanged log is read twice.
 
-It is a table of the study's cache, ``tables.duckdb``, which may be deleted at any time. Each query loads it into memory
-and brings it up to date there; a session is read again if the size, time, beginning or end of its files changed, or if
-its row does not have the digest that was stored with it. The file is open only while rows are loaded or stored; where
-it is in use or cannot be written, the index is made for this once. Rows are yielded one by one, so that ten thousand
-sessions take no more memory than ten. What reads messages is imported only where a log's end does not say enough.
-Without DuckDB, as on a station, every log is read each time.
+It is a table of the study's cache, ``tables.duckdb``, which may be deleted at any time. Each query loads it into
+memory, packed, brings it up to date there and stores what changed; a session is read again if the size, time, beginning
+or end of its files changed, or if its row does not have the digest that was stored with it. The file is open only while
+rows are loaded or stored; where it is in use or cannot be written, the index is made for this once. A row takes half a
+kilobyte of memory, and rows are yielded one by one. What reads messages is imported only where a log's end does not say
+enough. Without DuckDB, as on a station, every log is read each time.
 """
 
 import logging
@@ -14,15 +14,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, fields
 from datetime import datetime
-from hashlib import blake2b
-from itertools import islice
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+import msgspec
 
 import minihuman
 from minihuman.dataset.caches import (
-    CACHE_SETTINGS,
     INDEX_SCHEMA,
     TABLE_CACHE,
     connect_cache,
@@ -30,12 +29,22 @@ from minihuman.dataset.caches import (
     digest_sources,
     duckdb,
     is_in_use,
+    is_same_content,
+    read_checked,
     remove_cache,
     transaction,
+    write_checked,
 )
 from minihuman.errors import LogError
 from minihuman.log.names import CHAIN_KEY, SCHEMA_VERSION, STEP
-from minihuman.log.paths import LOG_SUFFIX, find_log_folders, group_sessions, raise_as_log_error, require_folder
+from minihuman.log.paths import (
+    LOG_SUFFIX,
+    LogFolders,
+    find_log_folders,
+    group_sessions,
+    raise_as_log_error,
+    require_folder,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,10 +75,12 @@ _COLUMNS = dict.fromkeys(("log", "fingerprint", "path", "problem"), "TEXT") | {
 }
 _ROW = ", ".join(_COLUMNS)  # what the digest is of
 _TABLE = f"{INDEX_SCHEMA}.sessions"
-_BATCH = 500  # rows in Python at once
+_MADE_BY = f"{INDEX_SCHEMA}.made_by"
+_BATCH = 500  # rows fetched or inserted at once
 _MAKERS = ("admin", "log/model", "log/salvage")  # the packages whose code makes the rows
 LOCK_WAIT_S = 0.2  # sessions are quickly read again, and a participant waits
-_Row = tuple[Any, ...]
+_Rows = dict[str, bytes]  # by log; all but the log, as MessagePack, which takes a fifth of the memory of objects
+_Storing = Literal["never", "anew", "added"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,23 +92,29 @@ class SessionRow:
     problem: str  # why; "" if it is readable
 
 
-def read_session_index(study: Path) -> Iterator[SessionRow]:
+def read_session_index(study: Path, folders: LogFolders | None = None) -> Iterator[SessionRow]:
     """Yield a row for every session log below a folder, in order of path; the unreadable ones say why.
+
+    Args:
+        study: the folder.
+        folders: what ``find_log_folders`` found below it just now, if it was asked already.
 
     Raises:
         LogError: if the folder does not exist.
     """
     require_folder(study, instead="a study's folder, or a session log's own")
-    if duckdb is None:
-        for _, files in sorted(_sessions_below(study)):
-            problem, *values = _summary_or_problem(files, study)
-            yield SessionRow(files[0], None if problem else SessionSummary(*values), problem)
-        return
-    with closing(_open_index(study)) as index:
-        found = index.execute(f"SELECT {_ROW} FROM sessions ORDER BY log")
-        while page := found.fetchmany(_BATCH):
-            for _, _, path, problem, *values in page:
-                yield SessionRow(study / path, None if problem else SessionSummary(*values), problem)
+    own = study / TABLE_CACHE
+    rows, storing, damaged = _load(own)
+    if damaged:
+        what = "1 session" if damaged == 1 else f"{damaged} sessions"
+        LOGGER.warning("%s was changed by another program: the rows of %s were made anew from the logs", own, what)
+        storing = "anew"
+    fresh, gone = _refresh(rows, study, folders)
+    if damaged or fresh or gone:
+        _store(own, rows, fresh, gone, storing)
+    for key in sorted(rows):
+        _, path, problem, *values = msgspec.msgpack.decode(rows[key])
+        yield SessionRow(study / path, None if problem else SessionSummary(*values), problem)
 
 
 def compare_index(study: Path) -> Iterator[str]:
@@ -110,125 +127,122 @@ def compare_index(study: Path) -> Iterator[str]:
     below = len(os.fspath(study / "_")) - 1
     try:
         with closing(connect_cache(study / TABLE_CACHE, read_only=True)) as kept:
+            if kept.execute(f"FROM {_MADE_BY}").fetchall() != [(_software(),)]:
+                return
             known = {row[0]: row for row in kept.execute(f"SELECT {_ROW} FROM {_TABLE}").fetchall()}
     except duckdb.CatalogException:  # it has none yet
         return
     except duckdb.Error as error:
         yield f"{TABLE_CACHE}: the session index cannot be read and will be made anew: {str(error).splitlines()[0]}"
         return
-    for log, files in _sessions_below(study):
-        key, fingerprint = os.fspath(log)[below:], _fingerprint(files)
+    for log, files in _sessions_below(find_log_folders(study)):
+        key = os.fspath(log)[below:]
         there = known.get(key)
-        if there is None or there[1] != fingerprint:
+        if there is None or not is_same_content(there[1] or "", _describe(files, there[1] or "")):
             continue
-        row = (key, fingerprint, os.fspath(files[0])[below:], *_summary_or_problem(files, study))
+        row = (*there[:2], os.fspath(files[0])[below:], *_summary_or_problem(files, study))
         for name, cell, expected in zip(_COLUMNS, there, row, strict=True):
             if cell != expected:
                 yield f"{TABLE_CACHE}: session index, {key}, {name} is {cell!r}; the logs say {expected!r}"
 
 
-def _open_index(study: Path) -> "duckdb.DuckDBPyConnection":
-    """Load the index into memory, bring it up to date, and store it if anything was new."""
-    own = study / TABLE_CACHE
-    index = duckdb.connect(config=dict(CACHE_SETTINGS))
-    try:
-        index.execute(f"CREATE TABLE sessions ({', '.join(map(' '.join, _COLUMNS.items()))}, digest TEXT)")
-        index.execute("CREATE TABLE present (log TEXT)")
-        is_usable, damaged = _load(index, own) if own.exists() else (True, 0)
-        if damaged:
-            what = "1 session" if damaged == 1 else f"{damaged} sessions"
-            LOGGER.warning("%s was changed by another program: the rows of %s were made anew from the logs", own, what)
-        if (_refresh(index, study) or damaged) and is_usable:
-            _store(index, own)
-    except BaseException:
-        index.close()
-        raise
-    return index
-
-
-def _load(index: "duckdb.DuckDBPyConnection", own: Path) -> tuple[bool, int]:
-    """Load the rows that are as they were stored; return whether the file can be written, and how many are not."""
+def _load(own: Path) -> tuple[_Rows, _Storing, int]:
+    """Load the rows that are as they were stored; return how new ones are to be stored, and how many were changed."""
+    rows = _Rows()
+    if duckdb is None or not own.exists():
+        return rows, "never" if duckdb is None else "anew", 0
     try:
         with closing(connect_cache(own, read_only=True, wait_s=LOCK_WAIT_S)) as kept:
-            ((damaged,),) = kept.execute(f"SELECT count(*) FROM {_TABLE}").fetchall()
-            found = kept.execute(f"SELECT {_ROW}, digest FROM {_TABLE} QUALIFY count(*) OVER (PARTITION BY log) = 1")
+            if kept.execute(f"FROM {_MADE_BY}").fetchall() != [(_software(),)]:
+                return rows, "anew", 0
+            ((stored,),) = kept.execute(f"SELECT count(*) FROM {_TABLE}").fetchall()
+            found = kept.execute(
+                f"SELECT {_ROW} FROM {_TABLE} WHERE digest = hash({_ROW})::TEXT "
+                "QUALIFY count(*) OVER (PARTITION BY log) = 1"
+            )
             while page := found.fetchmany(_BATCH):
-                whole = [tuple(row) for *row, digest in page if digest == _digest(tuple(row))]
-                damaged -= len(whole)
-                _insert(index, whole)
-        return True, damaged
+                rows.update((key, msgspec.msgpack.encode(row)) for key, *row in page)
+        return rows, "added", stored - len(rows)
     except duckdb.CatalogException:  # it has no index yet
-        return True, 0
+        return rows, "anew", 0
     except duckdb.BinderException:  # it has other columns
-        return True, 1
+        return rows, "anew", 1
     except (duckdb.Error, UnicodeError) as error:
         why = " ".join(str(error).split("\n")[0].split())
         LOGGER.warning("%s cannot be used now (%s); the sessions were read from their logs for this once", own, why)
-        index.execute("DELETE FROM sessions")
         if not is_in_use(error) and os.access(own, os.R_OK | os.W_OK):
             with suppress(OSError):
                 remove_cache(own)
-        return not own.exists(), 0
+        return _Rows(), "never" if own.exists() else "anew", 0
 
 
-def _refresh(index: "duckdb.DuckDBPyConnection", study: Path) -> bool:
-    """Read the sessions again whose row is missing or stale, forget those that are gone; return whether any was."""
+def _refresh(rows: _Rows, study: Path, folders: LogFolders | None) -> tuple[list[str], list[str]]:
+    """Read the sessions again whose row is missing or stale, forget those that are gone; return the keys of both."""
     below = len(os.fspath(study / "_")) - 1  # what every path there begins with
-    changed, sessions = False, _sessions_below(study)
-    while batch := list(islice(sessions, _BATCH)):
-        now = {os.fspath(log)[below:]: (_fingerprint(files), files) for log, files in batch}
-        known = dict(
-            index.execute(
-                "SELECT log, fingerprint FROM sessions WHERE log IN (SELECT unnest(?))", (list(now),)
-            ).fetchall()
-        )
-        fresh = [
-            (key, fingerprint, os.fspath(files[0])[below:], *_summary_or_problem(files, study))
-            for key, (fingerprint, files) in now.items()
-            if known.get(key) != fingerprint
-        ]
-        index.execute("DELETE FROM sessions WHERE log IN (SELECT unnest(?))", ([row[0] for row in fresh],))
-        _insert(index, fresh)
-        index.execute("INSERT INTO present SELECT unnest(?)", (list(now),))
-        changed |= bool(fresh)
-    ((gone,),) = index.execute("DELETE FROM sessions WHERE log NOT IN (FROM present)").fetchall()
-    return changed or gone > 0
+    fresh, gone, present = list[str](), list[str](), 0
+    for log, files in _sessions_below(find_log_folders(study) if folders is None else folders):
+        key, present = os.fspath(log)[below:], present + 1
+        known = msgspec.msgpack.decode(rows[key])[0] if key in rows else ""
+        described = _describe(files, known)
+        if not is_same_content(described, known):
+            rows[key] = msgspec.msgpack.encode(
+                (described, os.fspath(files[0])[below:], *_summary_or_problem(files, study))
+            )
+            fresh.append(key)
+    if len(rows) > present:
+        gone = sorted(rows.keys() - {os.fspath(log)[below:] for log, _ in _sessions_below(find_log_folders(study))})
+        for key in gone:
+            del rows[key]
+    return fresh, gone
 
 
-def _store(index: "duckdb.DuckDBPyConnection", own: Path) -> None:
-    """Put the index in place of that of the study's file, in one transaction, where nothing has the file open."""
-    path = str(own).replace("'", "''")
+def _store(own: Path, rows: _Rows, fresh: Sequence[str], gone: Sequence[str], storing: _Storing) -> None:
+    """Put what is new into the study's file, in one transaction, where nothing has the file open."""
+    if storing == "never":
+        return
     try:
-        index.execute(f"ATTACH '{path}' AS kept")
-        try:
-            with transaction(index):
-                index.execute(f"DROP SCHEMA IF EXISTS kept.{INDEX_SCHEMA} CASCADE")  # whatever is in it
-                index.execute(f"CREATE SCHEMA kept.{INDEX_SCHEMA}")
-                index.execute(f"CREATE TABLE kept.{_TABLE} AS FROM sessions ORDER BY log")
-        finally:
-            index.execute("DETACH kept")
+        with closing(connect_cache(own, wait_s=0)) as kept:
+            checked = read_checked(own)
+            with transaction(kept):
+                _write_rows(kept, rows, fresh, gone, is_new=storing == "anew")
+            kept.execute("CHECKPOINT")
+            if checked:
+                write_checked(own, checked)
     except duckdb.Error as error:
         LOGGER.info("%s: the session index was not stored: %s", own, error)
 
 
-def _insert(index: "duckdb.DuckDBPyConnection", rows: Sequence[_Row]) -> None:
-    if rows:
-        values = ", ".join(f"unnest(?::{kind}[])" for kind in (*_COLUMNS.values(), "TEXT"))
-        columns = zip(*((*row, _digest(row)) for row in rows), strict=True)
-        index.execute(f"INSERT INTO sessions SELECT {values}", [list(column) for column in columns])
+def _write_rows(
+    kept: "duckdb.DuckDBPyConnection", rows: _Rows, fresh: Sequence[str], gone: Sequence[str], *, is_new: bool
+) -> None:
+    """Replace some rows, or with ``is_new`` the whole index."""
+    if is_new:
+        kept.execute(f"DROP SCHEMA IF EXISTS {INDEX_SCHEMA} CASCADE")  # whatever is in it
+        kept.execute(f"CREATE SCHEMA {INDEX_SCHEMA}")
+        kept.execute(f"CREATE TABLE {_MADE_BY} AS SELECT ?::TEXT AS software", (_software(),))
+        kept.execute(f"CREATE TABLE {_TABLE} ({', '.join(map(' '.join, _COLUMNS.items()))}, digest TEXT)")
+        fresh = sorted(rows)
+    else:
+        kept.execute(f"DELETE FROM {_TABLE} WHERE log IN (SELECT unnest(?))", ([*fresh, *gone],))
+    values = ", ".join(f"unnest(?::{kind}[]) AS {name}" for name, kind in _COLUMNS.items())
+    for first in range(0, len(fresh), _BATCH):
+        new = [(key, *msgspec.msgpack.decode(rows[key])) for key in fresh[first : first + _BATCH]]
+        columns = [list(column) for column in zip(*new, strict=True)]
+        kept.execute(f"INSERT INTO {_TABLE} SELECT *, hash({_ROW})::TEXT FROM (SELECT {values})", columns)
 
 
-def _digest(row: _Row) -> str:
-    return blake2b(repr(row).encode(), digest_size=16).hexdigest()
+def _software() -> str:
+    """What makes the rows and their digests; rows that were made by other software are made anew."""
+    return f"{minihuman.__version__} duckdb {duckdb.__version__} {digest_sources(*_MAKERS)}"
 
 
-def _sessions_below(study: Path) -> Iterator[tuple[Path, list[Path]]]:
-    for folder, names in find_log_folders(study):
+def _sessions_below(folders: LogFolders) -> Iterator[tuple[Path, list[Path]]]:
+    for folder, names in folders:
         yield from group_sessions(folder, names).items()
 
 
-def _fingerprint(files: list[Path]) -> str:
-    return "\n".join([f"{minihuman.__version__} {digest_sources(*_MAKERS)}", *map(describe_file, files)])
+def _describe(files: Sequence[Path], known: str) -> str:
+    return "\n".join(describe_file(file, known=known) for file in files)
 
 
 def _summary_or_problem(files: list[Path], study: Path) -> tuple[Any, ...]:
@@ -290,14 +304,14 @@ def _summarize_finished(log: Path) -> SessionSummary | None:
     )
 
 
-def find_double_sessions(study: Path) -> Iterator[str]:
+def find_double_sessions(folders: LogFolders) -> Iterator[str]:
     """Name each session that was completed twice: by two servers of an earlier version, which did not know each other.
 
     Copies of one log are none.
     """
     from minihuman.log.salvage.summary_section import read_summary
 
-    for folder, names in find_log_folders(study):
+    for folder, names in folders:
         if sum(name.endswith(LOG_SUFFIX) for name in names) < 2:  # as in nearly every folder
             continue
         logs = [log for log, files in group_sessions(folder, names).items() if log in files]

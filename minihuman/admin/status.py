@@ -23,7 +23,7 @@ from minihuman.admin.enrolment_entries import (
     read_enrolment_log,
 )
 from minihuman.admin.session_index import SessionRow, SessionSummary, find_double_sessions, read_session_index
-from minihuman.log.paths import PART_SUFFIX, find_log_folders, group_sessions
+from minihuman.log.paths import PART_SUFFIX, LogFolders, find_log_folders, group_sessions, require_folder
 from minihuman.log.record.file_lock import is_being_recorded
 
 GroupCounts = Mapping[str, int]  # by group
@@ -128,7 +128,7 @@ def format_status(study_dir: Path, found: "StudyStatus | None" = None) -> Iterat
     for row in found.sessions:
         many = logs[_session(row.summary)] if row.summary else 1
         copied = f", one of {many} logs of this session, of which one counts: {row.path}" if many > 1 else ""
-        yield _line(row) + copied
+        yield _line(row, is_running=bool(found.live) and row.path.parent in found.live) + copied
     for slot in read_enrolled(study_dir):
         if slot.participant in found.slots_without_data:
             yield f"{slot.participant:12} {slot.group:16} {'-':>7} {'-':>9} {'-':>7}  slot taken, nothing recorded"
@@ -143,15 +143,19 @@ def format_status(study_dir: Path, found: "StudyStatus | None" = None) -> Iterat
     yield from found.problems
 
 
-def count_all_interventions(study_dir: Path) -> dict[str, int]:
+def count_all_interventions(study_dir: Path, folders: LogFolders | None = None) -> dict[str, int]:
     """Count the enrolment log's interventions and the annotations of a study, by kind.
+
+    Args:
+        study_dir: the study's folder.
+        folders: what ``find_log_folders`` found below it just now, if it was asked already.
 
     Raises:
         LogError: if a line is damaged.
     """
     counts = count_interventions(read_enrolment_log(study_dir))
-    files = [folder / name for folder, names in find_log_folders(study_dir) for name in names]
-    paths = [path for path in files if path.suffix == ".jsonl"]
+    folders = find_log_folders(study_dir) if folders is None else folders
+    paths = [folder / name for folder, names in folders for name in names if name.endswith(".jsonl")]
     if paths:
         from minihuman.dataset.annotations import ANNOTATIONS_SUFFIX, read_annotation_file
 
@@ -161,22 +165,26 @@ def count_all_interventions(study_dir: Path) -> dict[str, int]:
     return counts
 
 
-def list_problems(study_dir: Path, rows: Iterable[SessionRow] | None = None) -> tuple[str, ...]:
+def list_problems(
+    study_dir: Path, rows: Iterable[SessionRow] | None = None, folders: LogFolders | None = None
+) -> tuple[str, ...]:
     """Name each session completed twice, each log that is gone, and each end that the enrolment log lacks.
 
     Args:
         study_dir: the study's folder.
         rows: its session index, if it was read already.
+        folders: what ``find_log_folders`` found below it just now, if it was asked already.
     """
-    double = tuple(find_double_sessions(study_dir))
+    folders = list(find_log_folders(study_dir)) if folders is None else folders
+    double = tuple(find_double_sessions(folders))
     lines = read_enrolment_log(study_dir)
     if not lines:
         return double
-    rows = read_session_index(study_dir) if rows is None else rows
+    rows = read_session_index(study_dir, folders) if rows is None else rows
     segments = {row.path.name: row.summary.segments if row.summary else 0 for row in rows}
     finished = {
         log.name: [str(number) for number in range(1, segments.get(log.name, 0) - (len(files) - 1) + 1)]
-        for folder, names in find_log_folders(study_dir)
+        for folder, names in folders
         for log, files in group_sessions(folder, names).items()
         if log in files  # the others of a session are live segments
     }
@@ -194,6 +202,7 @@ class StudyStatus:
     withdrew: int
     interventions: Mapping[str, int]  # what was done by hand, in counts
     problems: tuple[str, ...]  # logs that are gone, and ends of logs that the enrolment log lacks
+    live: frozenset[Path]  # folders in which a session is being recorded
 
 
 def read_study_status(study_dir: Path) -> StudyStatus:
@@ -203,7 +212,9 @@ def read_study_status(study_dir: Path) -> StudyStatus:
         LogError: if there is no such folder.
         AllocationError: if the register cannot be read.
     """
-    rows = tuple(read_session_index(study_dir))
+    require_folder(study_dir, instead="a study's folder, or a session log's own")
+    folders = list(find_log_folders(study_dir))
+    rows = tuple(read_session_index(study_dir, folders))
     played = {row.summary.participant for row in rows if row.summary}
     lines = read_enrolment_log(study_dir)
     return StudyStatus(
@@ -212,8 +223,13 @@ def read_study_status(study_dir: Path) -> StudyStatus:
         replaced=tuple(list_replaced(lines)),
         left_without_data=count_unrecorded_departures(lines),
         withdrew=sum(isinstance(line, ParticipantWithdrawn) for line in lines),
-        interventions=count_all_interventions(study_dir),
-        problems=list_problems(study_dir, rows),
+        interventions=count_all_interventions(study_dir, folders),
+        problems=list_problems(study_dir, rows, folders),
+        live=frozenset(
+            folder
+            for folder, names in folders
+            if any(name.endswith(PART_SUFFIX) and is_being_recorded(folder / name) for name in names)
+        ),
     )
 
 
@@ -221,12 +237,13 @@ def _session(summary: SessionSummary) -> tuple[str, str, int]:
     return summary.study, summary.participant, summary.session
 
 
-def _line(row: SessionRow) -> str:
+def _line(row: SessionRow, *, is_running: bool) -> str:
     found = row.summary
     if found is None:
         return f"{row.path}  cannot be read: {row.problem}"
     episodes = f"{found.episodes_completed}/{found.episodes_planned}"
-    return f"{found.participant:12} {found.group:16} {found.session:7} {episodes:>9} {found.steps:7}  {_state(row)}"
+    state = _state(row, found, is_running=is_running)
+    return f"{found.participant:12} {found.group:16} {found.session:7} {episodes:>9} {found.steps:7}  {state}"
 
 
 def _progress(summary: SessionSummary) -> str:
@@ -234,14 +251,11 @@ def _progress(summary: SessionSummary) -> str:
     return left.get(summary.end_reason, "complete" if summary.complete else f"unfinished: {summary.end_reason}")
 
 
-def _state(row: SessionRow) -> str:
-    summary = row.summary
-    assert summary is not None
-    live = any(is_being_recorded(part) for part in row.path.parent.glob(f"*{PART_SUFFIX}"))
-    parts = ["running" if live else _progress(summary)]
-    if not live and row.path.name.endswith(PART_SUFFIX):
+def _state(row: SessionRow, summary: SessionSummary, *, is_running: bool) -> str:
+    parts = ["running" if is_running else _progress(summary)]
+    if not is_running and row.path.name.endswith(PART_SUFFIX):
         parts.append("cut off: finished at its next start")
-    elif not live and not summary.clean:
+    elif not is_running and not summary.clean:
         parts.append("unclean: recovered after a cut")
     if summary.segments > 1:
         parts.append(f"{summary.segments} segments")

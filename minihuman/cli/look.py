@@ -198,7 +198,9 @@ def query(
     )
 
     sessions = StudySessions(study)
-    with StudyStore(sessions, with_shortest=needs_shortest_paths(sql), tables=find_queried_tables(sql)) as store:
+    with StudyStore(
+        sessions, with_shortest=needs_shortest_paths(sql), tables=find_queried_tables(sql), with_account=False
+    ) as store:
         found = store.tables.query(sql)
     if json:
         print_json(found.to_pylist())

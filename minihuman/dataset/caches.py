@@ -7,7 +7,7 @@ Each part of it stores, beside what was made of a file, that file's description 
 import os
 import stat
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from hashlib import blake2b, sha256
@@ -29,8 +29,10 @@ LOCK_WAIT_S = 2.0  # how long another process may hold it before a command does 
 _LOCK_POLL_S = 0.02
 _LOCK_ERRORS = ("Could not set lock", "being used by another process")  # of DuckDB, on POSIX and on Windows
 _END_BYTES = 64 * 1024  # of a file's beginning and end, which tell it from another of the same size
+_UNSETTLED_NS = 2_000_000_000  # file systems count in steps of up to two seconds
 _FORMER = ("sessions.sqlite", "tables.files", "figures.files")  # what earlier versions kept
-_BESIDE = ("", "-journal", "-wal", "-shm", ".wal", ".tmp")  # what their libraries put beside them meanwhile
+_CHECKED = ".checked"  # of the file that says as of when its rows were compared with their digests
+_BESIDE = ("", "-journal", "-wal", "-shm", ".wal", ".tmp", _CHECKED)  # what we and libraries put beside them
 _NAMES = frozenset(name + more for name in (TABLE_CACHE, *_FORMER) for more in _BESIDE)
 
 
@@ -86,20 +88,65 @@ def remove_cache(file: Path) -> None:
     file.unlink(missing_ok=True)
 
 
-def describe_file(file: Path, facts: os.stat_result | None = None) -> str:
-    """Tell a file from other content of the same name: by size, time, and a digest of the first and last 64 KiB."""
+def describe_cache(file: Path) -> str:
+    """Describe a cache so that every change shows: DuckDB counts its changes at the beginning of a file.
+
+    Nothing else can write it while it is open.
+    """
+    facts = file.stat()
+    return f"{facts.st_ctime_ns} {describe_file(file, facts).rpartition(' ')[0]}"
+
+
+def read_checked(file: Path) -> frozenset[str]:
+    """The tables of a cache whose rows were compared with their digests when it was as it is now; none otherwise."""
     try:
-        facts = facts or file.stat()
+        described, names = file.with_name(f"{file.name}{_CHECKED}").read_text(encoding="utf-8").split("\n")
+    except (OSError, ValueError):
+        return frozenset()
+    return frozenset(names.split()) if described == describe_cache(file) else frozenset()
+
+
+def write_checked(file: Path, names: Iterable[str]) -> None:
+    """Note which tables of a cache were compared; where that cannot be written the next command compares again."""
+    with suppress(OSError):
+        noted = f"{describe_cache(file)}\n{' '.join(sorted(names))}"
+        file.with_name(f"{file.name}{_CHECKED}").write_text(noted, encoding="utf-8", newline="\n")
+
+
+def describe_file(file: str | Path, facts: os.stat_result | None = None, *, name: str = "", known: str = "") -> str:
+    """Tell a file from other content of the same name: by size, time, a digest of the first and last 64 KiB, and when
+    the system says that it was last changed in any way.
+
+    The digest is taken from an earlier description among the lines ``known`` where none of the times differ: nobody can
+    set that last one back. It is not trusted of a file changed just before it was described, nor on Windows, which
+    does not know it. ``is_same_content`` compares. ``name`` is what the line says instead of the file's own.
+    """
+    name = name or os.path.basename(file)
+    try:
+        facts = facts or os.stat(file)
     except FileNotFoundError:  # finished and renamed just now; the next listing finds it under its new name
-        return f"{file.name} gone"
+        return f"{name} gone -"
+    changed = "-" if os.name == "nt" or time.time_ns() - facts.st_ctime_ns < _UNSETTLED_NS else str(facts.st_ctime_ns)
+    head, end = f"{name} {facts.st_size} {facts.st_mtime_ns} ", f" {changed}"
+    if changed != "-":
+        for line in known.split("\n"):
+            if line.startswith(head) and line.endswith(end):
+                return line
     ends = _digest_ends(file, facts.st_size) if stat.S_ISREG(facts.st_mode) else "no regular file"
-    return f"{file.name} {facts.st_size} {facts.st_mtime_ns} {ends}"
+    return head + ends + end
 
 
-def _digest_ends(file: Path, size: int) -> str:
+def is_same_content(one: str, other: str) -> bool:
+    """Whether two descriptions of files, a line each, are of the same content, whenever it was put there."""
+    return one == other or [line.rpartition(" ")[0] for line in one.split("\n")] == [
+        line.rpartition(" ")[0] for line in other.split("\n")
+    ]
+
+
+def _digest_ends(file: str | Path, size: int) -> str:
     """Digest the first and last 64 KiB of a file: other content may have its size, and the time be set back."""
     try:
-        with file.open("rb", buffering=0) as source:
+        with open(file, "rb", buffering=0) as source:
             digest = sha256(source.read(_END_BYTES))  # half of what BLAKE2 takes
             source.seek(max(_END_BYTES, size - _END_BYTES))
             digest.update(source.read(_END_BYTES))

@@ -10,20 +10,19 @@ import gc
 import os
 import re
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib import import_module
-from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
-from minihuman.dataset.journal import ENROLMENT_FILE_NAME, find_database_url, open_journal
+from minihuman.dataset.journal import ENROLMENT_FILE_NAME, URL_FILE_NAME, find_database_url, open_journal
 from minihuman.errors import LogError, ProtocolError
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.paths import find_log_folders, group_sessions, raise_as_log_error
@@ -59,16 +58,6 @@ def read_withdrawn_codes(study_dir: Path) -> frozenset[str]:
     if not (study_dir / ENROLMENT_FILE_NAME).is_file():
         return frozenset()
     return frozenset(open_journal(study_dir, ENROLMENT_FILE_NAME, _code, chained=True).read())
-
-
-def find_withdrawn_codes(folders: Iterable[Path]) -> dict[Path, frozenset[str]]:
-    """By session's folder or folder of logs: the codes of those who withdrew from the study that it lies in."""
-    once = cache(read_withdrawn_codes)  # many lie in the same one
-
-    def near(folder: Path) -> frozenset[str]:
-        return frozenset().union(*(once(one) for one in (folder, *islice(folder.parents, _UP))))
-
-    return {folder: near(folder.absolute()) for folder in folders}
 
 
 def _code(line: bytes, number: int) -> str | None:
@@ -113,32 +102,61 @@ def name_paths_from(source: Path, text: str) -> str:
     return text.replace(os.fspath((source if source.is_dir() else source.parent) / "_")[:-1], "")
 
 
-def list_readable_logs(source: Path) -> tuple[list[Path], list[SkippedLog]]:
+def list_readable_logs(
+    source: Path, read_metadata: Callable[[Path, Path], dict[str, str]] = lambda log, first: read_first_metadata(first)
+) -> tuple[list[Path], list[SkippedLog]]:
     """List the log itself, or every session below a folder in order of path, each once; and the logs to skip.
 
     A session in several segments is named by its folder, so that they are read together. Of several logs of a session
     the one in its own place is read. The logs of participants who withdrew are skipped.
 
+    Args:
+        source: the log or folder.
+        read_metadata: gives a log's first metadata, by the log's path and that of the file that it begins in.
+
     Raises:
         LogError: if there is no such file or folder.
     """
-    facts = {path: read_first_metadata(first) for path, first in _found(source)}
-    who_left = find_withdrawn_codes({path.parent for path in facts})
-    gone = {path for path, theirs in facts.items() if theirs.get("participant", "") in who_left[path.parent]}
-    taken: dict[tuple[str, ...], Path] = {}
-    for path in sorted(set(facts) - gone, key=lambda path: (not _in_place(path, facts[path]), path)):
-        taken.setdefault(_session_of(facts[path]) or (str(path),), path)
-    skipped = [
-        SkippedLog(path, f"{_which(theirs)}, as is {kept}; move one of them away")
-        for path, theirs in facts.items()
-        if path not in gone and (kept := taken.get(_session_of(theirs) or (str(path),))) != path
-    ]
+    facts = {path: read_metadata(path, first) for path, first in _found(source)}
+    find_withdrawn, gone = _withdrawal_finder(), set[Path]()
+    of_session: dict[tuple[str, ...], list[Path]] = {}
+    for path, its in facts.items():
+        if (withdrawn := find_withdrawn(os.path.dirname(os.path.abspath(path)))) and its.get(
+            "participant"
+        ) in withdrawn:
+            gone.add(path)
+        else:
+            of_session.setdefault(_session_of(its) or (str(path),), []).append(path)
+    skipped = list[SkippedLog]()
+    for paths in of_session.values():
+        if len(paths) > 1:
+            paths.sort(key=lambda path: (not _in_place(path, facts[path]), path))
+            skipped += [
+                SkippedLog(path, f"{_which(facts[path])}, as is {paths[0]}; move one of them away")
+                for path in paths[1:]
+            ]
+    skipped.sort(key=lambda one: one.path)
     if gone:
         people = len({facts[path]["participant"] for path in gone})
         who = "1 participant" if people == 1 else f"{people} participants"
         skipped.append(SkippedLog(source if source.is_dir() else source.parent, f"{who} withdrew: excluded"))
-    kept_paths = set(taken.values())
-    return [path for path in facts if path in kept_paths], skipped
+    unread = gone.union(one.path for one in skipped)
+    return [path for path in facts if path not in unread] if unread else list(facts), skipped
+
+
+def _withdrawal_finder() -> Callable[[str], frozenset[str]]:
+    """What gives the codes of those who withdrew from the study that a folder lies in; many lie in the same one."""
+
+    @cache
+    def read(folder: str) -> frozenset[str]:
+        places = os.path.join(folder, ENROLMENT_FILE_NAME), os.path.join(os.path.dirname(folder), URL_FILE_NAME)
+        return read_withdrawn_codes(Path(folder)) if any(map(os.path.exists, places)) else frozenset()
+
+    @cache
+    def find(folder: str, up: int = _UP) -> frozenset[str]:
+        return read(folder) | find(os.path.dirname(folder), up - 1) if up else read(folder)
+
+    return find
 
 
 def list_participant_logs(source: Path, participant: str) -> list[Path]:
@@ -175,7 +193,7 @@ def _found(source: Path) -> list[tuple[Path, Path]]:
         return [(source, source)]
     if not source.is_dir():
         raise LogError(f"{source} does not exist; name a session log or a folder of session logs")
-    folders = sorted(find_log_folders(source))
+    folders = sorted(find_log_folders(source), key=lambda found: found[0].parts)
     sessions = [(folder, files) for folder, names in folders for files in group_sessions(folder, names).values()]
     return [(files[0] if len(files) == 1 else folder, files[0]) for folder, files in sessions]
 

@@ -3,9 +3,10 @@ as text.
 
 It is a cache, and may be deleted at any time. Every use first brings it up to date: a session is read again if the
 size, time, beginning or end of its log or annotations changed, or if its rows in a table that is to be read do not have
-the digest that was stored with them. Rows and digests change in one transaction, so that a process that is killed
-leaves the session either whole or to be read again. Edits that also forge the digests are found by
-``verify --tables``, which recomputes every table from the logs.
+the digest that was stored with them. The digests are compared once: ``tables.duckdb.checked`` beside it says of which
+tables, and of which file, by its size, times, beginning and end; DuckDB counts every change at the beginning. Rows and
+digests change in one transaction, so that a process that is killed leaves the session either whole or to be read again.
+Edits that also forge the digests are found by ``verify --tables``, which recomputes every table from the logs.
 
 It holds the tables under the default selection. For another selection, or where the file cannot be written (disk full,
 no permission, locked by another process), the same tables are made in a temporary file; the latter is said. It is a
@@ -15,14 +16,13 @@ file, not memory, because a thousand sessions would need gigabytes.
 import io
 import os
 import tempfile
-from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from functools import partial
 from hashlib import blake2b
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import duckdb
 import msgspec
@@ -37,10 +37,14 @@ from minihuman.dataset.caches import (
     IN_USE_ERRORS,
     INDEX_SCHEMA,
     connect_cache,
+    describe_cache,
     describe_file,
     digest_sources,
+    is_same_content,
+    read_checked,
     remove_cache,
     transaction,
+    write_checked,
 )
 from minihuman.dataset.caches import TABLE_CACHE as FILE_NAME
 from minihuman.dataset.log_files import (
@@ -57,6 +61,7 @@ from minihuman.dataset.session_measures import average_path_measures, compare_wi
 from minihuman.dataset.sessions import SessionRows, StudySessions, read_session_rows
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EPISODE_TABLES, TABLES, use_current_columns
 from minihuman.errors import LogError, QueryError
+from minihuman.log.salvage.summary_section import read_first_metadata
 
 _ROWS = 100_000  # handed out at once
 _QUERY_SETTINGS = {  # SQL reads the tables: no files, no network, no variables of this program
@@ -80,7 +85,7 @@ _PLANNED = {
     "blocks": "block",
     "participants": "log",
 }  # tables with world columns, and their rows' key
-_LOG_COLUMNS = "log, key, fingerprint, with_shortest, row_digests, about, facts"
+LOG_COLUMNS = "log, key, fingerprint, with_shortest, row_digests, metadata, about, facts"
 
 
 class StoreVersionError(Exception):
@@ -201,7 +206,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         columns = [*map(as_int64, numbers), *arrow_columns(name, list(parts.values()))]
         # no view, which would keep them in memory until the transaction ends
         new = self.connection.from_arrow(pa.Table.from_arrays(columns, ["log", "row", *arrow_schema(name).names]))
-        for number, digest in self._digest_rows(name, new).items():
+        for number, digest in new.aggregate(_row_digest(name), "log").fetchall():
             digests[number][list(TABLES).index(name)] = digest
         new.insert_into(f"kept.{name}")
         parts.clear()
@@ -256,12 +261,17 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
 
     def digest_rows(self, name: str) -> dict[int, int]:
         """The digest of each session's rows in a table, of those that have any: any edit changes it."""
-        return self._digest_rows(name, self.connection.sql(f"FROM kept.{name}"))
+        return dict(self.connection.sql(f"FROM kept.{name}").aggregate(_row_digest(name), "log").fetchall())
 
-    def _digest_rows(self, name: str, rows: duckdb.DuckDBPyRelation) -> dict[int, int]:
-        columns = ", ".join(f'"{column}"' for column in arrow_schema(name).names)
-        digest = f"(sum(hash(log::BIGINT, row::BIGINT, {columns})) % {_DIGEST_MODULUS})::UBIGINT"
-        return dict(rows.aggregate(f"log, {digest}", "log").fetchall())
+    def find_changed(self, name: str) -> set[int]:
+        """The sessions whose rows in a table are not those that were put in; those of no session among them."""
+        place = list(TABLES).index(name) + 1
+        found = self.connection.execute(
+            f"SELECT log FROM (SELECT {_row_digest(name)} FROM kept.{name} GROUP BY log) AS held "
+            "FULL JOIN (SELECT log, row_digests FROM kept.logs) AS stored USING (log) "
+            f"WHERE coalesce(held.digest, 0) IS DISTINCT FROM stored.row_digests[{place}]"
+        )
+        return {log for (log,) in found.fetchall()}
 
     def _digest_catalogue(self) -> str:
         """Digest the definitions of all tables, views and macros, any of which could stand for one of ours.
@@ -379,11 +389,17 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
                 self.connection.execute(f"CREATE VIEW {name} AS SELECT {columns} FROM kept.{name}")
             self.connection.execute(
                 "CREATE TABLE kept.logs (log INTEGER NOT NULL, key TEXT, fingerprint TEXT, with_shortest BOOLEAN, "
-                "row_digests UBIGINT[], about BLOB, facts BLOB, digest UBIGINT)"
+                "row_digests UBIGINT[], metadata BLOB, about BLOB, facts BLOB, digest UBIGINT)"
             )
             self.connection.execute("CREATE TABLE kept.made_by (version TEXT, catalogue TEXT)")
             made_by = (software_digest(), self._digest_catalogue())
             self.connection.execute("INSERT INTO kept.made_by VALUES (?, ?)", made_by)
+
+
+def _row_digest(name: str) -> str:
+    """The columns of a query that digests a table's rows by session."""
+    columns = ", ".join(f'"{column}"' for column in arrow_schema(name).names)
+    return f"log, (sum(hash(log::BIGINT, row::BIGINT, {columns})) % {_DIGEST_MODULUS})::UBIGINT AS digest"
 
 
 def _even(found: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
@@ -432,6 +448,15 @@ class CachedSession(msgspec.Struct, frozen=True):
         return account
 
 
+class _KnownLog(NamedTuple):
+    """What the file says of a log."""
+
+    number: int
+    fingerprint: str
+    with_shortest: bool
+    metadata: bytes  # its first, as MessagePack
+
+
 class StudyStore(AbstractContextManager["StudyStore", None]):
     """The tables of a study's sessions, up to date as of when it was opened. Use it in a ``with``.
 
@@ -441,6 +466,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         sessions: of which study, and what counts.
         with_shortest: whether the fewest possible steps are worked out, which takes the worlds themselves.
         tables: those that will be read; the digests of no others are compared.
+        with_account: whether ``kept`` and the account are filled in; without, the account says what was skipped.
 
     Raises:
         LogError: if there is no such file or folder, or it is a single log that cannot be read.
@@ -453,31 +479,31 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         *,
         with_shortest: bool,
         tables: Collection[str] = tuple(TABLES),
+        with_account: bool = True,
     ) -> None:
         self.kept: tuple[CachedSession, ...] = ()  # every log, in order of path
         self._keys: tuple[str, ...] = ()
         self._with_shortest = with_shortest
         self._sessions = sessions
         self._read_tables = frozenset(tables).union(_COUNTED_BY)
-        paths, skipped = list_readable_logs(sessions.source)
         self._temporary: tempfile.TemporaryDirectory[str] | None = None
+        self._described = ""  # the file, when its rows were compared with their digests
+        self._compared = frozenset[str]()  # the tables of which they were; of no log's own, where it is empty
         self.tables = self._open(read_only=True)
         try:
-            for one in skipped:
-                sessions.skip(one)
-            whole = sessions.source.is_dir()
-            now = {str(path.relative_to(sessions.source)) if whole else path.name: path for path in paths}
-            prints = {key: _fingerprint(path) for key, path in now.items()}
+            self._described, self._compared = describe_cache(self.tables.path), read_checked(self.tables.path)
+            self._known = self._list_known()
+            now, prints, metadata = self._list_logs()
             try:
-                self._bring_up_to_date(now, prints)
+                self._bring_up_to_date(now, prints, metadata)
             except duckdb.Error as error:
                 if self._temporary is not None:
                     raise
                 self.tables.close()
                 self._note_not_kept(error)
-                self.tables = self._open_temporary()
-                self._refresh(now, prints)
-            self._account(now)
+                self.tables, self._known, self._compared = self._open_temporary(), {}, frozenset()
+                self._refresh(now, prints, metadata)
+            self._account(now, whole=with_account)
         except duckdb.Error as error:
             self.close()
             raise _no_room(sessions.source, error) from error
@@ -488,7 +514,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
     def facts(self) -> Iterator[tuple[Path, dict[str, Any]]]:
         """Every log with the facts of each episode in it that counts."""
         paths = {path: self._sessions.source / path for path in self._keys}
-        found = self.tables.connection.execute("SELECT key, facts FROM kept.logs")
+        found = self.tables.connection.execute("SELECT key, facts FROM kept.logs WHERE facts IS NOT NULL")
         while lines := found.fetchmany(_SESSIONS_PER_COMMIT):
             for key, facts in lines:
                 yield from ((paths[key], of_episode) for of_episode in msgspec.msgpack.decode(facts))
@@ -501,6 +527,36 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+    def _list_logs(self) -> tuple[dict[str, Path], dict[str, str], dict[str, dict[str, str]]]:
+        """List the logs to be read, by key, with each log's fingerprint and first metadata; note those to be skipped.
+
+        Of a log that is as the file says, which is as it was when it was compared, the metadata are taken from there.
+        """
+        source = self._sessions.source
+        below = len(os.fspath((source if source.is_dir() else source.parent) / "_")) - 1
+        prints, metadata = dict[str, str](), dict[str, dict[str, str]]()
+        of_participant: dict[str, str] = {}
+
+        def read_metadata(log: Path, first: Path) -> dict[str, str]:
+            key = os.fspath(log)[below:]
+            known = self._known.get(key) if self._compared else None
+            prints[key] = _fingerprint(os.fspath(first), known.fingerprint if known else "", of_participant)
+            if known and is_same_content(prints[key], known.fingerprint):
+                metadata[key] = msgspec.msgpack.decode(known.metadata)
+            else:
+                metadata[key] = read_first_metadata(first)
+            return metadata[key]
+
+        paths, skipped = list_readable_logs(source, read_metadata)
+        for one in skipped:
+            self._sessions.skip(one)
+        return {os.fspath(path)[below:]: path for path in paths}, prints, metadata
+
+    def _list_known(self) -> dict[str, _KnownLog]:
+        """What the file says of each log, once."""
+        found = self.tables.connection.execute("SELECT key, log, fingerprint, with_shortest, metadata FROM kept.logs")
+        return {key: _KnownLog(*its) for key, *its in found.fetchall()}
 
     def _open(self, *, read_only: bool) -> TableDatabase:
         """The study's own file if it can hold what is asked for, else one that goes away; a new one can be written."""
@@ -542,41 +598,57 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
             self._temporary.cleanup()
             raise _no_room(self._sessions.source, error) from error
 
-    def _bring_up_to_date(self, now: Mapping[str, Path], prints: Mapping[str, str]) -> None:
-        """Write what is stale, and leave the study's file open for reading alone: others can read it, too."""
+    def _bring_up_to_date(
+        self, now: Mapping[str, Path], prints: Mapping[str, str], metadata: Mapping[str, dict[str, str]]
+    ) -> None:
+        """Write what is stale, and leave the study's file open for reading alone: others can read it, too.
+
+        What was compared before the file was closed is not compared again unless it changed meanwhile.
+        """
         for _ in range(_MAX_OPENINGS):
-            is_fresh = self._refresh(now, prints)
+            is_fresh = self._refresh(now, prints, metadata)
             if is_fresh and (self.tables.read_only or self._temporary is not None):
+                if self._temporary is None and read_checked(self.tables.path) != self._compared:
+                    write_checked(self.tables.path, self._compared)
                 return
+            if not self.tables.read_only:
+                self.tables.connection.execute("CHECKPOINT")
+                self._described = describe_cache(self.tables.path)
             self.tables.close()
             self.tables = self._open(read_only=is_fresh)
+            if (described := describe_cache(self.tables.path)) != self._described:
+                self._described, self._compared = described, frozenset()
+            self._known = self._list_known()
         raise duckdb.TransactionException("other commands are changing it")
 
-    def _refresh(self, now: Mapping[str, Path], prints: Mapping[str, str]) -> bool:
+    def _refresh(
+        self, now: Mapping[str, Path], prints: Mapping[str, str], metadata: Mapping[str, dict[str, str]]
+    ) -> bool:
         """Bring every session's rows up to date; False, with nothing done, if that takes writing."""
         logs = self.tables.connection
-        known = logs.execute(
-            "SELECT key, log, fingerprint, with_shortest, row_digests, "
-            f"coalesce(digest = hash({_LOG_COLUMNS}), false) FROM kept.logs"
-        ).fetchall()
-        if not all(with_shortest >= self._with_shortest for _, _, _, with_shortest, *_ in known):
+        if not all(known.with_shortest >= self._with_shortest for known in self._known.values()):
             self._read_tables |= {"plan", *_PLANNED}
-        held: dict[int, dict[str, int]] = {}
-        for name in self._read_tables:
-            for number, digest in self.tables.digest_rows(name).items():
-                held.setdefault(number, {})[name] = digest
-        have, unplanned, lines = dict[str, int](), dict[str, int](), Counter(key for key, *_ in known)
-        damaged = len(held.keys() - {number for _, number, *_ in known})
-        for key, number, fingerprint, with_shortest, digests, is_whole in known:
-            if not is_whole or lines[key] > 1 or not self._match(held.get(number, {}), digests):
-                damaged += 1
-            elif prints.get(key) == fingerprint:
-                (have if with_shortest >= self._with_shortest else unplanned)[key] = number
-        if self.tables.read_only and (damaged or unplanned or have.keys() != now.keys() or len(have) < len(known)):
+        changed, doubled = set[int](), set[str]()
+        if not self._compared:
+            digest = f"SELECT log FROM kept.logs WHERE digest IS DISTINCT FROM hash({LOG_COLUMNS})"
+            changed = {log for (log,) in logs.execute(digest).fetchall()}
+            doubled = {
+                key for (key,) in logs.execute("SELECT key FROM kept.logs GROUP BY key HAVING count(*) > 1").fetchall()
+            }
+        changed = changed.union(*map(self.tables.find_changed, self._read_tables - self._compared))
+        have, unplanned = dict[str, int](), dict[str, int]()
+        for key, known in self._known.items():
+            is_whole = known.number not in changed and key not in doubled
+            if is_whole and key in now and is_same_content(prints[key], known.fingerprint):
+                (have if known.with_shortest >= self._with_shortest else unplanned)[key] = known.number
+        if not changed and not doubled:
+            self._compared |= self._read_tables
+        if self.tables.read_only and (changed or doubled or not have.keys() == now.keys() == self._known.keys()):
             return False
         have |= self._plan_paths(unplanned)
-        stale = sorted({number for _, number, *_ in known}.union(held).difference(have.values()))
-        if damaged:
+        ((numbers,),) = logs.execute("SELECT coalesce(list(log), []) FROM kept.logs").fetchall()
+        stale = sorted(changed.union(numbers).difference(have.values()))
+        if damaged := len(changed | {self._known[key].number for key in doubled}):
             what = "1 session" if damaged == 1 else f"{damaged} sessions"
             own = self._sessions.source / FILE_NAME
             self._note(f"{own} was changed by another program: the rows of {what} were made anew from the logs")
@@ -586,17 +658,22 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
                 logs.execute("DELETE FROM kept.logs WHERE log IN (SELECT unnest(?))", (stale,))
         fresh = {key: path for key, path in now.items() if key not in have}
         if fresh:
-            self._read(fresh, prints)
+            self._read(fresh, prints, metadata)
+        self._compared |= self._read_tables
         return True
 
-    def _account(self, now: Mapping[str, Path]) -> None:
-        """Note what is known of each log, and in which order they are read."""
-        about = self.tables.connection.execute("SELECT key, log, about FROM kept.logs").fetchall()
-        found = {key: (number, msgspec.msgpack.decode(of_log, type=CachedSession)) for key, number, of_log in about}
-        self.tables.put_in_order([found[key][0] for key in now])
+    def _account(self, now: Mapping[str, Path], *, whole: bool) -> None:
+        """Note what is known of each log, or with ``whole`` off of those to be skipped, and in which order to read."""
+        of_which = "" if whole else "WHERE facts IS NULL"
+        about = self.tables.connection.execute(f"SELECT key, about FROM kept.logs {of_which}").fetchall()
+        found = {key: msgspec.msgpack.decode(of_log, type=CachedSession) for key, of_log in about}
+        numbers = dict(self.tables.connection.execute("SELECT key, log FROM kept.logs").fetchall())
+        self.tables.put_in_order([numbers[key] for key in now])
         self.tables.checked = self._read_tables
-        self.kept = tuple(msgspec.structs.replace(found[key][1], path=str(now[key])) for key in now)  # they may move
         self._keys = tuple(now)
+        self.kept = tuple(
+            msgspec.structs.replace(found[key], path=str(path)) for key, path in now.items() if key in found
+        )  # they may move
         for one in self.kept:
             if one.problem:
                 self._sessions.skip(SkippedLog(Path(one.path), one.problem))
@@ -636,12 +713,14 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
                     "UPDATE kept.logs SET with_shortest = true, row_digests = new.row_digests, digest = NULL "
                     "FROM new WHERE logs.log = new.log"
                 )
-                logs.execute(f"UPDATE kept.logs SET digest = hash({_LOG_COLUMNS}) WHERE digest IS NULL")
+                logs.execute(f"UPDATE kept.logs SET digest = hash({LOG_COLUMNS}) WHERE digest IS NULL")
             filled |= {key: log for log, (key, _) in sessions.items()}
         return filled
 
     @infrequent_collection()
-    def _read(self, fresh: Mapping[str, Path], prints: Mapping[str, str]) -> None:
+    def _read(
+        self, fresh: Mapping[str, Path], prints: Mapping[str, str], metadata: Mapping[str, dict[str, str]]
+    ) -> None:
         """Read logs and keep their rows, some sessions at a time."""
         logs = self.tables.connection
         ((last,),) = logs.execute("SELECT coalesce(max(log), 0) FROM kept.logs").fetchall()
@@ -651,10 +730,13 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         numbered = iter(enumerate(zip(fresh, found, strict=True), last + 1))
         for _ in range(0, len(fresh), _SESSIONS_PER_COMMIT):
             with transaction(logs):
-                self._insert_sessions(islice(numbered, _SESSIONS_PER_COMMIT), prints)
+                self._insert_sessions(islice(numbered, _SESSIONS_PER_COMMIT), prints, metadata)
 
     def _insert_sessions(
-        self, sessions: Iterable[tuple[int, tuple[str, SessionRows | SkippedLog]]], prints: Mapping[str, str]
+        self,
+        sessions: Iterable[tuple[int, tuple[str, SessionRows | SkippedLog]]],
+        prints: Mapping[str, str],
+        metadata: Mapping[str, dict[str, str]],
     ) -> None:
         """Keep some sessions' rows, or why a log of theirs cannot be read; memory holds few at a time."""
         lines = dict[int, tuple[Any, ...]]()
@@ -662,26 +744,21 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         def each() -> Iterator[tuple[int, SessionTables]]:
             for number, (key, one) in sessions:
                 if not isinstance(one, SkippedLog):
-                    about, facts = _read_cached_sessions(one), one.facts
+                    about, facts = _read_cached_sessions(one), msgspec.msgpack.encode(one.facts)
                     yield number, one.rows
                 elif self._sessions.source.is_dir():
-                    about, facts = CachedSession("", problem=name_paths_from(self._sessions.source, one.reason)), ()
+                    about, facts = CachedSession("", problem=name_paths_from(self._sessions.source, one.reason)), None
                 else:
                     raise LogError(one.reason)
-                encoded = msgspec.msgpack.encode(about), msgspec.msgpack.encode(facts)
-                lines[number] = (key, prints[key], self._with_shortest, *encoded)
+                encoded = msgspec.msgpack.encode(metadata[key]), msgspec.msgpack.encode(about)
+                lines[number] = (key, prints[key], self._with_shortest, *encoded, facts)
 
         digests, logs = self.tables.insert(each()), self.tables.connection
         logs.executemany(
-            "INSERT INTO kept.logs VALUES (?, ?, ?, ?, ?, ?, ?, NULL)",
+            "INSERT INTO kept.logs VALUES (?, ?, ?, ?, ?, ?, ?, ?, NULL)",
             [(n, *its[:3], digests.get(n, [0] * len(TABLES)), *its[3:]) for n, its in lines.items()],
         )
-        logs.execute(f"UPDATE kept.logs SET digest = hash({_LOG_COLUMNS}) WHERE digest IS NULL")
-
-    def _match(self, held: Mapping[str, int], digests: Sequence[int]) -> bool:
-        """Whether a session's rows in the tables that are to be read are those that were put in."""
-        stored = dict(zip(TABLES, digests, strict=True))
-        return all(held.get(name, 0) == stored[name] for name in self._read_tables)
+        logs.execute(f"UPDATE kept.logs SET digest = hash({LOG_COLUMNS}) WHERE digest IS NULL")
 
 
 def _read_cached_sessions(one: SessionRows) -> CachedSession:
@@ -705,22 +782,29 @@ def _no_room(source: Path, error: duckdb.Error) -> QueryError:
     return QueryError(f"{source}: its tables cannot be made, beside it or in {tempfile.gettempdir()}: {why}")
 
 
-def _fingerprint(path: Path) -> str:
-    """Of a log, or a session's folder of segments, of the marks beside it, and of the participant's other sessions.
+def _fingerprint(first: str, known: str, of_participant: dict[str, str]) -> str:
+    """Of a log, by the file that it begins in, of the marks beside it, and of the participant's other sessions.
 
     A rule that excludes a participant may be broken in any of their sessions, so each one's rows depend on all.
     """
-    folder = path if path.is_dir() else path.parent
-    if folder.name.startswith("ses-"):
-        return "\n".join(_describe_files(one, "") for one in sorted(folder.parent.glob("ses-*")))
-    marks = annotations_path(path)
-    return _describe_files(folder, marks.name.partition("_")[0])
+    folder = os.path.dirname(first)
+    if not os.path.basename(folder).startswith("ses-"):
+        marks = os.path.basename(annotations_path(Path(first)))
+        return _describe_files(folder, marks.partition("_")[0], known)
+    participant = os.path.dirname(folder)
+    if participant not in of_participant:
+        folders = sorted(
+            entry.path for entry in os.scandir(participant or ".") if entry.name.startswith("ses-") and entry.is_dir()
+        )
+        of_participant[participant] = "\n".join(_describe_files(one, "", known) for one in folders)
+    return of_participant[participant]
 
 
-def _describe_files(folder: Path, prefix: str) -> str:
+def _describe_files(folder: str, prefix: str, known: str) -> str:
+    """Describe a folder's files whose names begin so, a line each; ``known`` as in ``describe_file``."""
     return "\n".join(
-        f"{folder.name}/{describe_file(Path(entry), entry.stat())}"
-        for entry in sorted(os.scandir(folder), key=lambda entry: entry.name)
+        describe_file(entry.path, entry.stat(), name=f"{os.path.basename(folder)}/{entry.name}", known=known)
+        for entry in sorted(os.scandir(folder or "."), key=lambda entry: entry.name)
         if entry.name.startswith(prefix) and entry.is_file()
     )
 

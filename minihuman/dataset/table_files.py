@@ -123,12 +123,16 @@ def compare_cache(fresh: StudyStore, study: Path) -> Iterator[str]:
         connection.execute("DETACH cache")
 
 
+_CONTENT = r"regexp_replace({}.fingerprint, ' [^ \n]+(\n|$)', '\1', 'g')"  # as ``is_same_content`` does
+
+
 def _compare_databases(connection: duckdb.DuckDBPyConnection) -> Iterator[str]:
     connection.execute(
         "CREATE OR REPLACE TEMP TABLE pairs AS "
-        "SELECT key, ours.log AS ours, theirs.log AS theirs, theirs.with_shortest, "
+        "SELECT ours.key, ours.log AS ours, theirs.log AS theirs, theirs.with_shortest, "
         "ours.about = theirs.about AS same_about, ours.facts = theirs.facts AS same_facts "
-        "FROM kept.logs AS ours JOIN cache.kept.logs AS theirs USING (key, fingerprint)"
+        "FROM kept.logs AS ours JOIN cache.kept.logs AS theirs ON ours.key = theirs.key "
+        f"AND {_CONTENT.format('ours')} = {_CONTENT.format('theirs')}"
     )
     unknown = "SELECT key FROM cache.kept.logs GROUP BY key HAVING count(*) > 1 ORDER BY key"
     for (key,) in connection.execute(unknown).fetchall():

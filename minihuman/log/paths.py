@@ -47,6 +47,7 @@ _OURS = re.compile(r"_ses-\d+(_seg-\d+)?\.mcap(\.part)?$")
 _HEADER = struct.Struct("<BQI")  # behind the magic bytes: opcode, length, and how long the profile is
 _PROFILE = b"minihuman"
 _SAFE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+LogFolders = Iterable[tuple[Path, list[str]]]  # each with all its file names
 
 
 def require_folder(study: Path, *, instead: str = "a study's folder") -> None:

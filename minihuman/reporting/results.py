@@ -74,8 +74,8 @@ def collect_survival_times(rows: pd.DataFrame, begun: pd.DataFrame, order: Seque
     for group in order:
         theirs = rows[(rows["group"] == group) & (rows["keys_total"] > 0)]
         first = theirs.sort_values("session").drop_duplicates("participant")
-        who = zip(first["participant"], first["session"], strict=True)
-        watched = np.array([float(played.get(one, 0.0)) for one in who])
+        who = pd.MultiIndex.from_frame(first[["participant", "session"]])
+        watched = played.reindex(who).fillna(0.0).to_numpy(float)
         found = first["all_keys_discovered_s"].to_numpy(float)
         if len(first):
             keys[group] = SurvivalTimes(np.where(np.isnan(found), watched, found), ~np.isnan(found))

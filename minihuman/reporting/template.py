@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 
 _MOST_ROWS = 60  # that stand open on the page
+_MOST_SHOWN = 2_000  # that are on it at all; browsers take seconds for more, and the tables have them
 
 
 class AnswerCounts(NamedTuple):
@@ -50,6 +51,11 @@ class Table:
     def __add__(self, other: "Table") -> "Table":
         """Append the other's rows, of the same heads."""
         return replace(self, rows=(*self.rows, *other.rows))
+
+    @property
+    def shown(self) -> Sequence[Sequence[Cell]]:
+        """The rows that are on the page."""
+        return self.rows[:_MOST_SHOWN]
 
     @property
     def is_long(self) -> bool:

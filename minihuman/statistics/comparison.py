@@ -24,6 +24,10 @@ LEAST_ESTIMATED = 4  # below whom a difference has no interval: of 2 against 18 
 LEAST_FREEDOM = 5  # residual degrees of freedom, below which nothing is adjusted for covariates
 _SMALL = 10  # participants in the smaller of unequal groups, below whom t floors p
 _AT_ONCE = 200_000  # values permuted at a time
+LARGEST_REGROUPED = 5_000  # participants; of more, what regroupings tend to is drawn, not the regroupings
+_ALWAYS_DRAWN = (
+    30  # participants of two groups, from whom on there are more than RESAMPLES regroupings, or next to none
+)
 _KEPT_SIZE = 200  # participants, up to whom regroupings are kept for the next measure: 16 MB
 SEED = 20_230_613  # of the permutations, so that the same data give the same p
 LARGEST_G = 10  # above it a standardised difference says only that a spread is next to nothing
@@ -283,9 +287,13 @@ def adjust_groups(a: tuple[Values, Values], b: tuple[Values, Values]) -> tuple[V
         return shifts, rows - shifts[:, None] * x
 
     (difference,), residuals = fit(e[None])
-    order = np.random.default_rng(SEED).permuted(np.tile(np.arange(n + m), (RESAMPLES, 1)), axis=1)
-    (shifts, left), (own_shifts, own_left) = fit(e[order]), fit(x[order])
-    squares = np.stack([left**2 @ weights, (left * own_left) @ weights, own_left**2 @ weights])
+    rng = np.random.default_rng(SEED)
+    if n + m > LARGEST_REGROUPED:
+        shifts, own_shifts, squares = rng.standard_normal(RESAMPLES), np.zeros(1), np.array([[1.0], [0.0], [0.0]])
+    else:
+        order = rng.permuted(np.tile(np.arange(n + m), (RESAMPLES, 1)), axis=1)
+        (shifts, left), (own_shifts, own_left) = fit(e[order]), fit(x[order])
+        squares = np.stack([left**2 @ weights, (left * own_left) @ weights, own_left**2 @ weights])
     error = math.sqrt(float(residuals[0] ** 2 @ weights))
     slopes = np.linalg.lstsq(centred, values - difference * (groups - groups.mean()) - values.mean(), rcond=None)[0]
     adjusted = values - centred @ slopes
@@ -338,8 +346,8 @@ def permutation_tests(pairs: Sequence[tuple[Values, Values]]) -> list[Permutatio
         )
         ours = np.arange(n + m) < n
         columns = np.concatenate([deviations, deviations**2, deviations * ours, ours[None]]).T
-        totals = np.concatenate([chosen @ columns for chosen in draw_regroupings(n, m)])
-        drawn = int(special.comb(n + m, n, exact=True) > RESAMPLES)
+        totals = draw_totals(columns, n)
+        drawn = int(count_regroupings(n, m) > RESAMPLES)
         count = len(places)
         for at, (place, (a, b)) in enumerate(zip(places, means, strict=True)):
             squares = deviations[at] ** 2
@@ -351,6 +359,33 @@ def permutation_tests(pairs: Sequence[tuple[Values, Values]]) -> list[Permutatio
                 totals[:, 2 * count + at], totals[:, count + at], drawn,
             )  # fmt: skip
     return found
+
+
+def draw_totals(columns: Values, n: int) -> Values:
+    """The totals of columns over the first group, for each regrouping.
+
+    Of more than LARGEST_REGROUPED participants, totals are drawn from the normal distribution that they tend to (Hajek,
+    1960), with their own means and covariances: no p differs by more than the drawing of regroupings lets it.
+
+    Args:
+        columns: (participants, columns).
+        n: participants in the first group.
+
+    Returns:
+        (regroupings, columns).
+    """
+    total = len(columns)
+    if total <= LARGEST_REGROUPED:
+        return np.concatenate([chosen @ columns for chosen in draw_regroupings(n, total - n)])
+    mean = columns.mean(axis=0)
+    centred = columns - mean
+    covariance = centred.T @ centred * (n * (total - n) / (total * (total - 1)))
+    return np.random.default_rng(SEED).multivariate_normal(n * mean, covariance, RESAMPLES, method="eigh")
+
+
+def count_regroupings(n: int, m: int) -> float:
+    """How many ways there are to form groups of these sizes; infinity where there are too many to go through."""
+    return math.comb(n + m, n) if min(n, m) <= 3 or n + m <= _ALWAYS_DRAWN else math.inf
 
 
 def draw_regroupings(n: int, m: int) -> Iterable[Values]:
@@ -367,7 +402,7 @@ def _kept_regroupings(n: int, m: int) -> tuple[Values, ...]:
 
 def _make_regroupings(n: int, m: int) -> Iterator[Values]:
     total, at_once = n + m, max(1, _AT_ONCE // (n + m))
-    if special.comb(total, n, exact=True) <= RESAMPLES:
+    if count_regroupings(n, m) <= RESAMPLES:
         yield _membership(np.array(list(combinations(range(total), n))), total)
         return
     rng = np.random.default_rng(SEED)
@@ -397,7 +432,7 @@ def floor_freedom(n: tuple[int, int], freedom: float) -> float:
 
 def smallest_p(n: tuple[int, int]) -> float:
     """The smallest p that the permutation test can come to with groups of these sizes."""
-    regroupings = special.comb(sum(n), n[0], exact=True)
+    regroupings = count_regroupings(*n)
     if regroupings > RESAMPLES:
         return 1 / (RESAMPLES + 1)
     return (2 if n[0] == n[1] else 1) / regroupings

@@ -216,11 +216,16 @@ def compare_growth(rows: pd.DataFrame, measure: str, *, order: Sequence[str] = (
     told = rows.dropna(subset=[measure])
     middle = told["episode_in_block"].mean()
     lines: dict[str, list[tuple[float, float]]] = {}
-    for (group, _), one in told.groupby(["group", "participant"], sort=True):
-        at, values = one["episode_in_block"].to_numpy(float) - middle, one[measure].to_numpy(float)
-        if len(np.unique(at)) >= MIN_EPISODES:
-            slope, level = np.polyfit(at, values, 1)
-            lines.setdefault(str(group), []).append((float(level), float(slope)))
+    at = told.assign(at=told["episode_in_block"] - middle, value=told[measure]).groupby(["group", "participant"])
+    mean, episodes = at[["at", "value"]].transform("mean"), at["at"].nunique()
+    apart = pd.DataFrame({"at": told["episode_in_block"] - middle - mean["at"], "value": told[measure] - mean["value"]})
+    sums = apart.assign(product=apart["at"] * apart["value"], square=apart["at"] ** 2)
+    sums = sums.groupby([told["group"], told["participant"]])[["product", "square"]].sum()
+    enough = episodes >= MIN_EPISODES
+    slopes = (sums["product"] / sums["square"])[enough]
+    levels = at["value"].mean()[enough] - slopes * at["at"].mean()[enough]
+    for (group, _), level, slope in zip(slopes.index, levels, slopes, strict=True):
+        lines.setdefault(str(group), []).append((float(level), float(slope)))
     everyone = list(order) or sorted({str(group) for group in rows["group"]})
     groups = [group for group in everyone if len(lines.get(group, ())) >= 2]
     if not groups:

@@ -7,9 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
+from scipy import sparse, special
 
-from minihuman.statistics.comparison import ALPHA, RESAMPLES, Values, draw_regroupings, floor_freedom
+from minihuman.statistics.comparison import (
+    ALPHA,
+    LARGEST_REGROUPED,
+    RESAMPLES,
+    SEED,
+    Values,
+    count_regroupings,
+    draw_regroupings,
+    floor_freedom,
+)
 
 LEAST_EVENTS = 5  # a group, below which a restricted mean is too uncertain for an interval and a p
 _TIES = 1e-9  # by so much, relative, may two equal differences come out apart
@@ -93,14 +102,8 @@ def _test(waited: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") ->
     refused = (math.nan, math.nan), math.nan
     if not own.enough[0] or not own.error[0] > 0:
         return refused
-    drawn = [
-        _compare_means(waited, part)
-        for members in draw_regroupings(*n)
-        for part in np.array_split(members, members.size // _AT_ONCE + 1)
-    ]
-    enough = np.concatenate([one.enough for one in drawn])  # those that would be refused say nothing of this study
-    apart = np.sort(np.concatenate([one.apart for one in drawn])[enough])[::-1]
-    extra = int(special.comb(sum(n), n[0], exact=True) > RESAMPLES)  # the groups as they were
+    apart = np.sort(_draw_differences(waited, n))[::-1]
+    extra = int(count_regroupings(*n) > RESAMPLES)  # the groups as they were
     rank = math.ceil(ALPHA * (len(apart) + extra)) - extra
     if rank < 1 or not math.isfinite(apart[rank - 1]):
         return refused
@@ -113,6 +116,19 @@ def _test(waited: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") ->
         critical = max(critical, float(special.stdtrit(freedom, 1 - ALPHA / 2)))
     difference, half = float(own.means[0][0] - own.means[1][0]), critical * float(own.error[0])
     return (difference - half, difference + half), p
+
+
+def _draw_differences(waited: SurvivalTimes, n: tuple[int, int]) -> Values:
+    """Each regrouping's difference in standard errors; of more than LARGEST_REGROUPED people from their limit."""
+    if sum(n) > LARGEST_REGROUPED:
+        return np.abs(np.random.default_rng(SEED).standard_normal(RESAMPLES))
+    drawn = [
+        _compare_means(waited, part)
+        for members in draw_regroupings(*n)
+        for part in np.array_split(members, members.size // _AT_ONCE + 1)
+    ]
+    enough = np.concatenate([one.enough for one in drawn])  # those that would be refused say nothing of this study
+    return np.concatenate([one.apart for one in drawn])[enough]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,9 +155,9 @@ class _RestrictedMeans:
 def _compare_means(waited: SurvivalTimes, members: Values) -> _RestrictedMeans:
     """The restricted means of two groups; ``members`` is (regroupings, n), 1 for participants in the first."""
     times, place = np.unique(waited.times, return_inverse=True)
-    at = (np.arange(len(times))[:, None] == place).astype(np.float64)
-    whole, events, first = at.sum(axis=1), at @ waited.observed, members.T
-    left, came = at @ first, (at * waited.observed) @ first
+    at = sparse.csr_array((np.ones(len(place)), (place, np.arange(len(place)))), (len(times), len(place)))
+    whole, events, first = np.bincount(place), at @ waited.observed, members.T
+    left, came = at @ first, at @ (waited.observed[:, None] * first)
     groups = [_Group.follow(left, came), _Group.follow(whole[:, None] - left, events[:, None] - came)]
     until = np.minimum(np.minimum(*(one.known_until(times) for one in groups)), times[-1])
     width = np.diff(np.minimum(times[:, None], until), axis=0, prepend=0.0)

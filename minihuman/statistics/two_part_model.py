@@ -15,7 +15,14 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import special
 
-from minihuman.statistics.comparison import RESAMPLES, SEED, Values
+from minihuman.statistics.comparison import (
+    LARGEST_REGROUPED,
+    RESAMPLES,
+    SEED,
+    Values,
+    count_regroupings,
+    draw_totals,
+)
 
 LEVEL = 0.95
 LEAST = 3  # people a group, below whom no covariance between people is told
@@ -103,16 +110,19 @@ def fit_gee(people: Sequence[Values], *, odds: bool = False) -> Marginal:
     depend on the correlation of one person's episodes; Mancl and DeRouen's correction divides each person's residual by
     one less its weight.
     """
-    n, means = np.array([len(one) for one in people], float), np.array([one.mean() for one in people])
+    values, n = np.concatenate(people), np.array([len(one) for one in people], float)
+    starts = np.concatenate([[0], np.cumsum(n[:-1])]).astype(int)
+    means = np.add.reduceat(values, starts) / n
     pairs = float((n * (n - 1) / 2).sum())
     correlation = 0.0
     for _ in range(_ROUNDS):
         weights = n / (1 + (n - 1) * correlation)
         weights /= weights.sum()
         mean = float(weights @ means)
-        apart = [one - mean for one in people]
-        scale = sum(float((one**2).sum()) for one in apart) / max(n.sum() - 1, 1)
-        products = sum((float(one.sum()) ** 2 - float((one**2).sum())) / 2 for one in apart)
+        apart = values - mean
+        squares = float((apart**2).sum())
+        scale = squares / max(n.sum() - 1, 1)
+        products = (float((np.add.reduceat(apart, starts) ** 2).sum()) - squares) / 2
         if scale <= 0 or pairs <= 1:
             break
         correlation = min(max(products / scale / (pairs - 1), _LEAST_CORRELATION / n.max()), 0.99)
@@ -136,8 +146,9 @@ def _compared(a: Marginal, b: Marginal) -> PartComparison:
 
 def _each(rows: pd.DataFrame, measure: str) -> list[Values]:
     """Each person's episodes."""
-    told = rows.dropna(subset=[measure])
-    return [part.to_numpy(np.float64) for _, part in told.groupby("participant")[measure]]
+    told = rows.dropna(subset=[measure]).sort_values("participant", kind="stable")
+    who = told["participant"].to_numpy()
+    return np.split(told[measure].to_numpy(np.float64), np.flatnonzero(who[1:] != who[:-1]) + 1) if len(told) else []
 
 
 def summarise_people(rows: pd.DataFrame, measure: str) -> Values:
@@ -154,7 +165,9 @@ def two_parts_p(a: Values, b: Values) -> float:
     together = np.concatenate([a, b])
     n, total = len(a), len(a) + len(b)
     observed = _sum_of_squares(together[None, :, :], n)[0]
-    if math.comb(total, n) <= RESAMPLES:
+    if total > LARGEST_REGROUPED:
+        return _limit_p(together, n, float(observed))
+    if count_regroupings(n, total - n) <= RESAMPLES:
         every = [
             [*one, *(place for place in range(total) if place not in one)] for one in combinations(range(total), n)
         ]
@@ -168,6 +181,19 @@ def two_parts_p(a: Values, b: Values) -> float:
         as_far += int((_sum_of_squares(together[orders], n) >= observed - 1e-9).sum())
         left -= now
     return as_far / (RESAMPLES + 1)
+
+
+def _limit_p(together: Values, n: int, observed: float) -> float:
+    """The same p from the distribution that regroupings' totals tend to."""
+    known = ~np.isnan(together)
+    filled = np.where(known, together - np.nanmean(together, axis=0), 0.0)
+    columns = np.concatenate([known, filled, filled**2], axis=1)
+    ours = draw_totals(columns, n)
+    sides = (ours.reshape(-1, 3, 2), (columns.sum(axis=0) - ours).reshape(-1, 3, 2))
+    means = [side[:, 1] / side[:, 0] for side in sides]
+    errors = [(side[:, 2] / side[:, 0] - mean**2) / (side[:, 0] - 1) for side, mean in zip(sides, means, strict=True)]
+    t_squared = ((means[0] - means[1]) ** 2 / np.maximum(sum(errors), 1e-12)).sum(axis=1)
+    return (int((t_squared >= observed - 1e-9).sum()) + 1) / (RESAMPLES + 1)
 
 
 def _sum_of_squares(values: NDArray[np.float64], n: int) -> NDArray[np.float64]:

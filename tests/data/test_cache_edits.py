@@ -12,13 +12,14 @@ import msgspec
 import pytest
 from click.testing import CliRunner
 
+from minihuman.admin import session_index
 from minihuman.admin.manifest import MANIFEST_FILE_NAME, find_changed_files, write_manifest
 from minihuman.admin.session_index import SessionRow, read_session_index
 from minihuman.cli.command_line import make_command_line
-from minihuman.dataset import caches
+from minihuman.dataset import caches, store
 from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import StudyStore, TableDatabase, find_queried_tables
+from minihuman.dataset.store import LOG_COLUMNS, StudyStore, TableDatabase, find_queried_tables
 from minihuman.dataset.table_columns import TABLES
 from minihuman.workflow import export, report, simulate, verify
 from tests.builders import session, write_log
@@ -209,9 +210,7 @@ def test_verify_finds_forged_digests_in_both_caches(study: Path) -> None:
             f"UPDATE kept.logs SET row_digests = row_digests[:{place - 1}] || [{digest}::UBIGINT] "
             f"|| row_digests[{place + 1}:] WHERE log = 2"
         )
-        cache.connection.execute(
-            "UPDATE kept.logs SET digest = hash(log, key, fingerprint, with_shortest, row_digests, about, facts)"
-        )
+        cache.connection.execute(f"UPDATE kept.logs SET digest = hash({LOG_COLUMNS})")
     assert 5 in {row["reward"] for row in tables(study)[0]["steps"]}, "the digests are not those that are compared"
     code, said = run("verify", "--tables", study)
     assert code == 1
@@ -361,3 +360,46 @@ def test_a_flipped_bit_of_a_manifest_is_named_or_without_effect(study: Path) -> 
             said or path.read_bytes() == whole or msgspec.json.decode(path.read_bytes()) == msgspec.json.decode(whole)
         )
     print(f"\n{named} of {flips} flips named")
+
+
+def test_rows_are_compared_with_their_digests_once(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Until the file changes, or other tables are read."""
+    compared: list[str] = []
+    really = TableDatabase.find_changed
+
+    def counting(self: TableDatabase, name: str) -> set[int]:
+        compared.append(name)
+        return really(self, name)
+
+    def read(*names: str) -> set[str]:
+        compared.clear()
+        tables(study, names)
+        return set(compared)
+
+    monkeypatch.setattr(TableDatabase, "find_changed", counting)
+    assert {"episodes", "participants"} == read("episodes")
+    assert read("episodes") == set()
+    assert read("episodes", "steps") == {"steps"}
+    assert read("steps") == set()
+    write_log(session(participant="sub-04", index=3, seed=3, blocks=("grid",), episodes=2), study.parent)
+    list(read_session_index(study))  # it is stored in the same file
+    assert read("steps") == set(), "a session more, or the index's own rows, made everything be compared again"
+    assert read("steps") == set()
+    edit(study, "UPDATE kept.steps SET reward = 5 WHERE log = 2")
+    assert read("steps") >= {"steps", "episodes"}
+    assert 5 not in {row["reward"] for row in tables(study, ("steps",))[0]["steps"]}
+    facts = (study / TABLE_CACHE).stat()
+    edit(study, "UPDATE kept.steps SET reward = 5 WHERE log = 2")
+    os.utime(study / TABLE_CACHE, ns=(facts.st_atime_ns, facts.st_mtime_ns))
+    assert 5 not in {row["reward"] for row in tables(study, ("steps",))[0]["steps"]}
+
+
+def test_a_study_that_was_copied_with_its_caches_is_not_read_again(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = tables(study)
+    copy = Path(shutil.copytree(study, tmp_path / "copy" / "transfer"))
+    monkeypatch.setattr(store, "read_session_rows", None)
+    monkeypatch.setattr(session_index, "summarize_session", None)
+    assert tables(copy) == expected
+    assert index(copy) == index(study)

@@ -74,7 +74,7 @@ def test_no_cache_remembers_who_withdrew(data: Path, tmp_path: Path) -> None:
         (data / STUDY / former / "paths_sub-02.png").write_bytes(b"of an earlier version")
     for former in ("sessions.sqlite", "sessions.sqlite-journal"):
         (data / STUDY / former).write_bytes(b"of an earlier version")
-    assert len(list(list_caches(data / STUDY))) == 5
+    assert len(list(list_caches(data / STUDY))) == 6
     withdraw_participant(data / STUDY, "sub-02", seal=None)
     assert list(list_caches(data / STUDY)) == []
 

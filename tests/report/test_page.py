@@ -24,6 +24,14 @@ def test_a_table_of_more_rows_than_anybody_reads_is_folded_up_and_says_how_many_
     assert many.count("<tr><td") == 61
 
 
+def test_a_table_of_more_rows_than_a_browser_shows_at_once_says_where_the_others_are() -> None:
+    rows = [(f"sub-{number}", "4") for number in range(2_001)]
+    whole, cut = (page(skipped=Table(("subject", "n"), rows[:many])) for many in (2_000, 2_001))
+    assert "The first" not in whole
+    assert "<p>The first 2000 of 2001 rows; the files in <code>tables</code> have all.</p>" in cut
+    assert cut.count("<tr><td") == whole.count("<tr><td") == 2_000
+
+
 def test_answers_keep_their_counts_in_either_direction_of_writing() -> None:
     told = page(answers=Table(("answers",), [(AnswerCounts((("0.1 [יחידה]", 9), ("<b>", 2)), others=3),)], words=1))
     assert '<td class="word"><bdi>0.1 [יחידה]</bdi> (9), <bdi>&lt;b&gt;</bdi> (2) and 3 others</td>' in told

@@ -587,11 +587,12 @@ def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
     Raises:
         LogError: if a line of the enrolment log is damaged.
     """
-    yield from ((double, False) for double in find_double_sessions(study))
+    folders = list(find_log_folders(study))
+    yield from ((double, False) for double in find_double_sessions(folders))
     journal = open_enrolment_log(study)
     if not journal.begun:
         return
-    sessions = [one for folder, names in find_log_folders(study) for one in group_sessions(folder, names).items()]
+    sessions = [one for folder, names in folders for one in group_sessions(folder, names).items()]
     ends = {log.name: _read_ends(log) for log, files in sessions if log in files}
     yield from find_incomplete_logs(journal.read(), ends)
     yield from find_slots_without_log(journal.read(), {log.name.partition("_")[0] for log, _ in sessions})
