@@ -75,6 +75,7 @@ T = TypeVar("T")
 _SEGMENT_ENDING = re.compile(r"(_seg-\d+)?\.mcap(\.part)?$")
 _MIN_LOGS_PER_PROCESS = 32  # sessions; fewer are read sooner than one more process starts
 _BATCH = 4  # sessions handed over together
+_RAY_BATCH = 16  # the same; a task costs a cluster more than a process
 _AHEAD = 4  # batches worked on and not yet taken, beside two for each other process
 _SELDOM = 50_000, 20, 100  # new objects before the youngest are looked at, and so on; Python's own begin at 700
 _Batch = tuple[list[Path], "Future[list[T]]"]
@@ -268,10 +269,10 @@ def _map_with_ray(paths: list[Path], each: Callable[[list[Path]], list[T]]) -> I
     """Work in the cluster that RAY_ADDRESS names, or in one of this machine's cores; all see the same files."""
     ray: Any = import_module("ray")  # an extra
     with ray.init(log_to_driver=False, logging_level=30):  # warnings
-        work = ray.remote(num_cpus=1)(_call)
+        work, each_there = ray.remote(num_cpus=1)(_call), ray.put(each)
         ahead, waiting = 2 * int(ray.cluster_resources()["CPU"]), deque[Any]()
-        for first in range(0, len(paths), _BATCH):
-            waiting.append(work.remote(each, paths[first : first + _BATCH], Path.cwd()))
+        for first in range(0, len(paths), _RAY_BATCH):
+            waiting.append(work.remote(each_there, paths[first : first + _RAY_BATCH], Path.cwd()))
             if len(waiting) > ahead:
                 yield from ray.get(waiting.popleft())
         while waiting:
@@ -280,7 +281,8 @@ def _map_with_ray(paths: list[Path], each: Callable[[list[Path]], list[T]]) -> I
 
 def _call(each: Callable[[list[Path]], list[T]], paths: list[Path], folder: Path) -> list[T]:
     os.chdir(folder)  # paths may be relative
-    return each(paths)
+    with infrequent_collection():
+        return each(paths)
 
 
 def _oldest(waiting: "deque[_Batch[T]]", each: Callable[[list[Path]], list[T]]) -> list[T]:

@@ -315,7 +315,7 @@ def find_practice(protocols: Sequence[Protocol], groups: Iterable[str]) -> froze
 
 
 def _is_practice(rows: pd.DataFrame, practice: Collection[tuple[str, str]]) -> "pd.Series[bool]":
-    return pd.Series([pair in practice for pair in zip(rows["group"], rows["block"], strict=True)], rows.index, bool)
+    return pd.Series(pd.MultiIndex.from_frame(rows[["group", "block"]]).isin(practice), rows.index, bool)
 
 
 def _study(store: StudyStore, sessions: StudySessions) -> str:

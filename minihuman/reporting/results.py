@@ -555,11 +555,11 @@ def list_exclusions(episodes: pd.DataFrame, participants: pd.DataFrame) -> pd.Da
     included = participants.loc[participants["exclusion_reason"].isna(), "participant"]
     people = people.assign(level=np.where(people["participant"].isin(included), "session", "participant"))
     whole = set(zip(people["exclusion_reason"], people["participant"], people["session"], strict=True))
-    theirs = zip(episodes["exclusion_reason"], episodes["participant"], episodes["session"], strict=True)
-    alone = np.array([pd.notna(key[0]) and key not in whole for key in theirs], bool)
-    single = episodes.loc[alone, ["exclusion_reason", "participant", "session", "episode", "attempt"]].assign(
-        level="episode"
-    )
+    single = episodes.loc[
+        episodes["exclusion_reason"].notna(), ["exclusion_reason", "participant", "session", "episode", "attempt"]
+    ]
+    theirs = zip(single["exclusion_reason"], single["participant"], single["session"], strict=True)
+    single = single[np.array([key not in whole for key in theirs], bool)].assign(level="episode")
     both = pd.concat([people.astype(object), single.astype(object)], ignore_index=True)
     return both.reindex(columns=["exclusion_reason", "level", "participant", "session", "episode", "attempt"])
 

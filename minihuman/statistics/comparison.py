@@ -380,7 +380,9 @@ def draw_totals(columns: Values, n: int) -> Values:
     mean = columns.mean(axis=0)
     centred = columns - mean
     covariance = centred.T @ centred * (n * (total - n) / (total * (total - 1)))
-    return np.random.default_rng(SEED).multivariate_normal(n * mean, covariance, RESAMPLES, method="eigh")
+    return np.random.default_rng(SEED).multivariate_normal(
+        n * mean, covariance, RESAMPLES, check_valid="ignore", method="eigh"
+    )
 
 
 def count_regroupings(n: int, m: int) -> float:

@@ -322,17 +322,22 @@ def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) 
     """
     own = np.column_stack([np.ones(len(at)), at / at.std()])
     among, between = (np.add.reduceat(own[:, :, None] * its[:, None, :], begins) for its in (own, design))
-    freedom = len(design) - design.shape[1] + 1
+    among, kind, people = np.unique(among, axis=0, return_inverse=True, return_counts=True)
+    products = np.zeros(
+        (len(among), 2, 2, design.shape[1], design.shape[1])
+    )  # summed over people with the same episodes
+    np.add.at(products, kind.ravel(), between[:, :, None, :, None] * between[:, None, :, None, :])
+    total, freedom = design.T @ design, len(design) - design.shape[1] + 1
 
     def profile(entries: Values | Sequence[float]) -> tuple[float, Values, Values]:
         first, shared, rest = (*entries, 0.0, 0.0, 0.0)[:3]
         factor = np.array([[first, 0.0], [shared, math.sqrt(rest)]])  # a square root: rest = 0 is no saddle
-        inner, outer = np.eye(2) + factor.T @ among @ factor, factor.T @ between
-        left = design.T @ design - np.einsum("pia,pib->ab", outer, np.linalg.solve(inner, outer))
+        inner = np.eye(2) + factor.T @ among @ factor
+        left = total - np.einsum("kij,kijab->ab", factor @ np.linalg.solve(inner, factor.T[None]), products)
         terms = left[:-1, :-1]
         estimates = np.linalg.solve(terms, left[:-1, -1])
         variance = max((left[-1, -1] - left[-1, :-1] @ estimates) / freedom, np.finfo(float).tiny)
-        logs = freedom * math.log(variance) + np.linalg.slogdet(inner)[1].sum() + np.linalg.slogdet(terms)[1]
+        logs = freedom * math.log(variance) + people @ np.linalg.slogdet(inner)[1] + np.linalg.slogdet(terms)[1]
         return float(logs) / 2, estimates, np.sqrt(variance * np.diag(np.linalg.inv(terms)))
 
     def loss_of(entries: Values | Sequence[float], /) -> float:
