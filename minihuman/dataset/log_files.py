@@ -122,9 +122,7 @@ def list_readable_logs(
     find_withdrawn, gone = _withdrawal_finder(), set[Path]()
     of_session: dict[tuple[str, ...], list[Path]] = {}
     for path, its in facts.items():
-        if (withdrawn := find_withdrawn(os.path.dirname(os.path.abspath(path)))) and its.get(
-            "participant"
-        ) in withdrawn:
+        if its.get("participant") in find_withdrawn(path):
             gone.add(path)
         else:
             of_session.setdefault(_session_of(its) or (str(path),), []).append(path)
@@ -145,17 +143,21 @@ def list_readable_logs(
     return [path for path in facts if path not in unread] if unread else list(facts), skipped
 
 
-def _withdrawal_finder() -> Callable[[str], frozenset[str]]:
-    """What gives the codes of those who withdrew from the study that a folder lies in; many lie in the same one."""
+def _withdrawal_finder() -> Callable[[Path], frozenset[str]]:
+    """What gives the codes of those who withdrew from the study that a log lies in; many lie in the same one."""
 
     @cache
-    def read(folder: str) -> frozenset[str]:
+    def read(folder: str, up: int) -> frozenset[str]:
+        """Of a folder, and of so many above it."""
         places = os.path.join(folder, ENROLMENT_FILE_NAME), os.path.join(os.path.dirname(folder), URL_FILE_NAME)
-        return read_withdrawn_codes(Path(folder)) if any(map(os.path.exists, places)) else frozenset()
+        codes = read_withdrawn_codes(Path(folder)) if any(map(os.path.exists, places)) else frozenset()
+        return codes | read(os.path.dirname(folder), up - 1) if up else codes
 
-    @cache
-    def find(folder: str, up: int = _UP) -> frozenset[str]:
-        return read(folder) | find(os.path.dirname(folder), up - 1) if up else read(folder)
+    def find(log: Path) -> frozenset[str]:
+        folder, up = os.path.dirname(log), _UP
+        if os.path.basename(folder).startswith("ses-"):  # no session or participant has an enrolment log
+            folder, up = os.path.dirname(os.path.dirname(folder)), _UP - 2
+        return read(folder if os.path.isabs(folder) else os.path.abspath(folder), up)
 
     return find
 

@@ -128,7 +128,8 @@ def _draw_differences(waited: SurvivalTimes, n: tuple[int, int]) -> Values:
         for part in np.array_split(members, members.size // _AT_ONCE + 1)
     ]
     enough = np.concatenate([one.enough for one in drawn])  # those that would be refused say nothing of this study
-    return np.concatenate([one.apart for one in drawn])[enough]
+    apart: Values = np.concatenate([one.apart for one in drawn])[enough]
+    return apart
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,7 +158,7 @@ def _compare_means(waited: SurvivalTimes, members: Values) -> _RestrictedMeans:
     times, place = np.unique(waited.times, return_inverse=True)
     at = sparse.csr_array((np.ones(len(place)), (place, np.arange(len(place)))), (len(times), len(place)))
     whole, events, first = np.bincount(place), at @ waited.observed, members.T
-    left, came = at @ first, at @ (waited.observed[:, None] * first)
+    left, came = (np.asarray(at @ each, np.float64) for each in (first, waited.observed[:, None] * first))
     groups = [_Group.follow(left, came), _Group.follow(whole[:, None] - left, events[:, None] - came)]
     until = np.minimum(np.minimum(*(one.known_until(times) for one in groups)), times[-1])
     width = np.diff(np.minimum(times[:, None], until), axis=0, prepend=0.0)
