@@ -20,7 +20,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from functools import partial
 from hashlib import blake2b
-from itertools import islice
+from itertools import groupby, islice, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -254,13 +254,18 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         for name in TABLES:
             self.connection.execute(f"DELETE FROM kept.{name} WHERE log IN (SELECT unnest(?))", (list(numbers),))
 
-    def digest_rows(self, name: str) -> dict[int, int]:
-        """The digest of each session's rows in a table, of those that have any: any edit changes it."""
-        return self._digest_rows(name, self.connection.sql(f"FROM kept.{name}"))
+    def digest_rows(self, name: str, *, without: frozenset[str] = frozenset()) -> dict[int, int]:
+        """The digest of each session's rows in a table, of those that have any, some columns excluded.
 
-    def _digest_rows(self, name: str, rows: duckdb.DuckDBPyRelation) -> dict[int, int]:
-        columns = ", ".join(f'"{column}"' for column in arrow_schema(name).names)
-        digest = f"(sum(hash(log::BIGINT, row::BIGINT, {columns})) % {_DIGEST_MODULUS})::UBIGINT"
+        Any edit changes it. Equal rows have equal digests, whatever the session's number.
+        """
+        return self._digest_rows(name, self.connection.sql(f"FROM kept.{name}"), without=without)
+
+    def _digest_rows(
+        self, name: str, rows: duckdb.DuckDBPyRelation, *, without: frozenset[str] = frozenset()
+    ) -> dict[int, int]:
+        columns = ", ".join(f'"{column}"' for column in arrow_schema(name, without=without).names)
+        digest = f"(sum(hash(row::BIGINT, {columns})) % {_DIGEST_MODULUS})::UBIGINT"
         return dict(rows.aggregate(f"log, {digest}", "log").fetchall())
 
     def _digest_catalogue(self) -> str:
@@ -313,9 +318,23 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             order, place = ("JOIN placed USING (log)", "place") if self.order is not None else ("", "log")
             found += f" {order} ORDER BY {place}, row"
         for batch in _even(self.connection.sql(f"SELECT {columns} {found}").to_arrow_reader(_ROWS)):
-            yield pa.RecordBatch.from_arrays(
-                [array.cast(field.type) for array, field in zip(batch.columns, wanted, strict=True)], schema=wanted
-            )
+            yield _cast(batch, wanted)
+
+    def session_batches(
+        self, name: str, numbers: Sequence[int], *, without: frozenset[str] = frozenset()
+    ) -> Iterator[tuple[int, Iterator[pa.RecordBatch]]]:
+        """One table's rows of some sessions, session by session, some columns excluded; others are not read.
+
+        Use up a session's batches before the next session's. As in ``batches``, equal rows make equal batches.
+        """
+        self._require_checked({name})
+        wanted = arrow_schema(name, without=without)
+        columns = ", ".join(f'"{column}"' for column in wanted.names)
+        logs = ", ".join(map(str, numbers))
+        found = self.connection.sql(f"SELECT log, {columns} FROM kept.{name} WHERE log IN ({logs}) ORDER BY log, row")
+        parts = (part for batch in found.to_arrow_reader(_ROWS) for part in _split_sessions(batch))
+        for number, theirs in groupby(parts, key=lambda part: int(part.column(0)[0].as_py())):
+            yield number, (_cast(batch, wanted) for batch in _even(part.select(wanted.names) for part in theirs))
 
     def table(self, name: str, columns: Sequence[str] | None = None, *, counting: bool = False) -> pa.Table:
         """A table, or some columns of it; ``counting`` as in ``batches``."""
@@ -399,6 +418,18 @@ def _even(found: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
         yield _one(waiting)
 
 
+def _cast(batch: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
+    arrays = [array.cast(field.type) for array, field in zip(batch.columns, schema, strict=True)]
+    return pa.RecordBatch.from_arrays(arrays, schema=schema)
+
+
+def _split_sessions(batch: pa.RecordBatch) -> Iterator[pa.RecordBatch]:
+    """The same rows, one session each; the first column is the session's number."""
+    numbers = batch.column(0).to_numpy()
+    edges = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(batch)]
+    yield from (batch.slice(begin, end - begin) for begin, end in pairwise(edges) if begin < end)
+
+
 def _one(batches: list[pa.RecordBatch]) -> pa.RecordBatch:
     [one] = pa.Table.from_batches(batches).combine_chunks().to_batches()
     return one
@@ -459,6 +490,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         self._with_shortest = with_shortest
         self._sessions = sessions
         self._read_tables = frozenset(tables).union(_COUNTED_BY)
+        self.selection = sessions.selection
         paths, skipped = list_readable_logs(sessions.source)
         self._temporary: tempfile.TemporaryDirectory[str] | None = None
         self.tables = self._open(read_only=True)
