@@ -100,6 +100,7 @@ class FolderStore(RemoteStore):
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
+        self._unfinished = folder / ".unfinished"  # one for all, so that what a crash leaves does not stay
 
     def put(self, name: str, path: Path, *, over: str = "") -> None:
         """Copy it, durable before it has its name; a lock keeps the other machines out."""
@@ -109,7 +110,7 @@ class FolderStore(RemoteStore):
                     raise RemoteStoreConflictError(
                         f"another machine has just stored {name} in {self._folder}; run the command again"
                     )
-                _copy_durably(path, self._folder / name)
+                _copy_durably(path, self._folder / name, self._unfinished)
         except OSError as error:
             raise RemoteStoreError(
                 f"{path} cannot be stored in {self._folder}: {error.strerror}; make the folder writable"
@@ -152,6 +153,7 @@ class FolderStore(RemoteStore):
         fd = open_file(path, os.O_CREAT | os.O_RDWR, 0o666)
         try:
             lock_file(fd, path)
+            self._unfinished.unlink(missing_ok=True)
             yield
         finally:
             os.close(fd)
@@ -334,6 +336,7 @@ def store_tables(study_dir: Path) -> tuple[int, int] | None:
     store = _open_tables(study_dir)
     if store is None:
         return None
+    study_dir = study_dir.absolute()
     there = _list_partitions(store, study_dir.name)
     with StudyStore(StudySessions(study_dir), with_shortest=False) as tables, tempfile.TemporaryDirectory() as folder:
         wanted = list_partitions(tables)
@@ -367,11 +370,18 @@ def fetch_tables(source: str, folder: Path) -> tuple[int, int]:
     study = Path(source).absolute()
     named = _open_tables(study)
     store, wanted = (_open_existing(source), "") if named is None else (named, study.name)
-    here, there = _list_partitions(FolderStore(folder), wanted), _list_partitions(store, wanted)
+    local = FolderStore(folder)
+    here, there = _list_partitions(local, wanted), _list_partitions(store, wanted)
+    if not there:  # a wrong address would empty the folder
+        raise RemoteStoreError(
+            f"{source} has no tables; give another address, run `minihuman gather` where the logs are, or, if all "
+            f"participants withdrew, delete the tables in {folder}"
+        )
     for one in there - here:
-        store.fetch(one.name, folder / one.name)
+        with _fetched(store, one.name) as path:
+            local.put(one.name, path)
     for one in here - there:
-        FolderStore(folder).remove(one.name)
+        local.remove(one.name)
     return len(there - here), len(here - there)
 
 
@@ -387,7 +397,7 @@ def delete_remote_tables(study_dir: Path, code: str) -> int | None:
     store = _open_tables(study_dir)
     if store is None:
         return None
-    theirs = [one for one in _list_partitions(store, study_dir.name) if one.participant == code]
+    theirs = [one for one in _list_partitions(store, study_dir.absolute().name) if one.participant == code]
     for one in theirs:
         store.remove(one.name)
     return len(theirs)
@@ -434,8 +444,8 @@ def _md5(path: Path) -> str:
         return ""
 
 
-def _copy_durably(path: Path, to: Path) -> None:
-    with path.open("rb") as source, replace_durably(to) as target:
+def _copy_durably(path: Path, to: Path, unfinished: Path | None = None) -> None:
+    with path.open("rb") as source, replace_durably(to, unfinished) as target:
         shutil.copyfileobj(source, target)
 
 
