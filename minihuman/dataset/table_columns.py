@@ -665,10 +665,7 @@ PRIMARY_KEYS: Mapping[
     "starts": _EPISODE,
     "teams": _EPISODE,
 }
-_PARTITION = re.compile(
-    r"(?P<table>\w+)/study=(?P<study>[^/]+)/participant=(?P<participant>[^/]+)/"
-    r"ses-(?P<session>\d+)-(?P<digest>[0-9a-f]{16})\.parquet"
-)
+_PARTITION = re.compile(r"(\w+)/study=([^/]+)/participant=([^/]+)/ses-(\d+)-([0-9a-f]{16})\.parquet")
 
 
 @dataclass(frozen=True, slots=True)
@@ -691,7 +688,7 @@ class TablePartition:
     def parse(cls, name: str) -> "TablePartition | None":
         """Read a file's name; None where it is no partition's."""
         found = _PARTITION.fullmatch(name)
-        return cls(**found.groupdict() | {"session": int(found["session"])}) if found else None
+        return cls(found[1], found[2], found[3], int(found[4]), found[5]) if found else None
 
     @property
     def of_session(self) -> tuple[str, str, int]:
