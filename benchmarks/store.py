@@ -93,10 +93,7 @@ def gather(folder: Path, study: Path, log: Path) -> None:
     tables.mkdir()
     (study.parent / "tables.url").write_text(f"{tables}\n", encoding="utf-8")
     forget(study)
-    for what in ("tables not made yet", "nothing stored yet", "nothing new", "one session more"):
-        if what == "nothing stored yet":
-            shutil.rmtree(tables)
-            tables.mkdir()
+    for what in ("all sessions", "nothing new", "one session more"):
         if what == "one session more":
             as_another(log, "sub-99999", study, with_end=True)
         before = len(list(tables.rglob("*.parquet")))

@@ -17,7 +17,7 @@ import abc
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 
@@ -161,16 +161,16 @@ class FolderStore(RemoteStore):
 
 def open_remote_store(data: Path) -> RemoteStore | None:
     """The remote store that a data folder names for logs; None where it names none."""
-    url = _read_url(data / STORE_URL_FILE_NAME)
-    return _open_url(url) if url else None
+    path = data / STORE_URL_FILE_NAME
+    return _open_url(path.read_text(encoding="utf-8").strip()) if path.is_file() else None
 
 
-def _read_url(path: Path) -> str:
-    return path.read_text(encoding="utf-8").strip() if path.is_file() else ""
-
-
-def _open_url(url: str) -> RemoteStore:
-    return S3Store(url.removeprefix(_S3)) if url.startswith(_S3) else FolderStore(Path(url))
+def _open_url(url: str, *, may_be_new: bool = True) -> RemoteStore:
+    if url.startswith(_S3):
+        return S3Store(url.removeprefix(_S3))
+    if not (may_be_new or (url and Path(url).is_dir())):
+        raise RemoteStoreError(f"{url!r} cannot be used as a store of tables: it is no folder; mount or create it")
+    return FolderStore(Path(url))
 
 
 def upload_log(log: Path) -> None:
@@ -315,11 +315,15 @@ def delete_remote_logs(data: Path, prefix: str) -> None:
             store.remove(name)
 
 
-def store_tables(study_dir: Path) -> tuple[int, int] | None:
+def store_tables(study_dir: Path, *, say: Callable[[str], None] = lambda line: None) -> tuple[int, int] | None:
     """Put the tables of a study's sessions into the store that ``tables.url`` names, and remove the rows they replace.
 
     What is stored already is neither written nor read. The rows of sessions that this machine does not have stay, but
     those of participants who withdrew go. Cut short and done again, it does the rest.
+
+    Args:
+        study_dir: the study's folder.
+        say: called with a line about each log that cannot be read: its tables stay as they are.
 
     Returns:
         How many files were stored and how many removed; None where there is no ``tables.url``.
@@ -337,8 +341,8 @@ def store_tables(study_dir: Path) -> tuple[int, int] | None:
     if store is None:
         return None
     study_dir = study_dir.absolute()
-    there = _list_partitions(store, study_dir.name)
-    with StudyStore(StudySessions(study_dir), with_shortest=False) as tables, tempfile.TemporaryDirectory() as folder:
+    there, sessions = _list_partitions(store, study_dir.name), StudySessions(study_dir, say=say)
+    with StudyStore(sessions, with_shortest=False) as tables, tempfile.TemporaryDirectory() as folder:
         wanted = list_partitions(tables)
         if others := {one.study for one in wanted} - {study_dir.name}:
             raise LogError(
@@ -367,10 +371,8 @@ def fetch_tables(source: str, folder: Path) -> tuple[int, int]:
     Raises:
         RemoteStoreError: if the store cannot be reached.
     """
-    study = Path(source).absolute()
-    named = _open_tables(study)
-    store, wanted = (_open_existing(source), "") if named is None else (named, study.name)
-    local = FolderStore(folder)
+    named, local = _open_tables(Path(source)), FolderStore(folder)
+    store, wanted = (named, Path(source).absolute().name) if named else (_open_url(source, may_be_new=False), "")
     here, there = _list_partitions(local, wanted), _list_partitions(store, wanted)
     if not there:  # a wrong address would empty the folder
         raise RemoteStoreError(
@@ -404,16 +406,10 @@ def delete_remote_tables(study_dir: Path, code: str) -> int | None:
 
 
 def _open_tables(study_dir: Path) -> RemoteStore | None:
-    url = _read_url(study_dir.absolute().parent / TABLES_URL_FILE_NAME)
-    return _open_existing(url) if url else None
-
-
-def _open_existing(url: str) -> RemoteStore:
-    if not url.startswith(_S3) and not Path(url).is_dir():  # a share that is not mounted looks like one without files
-        raise RemoteStoreError(
-            f"{url} cannot be used as a store of tables: there is no such folder; mount or create it"
-        )
-    return _open_url(url)
+    path = study_dir.absolute().parent / TABLES_URL_FILE_NAME
+    if not path.is_file():
+        return None
+    return _open_url(path.read_text(encoding="utf-8").strip(), may_be_new=False)  # a share may not be mounted
 
 
 def _list_partitions(store: RemoteStore, study: str) -> set[TablePartition]:

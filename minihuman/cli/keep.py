@@ -14,6 +14,7 @@ from minihuman.cli.options import (
     ReasonOption,
     StudyFolder,
     ask_reason,
+    print_account,
     print_json,
 )
 from minihuman.errors import escape_control_characters
@@ -222,5 +223,5 @@ def gather(
     folder = Path(study).absolute()
     came, went = sync_logs(folder.parent, f"{folder.name}/")
     print(f"{came} logs fetched, {went} stored")
-    if (counts := store_tables(folder)) is not None:
+    if (counts := store_tables(folder, say=lambda line: print_account([line]))) is not None:
         print(f"{counts[0]} files of tables stored, {counts[1]} removed")

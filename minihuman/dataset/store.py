@@ -201,7 +201,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         columns = [*map(as_int64, numbers), *arrow_columns(name, list(parts.values()))]
         # no view, which would keep them in memory until the transaction ends
         new = self.connection.from_arrow(pa.Table.from_arrays(columns, ["log", "row", *arrow_schema(name).names]))
-        for number, digest in self._digest_rows(name, new).items():
+        for number, digest in self.digest_rows(name, rows=new).items():
             digests[number][list(TABLES).index(name)] = digest
         new.insert_into(f"kept.{name}")
         parts.clear()
@@ -254,16 +254,15 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         for name in TABLES:
             self.connection.execute(f"DELETE FROM kept.{name} WHERE log IN (SELECT unnest(?))", (list(numbers),))
 
-    def digest_rows(self, name: str, *, without: frozenset[str] = frozenset()) -> dict[int, int]:
+    def digest_rows(
+        self, name: str, *, rows: duckdb.DuckDBPyRelation | None = None, without: frozenset[str] = frozenset()
+    ) -> dict[int, int]:
         """The digest of each session's rows in a table, of those that have any, some columns excluded.
 
-        Any edit changes it. Equal rows have equal digests, whatever the session's number.
+        Any edit changes it. Equal rows have equal digests, whatever the session's number. ``rows`` are those that are
+        not in the file yet.
         """
-        return self._digest_rows(name, self.connection.sql(f"FROM kept.{name}"), without=without)
-
-    def _digest_rows(
-        self, name: str, rows: duckdb.DuckDBPyRelation, *, without: frozenset[str] = frozenset()
-    ) -> dict[int, int]:
+        rows = self.connection.sql(f"FROM kept.{name}") if rows is None else rows
         columns = ", ".join(f'"{column}"' for column in arrow_schema(name, without=without).names)
         digest = f"(sum(hash(row::BIGINT, {columns})) % {_DIGEST_MODULUS})::UBIGINT"
         return dict(rows.aggregate(f"log, {digest}", "log").fetchall())

@@ -681,8 +681,10 @@ class TablePartition:
     @property
     def name(self) -> str:
         """The file's, in a folder or a remote store, as Hive lays out partitions."""
-        folder = f"{self.table}/study={self.study}/participant={self.participant}"
-        return f"{folder}/ses-{self.session:02d}-{self.digest}.parquet"
+        return (
+            f"{self.table}/study={self.study}/participant={self.participant}/"
+            f"ses-{self.session:02d}-{self.digest}.parquet"
+        )
 
     @classmethod
     def parse(cls, name: str) -> "TablePartition | None":

@@ -235,6 +235,10 @@ def test_an_annotation_replaces_the_tables_it_changes_and_reaches_the_other_mach
     told = typed("gather", other)
     assert told.stdout.splitlines() == ["0 logs fetched, 0 stored", "0 files of tables stored, 0 removed"]
     assert stored(url) == after
+    remote_logs = tmp_path / "logs" / STUDY
+    assert len(list((remote_logs / "sub-02").rglob("*.*"))) == 2
+    withdraw_participant(study, "sub-02", seal=None)
+    assert [path.name for path in remote_logs.iterdir()] == ["sub-01"]
 
 
 def test_annotations_made_on_two_machines_are_put_one_behind_the_other(study: Path, tmp_path: Path) -> None:
@@ -399,6 +403,17 @@ def test_a_study_without_a_session_has_no_files(tmp_path: Path, url: str) -> Non
         fetch_tables(str(study), tmp_path / "analyst")
 
 
+def test_a_log_that_cannot_be_read_is_named_and_its_tables_stay(study: Path, url: str) -> None:
+    store_tables(study)
+    before = stored(url)
+    log = next((study / "sub-02").rglob("*.mcap"))
+    log.write_bytes(b"not a log any more")
+    told = typed("gather", study)
+    assert told.stdout.splitlines()[-1] == "0 files of tables stored, 0 removed"
+    assert f"skipped sub-02/ses-01/{log.name}" in told.stderr
+    assert stored(url) == before
+
+
 def test_without_a_store_no_tables_are_stored(tmp_path: Path) -> None:
     assert store_tables(new_folder(tmp_path / STUDY)) is None
 
@@ -408,7 +423,7 @@ def test_a_folder_that_is_not_there_and_a_study_of_another_name_are_errors(study
     with pytest.raises(LogError, match="holds sessions of the study 'corridor'; name the folder like the study"):
         store_tables(renamed)
     (study.parent / TABLES_URL_FILE_NAME).write_text(str(tmp_path / "nowhere"))
-    with pytest.raises(RemoteStoreError, match="there is no such folder; mount or create it"):
+    with pytest.raises(RemoteStoreError, match="it is no folder; mount or create it"):
         store_tables(renamed)
     assert not (tmp_path / "nowhere").exists()
 
