@@ -221,12 +221,11 @@ def sync_logs(data: Path, prefix: str) -> tuple[int, int]:
         return 0, 0
     came = went = 0
     there = _without_withdrawn(data, store.versions(prefix))
-    for name in sorted(_without_withdrawn(data, {**there, **dict.fromkeys(_list_files(data, prefix), "")})):
+    names = _without_withdrawn(data, {**there, **dict.fromkeys(_list_files(data, prefix), "")})
+    for name in sorted(name for name in names if name.endswith((LOG_SUFFIX, ANNOTATIONS_SUFFIX))):
         log = data / name
         if name.endswith(ANNOTATIONS_SUFFIX):
             _sync_annotations(store, name, log, there.get(name, ""))
-        elif not name.endswith(LOG_SUFFIX):
-            continue
         elif not log.exists():
             store.fetch(name, log)
             came += 1

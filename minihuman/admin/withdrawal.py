@@ -40,8 +40,8 @@ class WithdrawalResult:
         """Say so, naming nobody."""
         what = f"{self.files} files, {self.bytes / 1e6:.1f} MB"
         what = f"{what} sealed in {self.sealed}, SHA-256 {self.sha256}" if self.sealed else f"{what} erased"
-        stored = "" if self.partitions is None else f"; {self.partitions} files of tables removed from the remote store"
-        return what + stored
+        stored = f"{self.partitions} files of tables removed from the remote store"
+        return what if self.partitions is None else f"{what}; {stored}"
 
 
 def withdraw_participant(

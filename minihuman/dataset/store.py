@@ -424,8 +424,7 @@ def _cast(batch: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
 
 def _split_sessions(batch: pa.RecordBatch) -> Iterator[pa.RecordBatch]:
     """The same rows, one session each; the first column is the session's number."""
-    numbers = batch.column(0).to_numpy()
-    edges = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(batch)]
+    edges = [0, *(np.flatnonzero(np.diff(batch.column(0))) + 1).tolist(), len(batch)]
     yield from (batch.slice(begin, end - begin) for begin, end in pairwise(edges) if begin < end)
 
 

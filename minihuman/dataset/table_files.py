@@ -109,8 +109,9 @@ def list_partitions(store: StudyStore) -> dict[TablePartition, int]:
     Equal rows have equal partitions on every machine with the same version of DuckDB.
     """
     found: dict[TablePartition, int] = {}
-    sessions = store.tables.connection.execute("SELECT log, study, participant, session FROM kept.participants")
-    of_session = {number: whose for number, *whose in sessions.fetchall()}
+    sql = "SELECT log, study, participant, session FROM kept.participants"
+    sessions = store.tables.connection.execute(sql).fetchall()
+    of_session = {log: (study, participant, session) for log, study, participant, session in sessions}
     for table, columns in TABLES.items():
         described = [column for column in columns if column.name not in COLUMNS_NEEDING_WORLD]
         for number, rows in sorted(store.tables.digest_rows(table, without=COLUMNS_NEEDING_WORLD).items()):
