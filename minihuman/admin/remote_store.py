@@ -169,7 +169,7 @@ def _open_url(url: str, *, may_be_new: bool = True) -> RemoteStore:
     if url.startswith(_S3):
         return S3Store(url.removeprefix(_S3))
     if not (may_be_new or (url and Path(url).is_dir())):
-        raise RemoteStoreError(f"{url!r} cannot be used as a store of tables: it is no folder; mount or create it")
+        raise RemoteStoreError(f"{url!r} cannot be used as a store of tables: it is not a folder; mount or create it")
     return FolderStore(Path(url))
 
 

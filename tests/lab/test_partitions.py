@@ -423,7 +423,7 @@ def test_a_folder_that_is_not_there_and_a_study_of_another_name_are_errors(study
     with pytest.raises(LogError, match="holds sessions of the study 'corridor'; name the folder like the study"):
         store_tables(renamed)
     (study.parent / TABLES_URL_FILE_NAME).write_text(str(tmp_path / "nowhere"))
-    with pytest.raises(RemoteStoreError, match="it is no folder; mount or create it"):
+    with pytest.raises(RemoteStoreError, match="it is not a folder; mount or create it"):
         store_tables(renamed)
     assert not (tmp_path / "nowhere").exists()
 
