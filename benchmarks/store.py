@@ -1,6 +1,7 @@
-"""What a study costs once it is large: status, tables, report and figures of many sessions, in processor-seconds.
+"""What a study costs once it is large: status, tables, report, figures and partitioned tables of many sessions, in
+processor-seconds.
 
-    python -m benchmarks.store [SESSIONS] [--against CHECKOUT]
+    python -m benchmarks.store [SESSIONS] [--against CHECKOUT] [--only-gather]
 
 Eight sessions of the shipped study are played by simulated people, by the other checkout's software if one is given,
 and each is written again as many other people's: the same messages in a log of its own. Every command then runs in a
@@ -86,11 +87,32 @@ def compare(folder: Path, studies: dict[int, Path], against: Path | None) -> Non
             print(f"{name:15} {sessions:6} sessions: {'; '.join([', again '.join(said[:2]), *said[2:]])}", flush=True)
 
 
+def gather(folder: Path, study: Path, log: Path) -> None:
+    """Store a study's partitioned tables: first all, then nothing new, then one session more."""
+    tables = folder / "tables"
+    tables.mkdir()
+    (study.parent / "tables.url").write_text(f"{tables}\n", encoding="utf-8")
+    forget(study)
+    for what in ("all sessions", "nothing new", "one session more"):
+        if what == "one session more":
+            as_another(log, "sub-99999", study, with_end=True)
+        before = len(list(tables.rglob("*.parquet")))
+        spent, mib = run(HERE, "gather", study)
+        files = list(tables.rglob("*.parquet"))
+        size = sum(file.stat().st_size for file in files) / 2**20
+        print(
+            f"gather, {what}: {spent:.1f} s {mib:.0f} MiB; {len(files) - before} files written, now {len(files)} of "
+            f"{size:.1f} MiB",
+            flush=True,
+        )
+
+
 def main() -> None:
     """Make the studies and time them."""
     parser = argparse.ArgumentParser()
     parser.add_argument("sessions", nargs="?", type=int, default=1_000)
     parser.add_argument("--against", type=Path, default=None)
+    parser.add_argument("--only-gather", action="store_true")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -100,7 +122,9 @@ def main() -> None:
         played = sorted((folder / "played").rglob("*.mcap"))
         sizes = sorted({FIGURES, asked.sessions // 10, asked.sessions} - {0})
         studies = {size: make(folder / str(size) / "fourrooms-transfer", played, size) for size in sizes}
-        compare(folder, studies, asked.against)
+        if not asked.only_gather:
+            compare(folder, studies, asked.against)
+        gather(folder, studies[asked.sessions], played[0])
 
 
 if __name__ == "__main__":

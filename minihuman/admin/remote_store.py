@@ -1,22 +1,29 @@
-"""Remote stores for finished logs, which every machine of a study reaches: the port, and stores in a folder and in S3.
+"""Remote stores for finished logs and for tables, which every machine of a study reaches: the port, and stores in a
+folder and in S3.
 
-The file ``logs.url`` of the data folder names the store: ``s3://bucket/prefix``, or a folder such as a network
-share.
-Without that file logs stay where they were recorded.
+The file ``logs.url`` of the data folder names the logs' store, ``tables.url`` that of the tables: ``s3://bucket/prefix``,
+or a folder such as a network share. Without the first, logs stay where they were recorded; without the second, no
+tables are stored.
 
 A log in the store is replaced only by one that continues it. A different log of the same session gets a name of its
-own beside it, here and there: nothing is overwritten, and ``status`` and ``verify`` name both.
+own beside it, here and there: nothing is overwritten, and ``status`` and ``verify`` name both. Annotations of a session
+made on several machines are put one behind the other.
+
+A table's rows of a session are a Parquet file with their digest in its name, so a list of names tells what is stored
+already, and machines that store tables at the same time need no lock.
 """
 
 import abc
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path, PurePosixPath
 
+from minihuman.dataset.annotations import ANNOTATIONS_SUFFIX, open_annotations, read_annotation_file
 from minihuman.dataset.log_files import read_withdrawn_codes
+from minihuman.dataset.table_columns import TablePartition
 from minihuman.errors import LogError
 from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import LOG_SUFFIX, study_folder
@@ -26,6 +33,7 @@ from minihuman.log.salvage.summary_section import read_summary
 from minihuman.operating_system import hash_file, open_file, replace_durably, replace_file
 
 STORE_URL_FILE_NAME = "logs.url"
+TABLES_URL_FILE_NAME = "tables.url"
 _S3 = "s3://"
 
 
@@ -70,6 +78,14 @@ class RemoteStore(abc.ABC):
             RemoteStoreError: if that cannot be.
         """
 
+    def names(self, prefix: str) -> list[str]:
+        """The names of the files that begin so.
+
+        Raises:
+            RemoteStoreError: if that cannot be.
+        """
+        return list(self.versions(prefix))
+
     @abc.abstractmethod
     def remove(self, name: str) -> None:
         """Take a file away, if it is there.
@@ -84,6 +100,7 @@ class FolderStore(RemoteStore):
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
+        self._unfinished = folder / ".unfinished"  # one for all, so that what a crash leaves does not stay
 
     def put(self, name: str, path: Path, *, over: str = "") -> None:
         """Copy it, durable before it has its name; a lock keeps the other machines out."""
@@ -93,7 +110,7 @@ class FolderStore(RemoteStore):
                     raise RemoteStoreConflictError(
                         f"another machine has just stored {name} in {self._folder}; run the command again"
                     )
-                _copy_durably(path, self._folder / name)
+                _copy_durably(path, self._folder / name, self._unfinished)
         except OSError as error:
             raise RemoteStoreError(
                 f"{path} cannot be stored in {self._folder}: {error.strerror}; make the folder writable"
@@ -109,13 +126,21 @@ class FolderStore(RemoteStore):
             ) from error
 
     def versions(self, prefix: str) -> dict[str, str]:
-        """The logs below."""
-        return {name: _md5(self._folder / name) for name in _list_logs(self._folder, prefix)}
+        """The files below, each read for its MD5."""
+        return {name: _md5(self._folder / name) for name in self.names(prefix)}
+
+    def names(self, prefix: str) -> list[str]:
+        """The files below, unread."""
+        return _list_files(self._folder, prefix)
 
     def remove(self, name: str) -> None:
-        """Delete it."""
+        """Delete it, and the folders that are empty then: some are named after a participant."""
         try:
-            (self._folder / name).unlink(missing_ok=True)
+            with self._locked():
+                (self._folder / name).unlink(missing_ok=True)
+                with suppress(OSError):  # not empty
+                    for folder in PurePosixPath(name).parents[:-1]:
+                        (self._folder / folder).rmdir()
         except OSError as error:
             raise RemoteStoreError(
                 f"{name} cannot be removed from {self._folder}: {error.strerror}; make the folder writable"
@@ -128,19 +153,23 @@ class FolderStore(RemoteStore):
         fd = open_file(path, os.O_CREAT | os.O_RDWR, 0o666)
         try:
             lock_file(fd, path)
+            self._unfinished.unlink(missing_ok=True)
             yield
         finally:
             os.close(fd)
 
 
 def open_remote_store(data: Path) -> RemoteStore | None:
-    """The remote store that a data folder names; None where it names none."""
+    """The remote store that a data folder names for logs; None where it names none."""
     path = data / STORE_URL_FILE_NAME
-    if not path.is_file():
-        return None
-    url = path.read_text(encoding="utf-8").strip()
+    return _open_url(path.read_text(encoding="utf-8").strip()) if path.is_file() else None
+
+
+def _open_url(url: str, *, may_be_new: bool = True) -> RemoteStore:
     if url.startswith(_S3):
         return S3Store(url.removeprefix(_S3))
+    if not (may_be_new or (url and Path(url).is_dir())):
+        raise RemoteStoreError(f"{url!r} cannot be used as a store of tables: it is not a folder; mount or create it")
     return FolderStore(Path(url))
 
 
@@ -175,8 +204,9 @@ def sync_logs(data: Path, prefix: str) -> tuple[int, int]:
     """Bring here what the remote store has, and put there what it has not; how many logs came and went.
 
     A log grows with each of its segments: where both have one, the one that continues the other is the newer. Where
-    neither does, the store's has the session's name, and this machine's gets another, here and there. Logs of
-    participants who withdrew, by the enrolment log that this machine has, are left where they are.
+    neither does, the store's has the session's name, and this machine's gets another, here and there. Annotations of a
+    session come and go with its log. Logs of participants who withdrew, by the enrolment log that this machine has,
+    are left where they are.
 
     Args:
         data: the data folder.
@@ -191,9 +221,12 @@ def sync_logs(data: Path, prefix: str) -> tuple[int, int]:
         return 0, 0
     came = went = 0
     there = _without_withdrawn(data, store.versions(prefix))
-    for name in sorted(_without_withdrawn(data, {**there, **dict.fromkeys(_list_logs(data, prefix), "")})):
+    names = _without_withdrawn(data, {**there, **dict.fromkeys(_list_files(data, prefix), "")})
+    for name in sorted(name for name in names if name.endswith((LOG_SUFFIX, ANNOTATIONS_SUFFIX))):
         log = data / name
-        if not log.exists():
+        if name.endswith(ANNOTATIONS_SUFFIX):
+            _sync_annotations(store, name, log, there.get(name, ""))
+        elif not log.exists():
             store.fetch(name, log)
             came += 1
         elif name not in there:
@@ -217,6 +250,25 @@ def sync_logs(data: Path, prefix: str) -> tuple[int, int]:
                 _copy_durably(other, log)
                 came += 1
     return came, went
+
+
+def _sync_annotations(store: RemoteStore, name: str, path: Path, version: str) -> None:
+    """Have the same annotations of a session here and in the store: the store's first, then those that it lacks."""
+    if not version:
+        store.put(name, path)
+    elif not path.exists():
+        store.fetch(name, path)
+    elif version != _md5(path):
+        with _fetched(store, name) as other, open_annotations(path).hold() as here:
+            theirs = read_annotation_file(other)
+            if added := [mark for mark in here.lines if mark not in theirs]:
+                if tuple(here.lines[: len(theirs)]) != theirs:
+                    with open_annotations(other).hold() as merged:
+                        merged.append(*added)
+                    _copy_durably(other, path)
+                store.put(name, path, over=version)
+            else:
+                _copy_durably(other, path)
 
 
 def _continues(log: Path, other: Path) -> bool:
@@ -245,7 +297,7 @@ def _other_name(log: Path) -> str:
 @contextmanager
 def _fetched(store: RemoteStore, name: str) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="minihuman-") as folder:
-        path = Path(folder, "log")
+        path = Path(folder, PurePosixPath(name).name)
         store.fetch(name, path)
         yield path
 
@@ -258,14 +310,117 @@ def delete_remote_logs(data: Path, prefix: str) -> None:
     """
     store = open_remote_store(data)
     if store is not None:
-        for name in store.versions(prefix):
+        for name in store.names(prefix):
             store.remove(name)
 
 
-def _list_logs(folder: Path, prefix: str) -> list[str]:
-    """The finished logs in a folder whose paths from there begin so."""
+def store_tables(study_dir: Path, *, say: Callable[[str], None] = lambda line: None) -> tuple[int, int] | None:
+    """Put the tables of a study's sessions into the store that ``tables.url`` names, and remove the rows they replace.
+
+    What is stored already is neither written nor read. The rows of sessions that this machine does not have stay, but
+    those of participants who withdrew go. Cut short and done again, it does the rest.
+
+    Args:
+        study_dir: the study's folder.
+        say: called with a line about each log that cannot be read: its tables stay as they are.
+
+    Returns:
+        How many files were stored and how many removed; None where there is no ``tables.url``.
+
+    Raises:
+        OSError: if the enrolment log cannot be read.
+        LogError: if there is no such folder, or it holds sessions of another study.
+        RemoteStoreError: if the store cannot be reached.
+    """
+    from minihuman.dataset.sessions import StudySessions  # a station does without tables
+    from minihuman.dataset.store import StudyStore
+    from minihuman.dataset.table_files import list_partitions, write_partitions
+
+    store = _open_tables(study_dir)
+    if store is None:
+        return None
+    study_dir = study_dir.absolute()
+    there, sessions = _list_partitions(store, study_dir.name), StudySessions(study_dir, say=say)
+    with StudyStore(sessions, with_shortest=False) as tables, tempfile.TemporaryDirectory() as folder:
+        wanted = list_partitions(tables)
+        if others := {one.study for one in wanted} - {study_dir.name}:
+            raise LogError(
+                f"{study_dir} holds sessions of the study {min(others)!r}; name the folder like the study, so that "
+                "`minihuman withdraw` finds a participant's tables"
+            )
+        new = {one: number for one, number in wanted.items() if one not in there}
+        for partition, path in write_partitions(tables, new, Path(folder)):
+            with suppress(RemoteStoreConflictError):  # another machine has just stored the same rows
+                store.put(partition.name, path)
+            path.unlink()
+    gone, here = read_withdrawn_codes(study_dir), {one.of_session for one in wanted}
+    stale = [one for one in (*there, *new) if one.participant in gone or (one.of_session in here and one not in wanted)]
+    for one in stale:
+        store.remove(one.name)
+    return len(new), len(stale)
+
+
+def fetch_tables(source: str, folder: Path) -> tuple[int, int]:
+    """Have the same tables in a folder as in the store; how many files came and how many were removed.
+
+    Args:
+        source: a study's folder, which need not exist, beside ``tables.url``; or a store, whose studies all come.
+        folder: the folder. Other files in it stay.
+
+    Raises:
+        RemoteStoreError: if the store cannot be reached.
+    """
+    named, local = _open_tables(Path(source)), FolderStore(folder)
+    store, wanted = (named, Path(source).absolute().name) if named else (_open_url(source, may_be_new=False), "")
+    here, there = _list_partitions(local, wanted), _list_partitions(store, wanted)
+    if not there:  # a wrong address would empty the folder
+        raise RemoteStoreError(
+            f"{source} has no tables; give another address, run `minihuman gather` where the logs are, or, if all "
+            f"participants withdrew, delete the tables in {folder}"
+        )
+    for one in there - here:
+        with _fetched(store, one.name) as path:
+            local.put(one.name, path)
+    for one in here - there:
+        local.remove(one.name)
+    return len(there - here), len(here - there)
+
+
+def delete_remote_tables(study_dir: Path, code: str) -> int | None:
+    """Delete a participant's tables from the store that ``tables.url`` names.
+
+    Returns:
+        How many files; None where there is no ``tables.url``.
+
+    Raises:
+        RemoteStoreError: if that cannot be.
+    """
+    store = _open_tables(study_dir)
+    if store is None:
+        return None
+    theirs = [one for one in _list_partitions(store, study_dir.absolute().name) if one.participant == code]
+    for one in theirs:
+        store.remove(one.name)
+    return len(theirs)
+
+
+def _open_tables(study_dir: Path) -> RemoteStore | None:
+    path = study_dir.absolute().parent / TABLES_URL_FILE_NAME
+    if not path.is_file():
+        return None
+    return _open_url(path.read_text(encoding="utf-8").strip(), may_be_new=False)  # a share may not be mounted
+
+
+def _list_partitions(store: RemoteStore, study: str) -> set[TablePartition]:
+    """The partitions in a store, of one study or, for "", of all; whatever version of minihuman made them."""
+    found = map(TablePartition.parse, store.names(""))
+    return {one for one in found if one is not None and study in ("", one.study)}
+
+
+def _list_files(folder: Path, prefix: str) -> list[str]:
+    """The files in a folder whose paths from there begin so, but for hidden ones."""
     below = folder / prefix.rpartition("/")[0]
-    files = (path for path in below.rglob(f"*{LOG_SUFFIX}") if path.is_file())
+    files = (path for path in below.rglob("*") if path.is_file() and not path.name.startswith("."))
     return [name for path in sorted(files) if (name := path.relative_to(folder).as_posix()).startswith(prefix)]
 
 
@@ -284,8 +439,8 @@ def _md5(path: Path) -> str:
         return ""
 
 
-def _copy_durably(path: Path, to: Path) -> None:
-    with path.open("rb") as source, replace_durably(to) as target:
+def _copy_durably(path: Path, to: Path, unfinished: Path | None = None) -> None:
+    with path.open("rb") as source, replace_durably(to, unfinished) as target:
         shutil.copyfileobj(source, target)
 
 

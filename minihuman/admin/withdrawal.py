@@ -16,7 +16,7 @@ from minihuman.admin.enrolment_entries import NO_NOTE, AuditNote, ParticipantRep
 from minihuman.admin.enrolment_log import now_text, record_departure
 from minihuman.admin.lease import open_lease_table
 from minihuman.admin.recruitment import Recruitment
-from minihuman.admin.remote_store import delete_remote_logs
+from minihuman.admin.remote_store import RemoteStoreError, delete_remote_logs, delete_remote_tables
 from minihuman.dataset.caches import list_caches
 from minihuman.dataset.log_files import read_withdrawn_codes
 from minihuman.errors import AllocationError, name_output_when_full
@@ -34,11 +34,14 @@ class WithdrawalResult:
     bytes: int
     sealed: Path | None  # the archive that holds them now
     sha256: str  # the archive's, hexadecimal; "" without one
+    partitions: int | None = None  # of tables, removed from their remote store; None: there is none
 
     def line(self) -> str:
         """Say so, naming nobody."""
         what = f"{self.files} files, {self.bytes / 1e6:.1f} MB"
-        return f"{what} sealed in {self.sealed}, SHA-256 {self.sha256}" if self.sealed else f"{what} erased"
+        what = f"{what} sealed in {self.sealed}, SHA-256 {self.sha256}" if self.sealed else f"{what} erased"
+        stored = f"{self.partitions} files of tables removed from the remote store"
+        return what if self.partitions is None else f"{what}; {stored}"
 
 
 def withdraw_participant(
@@ -57,6 +60,7 @@ def withdraw_participant(
 
     Raises:
         AllocationError: if that is no code or nobody's, a session of theirs is running, or the archive cannot be made.
+        RemoteStoreError: if logs or tables cannot be removed from a remote store; all else is done.
     """
     parse_participant_code(code)  # nothing but a participant's folder is ever taken out
     folder = study_dir / code
@@ -68,7 +72,7 @@ def withdraw_participant(
     size_bytes = sum(path.stat().st_size for path in files)
     with _archive_files(files, seal, study_dir) as sha256:
         kept: Literal["erased", "sealed"] = "erased" if seal is None else "sealed"
-        if not (folder.is_dir() and code in read_withdrawn_codes(study_dir)):  # else the rest of an earlier withdrawal
+        if code not in read_withdrawn_codes(study_dir):  # else the rest of an earlier withdrawal
             record_departure(study_dir, ParticipantWithdrawn(code, now_text(), kept, note.reason, note.experimenter))
     if folder.is_dir():
         shutil.rmtree(folder)
@@ -78,9 +82,16 @@ def withdraw_participant(
     leases = open_lease_table(study_dir)
     if leases is not None:
         leases.forget(f"{study_dir.name}/{code}/")
-    delete_remote_logs(study_dir.absolute().parent, f"{study_dir.name}/{code}/")
     sync_folder(study_dir)
-    return WithdrawalResult(len(files), size_bytes, seal, sha256)
+    try:
+        delete_remote_logs(study_dir.absolute().parent, f"{study_dir.name}/{code}/")
+        partitions = delete_remote_tables(study_dir, code)
+    except RemoteStoreError as error:
+        raise RemoteStoreError(
+            f"{code} has withdrawn, and their data are gone from {study_dir}, but {error}; run the command again once "
+            "the remote store can be reached, which removes the rest"
+        ) from error
+    return WithdrawalResult(len(files), size_bytes, seal, sha256, partitions)
 
 
 def replace_participant(study_dir: Path, code: str, note: AuditNote = NO_NOTE) -> None:

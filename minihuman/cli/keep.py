@@ -14,6 +14,7 @@ from minihuman.cli.options import (
     ReasonOption,
     StudyFolder,
     ask_reason,
+    print_account,
     print_json,
 )
 from minihuman.errors import escape_control_characters
@@ -184,6 +185,7 @@ def withdraw(
         )
     print(take_out(study, code, seal=archive, note=AuditNote(ask_reason(reason), experimenter)).line())
     print("The next participant gets their slot. Make reports, figures and exports again: they hold their data.")
+    print("Folders that `minihuman gather --tables` filled hold it, too, until it is run again.")
 
 
 def replace(code: Code, study: StudyOption, reason: ReasonOption = "", experimenter: ExperimenterOption = "") -> None:
@@ -198,12 +200,28 @@ def replace(code: Code, study: StudyOption, reason: ReasonOption = "", experimen
     print(f"the next `minihuman run` offers {code}'s slot")
 
 
-def gather(study: StudyFolder) -> None:
-    """Synchronize a study's logs with the remote store.
+def gather(
+    study: Annotated[
+        str, Argument("A study's folder or, with --tables, a store of tables such as s3://bucket/prefix.", "STUDY")
+    ],
+    tables: Annotated[
+        Path | None, Option("--tables", help="Only bring the tables from their store to this folder, without logs.")
+    ] = None,
+) -> None:
+    """Synchronize a study's logs and tables with the remote stores.
+
+    Logs and annotations come and go; tables of new and changed sessions are stored.
 
     Example: minihuman gather sessions/fourrooms-transfer
     """
-    from minihuman.admin.remote_store import sync_logs
+    from minihuman.admin.remote_store import fetch_tables, store_tables, sync_logs
 
-    came, went = sync_logs(study.absolute().parent, f"{study.absolute().name}/")
+    if tables is not None:
+        came, removed = fetch_tables(study, tables)
+        print(f"{came} files of tables fetched, {removed} removed in {tables}")
+        return
+    folder = Path(study).absolute()
+    came, went = sync_logs(folder.parent, f"{folder.name}/")
     print(f"{came} logs fetched, {went} stored")
+    if (counts := store_tables(folder, say=lambda line: print_account([line]))) is not None:
+        print(f"{counts[0]} files of tables stored, {counts[1]} removed")

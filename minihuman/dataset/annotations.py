@@ -60,10 +60,11 @@ def read_annotation_file(path: Path) -> tuple[Annotation, ...]:
     Raises:
         LogError: if a line is damaged.
     """
-    return tuple(_open(path).read())
+    return tuple(open_annotations(path).read())
 
 
-def _open(path: Path) -> FileJournal[Annotation]:
+def open_annotations(path: Path) -> FileJournal[Annotation]:
+    """The journal of annotations in a file."""
     return FileJournal(path, partial(_decode, path), chained=True)
 
 
@@ -98,7 +99,7 @@ def add_annotation(log: SessionLog, mark: Annotation) -> Path:
     if mark.episode is not None and mark.episode not in numbers:
         raise LogError(f"{log.path} has no episode {mark.episode}; its episodes are {min(numbers)} to {max(numbers)}")
     path = annotations_path(log.path)
-    with _open(path).hold() as held:
+    with open_annotations(path).hold() as held:
         held.append(mark)
     return path
 

@@ -20,7 +20,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from functools import partial
 from hashlib import blake2b
-from itertools import islice
+from itertools import groupby, islice, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -259,9 +259,13 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         for name in TABLES:
             self.connection.execute(f"DELETE FROM kept.{name} WHERE log IN (SELECT unnest(?))", (list(numbers),))
 
-    def digest_rows(self, name: str) -> dict[int, int]:
-        """The digest of each session's rows in a table, of those that have any: any edit changes it."""
-        return dict(self.connection.sql(f"FROM kept.{name}").aggregate(_row_digest(name), "log").fetchall())
+    def digest_rows(self, name: str, *, without: frozenset[str] = frozenset()) -> dict[int, int]:
+        """The digest of each session's rows in a table, of those that have any, some columns excluded.
+
+        Any edit changes it. Equal rows have equal digests, whatever the session's number.
+        """
+        digests = _row_digest(name, without=without)
+        return dict(self.connection.sql(f"FROM kept.{name}").aggregate(digests, "log").fetchall())
 
     def find_changed(self, name: str) -> set[int]:
         """The sessions whose rows in a table are not those that were put in; those of no session among them."""
@@ -323,9 +327,23 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             order, place = ("JOIN placed USING (log)", "place") if self.order is not None else ("", "log")
             found += f" {order} ORDER BY {place}, row"
         for batch in _even(self.connection.sql(f"SELECT {columns} {found}").to_arrow_reader(_ROWS)):
-            yield pa.RecordBatch.from_arrays(
-                [array.cast(field.type) for array, field in zip(batch.columns, wanted, strict=True)], schema=wanted
-            )
+            yield _cast(batch, wanted)
+
+    def session_batches(
+        self, name: str, numbers: Sequence[int], *, without: frozenset[str] = frozenset()
+    ) -> Iterator[tuple[int, Iterator[pa.RecordBatch]]]:
+        """One table's rows of some sessions, session by session, some columns excluded; others are not read.
+
+        Use up a session's batches before the next session's. As in ``batches``, equal rows make equal batches.
+        """
+        self._require_checked({name})
+        wanted = arrow_schema(name, without=without)
+        columns = ", ".join(f'"{column}"' for column in wanted.names)
+        logs = ", ".join(map(str, numbers))
+        found = self.connection.sql(f"SELECT log, {columns} FROM kept.{name} WHERE log IN ({logs}) ORDER BY log, row")
+        parts = (part for batch in found.to_arrow_reader(_ROWS) for part in _split_sessions(batch))
+        for number, theirs in groupby(parts, key=lambda part: int(part.column(0)[0].as_py())):
+            yield number, (_cast(batch, wanted) for batch in _even(part.select(wanted.names) for part in theirs))
 
     def table(self, name: str, columns: Sequence[str] | None = None, *, counting: bool = False) -> pa.Table:
         """A table, or some columns of it; ``counting`` as in ``batches``."""
@@ -396,10 +414,10 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             self.connection.execute("INSERT INTO kept.made_by VALUES (?, ?)", made_by)
 
 
-def _row_digest(name: str) -> str:
+def _row_digest(name: str, *, without: frozenset[str] = frozenset()) -> str:
     """The columns of a query that digests a table's rows by session."""
-    columns = ", ".join(f'"{column}"' for column in arrow_schema(name).names)
-    return f"log, (sum(hash(log::BIGINT, row::BIGINT, {columns})) % {_DIGEST_MODULUS})::UBIGINT AS digest"
+    columns = ", ".join(f'"{column}"' for column in arrow_schema(name, without=without).names)
+    return f"log, (sum(hash(row::BIGINT, {columns})) % {_DIGEST_MODULUS})::UBIGINT AS digest"
 
 
 def _even(found: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
@@ -413,6 +431,17 @@ def _even(found: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
             waiting = [whole.slice(_ROWS)]
     if any(map(len, waiting)):
         yield _one(waiting)
+
+
+def _cast(batch: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
+    arrays = [array.cast(field.type) for array, field in zip(batch.columns, schema, strict=True)]
+    return pa.RecordBatch.from_arrays(arrays, schema=schema)
+
+
+def _split_sessions(batch: pa.RecordBatch) -> Iterator[pa.RecordBatch]:
+    """The same rows, one session each; the first column is the session's number."""
+    edges = [0, *(np.flatnonzero(np.diff(batch.column(0))) + 1).tolist(), len(batch)]
+    yield from (batch.slice(begin, end - begin) for begin, end in pairwise(edges) if begin < end)
 
 
 def _one(batches: list[pa.RecordBatch]) -> pa.RecordBatch:
@@ -486,6 +515,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         self._with_shortest = with_shortest
         self._sessions = sessions
         self._read_tables = frozenset(tables).union(_COUNTED_BY)
+        self.selection = sessions.selection
         self._temporary: tempfile.TemporaryDirectory[str] | None = None
         self._described = ""  # the file, when its rows were compared with their digests
         self._compared = frozenset[str]()  # the tables of which they were; of no log's own, where it is empty

@@ -1,8 +1,9 @@
 """Columns of every table: name, type, unit and meaning. The data dictionary is generated from this list.
 
-Also the tables' primary keys, and their description as a Frictionless data package, so that no reader has to guess a
-type (R, pandas, polars and DuckDB read the files without it, too). Sources: Data Package and Table Schema,
-https://specs.frictionlessdata.io. No Arrow here: importing it takes longer than many a command.
+Also the tables' primary keys, the names of partitions' files, and the tables' description as a Frictionless data
+package, so that no reader has to guess a type (R, pandas, polars and DuckDB read the files without it, too). Sources:
+Data Package and Table Schema, https://specs.frictionlessdata.io. No Arrow here: importing it takes longer than
+many a command.
 """
 
 import re
@@ -664,6 +665,39 @@ PRIMARY_KEYS: Mapping[
     "starts": _EPISODE,
     "teams": _EPISODE,
 }
+_PARTITION = re.compile(r"(\w+)/study=([^/]+)/participant=([^/]+)/ses-(\d+)-([0-9a-f]{16})\.parquet")
+
+
+@dataclass(frozen=True, slots=True)
+class TablePartition:
+    """One session's rows of one table, in a Parquet file whose name tells them from other rows of that session."""
+
+    table: str
+    study: str
+    participant: str
+    session: int
+    digest: str  # of the rows, the table's columns and the selection; 16 hexadecimal digits
+
+    @property
+    def name(self) -> str:
+        """The file's, in a folder or a remote store, as Hive lays out partitions."""
+        return (
+            f"{self.table}/study={self.study}/participant={self.participant}/"
+            f"ses-{self.session:02d}-{self.digest}.parquet"
+        )
+
+    @classmethod
+    def parse(cls, name: str) -> "TablePartition | None":
+        """Read a file's name; None where it is no partition's."""
+        found = _PARTITION.fullmatch(name)
+        return cls(found[1], found[2], found[3], int(found[4]), found[5]) if found else None
+
+    @property
+    def of_session(self) -> tuple[str, str, int]:
+        """Study, participant and session: partitions that have these in common replace each other."""
+        return self.study, self.participant, self.session
+
+
 EPISODE_TABLES = frozenset(
     {"steps", "presses", "starts", "frames", "teams"}
 )  # whose rows belong to a row of ``episodes``

@@ -1,5 +1,5 @@
-"""Table files: write tables to CSV and Parquet with their data dictionary, and compare them and the study's table cache
-with tables recomputed from the logs, cell by cell.
+"""Table files: write tables to CSV and Parquet with their data dictionary, or to Parquet partitioned by study and
+participant; and compare them and the study's table cache with tables recomputed from the logs, cell by cell.
 
 Some rows at a time: 10,000 sessions need no more memory than ten.
 """
@@ -7,8 +7,10 @@ Some rows at a time: 10,000 sessions need no more memory than ten.
 import csv
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import islice, zip_longest
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from hashlib import blake2b
+from itertools import groupby, islice, zip_longest
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,10 +20,17 @@ import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet
 
+import minihuman
 from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.rows import arrow_schema
 from minihuman.dataset.store import StoreVersionError, StudyStore, TableDatabase
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, TABLES, build_data_dictionary, build_data_package
+from minihuman.dataset.table_columns import (
+    COLUMNS_NEEDING_WORLD,
+    TABLES,
+    TablePartition,
+    build_data_dictionary,
+    build_data_package,
+)
 
 TableFormat = Literal["parquet", "csv"]
 
@@ -92,6 +101,50 @@ def write_tables(
         for writer in writers:
             writer.close()
     return (*(folder / f"{name}.{kind}" for name in names for kind in kinds), *described)
+
+
+def list_partitions(store: StudyStore) -> dict[TablePartition, int]:
+    """The partitions that hold a store's tables, without columns that take the worlds, each with its session's number.
+
+    Equal rows have equal partitions on every machine with the same version of DuckDB.
+    """
+    found: dict[TablePartition, int] = {}
+    sql = "SELECT log, study, participant, session FROM kept.participants"
+    sessions = store.tables.connection.execute(sql).fetchall()
+    of_session = {log: (study, participant, session) for log, study, participant, session in sessions}
+    for table, columns in TABLES.items():
+        described = [column for column in columns if column.name not in COLUMNS_NEEDING_WORLD]
+        for number, rows in sorted(store.tables.digest_rows(table, without=COLUMNS_NEEDING_WORLD).items()):
+            digest = blake2b(repr((str(store.selection), described, rows)).encode(), digest_size=8).hexdigest()
+            found[TablePartition(table, *of_session[number], digest)] = number
+    return found
+
+
+def write_partitions(
+    store: StudyStore, partitions: Mapping[TablePartition, int], folder: Path
+) -> Iterator[tuple[TablePartition, Path]]:
+    """Write partitions from ``list_partitions`` below a folder; yield each with its file once that is whole.
+
+    Each file's key-value metadata state the digest, the selection, its digest and the version of minihuman.
+    """
+    selection = str(store.selection)
+    made_by = {
+        "minihuman_version": minihuman.__version__,
+        "selection": selection,
+        "selection_digest": blake2b(selection.encode(), digest_size=8).hexdigest(),
+    }
+    for table, its in groupby(partitions, key=attrgetter("table")):
+        by_number = {partitions[one]: one for one in its}
+        for number, batches in store.tables.session_batches(table, list(by_number), without=COLUMNS_NEEDING_WORLD):
+            partition = by_number[number]
+            path = folder / partition.name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            facts = made_by | {"partition_digest": partition.digest}
+            schema = arrow_schema(table, without=COLUMNS_NEEDING_WORLD).with_metadata(facts)
+            with _parquet(path, schema) as writer:
+                for batch in batches:
+                    writer.write_batch(batch)
+            yield partition, path
 
 
 MAX_NAMED = 5  # differences of a table; one edit may change every row

@@ -3,20 +3,16 @@ Hugging Face data set.
 """
 
 import json
-from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 from textwrap import shorten
 from typing import Any, Literal
 
-import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet
 
 from minihuman.dataset.sessions import IncludedEpisodes
-from minihuman.dataset.store import StudyStore, TableDatabase
+from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EVERY_MOMENT, TABLES, build_data_dictionary
-from minihuman.dataset.table_files import TableFormat, write_tables
+from minihuman.dataset.table_files import TableFormat, list_partitions, write_partitions, write_tables
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.study_metadata import get_plan_study_facts
@@ -114,13 +110,7 @@ def export_hugging_face(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     from minihuman.log.read.session_reader import read_log
 
     with chosen.store() as store:
-        names = [name for name in TABLES if store.tables.count(name)]
-        for name in names:
-            for number, part in enumerate(_split_by_participant(store.tables, name)):
-                study, participant = (part.column(column)[0].as_py() for column in ("study", "participant"))
-                path = out / name / f"study={study}" / f"participant={participant}" / f"rows-{number}.parquet"
-                path.parent.mkdir(parents=True, exist_ok=True)
-                pa.parquet.write_table(pa.Table.from_batches([part]), path, compression="zstd")
+        names = list(dict.fromkeys(one.table for one, _ in write_partitions(store, list_partitions(store), out)))
         result, first = count_included(store), find_first_log(store)
     meanings = build_data_dictionary(without=COLUMNS_NEEDING_WORLD)
     described = out / "dictionary.json"
@@ -136,12 +126,3 @@ def export_hugging_face(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     }
     card = "".join(f"{name}: {json.dumps(value)}\n" for name, value in front.items() if value)  # JSON is YAML
     return result.with_files((*(out / name for name in names), described), front_matter=f"---\n{card}---\n\n")
-
-
-def _split_by_participant(tables: TableDatabase, name: str) -> Iterator[pa.RecordBatch]:
-    """A table's rows in pieces of one participant each, in order."""
-    for batch in tables.batches(name, without=COLUMNS_NEEDING_WORLD):
-        codes = [batch.column(column).dictionary_encode().indices for column in ("study", "participant")]
-        changes = pc.or_(*(pc.not_equal(each.slice(1), each.slice(0, len(each) - 1)) for each in codes))
-        edges = [0, *(place + 1 for place, changed in enumerate(changes.to_pylist()) if changed), len(batch)]
-        yield from (batch.slice(begin, end - begin) for begin, end in pairwise(edges))
