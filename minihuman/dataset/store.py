@@ -534,6 +534,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
                 self.tables, self._known, self._compared = self._open_temporary(), {}, frozenset()
                 self._refresh(now, prints, metadata)
             self._account(now, whole=with_account)
+            self._known = {}
         except duckdb.Error as error:
             self.close()
             raise _no_room(sessions.source, error) from error
