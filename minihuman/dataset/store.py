@@ -36,13 +36,13 @@ from minihuman.dataset.caches import (
     CACHE_SETTINGS,
     IN_USE_ERRORS,
     INDEX_SCHEMA,
+    TABLE_CACHE as FILE_NAME,
     connect_cache,
     describe_file,
     digest_sources,
     remove_cache,
     transaction,
 )
-from minihuman.dataset.caches import TABLE_CACHE as FILE_NAME
 from minihuman.dataset.log_files import (
     SkippedLog,
     infrequent_collection,

@@ -8,9 +8,14 @@ import msgspec
 
 from minihuman.errors import ProtocolError
 from minihuman.experiment.activities.activity import find_kind
-from minihuman.experiment.activities.block_plans import AgentPlan, AgentPlayPlan, PlayPlan, TeamPlayPlan
-from minihuman.experiment.activities.block_plans import check_agent as agent_complaints
-from minihuman.experiment.activities.block_plans import check_team as team_complaints
+from minihuman.experiment.activities.block_plans import (
+    AgentPlan,
+    AgentPlayPlan,
+    PlayPlan,
+    TeamPlayPlan,
+    check_agent as agent_complaints,
+    check_team as team_complaints,
+)
 from minihuman.experiment.activities.questions.question import check_item, find_question_kind
 from minihuman.experiment.plan.designs import make_design
 from minihuman.experiment.protocol.specs import (
