@@ -29,7 +29,7 @@ from minihuman.experiment.machine.events import (
     Stepped,
 )
 from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, ScreenShown
-from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, RunningEpisode
+from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, NS_PER_MS, RunningEpisode
 from minihuman.experiment.machine.screens import BlankScreen, Motion, PlayScreen, Screen, TextScreen
 from minihuman.experiment.machine.transitions import Phase, PhaseTransition, TransitionCause, TransitionTable
 from minihuman.experiment.plan.designs import DesignSpec, PlayedEpisode, make_design
@@ -127,7 +127,6 @@ class BlockTimeLimits:
         return (self._episode_ns, self._played_ns), (self._block_ns, self._block_played_ns)
 
 
-NS_PER_MS = 1_000_000
 _TIMED = (Phase.INTERVAL, Phase.FIXATION, Phase.HOLD, Phase.LEARNING)  # time ends them, no key
 
 
