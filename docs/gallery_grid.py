@@ -9,8 +9,7 @@ import gymnasium
 from PIL import Image
 
 import minihuman  # noqa: F401  # registers the worlds
-from minihuman.worlds import catalogue
-from minihuman.worlds import catalogue as levels
+from minihuman.worlds import catalogue, catalogue as levels
 from minihuman.worlds.catalogue import CatalogueEntry
 
 SEED = 3

@@ -22,23 +22,27 @@ from typing import TYPE_CHECKING, Any
 from minihuman.worlds.registration import register_with_gymnasium as _register
 
 if TYPE_CHECKING:
-    from minihuman.api import Episode as Episode
-    from minihuman.api import ReplayedStep as ReplayedStep
-    from minihuman.api import Session as Session
-    from minihuman.api import Study as Study
-    from minihuman.api import open_session as open_session
-    from minihuman.api import open_study as open_study
+    from minihuman.api import (
+        Episode as Episode,
+        ReplayedStep as ReplayedStep,
+        Session as Session,
+        Study as Study,
+        open_session as open_session,
+        open_study as open_study,
+    )
     from minihuman.dataset.selection import Selection as Selection
     from minihuman.errors import MinihumanError as MinihumanError
     from minihuman.log.model.session_log import Segment as Segment
-    from minihuman.workflow import ExportSummary as ExportSummary
-    from minihuman.workflow import ReportSummary as ReportSummary
-    from minihuman.workflow import VerificationLine as VerificationLine
-    from minihuman.workflow import export as export
-    from minihuman.workflow import report as report
-    from minihuman.workflow import run as run
-    from minihuman.workflow import simulate as simulate
-    from minihuman.workflow import verify as verify
+    from minihuman.workflow import (
+        ExportSummary as ExportSummary,
+        ReportSummary as ReportSummary,
+        VerificationLine as VerificationLine,
+        export as export,
+        report as report,
+        run as run,
+        simulate as simulate,
+        verify as verify,
+    )
     from minihuman.worlds.adapters.pettingzoo import parallel_env as parallel_env
     from minihuman.worlds.grid.layout import observation_to_text as observation_to_text
     from minihuman.worlds.team import make_team as make_team

@@ -21,8 +21,7 @@ from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore, TableDatabase, has_world_columns
 from minihuman.dataset.table_columns import TABLES
 from minihuman.errors import LogError, QueryError
-from minihuman.log.model.session_log import EpisodeLog as Recorded
-from minihuman.log.model.session_log import Segment
+from minihuman.log.model.session_log import EpisodeLog as Recorded, Segment
 from minihuman.log.read.session_reader import read_log
 from minihuman.worlds.pose import Map
 

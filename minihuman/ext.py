@@ -8,32 +8,39 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from minihuman.agents.agent import BaseAgent as BaseAgent
-    from minihuman.dataset.sessions import IncludedEpisode as IncludedEpisode
-    from minihuman.dataset.sessions import IncludedEpisodes as IncludedEpisodes
-    from minihuman.display.windows.window import Clock as Clock
-    from minihuman.display.windows.window import ScriptedWindow as ScriptedWindow
-    from minihuman.display.windows.window import VirtualClock as VirtualClock
-    from minihuman.display.windows.window import Window as Window
-    from minihuman.experiment.activities.activity import Activity as Activity
-    from minihuman.experiment.activities.activity import ActivityKind as ActivityKind
-    from minihuman.experiment.activities.activity import RequestHandler as RequestHandler
-    from minihuman.experiment.activities.questions.question import AnswerDraft as AnswerDraft
-    from minihuman.experiment.activities.questions.question import QuestionKind as QuestionKind
-    from minihuman.experiment.plan.designs import Design as Design
-    from minihuman.experiment.plan.designs import DesignDecision as DesignDecision
-    from minihuman.experiment.plan.designs import EnrolledParticipant as EnrolledParticipant
-    from minihuman.experiment.plan.designs import EnrolmentDecision as EnrolmentDecision
-    from minihuman.experiment.plan.designs import EnrolmentDesign as EnrolmentDesign
-    from minihuman.experiment.plan.designs import PlayedEpisode as PlayedEpisode
+    from minihuman.dataset.sessions import IncludedEpisode as IncludedEpisode, IncludedEpisodes as IncludedEpisodes
+    from minihuman.display.windows.window import (
+        Clock as Clock,
+        ScriptedWindow as ScriptedWindow,
+        VirtualClock as VirtualClock,
+        Window as Window,
+    )
+    from minihuman.experiment.activities.activity import (
+        Activity as Activity,
+        ActivityKind as ActivityKind,
+        RequestHandler as RequestHandler,
+    )
+    from minihuman.experiment.activities.questions.question import (
+        AnswerDraft as AnswerDraft,
+        QuestionKind as QuestionKind,
+    )
+    from minihuman.experiment.plan.designs import (
+        Design as Design,
+        DesignDecision as DesignDecision,
+        EnrolledParticipant as EnrolledParticipant,
+        EnrolmentDecision as EnrolmentDecision,
+        EnrolmentDesign as EnrolmentDesign,
+        PlayedEpisode as PlayedEpisode,
+    )
     from minihuman.exporters.exporter import ExportResult as ExportResult
-    from minihuman.learn.teaching.learner import Learner as Learner
-    from minihuman.learn.teaching.learner import LearningRequest as LearningRequest
-    from minihuman.learn.teaching.learner import LearningResult as LearningResult
+    from minihuman.learn.teaching.learner import (
+        Learner as Learner,
+        LearningRequest as LearningRequest,
+        LearningResult as LearningResult,
+    )
     from minihuman.reporting.study_measures import StudyMeasure as StudyMeasure
-    from minihuman.runtime.devices.device import Device as Device
-    from minihuman.runtime.devices.device import DeviceSample as DeviceSample
-    from minihuman.simulation.participant import KeyPress as KeyPress
-    from minihuman.simulation.participant import SimulatedParticipant as SimulatedParticipant
+    from minihuman.runtime.devices.device import Device as Device, DeviceSample as DeviceSample
+    from minihuman.simulation.participant import KeyPress as KeyPress, SimulatedParticipant as SimulatedParticipant
     from minihuman.worlds.contract import NativeWorld as NativeWorld
 
 _MODULES = {

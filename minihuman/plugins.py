@@ -103,23 +103,34 @@ def make_plugin(
     """Make a plug-in from its name and the text after the colon, which it takes as its first argument.
 
     Raises:
-        MinihumanError: ``error``'s: as `load_plugin`, or what is made is no ``port``.
+        MinihumanError: ``error``'s: as `call_plugin`.
     """
     kind, _, argument = name.partition(":")
-    made = load_plugin(group, kind, error, what=what)(argument, *arguments)
-    check_plugin_type(made, port, error, group=group, name=kind)
-    assert isinstance(made, port)  # checked just now
-    return made
+    return call_plugin(group, kind, port, error, argument, *arguments, what=what)
 
 
-def check_plugin_type(made: Any, port: type, error: Callable[[str], MinihumanError], *, group: str, name: str) -> None:
-    """Raise ``error`` if what a plug-in made is not what its group asks for."""
-    if not isinstance(made, port):
-        (entry, *_) = _find_entry_points(group, name=name)
-        raise error(
-            f"{entry.value} ({_package(entry)}) makes a {type(made).__name__}; "
-            f"a plug-in of {group!r} must make a {port.__module__}.{port.__qualname__}"
-        )
+def call_plugin(
+    group: str,
+    name: str,
+    port: type[Port],
+    error: Callable[[str], MinihumanError],
+    *arguments: Any,
+    what: str,
+    **settings: Any,
+) -> Port:
+    """Make a plug-in of a name with these arguments.
+
+    Raises:
+        MinihumanError: ``error``'s: as `load_plugin`, or what is made is no ``port``.
+    """
+    made = load_plugin(group, name, error, what=what)(*arguments, **settings)
+    if isinstance(made, port):
+        return made
+    (entry, *_) = _find_entry_points(group, name=name)
+    raise error(
+        f"{entry.value} ({_package(entry)}) makes a {type(made).__name__}; "
+        f"a plug-in of {group!r} must make a {port.__module__}.{port.__qualname__}"
+    )
 
 
 def _package(entry: EntryPoint) -> str:

@@ -33,7 +33,7 @@ FAULTS = (
     Fault(
         "an input stamped before the last one turns the session's time back",
         "experiment/machine/session.py",
-        "max(self._now_ns, happened.t_ns, at_ns)",
+        "max(self.now_ns, happened.t_ns, at_ns)",
         "max(happened.t_ns, at_ns)",
         ("tests/study/test_session.py",),
     ),

@@ -25,6 +25,17 @@ from minihuman.log.system import wall_time
 
 _SESSION_FOLDER = re.compile(r"([^/]+)/ses-(\d+)")
 DueState = Literal["due", "later", "overdue", "unfinished", "unreadable", "never came"]
+_STATES: dict[DueState, tuple[str, str]] = {  # what is expected, and how it goes on
+    "due": ("due now{until}", ""),
+    "later": ("due from {0.earliest}{until}", ""),
+    "overdue": ("was due until {0.latest}", "; if they do not come back: minihuman replace {0.participant}"),
+    "unfinished": (
+        "was interrupted and can be resumed",
+        "; if they do not come back: minihuman replace {0.participant}",
+    ),
+    "unreadable": ("has a log that cannot be read", ": see minihuman status, and minihuman recover"),
+    "never came": ("has a slot and never came", "; to offer it again: minihuman replace {0.participant}"),
+}
 
 
 class DueSession(msgspec.Struct, frozen=True):
@@ -39,31 +50,13 @@ class DueSession(msgspec.Struct, frozen=True):
 
     def line(self) -> str:
         """Say so, and how it goes on."""
-        again = f"minihuman replace {self.participant}"
-        hints = {
-            "overdue": f"; if they do not come back: {again}",
-            "unfinished": f"; if they do not come back: {again}",
-            "unreadable": ": see minihuman status, and minihuman recover",
-            "never came": f"; to offer it again: {again}",
-        }
-        return f"{self.participant:12} {self.group:16} {self.session:7}  {self.words()}{hints.get(self.state, '')}"
+        hint = _STATES[self.state][1].format(self)
+        return f"{self.participant:12} {self.group:16} {self.session:7}  {self.words()}{hint}"
 
     def words(self) -> str:
         """Say what is expected, in words."""
         until = f" until {self.latest}" if self.latest else ""
-        match self.state:
-            case "due":
-                return f"due now{until}"
-            case "later":
-                return f"due from {self.earliest}{until}"
-            case "overdue":
-                return f"was due until {self.latest}"
-            case "unfinished":
-                return "was interrupted and can be resumed"
-            case "unreadable":
-                return "has a log that cannot be read"
-            case "never came":
-                return "has a slot and never came"
+        return _STATES[self.state][0].format(self, until=until)
 
 
 @dataclass(slots=True)

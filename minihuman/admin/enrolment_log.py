@@ -99,13 +99,19 @@ def take_slot(
         if who.slot is not None:
             who = Participant(who.id, who.index, group or "")
         by_hand = participant is not None or group is not None
+        said = note if by_hand else NO_NOTE
         taken = SlotTaken(
-            allocation_sha256(slots), protocol.study.participants, index, who.id, who.group, by_hand, at=now_text()
+            allocation_sha256(slots),
+            protocol.study.participants,
+            index,
+            who.id,
+            who.group,
+            by_hand,
+            at=now_text(),
+            reason=said.reason,
+            experimenter=said.experimenter,
+            assigned=assigned,
         )
-        if assigned is not None:
-            taken = msgspec.structs.replace(taken, assigned=assigned)
-        if by_hand:
-            taken = msgspec.structs.replace(taken, reason=note.reason, experimenter=note.experimenter)
         register.append(taken)
     return who, taken
 

@@ -17,6 +17,7 @@ from typing import Any
 
 import msgspec
 
+from minihuman.admin.enrolment_log import now_text
 from minihuman.dataset.journal import (
     ARRIVALS_FILE_NAME,
     Journal,
@@ -25,7 +26,6 @@ from minihuman.dataset.journal import (
     find_database_url,
     open_journal,
 )
-from minihuman.log.system import wall_time
 from minihuman.operating_system import open_file, sync_file
 
 IDS_FILE_NAME = "platform-ids.jsonl"
@@ -125,14 +125,14 @@ class Recruitment:
         """
         tokens = [secrets.token_urlsafe(16) for _ in range(count)]
         with self._journal.hold() as held:
-            held.append(*(LinkIssued(hash_link_token(token), _now()) for token in tokens))
+            held.append(*(LinkIssued(hash_link_token(token), now_text()) for token in tokens))
         return tokens
 
     def recruit(self, recruiting: bool) -> None:
         """Open or close recruitment, for every server of the study."""
         with self.exclusive() as arrivals:
             if arrivals.standing.recruiting != recruiting:
-                arrivals.write(RecruitmentSwitched(recruiting, _now()))
+                arrivals.journal.append(RecruitmentSwitched(recruiting, now_text()))
 
     def standing(self) -> RecruitmentState:
         """What all lines say now."""
@@ -160,12 +160,8 @@ class Recruitment:
                 held.append(who)
 
     def ids(self) -> dict[str, PlatformId]:
-        """Who participants are on their platforms, by code; the latest of each."""
+        """Who participants are on their platforms, by code; the latest of each, none of who came by a link."""
         return {who.participant: who for who in self._ids.read()}
-
-    def id_of(self, participant: str) -> PlatformId | None:
-        """Who a participant is on their platform; None for who came by a link, or was forgotten."""
-        return self.ids().get(participant)
 
     def forget(self, participant: str) -> None:
         """Take out how somebody came and who they are elsewhere, for ever."""
@@ -185,21 +181,12 @@ class Recruitment:
         return bytes.fromhex(known[0].secret)
 
 
+@dataclass(frozen=True, slots=True)
 class RecruitmentTransaction:
     """The arrivals while nobody else can add to them."""
 
-    def __init__(self, held: LockedJournal[RecruitmentEntry], standing: RecruitmentState) -> None:
-        self.standing = standing
-        self._held = held
-
-    @staticmethod
-    def now() -> str:
-        """The time, for a line."""
-        return _now()
-
-    def write(self, *lines: RecruitmentEntry) -> None:
-        """Append lines, and make them last."""
-        self._held.append(*lines)
+    journal: LockedJournal[RecruitmentEntry]
+    standing: RecruitmentState
 
 
 def hash_link_token(token: str) -> str:
@@ -251,7 +238,3 @@ def _secret(line: bytes, number: int) -> PlatformSecret | None:
     with suppress(msgspec.DecodeError):
         return msgspec.json.decode(line, type=PlatformSecret)
     return None
-
-
-def _now() -> str:
-    return wall_time().isoformat(timespec="seconds").replace("+00:00", "Z")

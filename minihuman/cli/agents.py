@@ -1,9 +1,8 @@
 """Commands that train agents on what people did (extra `learn`) and compare players: learn, bench."""
 
 import sys
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from minihuman.cli.command_line import Subgroup
 from minihuman.cli.options import Argument, Option, StudyOrLog, selection_options, show_progress
@@ -15,12 +14,7 @@ _SIGHT_HELP = (
 )
 
 
-class SightChoice(StrEnum):
-    """What a clone sees."""
-
-    view = "view"
-    whole = "whole"
-    remembered = "remembered"
+_Sight = Literal["view", "whole", "remembered"]
 
 
 def command_line() -> str:
@@ -48,7 +42,7 @@ def clone(
     source: StudyOrLog,
     world: Annotated[str, Option(help="The world whose episodes the policy learns from.")],
     out: Annotated[Path, Option(help="The policy file to write; its model card is written beside it.")],
-    sight: Annotated[SightChoice, Option(help=_SIGHT_HELP)] = SightChoice.view,
+    sight: Annotated[_Sight, Option(help=_SIGHT_HELP)] = "view",
     missions: Annotated[bool, Option(help="Also let the policy observe the mission.")] = False,
     sizes: Annotated[str, Option(help="The numbers of demonstrations to try, such as 5,10,25.")] = "",
     mirrored: Annotated[bool, Option(help="Augment the data with mirrored steps.")] = False,
@@ -66,7 +60,7 @@ def clone(
 
     study = CloneStudy(
         world=world,
-        sight=sight.value,
+        sight=sight,
         missions=missions,
         sizes=_numbers(sizes),
         evaluation_episodes=episodes,
@@ -94,7 +88,7 @@ def teach(
         str, Option(help="The learner, such as hg-dagger or tamer; settings follow a colon, as in tamer:NAME=VALUE.")
     ] = "hg-dagger",
     start: Annotated[Path | None, Option(help="The policy to start from, for learners that support it.")] = None,
-    sight: Annotated[SightChoice, Option(help=_SIGHT_HELP)] = SightChoice.view,
+    sight: Annotated[_Sight, Option(help=_SIGHT_HELP)] = "view",
     seed: Annotated[int, Option(min=0, help="The random seed of training.")] = 1,
     *,
     selection: Any,
@@ -110,9 +104,7 @@ def teach(
 
     if out.exists():
         raise LearnError(f"{out} already exists; choose another file with --out")
-    taught = read_study_dataset(
-        study, world, eyesight=ObservationEncoder(False, sight=sight.value), selection=selection
-    )
+    taught = read_study_dataset(study, world, eyesight=ObservationEncoder(False, sight=sight), selection=selection)
     made = make_policy(taught, learner, out, seed=seed, start=start)
     print(f"{out}: {learner} of {taught.labelled_steps} steps by people, {taught.steps} in all; {made.sha256[:16]}")
 
@@ -156,16 +148,8 @@ def ppo(
 learn = Subgroup("learn", help="Train agents, on people's data or without.", commands=(clone, ppo, teach))
 
 
-class LevelKind(StrEnum):
-    """Which worlds a baseline set is of."""
-
-    grid = "grid"
-    three_d = "first-person"
-    kitchen = "kitchen"
-
-
 def new(
-    kind: Annotated[LevelKind, Option(help="The kind of worlds to use.")] = LevelKind.grid,
+    kind: Annotated[Literal["grid", "first-person", "kitchen"], Option(help="The kind of worlds to use.")] = "grid",
     seed: Annotated[int, Option(min=0, help="The random seed of the levels; a new seed gives new levels.")] = 1,
     levels: Annotated[int, Option(min=1, max=1000, help="The number of levels of each family of worlds.")] = 5,
     out: Annotated[Path | None, Option(help="The protocol file to write; by default, baseline-KIND-SEED.toml.")] = None,
@@ -176,10 +160,10 @@ def new(
     """
     from minihuman.planning.benchmark import compose_baseline
 
-    path = out or Path(f"baseline-{kind.value}-{seed}.toml")
+    path = out or Path(f"baseline-{kind}-{seed}.toml")
     if path.exists():
         raise ExportError(f"{path} already exists; choose another file with --out")
-    path.write_text(compose_baseline(kind.value, seed, levels=levels), encoding="utf-8", newline="\n")
+    path.write_text(compose_baseline(kind, seed, levels=levels), encoding="utf-8", newline="\n")
     print(path)
 
 

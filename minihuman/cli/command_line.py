@@ -5,10 +5,9 @@ The help of the group comes from the table below, so that only the module of the
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from enum import Enum
 from importlib import import_module
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args, get_origin
 
 import click
 
@@ -136,7 +135,7 @@ def make_command(function: Callable[..., None]) -> click.Command:
     kinds = {one.name: get_args(one.annotation)[0] for one in parameters}
 
     def call(**values: Any) -> None:
-        function(**{name: _typed_value(kinds[name], value) for name, value in values.items()})
+        function(**{name: list(value) if _is_list(kinds[name]) else value for name, value in values.items()})
 
     return _Command(
         function.__name__,
@@ -191,7 +190,7 @@ def _make_parameter(parameter: inspect.Parameter) -> click.Parameter:
     kind = _bare_kind(annotation)
     settings: dict[str, Any] = {"required": required, "type": _click_type(kind, declared)}
     if not required:
-        settings["default"] = default.value if isinstance(default, Enum) else default
+        settings["default"] = default
     many = _is_list(annotation)
     if isinstance(declared, Argument):
         return _Argument(parameter.name, declared, nargs=-1 if many else 1, **settings)
@@ -212,7 +211,7 @@ def _make_parameter(parameter: inspect.Parameter) -> click.Parameter:
 def _bare_kind(annotation: Any) -> Any:
     """The type of one value: of ``int | None`` int, of ``list[Path]`` Path."""
     inner = [each for each in get_args(annotation) if each is not type(None)]
-    return _bare_kind(inner[0]) if inner else annotation
+    return _bare_kind(inner[0]) if inner and get_origin(annotation) is not Literal else annotation
 
 
 def _is_list(annotation: Any) -> bool:
@@ -220,21 +219,13 @@ def _is_list(annotation: Any) -> bool:
 
 
 def _click_type(kind: Any, declared: Argument | Option) -> Any:  # a ParamType, which is generic in newer Clicks only
-    if issubclass(kind, Enum):
-        return click.Choice([each.value for each in kind])
+    if get_origin(kind) is Literal:
+        return click.Choice(get_args(kind))
     if kind is Path:
         return click.Path(path_type=Path)
     if kind is int and isinstance(declared, Option) and (declared.min is not None or declared.max is not None):
         return click.IntRange(declared.min, declared.max)
     return click.types.convert_type(kind)
-
-
-def _typed_value(annotation: Any, value: Any) -> Any:
-    """A value as the function declares it; Click gives choices as strings and repeated values as tuples."""
-    if _is_list(annotation):
-        return list(value)
-    kind = _bare_kind(annotation)
-    return kind(value) if value is not None and issubclass(kind, Enum) else value
 
 
 def _keep_example(text: str) -> str:

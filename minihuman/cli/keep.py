@@ -1,7 +1,6 @@
 """Commands that keep and administer data: verify, recover, annotate, manifest, withdraw, replace, gather."""
 
 import sys
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -138,12 +137,12 @@ def annotate(
 
     Example: minihuman annotate sub-01_ses-01.mcap --episode 3 --tag exclude --note "the phone rang"
     """
+    from minihuman.admin.enrolment_log import now_text
     from minihuman.dataset.annotations import Annotation, add_annotation
     from minihuman.log.read.session_reader import read_log
 
     session, note = read_log(log), ask_reason(note)
-    at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
-    print(add_annotation(session, Annotation(tag, at, episode, note, take_back, experimenter)))
+    print(add_annotation(session, Annotation(tag, now_text(), episode, note, take_back, experimenter)))
 
 
 def manifest(study: StudyFolder) -> None:

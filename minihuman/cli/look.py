@@ -13,6 +13,7 @@ from minihuman.cli.options import (
     StudyOrLog,
     print_account,
     print_json,
+    print_result,
     selection_options,
 )
 from minihuman.errors import MinihumanError, escape_control_characters, name_output_when_full
@@ -34,19 +35,13 @@ def status(
         from minihuman.admin.due import list_due_sessions as expected
 
         found = expected(study)
-        if json:
-            print_json(found)
-        else:
-            lines = [one.line() for one in found] or ["no participant is due"]
-            print(escape_control_characters("\n".join(lines)))
+        lines = [one.line() for one in found] or ["no participant is due"]
+        print_result(found, lambda: "\n".join(lines), json=json)
         return
     from minihuman.admin.status import format_status, read_study_status
 
     found_status = read_study_status(study)
-    if json:
-        print_json(found_status)
-    else:
-        print(escape_control_characters("\n".join(format_status(study, found_status))))
+    print_result(found_status, lambda: "\n".join(format_status(study, found_status)), json=json)
     raise SystemExit(int(bool(found_status.problems)))
 
 

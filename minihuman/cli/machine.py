@@ -1,6 +1,6 @@
 """Commands about this installation: plugins, schema."""
 
-from minihuman.cli.options import JsonOption, print_json
+from minihuman.cli.options import JsonOption, print_result
 
 
 def plugins(json: JsonOption = False) -> None:
@@ -12,12 +12,9 @@ def plugins(json: JsonOption = False) -> None:
     """
     from minihuman.plugins import list_plugins
 
-    found = list(list_plugins())
-    if json:
-        print_json(found)
-        return
-    for one in found:
-        print(f"{one.group:12} {one.name:14} {one.package:20} {one.where}")
+    found = list_plugins()
+    lines = (f"{one.group:12} {one.name:14} {one.package:20} {one.where}" for one in found)
+    print_result(found, lambda: "\n".join(lines), json=json)
 
 
 def schema() -> None:

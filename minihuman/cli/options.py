@@ -14,6 +14,8 @@ from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any
 
+import click
+
 from minihuman.errors import escape_control_characters, escape_line
 from minihuman.trust import Permission
 
@@ -118,8 +120,6 @@ def ask_reason(given: str) -> str:
     """Ask for a reason that was not given, on a terminal."""
     if given or not sys.stdin.isatty():
         return given
-    import click
-
     return str(click.prompt("Reason"))
 
 
@@ -127,8 +127,6 @@ def ask_trust(given: bool) -> Permission:
     """Trust what the option says; on a terminal, ask where it is not given."""
     if given or not sys.stdin.isatty():
         return given
-    import click
-
     return lambda question: bool(click.confirm(escape_line(question), default=False, err=True))
 
 
@@ -140,6 +138,14 @@ def print_json(value: object) -> None:
         msgspec.json.encode(value, enc_hook=lambda one: one.item() if hasattr(one, "item") else str(one)).decode(),
         flush=True,
     )
+
+
+def print_result(found: object, describe: Callable[[], str], *, json: bool) -> None:
+    """Print what a command found, as JSON or in words."""
+    if json:
+        print_json(found)
+    else:
+        print(escape_control_characters(describe()))
 
 
 def print_account(lines: Iterable[str]) -> None:

@@ -15,6 +15,7 @@ from minihuman.cli.options import (
     ask_trust,
     print_account,
     print_json,
+    print_result,
     selection_options,
     show_progress,
 )
@@ -125,10 +126,7 @@ def power(
         estimates, text = plan_report_power(
             toml, effect, sizes, on=on, drop_out=drop_out, studies=studies, people=people, player=player, seed=seed
         )
-        if json:
-            print_json(estimates)
-        else:
-            print(text)
+        print_result(estimates, lambda: text, json=json)
         print_account(map(str, write_power(estimates, out) if out is not None else ()))
         return
     if on != "groups" or drop_out:
@@ -149,10 +147,7 @@ def power(
             seed=seed,
         )
     )
-    if json:
-        print_json(found)
-    else:
-        print(describe_power(pool, wanted, found, player=player))
+    print_result(found, lambda: describe_power(pool, wanted, found, player=player), json=json)
     if out is not None:
         with name_output_when_full(out):
             written = write_power(found, out)
@@ -174,10 +169,7 @@ def fit(
     from minihuman.planning.reaction_time_fit import describe_fits, fit_participants, write_fits
 
     times = list(fit_participants(StudySessions(study)))
-    if json:
-        print_json(times)
-    else:
-        print("\n".join(describe_fits(times)))
+    print_result(times, lambda: "\n".join(describe_fits(times)), json=json)
     if out is not None:
         with name_output_when_full(out):
             write_fits(times, out)

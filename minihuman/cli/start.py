@@ -2,9 +2,8 @@
 
 import sys
 from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from minihuman.cli.options import (
     Argument,
@@ -14,27 +13,13 @@ from minihuman.cli.options import (
     ProtocolFile,
     TrustOption,
     ask_trust,
-    print_json,
+    print_result,
     show_progress,
 )
-from minihuman.errors import MinihumanError, escape_control_characters, name_output_when_full
+from minihuman.errors import MinihumanError, name_output_when_full
 
 if TYPE_CHECKING:
     from minihuman.admin.protocol_file import ProtocolDraft
-
-
-class ViewChoice(StrEnum):
-    """How a world is seen."""
-
-    PARTIAL = "partial"
-    FULL = "full"
-
-
-class PaletteChoice(StrEnum):
-    """The colours a world is drawn in."""
-
-    CLASSIC = "classic"
-    COLOUR_SAFE = "colour-safe"
 
 
 WindowOption = Annotated[str, Option("--window", help="The kind of window: auto, pygame, pyglet or a plug-in's name.")]
@@ -161,11 +146,8 @@ def check(
     plans = [expand_protocol(study, who, session=number, overridden=group is not None) for number in sessions]
     plan = plans[0]
     require_legible(study, str(protocol))
-    if json:
-        print_json(plan)
-    else:
-        said = (*describe_plan(plan), *describe_strata(study), *describe_worlds(study))
-        print(escape_control_characters("\n".join(said)))
+    said = (*describe_plan(plan), *describe_strata(study), *describe_worlds(study))
+    print_result(plan, lambda: "\n".join(said), json=json)
     if pictures is not None:
         from minihuman.runtime.screenshots import save_screenshots
 
@@ -212,10 +194,7 @@ def doctor(
         findings.append(finding)
         if not json:
             print(finding.line(), flush=True)
-    if json:
-        print_json(findings)
-    else:
-        print(format_verdict(findings))
+    print_result(findings, lambda: format_verdict(findings), json=json)
     raise SystemExit(1 if any(finding.unfit_because for finding in findings) else 0)
 
 
@@ -225,9 +204,9 @@ def play(
     ],
     seed: Annotated[int, Option(min=0, help="The random seed of the first layout.")] = 0,
     view: Annotated[
-        ViewChoice, Option(help="Show what the agent sees (partial) or the whole grid (full).")
-    ] = ViewChoice.PARTIAL,
-    palette: Annotated[PaletteChoice, Option(help="The colour palette of the world.")] = PaletteChoice.CLASSIC,
+        Literal["partial", "full"], Option(help="Show what the agent sees (partial) or the whole grid (full).")
+    ] = "partial",
+    palette: Annotated[Literal["classic", "colour-safe"], Option(help="The colour palette of the world.")] = "classic",
     window: WindowOption = "auto",
     fullscreen: FullscreenOption = False,
 ) -> None:
@@ -242,7 +221,7 @@ def play(
     from minihuman.runtime.demo import FreePlay, run_free_play
 
     with closing(open_window(window, perf_counter_ns, fullscreen=fullscreen)) as opened:
-        run_free_play(FreePlay(world_id, seed, view.value, palette.value), opened, perf_counter_ns)
+        run_free_play(FreePlay(world_id, seed, view, palette), opened, perf_counter_ns)
 
 
 def worlds(json: JsonOption = False) -> None:
@@ -252,8 +231,5 @@ def worlds(json: JsonOption = False) -> None:
     """
     from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS
 
-    if json:
-        print_json([{"id": entry.id, "summary": entry.summary} for entry in (*WORLDS, *TEAM_WORLDS)])
-        return
-    for entry in (*WORLDS, *TEAM_WORLDS):
-        print(f"{entry.id:60} {entry.summary}")
+    found = [{"id": entry.id, "summary": entry.summary} for entry in (*WORLDS, *TEAM_WORLDS)]
+    print_result(found, lambda: "\n".join(f"{one['id']:60} {one['summary']}" for one in found), json=json)

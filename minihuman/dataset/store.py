@@ -36,6 +36,7 @@ from minihuman.dataset.caches import (
     CACHE_SETTINGS,
     IN_USE_ERRORS,
     INDEX_SCHEMA,
+    TABLE_CACHE as FILE_NAME,
     connect_cache,
     describe_cache,
     describe_file,
@@ -46,7 +47,6 @@ from minihuman.dataset.caches import (
     transaction,
     write_checked,
 )
-from minihuman.dataset.caches import TABLE_CACHE as FILE_NAME
 from minihuman.dataset.log_files import (
     SkippedLog,
     infrequent_collection,

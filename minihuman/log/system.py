@@ -1,10 +1,9 @@
-"""What a program asks of its machine to record a study, as ports: the disk that it writes, clocks, a database.
+"""What a program asks of its machine to record a study: the disk that it writes, clocks, a database.
 
 ``use_system`` puts others in place for a block of code and all that it awaits, so that a test can let each of them
 fail. Files are read directly: a ``FileSystem`` has only what changes them or makes a change last.
 """
 
-import abc
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -21,71 +20,38 @@ from minihuman.errors import name_file_in_errors
 from minihuman.operating_system import read_at
 
 
-class FileSystem(abc.ABC):
-    """Changes files; each method raises ``OSError`` where it cannot."""
+class FileSystem:
+    """Changes files on the machine's disk; each method raises ``OSError`` where it cannot.
 
-    @abc.abstractmethod
+    A subclass may be another disk: one that fails, or one that loses power.
+    """
+
     def open(self, path: Path, flags: int, mode: int = 0o644) -> int:
         """Open a file or a folder, as ``os.open`` does, and return its descriptor, which ``os.close`` closes."""
-
-    @abc.abstractmethod
-    def write(self, fd: int, data: bytes | memoryview) -> int:
-        """Write bytes at the file's position, or append them; return how many were taken, which may be fewer."""
-
-    @abc.abstractmethod
-    def sync(self, fd: int) -> None:
-        """Make a file's bytes durable, or a folder's entries."""
-
-    @abc.abstractmethod
-    def truncate(self, fd: int, size_bytes: int) -> None:
-        """Cut a file's end off."""
-
-    @abc.abstractmethod
-    def rename(self, source: Path, target: Path) -> None:
-        """Give a file another name in its folder, whole or not at all; a file of that name is replaced."""
-
-    @abc.abstractmethod
-    def unlink(self, path: Path) -> None:
-        """Remove a file."""
-
-    def sync_folder(self, folder: Path) -> None:
-        """Make a folder's entries durable: a new or renamed file is safe only when its folder is."""
-        fd = self.open(folder, os.O_RDONLY)
-        try:
-            self.sync(fd)
-        finally:
-            os.close(fd)
-
-
-class OperatingSystemFiles(FileSystem):
-    """The disk that there is."""
-
-    def open(self, path: Path, flags: int, mode: int = 0o644) -> int:
-        """Open it."""
         return operating_system.open_file(path, flags, mode)
 
     def write(self, fd: int, data: bytes | memoryview) -> int:
-        """Hand bytes to the operating system."""
+        """Write bytes at the file's position, or append them; return how many were taken, which may be fewer."""
         return os.write(fd, data)
 
     def sync(self, fd: int) -> None:
-        """Wait for the device."""
+        """Make a file's bytes durable."""
         operating_system.sync_file(fd)
 
     def truncate(self, fd: int, size_bytes: int) -> None:
-        """Cut it off."""
+        """Cut a file's end off."""
         os.ftruncate(fd, size_bytes)
 
     def rename(self, source: Path, target: Path) -> None:
-        """Rename it."""
+        """Give a file another name in its folder, whole or not at all; a file of that name is replaced."""
         operating_system.replace_file(source, target)
 
     def unlink(self, path: Path) -> None:
-        """Remove it."""
+        """Remove a file."""
         operating_system.remove_file(path)
 
     def sync_folder(self, folder: Path) -> None:
-        """Make its entries durable, where the system can."""
+        """Make a folder's entries durable, where the system can: a new or renamed file is safe only when they are."""
         operating_system.sync_folder(folder)
 
 
@@ -111,7 +77,7 @@ class System:
         open_database_journal: opens a journal of the database at a URL; None: in PostgreSQL.
     """
 
-    disk: FileSystem = field(default_factory=OperatingSystemFiles)
+    disk: FileSystem = field(default_factory=FileSystem)
     clock: SystemClock = field(default_factory=SystemClock)
     open_database_journal: Callable[..., Any] | None = None
 

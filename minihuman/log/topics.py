@@ -14,8 +14,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import Message
 
 from minihuman.log.names import STEP as STEP
-from minihuman.log.proto import minihuman_agent_v1_pb2 as agent_v1
-from minihuman.log.proto import minihuman_v1_pb2 as v1
+from minihuman.log.proto import minihuman_agent_v1_pb2 as agent_v1, minihuman_v1_pb2 as v1
 
 PLAN = "/session/plan"
 NOTE = "/session/note"

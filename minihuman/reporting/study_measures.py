@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from minihuman.errors import ReportError
-from minihuman.plugins import check_plugin_type, load_plugin
+from minihuman.plugins import make_plugin
 
 GROUP = "minihuman.measures"
 Tables = Mapping[str, pd.DataFrame]
@@ -149,10 +149,7 @@ def find_measure(name: str) -> StudyMeasure:
     kind, _, argument = name.partition(":")
     if kind in _BUILT_IN:
         return _BUILT_IN[kind](argument)
-    measure = load_plugin(GROUP, kind, ReportError, what="measure")(argument)
-    check_plugin_type(measure, StudyMeasure, ReportError, group=GROUP, name=kind)
-    assert isinstance(measure, StudyMeasure)  # checked just now
-    return measure
+    return make_plugin(GROUP, name, StudyMeasure, ReportError, what="measure")  # type: ignore[type-abstract]
 
 
 def add_measures(rows: pd.DataFrame, tables: Tables, names: Iterable[str]) -> pd.DataFrame:

@@ -36,7 +36,7 @@ from minihuman.experiment.machine.inputs import (
     ScreenShown,
     TextInput,
 )
-from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.running_episode import NS_PER_MS, RunningEpisode
 from minihuman.experiment.machine.screens import (
     FilmScreen,
     PageScreen,
@@ -68,7 +68,6 @@ from minihuman.simulation.participant import (
 )
 from minihuman.worlds.adapters.world import World
 
-NS_PER_MS = 1_000_000
 FRAME_NS = 16_666_667
 READING_MS = 1_000.0
 STEPPING_MS = 200.0  # from one picture to the next, through an episode that is looked at

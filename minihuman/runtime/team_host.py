@@ -9,7 +9,6 @@ import secrets
 import threading
 from bisect import bisect_left as bisect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -210,25 +209,19 @@ class TeamTable:
         self._gather = gather
         self._protocol, self._study_dir, self._data = protocol, data / protocol.study.name, data
         self._now_s = now_s
-        self._changed = threading.Condition(threading.RLock())
+        self.lock = threading.Condition(threading.RLock())  # notified of every change
         self._lobbies: dict[str, list[_Waiting]] = {}  # by block
         self._teams: dict[tuple[str, int, str], _TeamState] = {}  # by team, session and block, as long as they play
         self._policies = PolicyStore(self._study_dir)
 
-    @contextmanager
-    def hold(self) -> Iterator[threading.Condition]:
-        """Hold the table; wait on what this gives for a change."""
-        with self._changed:
-            yield self._changed
-
     def depart(self) -> None:
         """One of those who are gathered comes to no further lobby."""
-        with self._changed:
+        with self.lock:
             self._gather -= 1
-            self._changed.notify_all()
+            self.lock.notify_all()
 
     def _tell(self, members: "Iterable[TeamMember]") -> None:
-        self._changed.notify_all()
+        self.lock.notify_all()
         for member in tuple(members):
             member.changed()
 
@@ -539,7 +532,7 @@ class TeamTable:
 
     def leave(self, member: "TeamMember") -> None:
         """A member's session is over: nobody waits for its input any more."""
-        with self._changed:
+        with self.lock:
             for lobby in self._lobbies.values():
                 lobby[:] = [one for one in lobby if one.member is not member]
             for key, state in list(self._teams.items()):
@@ -591,9 +584,9 @@ class TeamMember(RequestHandler):
         if not isinstance(want, TeamRequest | ReadyRequest | JointRequest):
             return None if self._then is None else self._then.answer(want, play, t_ns)
         waits = self._patient and not (isinstance(want, JointRequest) and want.action is None)
-        with self.table.hold() as changed:
+        with self.table.lock:
             while (found := self._ask(want, play)) is None and waits:
-                changed.wait(timeout=0.5)
+                self.table.lock.wait(timeout=0.5)
             if isinstance(found, Team) and isinstance(want, TeamRequest):
                 self.table.take_seat(found, want.block, want.plan, self)
                 writes = want.plan.team.chat and not self._patient

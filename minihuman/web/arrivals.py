@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from minihuman.admin.enrolment_log import free_slot
+from minihuman.admin.enrolment_log import free_slot, now_text
 from minihuman.admin.lease import Lease, LeaseHeldError, SessionLeases, name_session
 from minihuman.admin.manifest import find_unrecorded_logs, record_log_end
 from minihuman.admin.next_session import is_session_complete, plan_next_session
@@ -44,6 +44,11 @@ def is_token(text: str) -> bool:
 
 _ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 _PARAMETERS: dict[RecruitmentPlatform, str] = {"prolific": "PROLIFIC_PID", "sona": "survey_code", "mturk": "workerId"}
+_FRAGMENTS: dict[RecruitmentPlatform, str] = {
+    "prolific": "#PROLIFIC_PID={{%PROLIFIC_PID%}}",
+    "sona": "#survey_code=%SURVEY_CODE%",
+    "mturk": "",  # it adds ?workerId=... itself
+}
 _PREVIEW = "ASSIGNMENT_ID_NOT_AVAILABLE"  # MTurk shows a task to people who have not taken it
 
 
@@ -71,13 +76,7 @@ def identify_visitor(parameters: Mapping[str, str], allowed: tuple[RecruitmentPl
 
 def build_platform_link(platform: RecruitmentPlatform, address: str) -> str:
     """The link to be given to a platform, which puts its ids in; behind the #, where no server writes it down."""
-    match platform:
-        case "prolific":
-            return f"{address}#PROLIFIC_PID={{{{%PROLIFIC_PID%}}}}"
-        case "sona":
-            return f"{address}#survey_code=%SURVEY_CODE%"
-        case "mturk":
-            return address  # it adds ?workerId=... itself
+    return f"{address}{_FRAGMENTS[platform]}"
 
 
 RejectionReason = Literal["unknown", "closed", "full", "preview", "finished", "not_today", "broken", "wait"]
@@ -185,7 +184,7 @@ class Arrivals:
 
     def id_on_platform(self, participant: str) -> str:
         """A participant's id on the platform that sent them, for the link back; "" for the others."""
-        who = self.recruits.id_of(participant)
+        who = self.recruits.ids().get(participant)
         return who.id if who else ""
 
     def _admit(self, arrival: Arrival, who: PlatformVisitor | None) -> Admission | Rejection:
@@ -256,8 +255,8 @@ class Arrivals:
             participant = plan.participant.id
             if who is not None:
                 self.recruits.remember(PlatformId(participant, who.platform, who.id))
-            issued = [] if known else [LinkIssued(key, file.now())]  # made by the page, in an open study
-            file.write(*issued, ParticipantArrived(key, participant, file.now()))
+            issued = [] if known else [LinkIssued(key, now_text())]  # made by the page, in an open study
+            file.journal.append(*issued, ParticipantArrived(key, participant, now_text()))
             return participant, plan
 
     def _next_session(self, participant: str) -> tuple[int, Lease | None] | str:

@@ -324,7 +324,7 @@ class Connection:
         if isinstance(numbered.what, _ACTS):
             self.acted_s = arrival_ns / 1e9
         if self._guarded(self.host.receive, numbered.n, numbered.at, numbered.what, more=more, arrival_ns=arrival_ns):
-            self.host.record_step_time(current_system().clock.monotonic_ns() - arrival_ns)
+            self.host.outbox.record_step_time(current_system().clock.monotonic_ns() - arrival_ns)
 
     def poll(self) -> bool:
         """See whether a learner has made something; True if there is something to tell the page."""
@@ -346,7 +346,7 @@ class Connection:
 
     def send_prefetched(self) -> None:
         """Tell the page what was found ahead."""
-        self.host.send_prefetched()
+        self.host.outbox.send_prefetched()
         self.changed.set()
 
     def read_inbox(self) -> None:
@@ -463,16 +463,6 @@ _FOR_GOOD = (
 _SIZE = re.compile(r"(\d{1,5}) x (\d{1,5})")
 
 
-@dataclass(frozen=True, slots=True)
-class TurnedAway:
-    """A visitor who is refused, and what the page says."""
-
-    reason: str
-    words: str
-    leave: str = ""  # the words of the link back
-    url: str = ""  # to where they were recruited
-
-
 class ConnectionFactory:
     """Makes the connections of a study.
 
@@ -500,10 +490,10 @@ class ConnectionFactory:
         self._connection_keys: dict[bytes, str] = {}  # by a digest of a hello's link
         self._turns: WeakValueDictionary[bytes, asyncio.Lock] = WeakValueDictionary()  # while one waits
 
-    async def connect(self, hello: messages.Hello, address: str = "") -> Connection | TurnedAway:
+    async def connect(self, hello: messages.Hello, address: str = "") -> Connection | messages.Refusal:
         """Find or make the connection for a hello from a network address."""
         if hello.version != messages.MESSAGE_VERSION:
-            return TurnedAway("old", self._words["busy"])  # it is loaded again by itself
+            return messages.Refusal("old", self._words["busy"])  # it is loaded again by itself
         protocol = self._arrivals.protocol
         needed = {"needs_keyboard": needs_keyboard(protocol), "needs_gamepad": requires_gamepad(protocol)}
         if reason := check_eligibility(self._web, _browser_properties(hello.facts), **needed):
@@ -543,13 +533,13 @@ class ConnectionFactory:
         connection.key = own
         self._connections[own] = connection
 
-    async def _admit_page(self, hello: messages.Hello) -> Connection | TurnedAway:
+    async def _admit_page(self, hello: messages.Hello) -> Connection | messages.Refusal:
         try:
             arrival = Arrival(hello.token, hello.platform, find_utc_offset_min(hello.facts))
             admission = await asyncio.to_thread(self._arrivals.arrive, arrival)
         except OSError as error:  # the database is away, or the disk: the page tries again
             LOG.warning("a participant has to wait: %s", error)
-            return TurnedAway("wait", "")
+            return messages.Refusal("wait", "")
         if isinstance(admission, Rejection):
             return self._refused(admission)
         if admission.lease is None and admission.key in self._connections:
@@ -575,7 +565,9 @@ class ConnectionFactory:
             await asyncio.to_thread(self._arrivals.settle, admission)
             LOG.warning("a session was not started: %s", error)
             # no database, or a log that another server left was complete: the page comes again, and is told
-            return TurnedAway("wait", "") if isinstance(error, OSError | AllocationError) else self._turned("broken")
+            return (
+                messages.Refusal("wait", "") if isinstance(error, OSError | AllocationError) else self._turned("broken")
+            )
         connection = Connection(admission, hosted, self._inbox(admission), self._arrivals.leases)
         self._connections[admission.key] = connection
         opened.append(connection)
@@ -620,10 +612,10 @@ class ConnectionFactory:
         )
         return CommandInbox(inbox_path(folder / f"{admission.participant}_ses-{admission.session:02d}{LOG_SUFFIX}"))
 
-    def _refused(self, refused: Rejection) -> TurnedAway:
+    def _refused(self, refused: Rejection) -> messages.Refusal:
         """Whoever has taken part and comes again gets the code again."""
         if refused.reason == "wait":
-            return TurnedAway("wait", "")
+            return messages.Refusal("wait", "")
         if not refused.ended:
             return self._turned(refused.reason)
         end = classify_ending("complete" if refused.ended not in FINAL_END_REASONS else refused.ended, agreed=True)  # type: ignore[arg-type]
@@ -632,16 +624,16 @@ class ConnectionFactory:
         is_over = refused.reason == "finished"
         return self._with_code(end if is_over else refused.reason, self._words[end if is_over else "not_today"], done)
 
-    def _with_code(self, reason: str, words: str, done: Completion) -> TurnedAway:
+    def _with_code(self, reason: str, words: str, done: Completion) -> messages.Refusal:
         words = f"{words} {self._words['code']}: {done.code}" if done.code else words
-        return TurnedAway(reason, words, self._words["leave"], done.url)
+        return messages.Refusal(reason, words, self._words["leave"], done.url)
 
-    def _turned(self, reason: str, *, person: str = "") -> TurnedAway:
+    def _turned(self, reason: str, *, person: str = "") -> messages.Refusal:
         width, height = self._web.min_window_size_px
         fields = {"browsers": ", ".join(self._web.allowed_browsers), "width": width, "height": height}
         words = self._words[reason].format(**fields)
         if reason not in _FOR_GOOD:
-            return TurnedAway(reason, words)
+            return messages.Refusal(reason, words)
         return self._with_code(reason, words, build_completion(self._web, "screened_out", person=person))
 
 

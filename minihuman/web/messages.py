@@ -277,9 +277,9 @@ class Refusal(msgspec.Struct, tag="refused", tag_field="t"):
     """The server refuses the page, which does not come again by itself."""
 
     reason: str
-    words: str
-    leave: str = ""  # the words of the link
-    url: str = ""  # where to go; "": nowhere
+    words: str  # what the page says
+    leave: str = ""  # the words of the link back
+    url: str = ""  # to where the visitor was recruited; "": nowhere
 
 
 class ServerAck(msgspec.Struct, tag="acked", tag_field="t"):
@@ -497,12 +497,7 @@ def encode_numbered(number: int, message: ServerMessage | PictureMessage) -> byt
     if isinstance(message, PictureMessage):
         head = _PICTURE.pack(number, message.number, message.encoding, 0, message.width, message.height)
         return _PART.pack(1, len(head) + len(message.data)) + head + message.data
-    return _text(_NumberedServerMessage(number, message))
-
-
-def encode_control(message: ServerAck | Pong) -> bytes:
-    """A message beside the stream, as part of a batch."""
-    return _text(message)
+    return encode_text(_NumberedServerMessage(number, message))
 
 
 def encode_unnumbered(message: Welcome | Refusal | Pong) -> str:
@@ -510,7 +505,8 @@ def encode_unnumbered(message: Welcome | Refusal | Pong) -> str:
     return _ENCODER.encode(message).decode()
 
 
-def _text(message: _NumberedServerMessage | ServerAck | Pong) -> bytes:
+def encode_text(message: _NumberedServerMessage | ServerAck | Pong) -> bytes:
+    """A message as the bytes of a text, to be sent together with others."""
     text = _ENCODER.encode(message)
     return _PART.pack(0, len(text)) + text
 

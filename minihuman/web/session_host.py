@@ -118,7 +118,7 @@ class SessionHost:
         known = (event for event in (*logged, *unwritten) if isinstance(event, KeyPressed))
         self._keys_down = {(event.t_ns - event.waited_ns, event.key) for event in known if event.down}
         self.last_at_ns = self._mark_ns
-        self._outbox = Outbox(session, make_world, settings, logged)
+        self.outbox = Outbox(session, make_world, settings, logged)
         self._agent = agent
         self._learnt: NewPolicy | None = None  # what a learner made, until the session has it
         self._learnt_told = False  # the page was asked to say when
@@ -145,7 +145,7 @@ class SessionHost:
     @property
     def outgoing(self) -> OutgoingStream[messages.ServerMessage | messages.PictureMessage]:
         """The messages to the page; another object after a restart."""
-        return self._outbox.outgoing
+        return self.outbox.outgoing
 
     @property
     def is_polled(self) -> bool:
@@ -174,7 +174,7 @@ class SessionHost:
         Args:
             settled: the last of its messages that were acknowledged.
         """
-        self._settled = self._outbox.through = self._outbox.moved = settled
+        self._settled = self.outbox.through = self.outbox.moved = settled
         self._taken.clear()
         self._mark_ns = self.last_at_ns
         self.link = PageClock()
@@ -202,9 +202,9 @@ class SessionHost:
             LogError: if the log cannot be written.
             MessageError: if its time is not later than the last one's.
         """
-        self._outbox.through = number
-        if leads := self._outbox.waits_for(message):
-            self._outbox.moved = number
+        self.outbox.through = number
+        if leads := self.outbox.waits_for(message):
+            self.outbox.moved = number
         if at_ns <= self._mark_ns:
             self._write(self._passed_over(message, at_ns))
             self._taken.append(_PendingMessage(number, self._writes + awaits_allocation(self.session)))
@@ -214,16 +214,16 @@ class SessionHost:
                 f"message {number} has time {at_ns} ns, which is not after the previous one's {self.last_at_ns} ns; "
                 "reload the page"
             )
-        self.last_at_ns = self._outbox.at_ns = at_ns
+        self.last_at_ns = self.outbox.at_ns = at_ns
         if arrival_ns is not None:
             self.link.arrive(at_ns, arrival_ns)
         if not self._begun and not isinstance(message, messages.TickMessage):
             self._write(self.session.receive(inputs.Tick(at_ns)))
         self._begun = True
-        play, computes = self.session.play, self._outbox.is_computed
+        play, computes = self.session.play, self.outbox.is_computed
         self._draws = play is None  # else when the page is told where the session is, if it is
         events = self._events(message, at_ns)
-        if difference := self._outbox.compare(message, events):
+        if difference := self.outbox.compare(message, events):
             events = [Noted(at_ns, BROWSER_NOTE, difference), *events]
         waits = more and play is not None and self.session.play is play and (computes or not leads)
         if waits:
@@ -233,14 +233,10 @@ class SessionHost:
         depends_on_next = isinstance(message, messages.DisplayedMessage) and not events  # kept until that is safe
         unsaid = depends_on_next or bool(self._unwritten) or awaits_allocation(self.session)
         self._taken.append(_PendingMessage(number, self._writes + unsaid))
-        self._outbox.follow(events)
+        self.outbox.follow(events)
         if not waits:
             self._answer()
         return any(isinstance(event, Stepped) for event in events)
-
-    def record_step_time(self, took_ns: int) -> None:
-        """Take note of what the message of a step took: the page is to be no more steps ahead than the line is long."""
-        self._outbox.record_step_time(took_ns)
 
     def stop(self, stop: inputs.Stop | inputs.ExperimenterCommand) -> None:
         """End the session from outside, or do what the experimenter asks while no page is there.
@@ -273,10 +269,10 @@ class SessionHost:
                 break
             events = self.session.receive(given, draws=self._draws)
             self._write(events)
-            self._outbox.follow(events)
-            if (early := self._outbox.take_early()) is not None:
+            self.outbox.follow(events)
+            if (early := self.outbox.take_early()) is not None:
                 self._write(self._step_shown(early, self.last_at_ns))
-        self._outbox.send_state()
+        self.outbox.send_state()
 
     def poll(self) -> bool:
         """See whether a learner that was asked has made something; True if there is something to tell the page."""
@@ -354,7 +350,7 @@ class SessionHost:
                 self._keys_down.add((stamp_ns, message.key))
                 self.presses += not message.repeat
                 return inputs.KeyDown(stamp_ns, message.key, message.symbol, repeat=message.repeat)
-            case messages.DisplayedMessage() if self._outbox.is_present(message):
+            case messages.DisplayedMessage() if self.outbox.is_present(message):
                 return inputs.ScreenShown(at_ns, *_in_order(message, at_ns))
             case messages.TickMessage():
                 return inputs.Tick(at_ns)
@@ -373,13 +369,13 @@ class SessionHost:
 
     def _step_shown(self, message: messages.DisplayedMessage, at_ns: int) -> list[Event]:
         """Word of a step's picture: held against where the session was then."""
-        if not self._outbox.knows(message):
-            self._outbox.keep_early(message)
+        if not self.outbox.knows(message):
+            self.outbox.keep_early(message)
             return []
         submit_ns, flip_ns = _in_order(message, at_ns)
-        if self._outbox.is_corrected(message):
+        if self.outbox.is_corrected(message):
             return [PictureCorrected(at_ns, message.episode, message.step, submit_ns, flip_ns)]
-        difference = self._outbox.difference(message)
+        difference = self.outbox.difference(message)
         events: list[Event] = [Noted(at_ns, BROWSER_NOTE, difference)] if difference else []
         return [
             *events,
@@ -405,11 +401,7 @@ class SessionHost:
 
     def grow(self) -> bool:
         """Look one scene, or one screen, further ahead; False if there is nothing to look at."""
-        return self._outbox.grow(self.link.rtt_ns or _FAR_RTT_NS)
-
-    def send_prefetched(self) -> None:
-        """Send what was prefetched since the last message."""
-        self._outbox.send_prefetched()
+        return self.outbox.grow(self.link.rtt_ns or _FAR_RTT_NS)
 
     def restart(self, *, computes: bool | None = None) -> None:
         """The page is another one, or knows nothing any more: tell it all from the start.
@@ -417,8 +409,8 @@ class SessionHost:
         ``computes`` says whether it has compiled the rules that are here; None: it is as it was.
         """
         if computes is not None:
-            self._outbox.page_computes = computes
-        self._outbox.restart(self._asked, begun=self._begun)
+            self.outbox.page_computes = computes
+        self.outbox.restart(self._asked, begun=self._begun)
         if not self.over and self._begun:
             self._answer()
 
@@ -431,7 +423,7 @@ class SessionHost:
         """Let go of worlds and of a learner."""
         self.session.close()
         self.close_agent()
-        self._outbox.close()
+        self.outbox.close()
 
 
 def _in_order(message: messages.DisplayedMessage, at_ns: int) -> tuple[int, int]:

@@ -15,8 +15,7 @@ from minihuman.log.read.session_reader import read_log
 from minihuman.plugins import list_plugin_names
 from minihuman.testing import ContractError, check_activity, check_question
 from minihuman.worlds.adapters.world import World
-from tests.lab_package import PARTS, STUDY, example
-from tests.lab_package import install_lab as install_lab
+from tests.lab_package import PARTS, STUDY, example, install_lab as install_lab
 
 FIELDS = {"choice": {"options": ["a", "b"]}, "choices": {"options": ["a", "b"], "codes": ["A", "B"]}}
 BLOCK = {

@@ -15,8 +15,7 @@ from rerun.experimental import LeRobotReader
 from minihuman.dataset.sessions import IncludedEpisode
 from minihuman.display.video import pad_to_even
 from minihuman.errors import ExportError
-from minihuman.exporters import imitation, lerobot
-from minihuman.exporters import minari as minari_export
+from minihuman.exporters import imitation, lerobot, minari as minari_export
 from minihuman.exporters.flat_observations import Resimulator
 from minihuman.log.read.session_reader import read_log
 from minihuman.worlds.adapters.world import World

@@ -8,11 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from minihuman.log.system import FileSystem, OperatingSystemFiles
+from minihuman.log.system import FileSystem
 from tests.fault_simulation.schedule import MachineClock, ProcessKilled, Schedule
 
 _SECTOR_BYTES = 512
-_OS = OperatingSystemFiles()
+_OS = FileSystem()
 
 
 @dataclass(eq=False)
@@ -206,6 +206,14 @@ class ProcessDisk(FileSystem):
             content.settle(lost=True)
             raise OSError(errno.EIO, os.strerror(errno.EIO), str(path))
         content.settle()
+
+    def sync_folder(self, folder: Path) -> None:
+        """Make its entries durable, as two operations: the process may be killed between them."""
+        fd = self.open(folder, os.O_RDONLY)
+        try:
+            self.sync(fd)
+        finally:
+            os.close(fd)
 
     def truncate(self, fd: int, size_bytes: int) -> None:
         """Cut it off."""

@@ -33,8 +33,7 @@ from minihuman.reporting.build import build_report
 from minihuman.worlds.catalogue import WORLDS
 from tests.golden import renamed
 from tests.golden.cells import cells_of, differences, frozen_cells
-from tests.golden.make import segment
-from tests.golden.make import study as frozen_study
+from tests.golden.make import segment, study as frozen_study
 
 HERE = Path(__file__).parent
 LOGS = sorted([*HERE.glob("v*/*/sub-*/ses-*/*.mcap"), *HERE.glob("v*/*/sub-*/ses-*/*.mcap.part")])

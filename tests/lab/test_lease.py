@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from minihuman.admin.enrolment_entries import ChainHeadRecorded, read_chain_heads, read_enrolment_log
+from minihuman.admin.enrolment_log import now_text
 from minihuman.admin.lease import (
     RENEWAL_INTERVAL_S,
     TTL_S,
@@ -31,8 +32,8 @@ from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.disk import GroupCommit
 from minihuman.log.record.finalization import recover_log
 from minihuman.web.arrivals import Arrivals
-from minihuman.web.connection import Connection, ConnectionFactory, HostStorage, TurnedAway, start_host
-from minihuman.web.messages import MESSAGE_VERSION, Hello
+from minihuman.web.connection import Connection, ConnectionFactory, HostStorage, start_host
+from minihuman.web.messages import MESSAGE_VERSION, Hello, Refusal
 from minihuman.web.outbox import PageSettings
 from tests.lab.database import database, fresh
 from tests.lab.lease_table import Clock, MemoryLeaseTable
@@ -351,21 +352,21 @@ def test_a_page_whose_session_turns_out_to_be_complete_comes_again_and_is_told_s
     recruits = Recruitment(data / "tried")
     (token,) = recruits.issue(1)
     with recruits.exclusive() as file:
-        file.write(ParticipantArrived(hash_link_token(token), "sub-01", file.now()))
+        file.journal.append(ParticipantArrived(hash_link_token(token), "sub-01", now_text()))
     disk = HostStorage(protocol, data, GroupCommit())
     made = start_host(plan, disk, {}, PageSettings((96, 96)), at_sync=lambda: None)
     made.host.stop(Stop(9_000_000_000, "complete", ""))
     made.files[0].leave()
     made.host.close()
 
-    async def comes() -> list[TurnedAway | Connection]:
+    async def comes() -> list[Refusal | Connection]:
         factory = ConnectionFactory(Arrivals(protocol, data, SessionLeases(table, clock=clock)), data, {})
         hello = Hello(MESSAGE_VERSION, token, facts={"browser": "Chromium", "window_px": "1600 x 900"})
         return [await factory.connect(hello), await factory.connect(hello)]
 
     first, second = asyncio.run(comes())
-    assert isinstance(first, TurnedAway)
-    assert isinstance(second, TurnedAway)
+    assert isinstance(first, Refusal)
+    assert isinstance(second, Refusal)
     assert (first.reason, second.reason) == ("wait", "complete")
     grant = table.acquire(name_session("tried", "sub-01", 1))
     assert grant is not None
@@ -395,7 +396,7 @@ class _Host:
         recruits = Recruitment(self.study_dir)
         (token,) = recruits.issue(1)
         with recruits.exclusive() as file:
-            file.write(ParticipantArrived(hash_link_token(token), "sub-01", file.now()))
+            file.journal.append(ParticipantArrived(hash_link_token(token), "sub-01", now_text()))
         self.hello = Hello(MESSAGE_VERSION, token, facts={"browser": "Chromium", "window_px": "1600 x 900"})
 
     async def host(self) -> Connection:
@@ -484,7 +485,7 @@ def test_what_a_killed_server_left_is_finished_only_where_it_could_be_stored(
             server.arrivals.leases and server.arrivals.leases.renew([connection.lease])
         connection.host.close()
 
-    async def comes() -> Connection | TurnedAway:
+    async def comes() -> Connection | Refusal:
         factory = ConnectionFactory(server.arrivals, server.data, {})
         factory.facts = {"player": "human", "rules": "of another release, so that it is not resumed"}
         return await factory.connect(server.hello)
@@ -493,7 +494,7 @@ def test_what_a_killed_server_left_is_finished_only_where_it_could_be_stored(
     clock.now_s += TTL_S + 1
     table.stores = False
     refused = asyncio.run(comes())
-    assert isinstance(refused, TurnedAway)
+    assert isinstance(refused, Refusal)
     assert refused.reason == "wait"
     assert (server.files, server.heads) == ([PART], 0)
     table.stores = True
@@ -541,7 +542,7 @@ def test_a_segment_that_is_in_a_store_that_is_away_is_not_played_again(clock: Cl
         connection.finish()
         connection.host.close()
 
-    async def comes() -> Connection | TurnedAway:
+    async def comes() -> Connection | Refusal:
         connection = await ConnectionFactory(server.arrivals, server.data, {}).connect(server.hello)
         if isinstance(connection, Connection):
             connection.leave()
@@ -553,7 +554,7 @@ def test_a_segment_that_is_in_a_store_that_is_away_is_not_played_again(clock: Cl
     shutil.rmtree(server.study_dir / "sub-01")  # as on a server that has not had the session
     store.rename(away)
     refused = asyncio.run(comes())
-    assert isinstance(refused, TurnedAway)
+    assert isinstance(refused, Refusal)
     assert refused.reason == "wait"
     away.rename(store)
     assert isinstance(asyncio.run(comes()), Connection)

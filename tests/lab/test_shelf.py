@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from minihuman.admin.enrolment_log import now_text
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.recruitment import ParticipantArrived, hash_link_token
@@ -222,5 +223,5 @@ def test_who_has_taken_part_on_one_machine_has_done_so_on_another(machines: tupl
     recruits = Arrivals(protocol, there).recruits  # as a database would have them everywhere
     (token,) = recruits.issue(1)
     with recruits.exclusive() as arrivals:
-        arrivals.write(ParticipantArrived(hash_link_token(token), "sub-01", arrivals.now()))
+        arrivals.journal.append(ParticipantArrived(hash_link_token(token), "sub-01", now_text()))
     assert Arrivals(protocol, there).arrive(Arrival(token)) == Rejection("finished", "complete")

@@ -25,8 +25,7 @@ from minihuman.log.read.session_reader import read_events
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.runtime.simulated_session import simulate
 from minihuman.worlds.source_digest import rules_digest
-from tests.golden.make import segment
-from tests.golden.make import study as golden
+from tests.golden.make import segment, study as golden
 from tests.log.played import played_events, record
 from tests.log.samples import STARTED_NS, session_events, session_plan
 from tests.promises.sessions import play, study

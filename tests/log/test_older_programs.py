@@ -19,8 +19,7 @@ import pytest
 from minihuman.log.names import SCHEMA_VERSION
 from minihuman.log.read.reader import LogReader
 from tests.counts import count
-from tests.golden.make import segment
-from tests.golden.make import study as frozen_study
+from tests.golden.make import segment, study as frozen_study
 
 ROOT = Path(__file__).parents[2]
 FIRST, SECOND, NEW = "22b4c34", "e7fb9c2", "new"

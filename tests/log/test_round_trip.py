@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from minihuman.experiment.activities.activity import find_kind, list_built_in_kinds
 from minihuman.experiment.machine import events as ev

@@ -3,8 +3,7 @@
 from collections import Counter
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from minihuman.experiment.machine.events import KeyPressed
 from minihuman.log.model.event_columns import CategoricalTexts, EventColumns

@@ -15,8 +15,7 @@ from minihuman.reporting.build import build_report
 from minihuman.reporting.results import compare_adjusted
 from minihuman.reporting.study_measures import add_measures, find_measure
 from minihuman.runtime.simulated_session import simulate
-from tests.lab_package import EXTENDING
-from tests.lab_package import install_lab as install_lab
+from tests.lab_package import EXTENDING, install_lab as install_lab
 
 PROTOCOL = """
 [study]

@@ -12,8 +12,13 @@ from minihuman.experiment.machine.events import EpisodeStarted, FrameShown, KeyP
 from minihuman.log.read.session_reader import read_events
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.log.record.recorder import MemoryRecorder
-from minihuman.runtime.devices.lsl import MARKER_STREAM_NAME, LslMarkerRecorder, build_marker, measure_lsl_at_zero_s
-from minihuman.runtime.devices.lsl import pylsl as library
+from minihuman.runtime.devices.lsl import (
+    MARKER_STREAM_NAME,
+    LslMarkerRecorder,
+    build_marker,
+    measure_lsl_at_zero_s,
+    pylsl as library,
+)
 from minihuman.runtime.machine import SessionClock
 from tests.counts import PATIENCE_S, count
 from tests.study.sessions import corridor_plan

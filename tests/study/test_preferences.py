@@ -15,8 +15,7 @@ from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.replay import compare_replay
 from minihuman.worlds.adapters.world import World
 from tests.study.sessions import Desk
-from tests.study.studies import CORRIDOR as BLOCK
-from tests.study.studies import plan_of
+from tests.study.studies import CORRIDOR as BLOCK, plan_of
 
 PARTS = """
 [[activities]]

@@ -71,7 +71,7 @@ class PageModel:
         self._seat.receive(self.sent[-1].n, self.sent[-1].at, what)
         while self._seat.grow():
             pass
-        self._seat.send_prefetched()
+        self._seat.outbox.send_prefetched()
         self._read()
 
     def _read(self) -> None:

@@ -31,8 +31,7 @@ from tests.counts import PATIENCE_S, count
 from tests.web.browser import Somebody, browsing
 from tests.web.page_model import PageModel
 from tests.web.page_steps import PageSteps
-from tests.web.protocols import FIRST_PERSON as FIRST_PERSON_WORLD
-from tests.web.protocols import GRID, study
+from tests.web.protocols import FIRST_PERSON as FIRST_PERSON_WORLD, GRID, study
 from tests.web.served import served
 from tests.web.serving import line, serving
 from tests.web.typed_page import TypedPage

@@ -9,8 +9,7 @@ from minihuman.admin.verify.log import find_log_differences
 from minihuman.experiment.machine.events import Answered
 from minihuman.log.read.session_reader import read_log
 from minihuman.worlds.adapters.world import World
-from tests.lab_package import PARTS, STUDY, example
-from tests.lab_package import install_lab as install_lab
+from tests.lab_package import PARTS, STUDY, example, install_lab as install_lab
 from tests.web.browser import browsing
 from tests.web.serving import serving
 

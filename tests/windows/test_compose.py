@@ -6,8 +6,7 @@ import pytest
 from minihuman.display.drawing import sheet
 from minihuman.display.drawing.screen import compose_screen, picture_size_px, repaint_screen
 from minihuman.display.drawing.sheet import arrange_keycaps
-from minihuman.experiment.keys import KEY_NAMES, key_label
-from minihuman.experiment.keys import key_caption as caption
+from minihuman.experiment.keys import KEY_NAMES, key_caption as caption, key_label
 from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
 
 SIZES = ((1280, 720), (1024, 768), (1920, 1080), (640, 360))

@@ -1,8 +1,7 @@
 """No value of any option ends or hangs the process, ends in a traceback, or is approved and then cannot be played."""
 
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from tests.counts import count
 from tests.worlds.option_cases import EDGES, PARAMETERS, Trials, edge_cases, one_world_a_kind, options_of

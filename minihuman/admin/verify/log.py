@@ -54,8 +54,7 @@ from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart, Ses
 from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
 from minihuman.experiment.protocol.strata import build_strata
 from minihuman.experiment.replay import MACHINE_VERSION, compare_replay
-from minihuman.log import integrity, topics
-from minihuman.log import names as log_names
+from minihuman.log import integrity, names as log_names, topics
 from minihuman.log.codec import EventDecoder, encode_event, event_cause_ns, find_topic, select_decoder
 from minihuman.log.integrity import METADATA_PREFIX, HashChain, SegmentHead
 from minihuman.log.names import CHAIN_KEY

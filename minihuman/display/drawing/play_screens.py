@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from minihuman.display.drawing import sheet
-from minihuman.display.drawing import sheet as theme
+from minihuman.display.drawing import sheet, sheet as theme
 from minihuman.display.drawing.sheet import MARGIN, MIN_TYPE_SIZE, Sheet, Size, draw_keycap
 from minihuman.display.text import draw_line, measure_width_px, select_typefaces
 from minihuman.experiment.keys import key_label

@@ -35,7 +35,7 @@ from minihuman.experiment.machine.inputs import (
     TextInput,
 )
 from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
-from minihuman.plugins import check_plugin_type, list_plugin_names, load_plugin
+from minihuman.plugins import call_plugin, list_plugin_names
 
 REPEAT_DELAY_NS = 500_000_000  # the usual desktop's: half a second, then 30 a second
 REPEAT_PERIOD_NS = 33_000_000
@@ -284,8 +284,15 @@ def open_window(name: str, clock: Clock, *, fullscreen: bool = False, size_px: S
 def _open(name: str, clock: Clock, *, fullscreen: bool, size_px: Size) -> Window:
     if name not in list_windows():
         raise WindowError(f"unknown window {name!r}; use one of {', '.join((AUTO_WINDOW, *list_windows()))}")
-    window = load_plugin(WINDOW_GROUP, name, WindowError, what="window")(clock, fullscreen=fullscreen, size_px=size_px)
-    check_plugin_type(window, Window, WindowError, group=WINDOW_GROUP, name=name)
-    assert isinstance(window, Window)  # checked just now
+    window = call_plugin(
+        WINDOW_GROUP,
+        name,
+        Window,  # type: ignore[type-abstract]
+        WindowError,
+        clock,
+        what="window",
+        fullscreen=fullscreen,
+        size_px=size_px,
+    )
     window.show(_OPENING)
     return window

@@ -13,10 +13,10 @@ import numpy as np
 
 from minihuman.experiment.activities.activity import ActivityKind, ActivityRequest, SessionContext
 from minihuman.experiment.activities.block_plans import AgentPlan, AgentPlayPlan
-from minihuman.experiment.activities.play import NS_PER_MS, PlayActivity
+from minihuman.experiment.activities.play import PlayActivity
 from minihuman.experiment.machine.events import ActivityEvent, PauseReason
 from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, ScreenShown
-from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.running_episode import NS_PER_MS, RunningEpisode
 from minihuman.experiment.machine.screens import OutcomeMark, PlayScreen
 from minihuman.experiment.machine.transitions import Phase, TransitionCause
 from minihuman.experiment.plan.random_streams import draw_words

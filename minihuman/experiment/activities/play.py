@@ -4,7 +4,7 @@ Holds the block's transition table, time limits (playing time only, pauses exclu
 and screens.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 from functools import partial
 from typing import Any
@@ -29,7 +29,7 @@ from minihuman.experiment.machine.events import (
     Stepped,
 )
 from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, ScreenShown
-from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, RunningEpisode
+from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, NS_PER_MS, RunningEpisode
 from minihuman.experiment.machine.screens import BlankScreen, Motion, PlayScreen, Screen, TextScreen
 from minihuman.experiment.machine.transitions import Phase, PhaseTransition, TransitionCause, TransitionTable
 from minihuman.experiment.plan.designs import DesignSpec, PlayedEpisode, make_design
@@ -127,7 +127,6 @@ class BlockTimeLimits:
         return (self._episode_ns, self._played_ns), (self._block_ns, self._block_played_ns)
 
 
-NS_PER_MS = 1_000_000
 _TIMED = (Phase.INTERVAL, Phase.FIXATION, Phase.HOLD, Phase.LEARNING)  # time ends them, no key
 
 
@@ -210,18 +209,14 @@ class BlockTally:
 
     def __init__(self, plan: PlayPlan) -> None:
         self._plan = plan
-        self._outcomes: list[str] = []  # in order
+        self.outcomes: list[str] = []  # in order, those of earlier segments first
         self.scored = 0.0  # by the last one
         self.skip: SkipReason | None = None  # why no other episode is played
-
-    def restore_outcomes(self, outcomes: Iterable[str]) -> None:
-        """Restore the outcomes of earlier segments."""
-        self._outcomes = list(outcomes)
 
     def add_episode(self, play: RunningEpisode) -> float | None:
         """Count an episode that is over; return its points, None in a block without points."""
         assert play.outcome is not None
-        self._outcomes.append(play.outcome)
+        self.outcomes.append(play.outcome)
         if self._plan.points is None:
             return None
         self.scored = self._plan.points.compute(play.outcome, play.steps, play.return_)
@@ -230,7 +225,7 @@ class BlockTally:
     def decide(self, *, time_is_up: bool) -> None:
         """Settle whether the block is over before its last episode."""
         until = self._plan.until
-        if until is not None and until.is_met(self._outcomes):
+        if until is not None and until.is_met(self.outcomes):
             self.skip = "criterion"
         elif time_is_up:
             self.skip = "time"
@@ -243,7 +238,7 @@ class BlockTally:
     def failed(self) -> bool:
         """Whether the block ends the session because its criterion was not reached."""
         until = self._plan.until
-        return until is not None and not until.is_met(self._outcomes) and until.otherwise == "end"
+        return until is not None and not until.is_met(self.outcomes) and until.otherwise == "end"
 
 
 class BlockDesign:
@@ -461,7 +456,7 @@ class PlayActivity(Activity):
             self.number == self.context.plan.standing.part
             and self.context.next_episode == self.context.plan.first_episode
         ):
-            self._tally.restore_outcomes(self.context.plan.standing.outcomes)
+            self._tally.outcomes += self.context.plan.standing.outcomes
             if self._design is not None:
                 self._design.history += self.context.plan.standing.history or ()
         self._decide()

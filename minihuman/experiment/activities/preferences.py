@@ -18,7 +18,7 @@ from minihuman.experiment.activities.activity import Activity, ActivityKind, Act
 from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.events import ActivityEvent, Noted, PauseReason
 from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, ScreenShown
-from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, catch_world_errors
+from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, NS_PER_MS, catch_world_errors
 from minihuman.experiment.machine.screens import PairScreen, Screen
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.plan.random_streams import draw_permutation
@@ -208,9 +208,6 @@ class EpisodeFilm(Sequence[ImageArray]):
             self._saved.append(self._world.save())
         except MinihumanError:  # a world that cannot be saved is reset and stepped there each time
             self._saved = []
-
-
-NS_PER_MS = 1_000_000
 
 
 class PreferencesPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

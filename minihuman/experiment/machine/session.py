@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
+from typing import Literal
 
 from minihuman.experiment.activities.activity import ENTER_KEYS, Activity, ActivityRequest, SessionContext, WorldFactory
 from minihuman.experiment.machine import screen_texts
@@ -36,6 +37,7 @@ from minihuman.experiment.machine.inputs import (
     Input,
     KeyDown,
     KeyUp,
+    PointerInput,
     PointerMoved,
     PointerPressed,
     PointerReleased,
@@ -108,6 +110,13 @@ _PAUSE_REASONS: dict[TransitionCause, PauseReason] = {
     TransitionCause.ASK_QUIT: "quit_question",
     TransitionCause.ASK_ABORT: "abort_question",
 }
+
+_POINTER_WORDS: dict[type[PointerInput], Literal["pressed", "moved", "released"]] = {
+    PointerPressed: "pressed",
+    PointerMoved: "moved",
+    PointerReleased: "released",
+}
+_TIMELESS = (Stop, ScreenShown, TextInput, PointerInput)  # what is due by now is not done before these
 
 
 class SessionMachine:
@@ -238,10 +247,10 @@ class SessionMachine:
         if self.over:
             return []
         play = self.play
-        self._context.now_ns = max(self._now_ns, happened.t_ns, at_ns)
+        self._context.now_ns = max(self.now_ns, happened.t_ns, at_ns)
         try:
             if self._phase is Phase.START:
-                self._context.emit(SessionStarted(self._now_ns, self.plan, self._facts))
+                self._context.emit(SessionStarted(self.now_ns, self.plan, self._facts))
                 self._move(TransitionCause.BEGAN)
             self._handle(happened)
         except WorldFailedError as broke:
@@ -253,6 +262,10 @@ class SessionMachine:
         return self._context.pop_events()
 
     def _handle(self, happened: Input) -> None:
+        if not isinstance(happened, _TIMELESS):
+            self._let_time_pass(happened.t_ns)
+            if self.over:
+                return
         match happened:
             case Stop():
                 finished = self.phase is Phase.CLOSING and happened.reason in ("window_closed", "signal")
@@ -260,38 +273,26 @@ class SessionMachine:
             case ScreenShown():
                 self._to_part(happened)
             case FocusChanged():
-                self._let_time_pass(happened.t_ns)
                 self._focus_changed(happened.focused)
             case KeyDown():
-                self._let_time_pass(happened.t_ns)
                 self._key_down(happened)
             case KeyUp():
-                self._let_time_pass(happened.t_ns)
                 self._key_up(happened)
             case TextInput():
-                self._context.emit(self.part.typed_event(self._now_ns, happened.text))
+                self._context.emit(self.part.typed_event(self.now_ns, happened.text))
                 self._to_part(happened)
-            case PointerPressed():
-                self._pointer("pressed", happened)
-            case PointerMoved():
-                self._pointer("moved", happened)
-            case PointerReleased():
-                self._pointer("released", happened)
+            case PointerInput():
+                what, waited_ns = _POINTER_WORDS[type(happened)], self.now_ns - happened.t_ns
+                place = (happened.x, happened.y, happened.target, happened.along)
+                self._context.emit(PointerUsed(self.now_ns, what, *place, waited_ns))
+                self._to_part(happened)
             case AxisChanged():
-                self._let_time_pass(happened.t_ns)
                 self._context.axes[happened.axis] = happened.value
-                if not self.over:
-                    self._context.emit(
-                        AxisMoved(self._now_ns, happened.axis, happened.value, self._now_ns - happened.t_ns)
-                    )
+                self._context.emit(AxisMoved(self.now_ns, happened.axis, happened.value, self.now_ns - happened.t_ns))
             case ExperimenterCommand():
-                self._let_time_pass(happened.t_ns)
                 self._asked(happened)
             case ActivityInput():
-                self._let_time_pass(happened.t_ns)
                 self._to_part(happened)
-            case Tick():
-                self._let_time_pass(happened.t_ns)
 
     def _to_part(self, happened: Input) -> None:
         if self._phase is Phase.PART:
@@ -305,7 +306,7 @@ class SessionMachine:
         How long Escape is held follows from its own times: a machine that stalled over a tap must not end the session.
         """
         if self._phase is Phase.PART:
-            self._to_part(Tick(self._now_ns))
+            self._to_part(Tick(self.now_ns))
         elif self._phase is Phase.QUIT_QUESTION and (due_ns := self.next_tick_ns) is not None and t_ns >= due_ns:
             if self._declining:
                 self._end("declined", "the participant did not agree")
@@ -318,16 +319,8 @@ class SessionMachine:
         known = self._facts.get("consent_rules", "1") == CONSENT_RULES
         return known and self._course.begun and self.part.phase is Phase.CONSENT
 
-    def _pointer(self, what: str, used: PointerPressed | PointerMoved | PointerReleased) -> None:
-        assert what in ("pressed", "moved", "released")
-        waited_ns = self._now_ns - used.t_ns
-        self._context.emit(PointerUsed(self._now_ns, what, used.x, used.y, used.target, used.along, waited_ns))  # type: ignore[arg-type]
-        self._to_part(used)
-
     def _focus_changed(self, focused: bool) -> None:
-        if self.over:
-            return
-        self._context.emit(Noted(self._now_ns, "focus", "found" if focused else "lost"))
+        self._context.emit(Noted(self.now_ns, "focus", "found" if focused else "lost"))
         self._focused = focused
         if focused:
             self._move(TransitionCause.FOCUS_FOUND)
@@ -337,9 +330,7 @@ class SessionMachine:
 
     def _asked(self, asked: ExperimenterCommand) -> None:
         """Log the experimenter's command, and carry it out if possible."""
-        if self.over:
-            return
-        self._context.emit(Noted(self._now_ns, "experimenter", f"{asked.what}: {asked.text}"))
+        self._context.emit(Noted(self.now_ns, "experimenter", f"{asked.what}: {asked.text}"))
         match asked.what:
             case "pause":
                 self._move(TransitionCause.PAUSE, "experimenter")
@@ -351,8 +342,6 @@ class SessionMachine:
     # Keys
 
     def _key_down(self, press: KeyDown) -> None:
-        if self.over:
-            return
         self._held.down(press.key, press.t_ns)
         chord = self._held.completes_chord(press.key) and not press.repeat
         if chord and SESSION_TRANSITIONS.find(self._phase, TransitionCause.ASK_ABORT, self):
@@ -385,8 +374,6 @@ class SessionMachine:
             self._move(TransitionCause.ASK_QUIT)
 
     def _key_up(self, release: KeyUp) -> None:
-        if self.over:
-            return
         self._held.up(release.key)
         self._context.emit_key(release, "release", self.phase)
         if release.key == "escape" and self._held.release_escape():
@@ -440,7 +427,7 @@ class SessionMachine:
                 self.part.suspend(why or _PAUSE_REASONS[cause])
             if cause in (TransitionCause.ASK_QUIT, TransitionCause.ASK_ABORT):
                 self._came_from.append(before)
-            self._context.emit(Noted(self._now_ns, "phase", self._phase))
+            self._context.emit(Noted(self.now_ns, "phase", self._phase))
             if self._phase is Phase.UNFOCUSED and self._focused:  # found while a question was in front
                 self._move(TransitionCause.FOCUS_FOUND)
         return True
@@ -462,7 +449,7 @@ class SessionMachine:
     def _finish(self) -> None:
         self._course.stop()
         reason, detail = self._end_reason, self._end_detail
-        self._context.emit(SessionEnded(self._now_ns, reason, detail, self._context.completed))
+        self._context.emit(SessionEnded(self.now_ns, reason, detail, self._context.completed))
 
     # Screens
 
@@ -474,10 +461,6 @@ class SessionMachine:
         if screen != self._screen:
             self._screen = screen
         self._is_drawn = True
-
-    @property
-    def _now_ns(self) -> int:
-        return self._context.now_ns
 
 
 @dataclass(frozen=True, slots=True)

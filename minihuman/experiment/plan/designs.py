@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeVar
 import msgspec
 
 from minihuman.errors import ProtocolError
-from minihuman.plugins import check_plugin_type, load_plugin
+from minihuman.plugins import call_plugin
 
 GROUP = "minihuman.designs"
 Outcome = Literal["", "success", "reward", "steps", "log_steps"]  # of an episode
@@ -126,20 +126,12 @@ def make_design(spec: DesignSpec) -> Design:
     Raises:
         ProtocolError: if there is none, it is another kind of design, or a setting is wrong.
     """
-    made: Design = _make(spec, Design)
-    return made
+    return call_plugin(GROUP, spec.name, Design, ProtocolError, spec.settings, what="design")  # type: ignore[type-abstract]
 
 
 def make_enrolment_design(spec: DesignSpec) -> EnrolmentDesign:
     """The same for a design that decides at enrolment."""
-    made: EnrolmentDesign = _make(spec, EnrolmentDesign)
-    return made
-
-
-def _make(spec: DesignSpec, port: type) -> Any:
-    made = load_plugin(GROUP, spec.name, ProtocolError, what="design")(spec.settings)
-    check_plugin_type(made, port, ProtocolError, group=GROUP, name=spec.name)
-    return made
+    return call_plugin(GROUP, spec.name, EnrolmentDesign, ProtocolError, spec.settings, what="design")  # type: ignore[type-abstract]
 
 
 SettingsType = TypeVar("SettingsType", bound=msgspec.Struct)

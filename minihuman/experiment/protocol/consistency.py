@@ -8,9 +8,14 @@ import msgspec
 
 from minihuman.errors import ProtocolError
 from minihuman.experiment.activities.activity import find_kind
-from minihuman.experiment.activities.block_plans import AgentPlan, AgentPlayPlan, PlayPlan, TeamPlayPlan
-from minihuman.experiment.activities.block_plans import check_agent as agent_complaints
-from minihuman.experiment.activities.block_plans import check_team as team_complaints
+from minihuman.experiment.activities.block_plans import (
+    AgentPlan,
+    AgentPlayPlan,
+    PlayPlan,
+    TeamPlayPlan,
+    check_agent as agent_complaints,
+    check_team as team_complaints,
+)
 from minihuman.experiment.activities.questions.question import check_item, find_question_kind
 from minihuman.experiment.plan.designs import make_design
 from minihuman.experiment.protocol.specs import (
@@ -23,7 +28,7 @@ from minihuman.experiment.protocol.specs import (
     check_each_override,
     is_completion_code,
 )
-from minihuman.experiment.protocol.validation_errors import FieldError
+from minihuman.experiment.protocol.validation_errors import FieldError, select_errors
 from minihuman.experiment.words import LANGUAGES, flatten_words, load_words
 from minihuman.worlds.catalogue import is_first_person
 
@@ -203,39 +208,51 @@ def _check_part_lists(protocol: "Protocol") -> Iterator[FieldError]:
             for place, names in _list_units(order)
         ),
     ]
-    for path, names, allowed in lists:
-        for place, name in enumerate(names):
-            if name not in allowed:
-                yield (
-                    f"{path}[{place}]",
-                    f"is {name!r}, which is not a part; parts: {', '.join(sorted(allowed)) or 'none'}",
-                )
-    for number, group in enumerate(protocol.groups):
-        for part, other in group.replace_parts.items():
-            for name in (part, other):
-                if name and name not in with_orders:
-                    yield f"$.groups[{number}].replace_parts", f"names {name!r}, which is not a part"
+    yield from (
+        (f"{path}[{place}]", f"is {name!r}, which is not a part; parts: {', '.join(sorted(allowed)) or 'none'}")
+        for path, names, allowed in lists
+        for place, name in enumerate(names)
+        if name not in allowed
+    )
+    yield from (
+        (f"$.groups[{number}].replace_parts", f"names {name!r}, which is not a part")
+        for number, group in enumerate(protocol.groups)
+        for replaced in group.replace_parts.items()
+        for name in replaced
+        if name and name not in with_orders
+    )
     for number, day in enumerate(protocol.sessions):
-        if not day.parts:
-            yield f"$.sessions[{number}].parts", "is empty; a session has one part or more"
-        if not is_completion_code(day.completion_code):
-            yield f"$.sessions[{number}].completion_code", f"is {day.completion_code!r}; {CODE_RULE}"
-        if day.days_after_previous and not 0 <= day.days_after_previous[0] <= day.days_after_previous[1]:
-            yield (
-                f"$.sessions[{number}].days_after_previous",
-                f"is {list(day.days_after_previous)}; give the earliest day, then the latest",
-            )
-        if day.days_after_previous and not number:
-            yield (
-                f"$.sessions[{number}].days_after_previous",
-                "is given for the first session; days count from the one before",
-            )
+        path, days, code = f"$.sessions[{number}]", day.days_after_previous or (), day.completion_code
+        days_path = f"{path}.days_after_previous"
+        yield from select_errors(
+            [
+                (not day.parts, f"{path}.parts", "is empty; a session has one part or more"),
+                (not is_completion_code(code), f"{path}.completion_code", f"is {code!r}; {CODE_RULE}"),
+                (
+                    days and not 0 <= days[0] <= days[1],
+                    days_path,
+                    f"is {list(days)}; give the earliest day, then the latest",
+                ),
+                (
+                    days and not number,
+                    days_path,
+                    "is given for the first session; days count from the one before",
+                ),
+            ]
+        )
     for number, order in enumerate(protocol.orders):
-        if len(order.parts) < 2 or not all(order.units):
-            yield f"$.orders[{number}].parts", "has no two parts; an order is of two or more"
         played = [part for unit in order.units for part in unit if part in blocks]
-        if len(set(order.units)) < len(order.units) or len(set(played)) < len(played):
-            yield f"$.orders[{number}].parts", "names a part twice; name each once"
+        twice = len(set(order.units)) < len(order.units) or len(set(played)) < len(played)
+        yield from select_errors(
+            [
+                (
+                    len(order.parts) < 2 or not all(order.units),
+                    f"$.orders[{number}].parts",
+                    "has no two parts; an order is of two or more",
+                ),
+                (twice, f"$.orders[{number}].parts", "names a part twice; name each once"),
+            ]
+        )
 
 
 def _list_units(order: OrderSpec) -> Iterator[tuple[str, Sequence[str]]]:
@@ -249,14 +266,15 @@ def _list_units(order: OrderSpec) -> Iterator[tuple[str, Sequence[str]]]:
 
 def _check_questionnaire(asked: QuestionnaireSpec, protocol: "Protocol") -> Iterator[FieldError]:
     parts = {part.name for field in _PARTS for part in getattr(protocol, field)}
-    if not asked.items and not asked.form:
-        yield "items", "is empty; the part needs items, or the name of a form"
-    if asked.form and asked.form not in SHIPPED_FORMS:
-        yield "form", f"is {asked.form!r}; forms: {', '.join(SHIPPED_FORMS)}"
-    if asked.return_to and asked.return_to not in parts:
-        yield "return_to", f"is {asked.return_to!r}, which is not a part"
-    if not 1 <= asked.max_attempts <= 100:
-        yield "max_attempts", f"is {asked.max_attempts}; use 1 to 100"
+    form, back, attempts = asked.form, asked.return_to, asked.max_attempts
+    yield from select_errors(
+        [
+            (not asked.items and not form, "items", "is empty; the part needs items, or the name of a form"),
+            (form and form not in SHIPPED_FORMS, "form", f"is {form!r}; forms: {', '.join(SHIPPED_FORMS)}"),
+            (back and back not in parts, "return_to", f"is {back!r}, which is not a part"),
+            (not 1 <= attempts <= 100, "max_attempts", f"is {attempts}; use 1 to 100"),
+        ]
+    )
     names: list[str] = []
     for place, item in enumerate(asked.items):
         if twice := [name for name in item.asked if name in names]:
@@ -287,16 +305,22 @@ def _check_correct_answers(asked: QuestionnaireSpec) -> Iterator[FieldError]:
 
 def _check_groups(protocol: "Protocol") -> Iterator[FieldError]:
     for number, group in enumerate(protocol.groups):
-        if not 1 <= group.allocation_ratio <= 100:
-            yield f"$.groups[{number}].allocation_ratio", f"is {group.allocation_ratio}; use 1 to 100"
-        if protocol.sessions and (group.parts or group.blocks):
-            field = "parts" if group.parts else "blocks"
-            yield (
-                f"$.groups[{number}].{field}",
-                "is given beside [[sessions]], which say it; use replace_parts = { ... }",
-            )
-        elif protocol.lists_parts and not protocol.sessions and not group.parts:
-            yield f"$.groups[{number}].parts", "is missing, as another group has parts; give this one its own"
+        path, ratio = f"$.groups[{number}]", group.allocation_ratio
+        yield from select_errors(
+            [
+                (not 1 <= ratio <= 100, f"{path}.allocation_ratio", f"is {ratio}; use 1 to 100"),
+                (
+                    protocol.sessions and (group.parts or group.blocks),
+                    f"{path}.parts" if group.parts else f"{path}.blocks",
+                    "is given beside [[sessions]], which say it; use replace_parts = { ... }",
+                ),
+                (
+                    protocol.lists_parts and not protocol.sessions and not group.parts,
+                    f"{path}.parts",
+                    "is missing, as another group has parts; give this one its own",
+                ),
+            ]
+        )
 
 
 def _check_overrides(protocol: "Protocol") -> Iterator[FieldError]:
@@ -320,12 +344,61 @@ def _check_overrides(protocol: "Protocol") -> Iterator[FieldError]:
 def _check_block(block: "BlockSpec", protocol: "Protocol") -> Iterator[FieldError]:
     pool = protocol.keys.pool
     yield from _check_block_kind(block, pool)
-    if block.computed == "page" and block.kind != "play":
-        yield "computed", f"is 'page' for a {block.kind} block; a page computes play alone: use 'server'"
-    if block.computed == "page" and block.view == "text":
-        yield "computed", "is 'page', but view is 'text', which a page does not draw: use 'server'"
+    on_page = block.computed == "page"
+    has_motion = is_first_person(block.world) and block.view == "partial"
+    longest = min(1000.0, block.step_period_ms or 1000.0)
+    other_keys = block.key_map == "fixed" and set(block.fixed_keys.values()) != set(block.actions)
+    times = ("max_episode_s", "max_block_s", "inter_trial_interval_ms", "fixation_ms", "final_frame_ms", "feedback_ms")
+    yield from select_errors(
+        [
+            (
+                on_page and block.kind != "play",
+                "computed",
+                f"is 'page' for a {block.kind} block; a page computes play alone: use 'server'",
+            ),
+            (
+                on_page and block.view == "text",
+                "computed",
+                "is 'page', but view is 'text', which a page does not draw: use 'server'",
+            ),
+            (
+                on_page and block.hold == "repeat",
+                "computed",
+                "is 'page', but held keys repeat: a page does not compute them; use 'server'",
+            ),
+            (
+                block.motion_ms and not has_motion,
+                "motion_ms",
+                "is for built-in first-person worlds with view = 'partial'; remove it",
+            ),
+            (
+                not 0 <= block.motion_ms <= longest,
+                "motion_ms",
+                f"is {block.motion_ms:g}; use 0 to {longest:g} ms",
+            ),
+            (
+                other_keys,
+                "fixed_keys",
+                "gives keys to other actions than those of the block; give each a key: fixed_keys = { 1 = 'left' }",
+            ),
+            *(
+                (key not in pool, "fixed_keys", f"has the key {key!r}, which is not in $.keys.pool")
+                for key in block.fixed_keys
+            ),
+            (
+                block.feedback_ms and not block.feedback,
+                "feedback_ms",
+                f"is {block.feedback_ms:g}, but the block has no feedback; give it some",
+            ),
+            *(
+                (not 0 <= given <= 86_400_000, field, f"is {given:g}; use 0 or more")
+                for field in times
+                if not isinstance(given := getattr(block, field), tuple)
+            ),
+        ]
+    )
     if block.design is not None:
-        if block.computed == "page":
+        if on_page:
             yield "computed", "is 'page', but a design resolves each episode on the server; use 'server'"
         if block.kind == "team":
             yield "design", "would decide for each seat by itself; leave it out of a team block"
@@ -333,35 +406,12 @@ def _check_block(block: "BlockSpec", protocol: "Protocol") -> Iterator[FieldErro
             make_design(block.design)
         except ProtocolError as error:
             yield "design", f"{block.design.name!r}: {error}"
-    if block.computed == "page" and block.hold == "repeat":
-        yield "computed", "is 'page', but held keys repeat: a page does not compute them; use 'server'"
-    if block.motion_ms and not (is_first_person(block.world) and block.view == "partial"):
-        yield "motion_ms", "is for built-in first-person worlds with view = 'partial'; remove it"
-    longest = min(1000.0, block.step_period_ms or 1000.0)
-    if not 0 <= block.motion_ms <= longest:
-        yield "motion_ms", f"is {block.motion_ms:g}; use 0 to {longest:g} ms"
-    if block.key_map == "fixed" and set(block.fixed_keys.values()) != set(block.actions):
-        yield (
-            "fixed_keys",
-            "gives keys to other actions than those of the block; give each a key: fixed_keys = { 1 = 'left' }",
-        )
-    for key in block.fixed_keys:
-        if key not in pool:
-            yield "fixed_keys", f"has the key {key!r}, which is not in $.keys.pool"
     if block.stop_criterion and not 1 <= block.stop_criterion.successes <= block.stop_criterion.of <= block.episodes:
         what = f"asks for {block.stop_criterion.successes} of {block.stop_criterion.of} in {block.episodes} episodes"
         yield "stop_criterion", f"{what}; use successes <= of <= episodes"
     interval = block.inter_trial_interval_ms
     if isinstance(interval, tuple) and not 0 <= interval[0] <= interval[1] <= 86_400_000:
         yield "inter_trial_interval_ms", f"is {list(interval)}; give the shortest, then the longest"
-    if block.feedback_ms and not block.feedback:
-        yield "feedback_ms", f"is {block.feedback_ms:g}, but the block has no feedback; give it some"
-    times = ("max_episode_s", "max_block_s", "inter_trial_interval_ms", "fixation_ms", "final_frame_ms", "feedback_ms")
-    for field in times:
-        if field == "inter_trial_interval_ms" and isinstance(interval, tuple):
-            continue
-        if not 0 <= getattr(block, field) <= 86_400_000:
-            yield field, f"is {getattr(block, field):g}; use 0 or more"
 
 
 def _check_block_kind(block: "BlockSpec", pool: tuple[str, ...]) -> Iterator[FieldError]:
@@ -380,27 +430,45 @@ def _check_block_kind(block: "BlockSpec", pool: tuple[str, ...]) -> Iterator[Fie
         yield from ((f"agent.{field}", what) for field, what in agent_complaints(agent, pool))
     elif issubclass(plan, TeamPlayPlan):
         yield from ((f"team.{field}", what) for field, what in team_complaints(block.team, pool))
-        for keys in () if block.team is None else block.team.seat_keys or ():
-            if sorted(keys.values()) != sorted(block.actions):
-                yield "team.seat_keys", f"has keys for {', '.join(keys.values())}; give each seat one for each action"
-        for field in ("max_episode_s", "max_block_s", "stop_criterion", "noop_action"):
-            if getattr(block, field):
-                yield field, "would end or step each seat by its own clock; leave it out of a team block"
+        seat_keys = () if block.team is None else block.team.seat_keys or ()
+        yield from (
+            ("team.seat_keys", f"has keys for {', '.join(keys.values())}; give each seat one for each action")
+            for keys in seat_keys
+            if sorted(keys.values()) != sorted(block.actions)
+        )
+        yield from (
+            (field, "would end or step each seat by its own clock; leave it out of a team block")
+            for field in ("max_episode_s", "max_block_s", "stop_criterion", "noop_action")
+            if getattr(block, field)
+        )
 
 
 def _check_unused_fields(protocol: "Protocol") -> Iterator[FieldError]:
     """What is given and does nothing, for no group."""
-    for number, asked in enumerate(protocol.questions):
-        if asked.items and asked.form:
-            yield f"$.questions[{number}]", "needs items, or the name of a form, and not both"
+    yield from (
+        (f"$.questions[{number}]", "needs items, or the name of a form, and not both")
+        for number, asked in enumerate(protocol.questions)
+        if asked.items and asked.form
+    )
     for number, block in enumerate(protocol.blocks):
         path, own = f"$.blocks[{number}]", ({}, *block.group_overrides.values())
-        if block.fixed_keys and not any(its.get("key_map", block.key_map) == "fixed" for its in own):
-            yield f"{path}.fixed_keys", f"is given, but key_map is {block.key_map!r}; set it to 'fixed'"
-        if block.agent is not None and not any(_has_agent(its.get("kind", block.kind)) for its in own):
-            yield f"{path}.agent", f"is given, but a {block.kind} block has none; use kind = 'takeover' or 'rating'"
-        if block.team is not None and not any(its.get("kind", block.kind) == "team" for its in own):
-            yield f"{path}.team", f"is given, but a {block.kind} block has none; use kind = 'team'"
+        kinds = [its.get("kind", block.kind) for its in own]
+        none = f"is given, but a {block.kind} block has none; use kind ="
+        yield from select_errors(
+            [
+                (
+                    block.fixed_keys and not any(its.get("key_map", block.key_map) == "fixed" for its in own),
+                    f"{path}.fixed_keys",
+                    f"is given, but key_map is {block.key_map!r}; set it to 'fixed'",
+                ),
+                (
+                    block.agent is not None and not any(map(_has_agent, kinds)),
+                    f"{path}.agent",
+                    f"{none} 'takeover' or 'rating'",
+                ),
+                (block.team is not None and "team" not in kinds, f"{path}.team", f"{none} 'team'"),
+            ]
+        )
 
 
 def _has_agent(kind: str) -> bool:

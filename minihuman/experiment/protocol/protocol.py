@@ -60,13 +60,13 @@ from minihuman.experiment.protocol.validation_errors import (
     build_protocol_error,
     find_structural_errors,
     format_field_errors,
+    select_errors,
 )
 from minihuman.worlds.contract import Palette
 
 MAX_SEED = 2**63 - 1  # TOML's integers are 64-bit signed
 MAX_ALLOCATED_BLOCKS = 1_000_000  # of all participants: the allocation list draws keys for each
 
-_NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 _FORMAT = re.compile(r"[<>^=+\- ,]{0,3}\d{0,3}(\.\d{1,2})?[a-z%]?")  # of a number or word in a text
 
 
@@ -320,16 +320,22 @@ def _check_newer_rules(protocol: Protocol) -> list[FieldError]:
 
 
 def _check_study(study: StudySpec) -> list[FieldError]:
-    found = []
-    if not _NAME.fullmatch(study.name):
-        found.append(("$.study.name", f"is {study.name!r}; use lower-case letters, digits, '-' and '_'"))
-    if not 0 <= study.seed <= MAX_SEED:
-        found.append(("$.study.seed", f"is {study.seed}; a seed is 0 or more"))
-    if not 1 <= study.participants <= 100_000:
-        found.append(("$.study.participants", f"is {study.participants}; use 1 to 100000"))
-    if not 0 <= study.min_rest_s <= 86_400:
-        found.append(("$.study.min_rest_s", f"is {study.min_rest_s}; a rest is 0 to 86400 s"))
-    return found
+    return select_errors(
+        [
+            (not specs.NAME_PATTERN.fullmatch(study.name), "$.study.name", f"is {study.name!r}; {specs.NAME_RULE}"),
+            (not 0 <= study.seed <= MAX_SEED, "$.study.seed", f"is {study.seed}; a seed is 0 or more"),
+            (
+                not 1 <= study.participants <= 100_000,
+                "$.study.participants",
+                f"is {study.participants}; use 1 to 100000",
+            ),
+            (
+                not 0 <= study.min_rest_s <= 86_400,
+                "$.study.min_rest_s",
+                f"is {study.min_rest_s}; a rest is 0 to 86400 s",
+            ),
+        ]
+    )
 
 
 def _check_allocation_size(protocol: Protocol) -> list[FieldError]:
@@ -361,7 +367,7 @@ def _check_groups(protocol: Protocol) -> list[FieldError]:
         return [("$.groups", "is empty; a study has one group or more")]
     if not protocol.blocks and not protocol.lists_parts:
         return [("$.blocks", "is empty; a study has one block or more, or parts that are not played")]
-    found = [*_check_names("groups", protocol.groups), *_check_names("blocks", protocol.blocks)]
+    found = [*specs.check_names("groups", protocol.groups), *specs.check_names("blocks", protocol.blocks)]
     names = [block.name for block in protocol.blocks]
     for number, group in enumerate(protocol.groups):
         if not group.blocks and not protocol.lists_parts:
@@ -373,47 +379,50 @@ def _check_groups(protocol: Protocol) -> list[FieldError]:
     return found
 
 
-def _check_names(field: str, named: tuple[GroupSpec, ...] | tuple[BlockSpec, ...]) -> list[FieldError]:
-    found = []
-    names = [item.name for item in named]
-    for number, name in enumerate(names):
-        path = f"$.{field}[{number}].name"
-        if not _NAME.fullmatch(name):
-            found.append((path, f"is {name!r}; use lower-case letters, digits, '-' and '_'"))
-        if name in names[:number]:
-            found.append((path, f"is {name!r} again; give each its own name"))
-    return found
-
-
 def _check_block(block: BlockSpec, protocol: Protocol) -> list[FieldError]:
-    found = []
     pool = len(protocol.keys.pool)
-    if not block.world:
-        found.append(("world", "is empty; `minihuman worlds` lists ours"))
-    if not 1 <= block.episodes <= 10_000:
-        found.append(("episodes", f"is {block.episodes}; an episode count is 1 to 10000"))
-    if not 1 <= block.max_steps <= 1_000_000:
-        found.append(("max_steps", f"is {block.max_steps}; use 1 to 1000000"))
-    if not block.actions:
-        found.append(("actions", "is empty; name the actions that get a key"))
     twice = [name for name, count in Counter(block.actions + block.distractors).items() if count > 1]
-    if twice:
-        found.append(("actions", f"and distractors name {', '.join(map(repr, twice))} twice; name each once"))
-    if len(block.actions) > pool:
-        found.append(("actions", f"has {len(block.actions)} for {pool} keys in $.keys.pool; add keys"))
-    if protocol.keys.spare_keys == "distractor" and not block.distractors:
-        found.append(("distractors", "is empty, but $.keys.spare_keys is 'distractor'; name the actions to deal out"))
+    deals_out = protocol.keys.spare_keys == "distractor"
+    stimuli = block.stimuli
+    found = select_errors(
+        [
+            (not block.world, "world", "is empty; `minihuman worlds` lists ours"),
+            (not 1 <= block.episodes <= 10_000, "episodes", f"is {block.episodes}; an episode count is 1 to 10000"),
+            (not 1 <= block.max_steps <= 1_000_000, "max_steps", f"is {block.max_steps}; use 1 to 1000000"),
+            (not block.actions, "actions", "is empty; name the actions that get a key"),
+            (twice, "actions", f"and distractors name {', '.join(map(repr, twice))} twice; name each once"),
+            (
+                len(block.actions) > pool,
+                "actions",
+                f"has {len(block.actions)} for {pool} keys in $.keys.pool; add keys",
+            ),
+            (
+                deals_out and not block.distractors,
+                "distractors",
+                "is empty, but $.keys.spare_keys is 'distractor'; name the actions to deal out",
+            ),
+            (
+                block.pace == "real_time" and not 5 <= block.step_period_ms <= 60_000,
+                "step_period_ms",
+                f"is {block.step_period_ms}; real_time needs 5 to 60000 ms",
+            ),
+            (
+                not 0 <= block.response_deadline_ms <= 3_600_000,
+                "response_deadline_ms",
+                f"is {block.response_deadline_ms:g}; use 0 to 3600000 ms",
+            ),
+            (
+                stimuli is not None and bool(stimuli.file) == bool(stimuli.rows),
+                "stimuli",
+                "needs a file or rows, and not both",
+            ),
+        ]
+    )
     if isinstance(block.seeds, tuple):
         if len(block.seeds) != block.episodes:
             found.append(("seeds", f"has {len(block.seeds)} seeds for {block.episodes} episodes; give one an episode"))
         if any(not 0 <= seed <= MAX_SEED for seed in block.seeds):
             found.append(("seeds", "has a negative seed; a seed is 0 or more"))
-    if block.pace == "real_time" and not 5 <= block.step_period_ms <= 60_000:
-        found.append(("step_period_ms", f"is {block.step_period_ms}; real_time needs 5 to 60000 ms"))
-    if not 0 <= block.response_deadline_ms <= 3_600_000:
-        found.append(("response_deadline_ms", f"is {block.response_deadline_ms:g}; use 0 to 3600000 ms"))
-    if block.stimuli is not None and bool(block.stimuli.file) == bool(block.stimuli.rows):
-        found.append(("stimuli", "needs a file or rows, and not both"))
     for text in [block.feedback] if isinstance(block.feedback, str) else block.feedback.values():
         try:
             _check_placeholders(text)
@@ -426,34 +435,60 @@ def _check_block(block: BlockSpec, protocol: Protocol) -> list[FieldError]:
 
 def _check_unused_block_fields(block: BlockSpec, keys: KeysSpec) -> list[FieldError]:
     """What is given and does nothing."""
-    found = []
-    if keys.spare_keys == "ignore" and block.distractors:
-        found.append(("distractors", "has actions, but $.keys.spare_keys is 'ignore'; set it to 'distractor'"))
-    if block.pace == "on_key" and (block.step_period_ms or (block.noop_action and not block.response_deadline_ms)):
-        found.append(
-            ("pace", "is 'on_key', which has no step_period_ms and no noop_action; remove them or use 'real_time'")
-        )
-    if block.pace == "on_key" and block.hold != "once":
-        found.append(("hold", "is for 'real_time'; in 'on_key' each press is a step: remove it, or see auto_repeat"))
-    if block.response_deadline_ms and block.pace == "real_time":
-        found.append(("response_deadline_ms", "is for 'on_key'; in 'real_time' a tick decides: remove it"))
-    if block.response_deadline_ms and block.noop_action is None:
-        found.append(("response_deadline_ms", "needs noop_action, which is done at the deadline; name one"))
-    if block.pace == "on_key" and block.stimulus_onset != "world":
-        found.append(("stimulus_onset", "is for 'real_time'; in 'on_key' every picture is an onset; remove it"))
-    for field in ("axes", "spot"):
-        if getattr(block, field) and block.kind not in ("play", "trials"):
-            found.append((field, f"is for blocks that are played, not for kind {block.kind!r}; remove it"))
-    if block.axes and block.hold != "repeat":
-        found.append(("axes", "are read at each tick; use pace = 'real_time' and hold = 'repeat'"))
-    if block.spot and block.hold == "repeat":
-        found.append(("spot", "is an action of its own, but held keys combine; use hold = 'once'"))
-    for axis in block.axes:
-        if axis not in PAD_AXES:
-            found.append(("axes", f"has {axis!r}, which is no axis; axes: {', '.join(PAD_AXES)}"))
-    if block.pace == "real_time" and block.auto_repeat:
-        found.append(("auto_repeat", "is for 'on_key'; in 'real_time' a tick decides"))
-    return found
+    on_key, real_time = block.pace == "on_key", block.pace == "real_time"
+    deadline = block.response_deadline_ms
+    kind = f"is for blocks that are played, not for kind {block.kind!r}; remove it"
+    return select_errors(
+        [
+            (
+                keys.spare_keys == "ignore" and block.distractors,
+                "distractors",
+                "has actions, but $.keys.spare_keys is 'ignore'; set it to 'distractor'",
+            ),
+            (
+                on_key and (block.step_period_ms or (block.noop_action and not deadline)),
+                "pace",
+                "is 'on_key', which has no step_period_ms and no noop_action; remove them or use 'real_time'",
+            ),
+            (
+                on_key and block.hold != "once",
+                "hold",
+                "is for 'real_time'; in 'on_key' each press is a step: remove it, or see auto_repeat",
+            ),
+            (
+                real_time and deadline,
+                "response_deadline_ms",
+                "is for 'on_key'; in 'real_time' a tick decides: remove it",
+            ),
+            (
+                deadline and block.noop_action is None,
+                "response_deadline_ms",
+                "needs noop_action, which is done at the deadline; name one",
+            ),
+            (
+                on_key and block.stimulus_onset != "world",
+                "stimulus_onset",
+                "is for 'real_time'; in 'on_key' every picture is an onset; remove it",
+            ),
+            (block.axes and block.kind not in ("play", "trials"), "axes", kind),
+            (block.spot and block.kind not in ("play", "trials"), "spot", kind),
+            (
+                block.axes and block.hold != "repeat",
+                "axes",
+                "are read at each tick; use pace = 'real_time' and hold = 'repeat'",
+            ),
+            (
+                block.spot and block.hold == "repeat",
+                "spot",
+                "is an action of its own, but held keys combine; use hold = 'once'",
+            ),
+            *(
+                (axis not in PAD_AXES, "axes", f"has {axis!r}, which is no axis; axes: {', '.join(PAD_AXES)}")
+                for axis in block.axes
+            ),
+            (real_time and block.auto_repeat, "auto_repeat", "is for 'on_key'; in 'real_time' a tick decides"),
+        ]
+    )
 
 
 def _check_placeholders(text: str) -> None:

@@ -16,10 +16,10 @@ import msgspec
 from minihuman.errors import ProtocolError
 from minihuman.experiment.activities.pages import ExampleSpec
 from minihuman.experiment.activities.questions.question import QuestionItemSpec
-from minihuman.experiment.protocol.validation_errors import FieldError
+from minihuman.experiment.protocol.validation_errors import FieldError, select_errors
 
 if TYPE_CHECKING:
-    from minihuman.experiment.protocol.protocol import BlockSpec
+    from minihuman.experiment.protocol.protocol import BlockSpec, GroupSpec
 
 GroupOverrides = dict[str, dict[str, Any]]  # group -> fields that are others for it
 
@@ -177,41 +177,49 @@ class AboutSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     participant_columns: tuple[ParticipantColumnSpec, ...] = ()
 
 
-def check_about(about: AboutSpec) -> list[tuple[str, str]]:
+def check_about(about: AboutSpec) -> list[FieldError]:
     """Every (path, complaint) about values that have the right type but cannot be."""
-    found = []
+    found = select_errors(
+        [
+            (
+                about.licence and not _LICENCE.fullmatch(about.licence),
+                "$.about.licence",
+                f"is {about.licence!r}; use an SPDX identifier such as 'CC-BY-4.0', or an address",
+            ),
+            (
+                about.doi and not _DOI.fullmatch(about.doi),
+                "$.about.doi",
+                f"is {about.doi!r}; write it as 10.1234/abcd, without https://doi.org/",
+            ),
+        ]
+    )
     for number, author in enumerate(about.authors):
-        path = f"$.about.authors[{number}]"
-        if not author.name.strip():
-            found.append((f"{path}.name", "is empty; write it as in print"))
-        if author.orcid and not is_orcid(author.orcid):
-            found.append(
-                (
-                    f"{path}.orcid",
-                    f"is {author.orcid!r}, which is not an ORCID; an ORCID looks like 0000-0002-1825-0097",
-                )
-            )
-        if author.email and "@" not in author.email:
-            found.append((f"{path}.email", f"is {author.email!r}, which is not an e-mail address"))
-    if about.licence and not _LICENCE.fullmatch(about.licence):
-        found.append(
-            ("$.about.licence", f"is {about.licence!r}; use an SPDX identifier such as 'CC-BY-4.0', or an address")
+        path, orcid, email = f"$.about.authors[{number}]", author.orcid, author.email
+        looks = "which is not an ORCID; an ORCID looks like 0000-0002-1825-0097"
+        found += select_errors(
+            [
+                (not author.name.strip(), f"{path}.name", "is empty; write it as in print"),
+                (orcid and not is_orcid(orcid), f"{path}.orcid", f"is {orcid!r}, {looks}"),
+                (email and "@" not in email, f"{path}.email", f"is {email!r}, which is not an e-mail address"),
+            ]
         )
-    if about.doi and not _DOI.fullmatch(about.doi):
-        found.append(("$.about.doi", f"is {about.doi!r}; write it as 10.1234/abcd, without https://doi.org/"))
-    for field in ("funding", "ethics_approvals", "keywords", "references"):
-        for number, text in enumerate(getattr(about, field)):
-            if not text.strip():
-                found.append((f"$.about.{field}[{number}]", "is empty; remove it"))
+    found += [
+        (f"$.about.{field}[{number}]", "is empty; remove it")
+        for field in ("funding", "ethics_approvals", "keywords", "references")
+        for number, text in enumerate(getattr(about, field))
+        if not text.strip()
+    ]
     names = [column.name for column in about.participant_columns]
     for number, column in enumerate(about.participant_columns):
-        path = f"$.about.participant_columns[{number}]"
-        if not _COLUMN.fullmatch(column.name) or column.name in ("participant", "participant_id"):
-            found.append((f"{path}.name", f"is {column.name!r}; use lower-case letters, digits and '_'"))
-        if column.name in names[:number]:
-            found.append((f"{path}.name", f"is {column.name!r} again; give each its own name"))
-        if not column.description.strip():
-            found.append((f"{path}.description", "is empty; say what the column holds"))
+        path, name = f"$.about.participant_columns[{number}]", column.name
+        is_name = _COLUMN.fullmatch(name) and name not in ("participant", "participant_id")
+        found += select_errors(
+            [
+                (not is_name, f"{path}.name", f"is {name!r}; use lower-case letters, digits and '_'"),
+                (name in names[:number], f"{path}.name", f"is {name!r} again; give each its own name"),
+                (not column.description.strip(), f"{path}.description", "is empty; say what the column holds"),
+            ]
+        )
     return found
 
 
@@ -254,48 +262,76 @@ class AnalysisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def check_analysis(
     analysis: AnalysisSpec, blocks: tuple[str, ...], *, practice: tuple[str, ...] = ()
-) -> list[tuple[str, str]]:
+) -> list[FieldError]:
     """Every (path, complaint) about an analysis that cannot be made."""
-    found = [
-        (f"$.analysis.{field}", f"is {name!r}, which is not a measure; there are {', '.join(COMPARABLE_MEASURES)}")
-        for field, names in (
-            ("primary_measure", (analysis.primary_measure,)),
-            ("secondary_measures", analysis.secondary_measures),
-            ("covariates", analysis.covariates),
-        )
-        for name in names
-        if name and name not in COMPARABLE_MEASURES and not _NAMED_MEASURE.fullmatch(name)
-    ]
-    found += [
-        ("$.analysis.conditions", f"has {name!r}, which is not a block; blocks: {', '.join(blocks)}")
-        for name in analysis.conditions
-        if name not in blocks
-    ]
-    if len(analysis.conditions) == 1 or len(set(analysis.conditions)) < len(analysis.conditions):
-        found.append(("$.analysis.conditions", "compares blocks with each other; name two or more, each once"))
-    if analysis.covariates and not analysis.primary_measure:
-        found.append(("$.analysis.covariates", "adjust the primary measure; name one"))
-    if analysis.primary_measure in analysis.secondary_measures and analysis.primary_measure:
-        found.append(
+    primary, conditions, block = analysis.primary_measure, analysis.conditions, analysis.block
+    margin = analysis.equivalence_margin
+    known, played = f"there are {', '.join(COMPARABLE_MEASURES)}", f"blocks: {', '.join(blocks)}"
+    measures = (
+        ("primary_measure", (primary,)),
+        ("secondary_measures", analysis.secondary_measures),
+        ("covariates", analysis.covariates),
+    )
+    found = select_errors(
+        [
+            *(
+                (
+                    name and name not in COMPARABLE_MEASURES and not _NAMED_MEASURE.fullmatch(name),
+                    field,
+                    f"is {name!r}, which is not a measure; {known}",
+                )
+                for field, names in measures
+                for name in names
+            ),
+            *(
+                (name not in blocks, "conditions", f"has {name!r}, which is not a block; {played}")
+                for name in conditions
+            ),
             (
-                "$.analysis.secondary_measures",
-                f"names {analysis.primary_measure!r}, which is the primary measure already",
-            )
+                len(conditions) == 1 or len(set(conditions)) < len(conditions),
+                "conditions",
+                "compares blocks with each other; name two or more, each once",
+            ),
+            (analysis.covariates and not primary, "covariates", "adjust the primary measure; name one"),
+            (
+                primary and primary in analysis.secondary_measures,
+                "secondary_measures",
+                f"names {primary!r}, which is the primary measure already",
+            ),
+            (
+                margin is not None and not margin > 0,
+                "equivalence_margin",
+                f"is {margin}; groups are alike within more than 0",
+            ),
+            (
+                margin is not None and not primary,
+                "equivalence_margin",
+                "is of the primary measure; name one",
+            ),
+            (block and block not in blocks, "block", f"is {block!r}, which is not a block; {played}"),
+            (block in practice, "block", f"is {block!r}, which has analysed = false; name another block"),
+        ]
+    )
+    return [(f"$.analysis.{field}", what) for field, what in found]
+
+
+NAME_PATTERN = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
+NAME_RULE = "use lower-case letters, digits, '-' and '_'"
+
+
+def check_names(field: str, named: Sequence["GroupSpec | BlockSpec | DeviceSpec"]) -> list[FieldError]:
+    """Every (path, complaint) about the names of what a field of the protocol holds."""
+    names = [one.name for one in named]
+    found = []
+    for number, name in enumerate(names):
+        path = f"$.{field}[{number}].name"
+        found += select_errors(
+            [
+                (not NAME_PATTERN.fullmatch(name), path, f"is {name!r}; {NAME_RULE}"),
+                (name in names[:number], path, f"is {name!r} again; give each its own name"),
+            ]
         )
-    if analysis.equivalence_margin is not None and not analysis.equivalence_margin > 0:
-        found.append(
-            ("$.analysis.equivalence_margin", f"is {analysis.equivalence_margin}; groups are alike within more than 0")
-        )
-    if analysis.equivalence_margin is not None and not analysis.primary_measure:
-        found.append(("$.analysis.equivalence_margin", "is of the primary measure; name one"))
-    if analysis.block and analysis.block not in blocks:
-        found.append(("$.analysis.block", f"is {analysis.block!r}, which is not a block; blocks: {', '.join(blocks)}"))
-    if analysis.block in practice:
-        found.append(("$.analysis.block", f"is {analysis.block!r}, which has analysed = false; name another block"))
     return found
-
-
-_NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 
 
 class DeviceSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -308,22 +344,22 @@ class DeviceSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     required: bool = True  # without it the session does not begin; else the facts in the log say that it is missing
 
 
-def check_devices(devices: tuple[DeviceSpec, ...]) -> list[tuple[str, str]]:
+def check_devices(devices: tuple[DeviceSpec, ...]) -> list[FieldError]:
     """Every (path, complaint) about values that have the right type but cannot be."""
-    found = []
-    names = [device.name for device in devices]
+    found = check_names("devices", devices)
     for number, device in enumerate(devices):
-        path = f"$.devices[{number}]"
-        if not _NAME.fullmatch(device.name):
-            found.append((f"{path}.name", f"is {device.name!r}; use lower-case letters, digits, '-' and '_'"))
-        if device.name in names[:number]:
-            found.append((f"{path}.name", f"is {device.name!r} again; give each its own name"))
-        if not device.plugin:
-            found.append((f"{path}.plugin", "is empty; name a plug-in, such as lsl:NAME"))
-        if device.units and len(device.units) != len(device.channels):
-            found.append((f"{path}.units", f"has {len(device.units)} for {len(device.channels)} channels"))
-        if len(set(device.channels)) < len(device.channels):
-            found.append((f"{path}.channels", "names one twice"))
+        path, channels, units = f"$.devices[{number}]", device.channels, device.units
+        found += select_errors(
+            [
+                (not device.plugin, f"{path}.plugin", "is empty; name a plug-in, such as lsl:NAME"),
+                (
+                    units and len(units) != len(channels),
+                    f"{path}.units",
+                    f"has {len(units)} for {len(channels)} channels",
+                ),
+                (len(set(channels)) < len(channels), f"{path}.channels", "names one twice"),
+            ]
+        )
     return found
 
 
@@ -378,22 +414,42 @@ class ModelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     max_session_s: float = 0.0  # of waiting for answers
 
 
-def check_model(model: ModelSpec) -> list[tuple[str, str]]:
+def check_model(model: ModelSpec) -> list[FieldError]:
     """Every (path, complaint) about values that have the right type but cannot be."""
-    found = []
-    if not all(64 <= side <= 4096 for side in model.size_px):
-        found.append(("$.model.size_px", f"is {list(model.size_px)}; use 64 to 4096 px a side"))
     bounds: tuple[tuple[str, float, float], ...] = (
         *(("history", 0, 1_000), ("retries", 0, 100), ("temperature", 0, 10), ("max_tokens", 1, 1_000_000)),
         *(("timeout_s", 1, 86_400), ("price_prompt", 0, 1e6), ("price_completion", 0, 1e6), ("max_price", 0, 1e9)),
         *(("max_session_tokens", 0, 1e12), ("max_session_s", 0, 1e7)),
     )
-    for field, least, most in bounds:
-        if not least <= getattr(model, field) <= most:
-            found.append((f"$.model.{field}", f"is {getattr(model, field):g}; use {least:g} to {most:g}"))
-    if model.max_price and not (model.price_prompt or model.price_completion):
-        found.append(("$.model.max_price", "limits nothing without price_prompt and price_completion; give them"))
-    return found
+    return select_errors(
+        [
+            (
+                not all(64 <= side <= 4096 for side in model.size_px),
+                "$.model.size_px",
+                f"is {list(model.size_px)}; use 64 to 4096 px a side",
+            ),
+            *_list_bound_rules("model", model, bounds),
+            (
+                model.max_price and not (model.price_prompt or model.price_completion),
+                "$.model.max_price",
+                "limits nothing without price_prompt and price_completion; give them",
+            ),
+        ]
+    )
+
+
+def _list_bound_rules(
+    table: str, spec: msgspec.Struct, bounds: Iterable[tuple[str, float, float]]
+) -> list[tuple[bool, str, str]]:
+    """A rule for each field of a table that has a least and a greatest value."""
+    return [
+        (
+            not least <= getattr(spec, field) <= most,
+            f"$.{table}.{field}",
+            f"is {getattr(spec, field):g}; use {least:g} to {most:g}",
+        )
+        for field, least, most in bounds
+    ]
 
 
 class WebSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -418,35 +474,47 @@ class WebSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     redirect: str = ""  # where the page leads at the end; {code} and {id}, the platform's id, are filled in
 
 
-def check_web(online: WebSpec) -> list[tuple[str, str]]:
+def check_web(online: WebSpec) -> list[FieldError]:
     """Every (path, complaint) about values that have the right type but cannot be."""
-    found = []
-    for field, least, most in (("image_size_px", 16, 4096), ("min_window_size_px", 0, 8192)):
-        if not all(least <= side <= most for side in getattr(online, field)):
-            found.append((f"$.web.{field}", f"is {list(getattr(online, field))}; use {least} to {most} px a side"))
-    for field, least, most in (
-        ("reconnect_timeout_s", 0, 86_400),
-        ("idle_timeout_s", 0, 86_400),
-        ("max_rtt_ms", 0, 60_000),
-        ("max_concurrent_sessions", 1, 10_000),
-        ("max_unconsented_per_address", 1, 10_000),
-    ):
-        if not least <= getattr(online, field) <= most:
-            found.append((f"$.web.{field}", f"is {getattr(online, field):g}; use {least} to {most}"))
-    for name in online.completion_codes.__struct_fields__:
-        code = getattr(online.completion_codes, name)
-        if not is_completion_code(code):
-            found.append((f"$.web.completion_codes.{name}", f"is {code!r}; {CODE_RULE}"))
-    codes = [
-        code for name in online.completion_codes.__struct_fields__ if (code := getattr(online.completion_codes, name))
-    ]
-    if codes.count(online.completion_codes.complete) > 1 and online.completion_codes.complete:
-        found.append(("$.web.completion_codes.complete", "is another end's code, too; give completion one of its own"))
-    if online.redirect and not online.redirect.startswith("https://"):
-        found.append(("$.web.redirect", f"is {online.redirect!r}; it starts with https://"))
-    if set(re.findall(r"\{([^}]*)\}", online.redirect)) - {"code", "id"}:
-        found.append(("$.web.redirect", "has a bad placeholder; use {code} and {id}"))
-    return found
+    codes = msgspec.structs.asdict(online.completion_codes)
+    complete, given = online.completion_codes.complete, list(codes.values())
+    sizes = (("image_size_px", 16, 4096), ("min_window_size_px", 0, 8192))
+    bounds = (
+        *(("reconnect_timeout_s", 0, 86_400), ("idle_timeout_s", 0, 86_400), ("max_rtt_ms", 0, 60_000)),
+        *(("max_concurrent_sessions", 1, 10_000), ("max_unconsented_per_address", 1, 10_000)),
+    )
+    return select_errors(
+        [
+            *(
+                (
+                    not all(least <= side <= most for side in getattr(online, field)),
+                    f"$.web.{field}",
+                    f"is {list(getattr(online, field))}; use {least} to {most} px a side",
+                )
+                for field, least, most in sizes
+            ),
+            *_list_bound_rules("web", online, bounds),
+            *(
+                (not is_completion_code(code), f"$.web.completion_codes.{name}", f"is {code!r}; {CODE_RULE}")
+                for name, code in codes.items()
+            ),
+            (
+                complete and given.count(complete) > 1,
+                "$.web.completion_codes.complete",
+                "is another end's code, too; give completion one of its own",
+            ),
+            (
+                online.redirect and not online.redirect.startswith("https://"),
+                "$.web.redirect",
+                f"is {online.redirect!r}; it starts with https://",
+            ),
+            (
+                set(re.findall(r"\{([^}]*)\}", online.redirect)) - {"code", "id"},
+                "$.web.redirect",
+                "has a bad placeholder; use {code} and {id}",
+            ),
+        ]
+    )
 
 
 SHIPPED_FORMS = ("nasa-tlx", "demographics")

@@ -15,6 +15,7 @@ from minihuman.experiment.activities.questions.question import QuestionItemSpec,
 from minihuman.experiment.machine.events import Answered, Event, PartEnded
 from minihuman.experiment.plan.designs import DesignSpec, make_enrolment_design
 from minihuman.experiment.protocol.specs import SHIPPED_FORMS, load_form
+from minihuman.experiment.protocol.validation_errors import FieldError, select_errors
 
 if TYPE_CHECKING:
     from minihuman.experiment.protocol.protocol import Protocol
@@ -98,7 +99,7 @@ def build_strata(protocol: "Protocol") -> Strata | None:
     return Strata(part, name, names, codes, asked.cut_points)
 
 
-def check_allocation(protocol: "Protocol") -> list[tuple[str, str]]:
+def check_allocation(protocol: "Protocol") -> list[FieldError]:
     """Every (path, complaint) about strata that cannot be."""
     asked = protocol.allocation
     wrong = []
@@ -120,7 +121,7 @@ def check_allocation(protocol: "Protocol") -> list[tuple[str, str]]:
     return [(f"$.allocation.{field}", what) for field, what in found]
 
 
-def _check_answer(protocol: "Protocol") -> Iterator[tuple[str, str]]:
+def _check_answer(protocol: "Protocol") -> Iterator[FieldError]:
     """The answer has to be one that people can be told apart by."""
     asked = protocol.allocation
     part, _, name = asked.stratify_by.partition(".")
@@ -144,7 +145,7 @@ def _check_answer(protocol: "Protocol") -> Iterator[tuple[str, str]]:
         yield from _check_codes(asked, item)
 
 
-def _check_number_of_strata(protocol: "Protocol") -> Iterator[tuple[str, str]]:
+def _check_number_of_strata(protocol: "Protocol") -> Iterator[FieldError]:
     found = build_strata(protocol)
     if found is not None and not 2 <= len(found.names) <= MAX_STRATA:
         yield (
@@ -153,19 +154,22 @@ def _check_number_of_strata(protocol: "Protocol") -> Iterator[tuple[str, str]]:
         )
 
 
-def _check_cuts(asked: AllocationSpec) -> Iterator[tuple[str, str]]:
-    if not asked.cut_points:
-        yield (
-            "cut_points",
-            f"is missing, but {asked.stratify_by!r} is a number; say where it is cut, as cut_points = [30]",
-        )
-    if asked.strata:
-        yield "strata", f"is given, but {asked.stratify_by!r} is a number; use cut_points"
-    if any(first >= second for first, second in pairwise(asked.cut_points)):
-        yield "cut_points", f"is {list(asked.cut_points)}; give them in rising order, each once"
+def _check_cuts(asked: AllocationSpec) -> list[FieldError]:
+    cuts, number = asked.cut_points, f"{asked.stratify_by!r} is a number"
+    return select_errors(
+        [
+            (not cuts, "cut_points", f"is missing, but {number}; say where it is cut, as cut_points = [30]"),
+            (asked.strata, "strata", f"is given, but {number}; use cut_points"),
+            (
+                any(first >= second for first, second in pairwise(cuts)),
+                "cut_points",
+                f"is {list(cuts)}; give them in rising order, each once",
+            ),
+        ]
+    )
 
 
-def _check_codes(asked: AllocationSpec, item: QuestionItemSpec) -> Iterator[tuple[str, str]]:
+def _check_codes(asked: AllocationSpec, item: QuestionItemSpec) -> Iterator[FieldError]:
     if asked.cut_points:
         yield "cut_points", f"is given, but {asked.stratify_by!r} is not a number; use strata = {{ name = [codes] }}"
     if not asked.strata:
@@ -183,7 +187,7 @@ def _check_codes(asked: AllocationSpec, item: QuestionItemSpec) -> Iterator[tupl
         yield "strata", f"has one called {NO_ANSWER!r}, which is for those who give none; call it otherwise"
 
 
-def _check_parts_before(protocol: "Protocol") -> Iterator[tuple[str, str]]:
+def _check_parts_before(protocol: "Protocol") -> Iterator[FieldError]:
     """What comes before the draw is the same for everybody, and the draw comes before anything is played."""
     part = protocol.allocation.stratify_by.partition(".")[0]
     if len(protocol.groups) < 2:

@@ -106,6 +106,11 @@ def find_structural_errors(tree: object, kind: type[msgspec.Struct], path: str =
             yield path, f"needs the field `{name}`: {_example(hints[field.name], name)}"
 
 
+def select_errors(rules: Iterable[tuple[object, str, str]]) -> list[FieldError]:
+    """The errors of the rules that are broken, each given with whether it is."""
+    return [(path, what) for is_broken, path, what in rules if is_broken]
+
+
 def suggest_names(wrong: str, known: Iterable[str]) -> str:
     """What may have been meant, or all there is."""
     names = list(known)

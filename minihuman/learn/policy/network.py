@@ -6,6 +6,7 @@ what they prepare for batches. The sums are the same in another order; a test ho
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Literal
 
 import torch
@@ -136,6 +137,16 @@ class LocalCodeEncoder(CodeEncoder):
         return features
 
 
+_ENCODERS: dict[EncoderName, Callable[[spaces.Box], nn.Module]] = {
+    "grid": GridEncoder,
+    "codes": CodeEncoder,
+    "near": LocalCodeEncoder,
+    "map": MapEncoder,
+    "planes": PlaneEncoder,
+    "atari": partial(NatureCNN, features_dim=IMAGE_FEATURES),
+}
+
+
 class MissionImageExtractor(BaseFeaturesExtractor):
     """Features of an observation {"image", "mission"}: the image's 64, then the mission's 32 where there is one."""
 
@@ -144,20 +155,7 @@ class MissionImageExtractor(BaseFeaturesExtractor):
         assert isinstance(image, spaces.Box)
         mission = observation_space.spaces.get("mission")
         super().__init__(observation_space, IMAGE_FEATURES + (MISSION_FEATURES if mission is not None else 0))
-        self.image: nn.Module
-        match eyes:
-            case "grid":
-                self.image = GridEncoder(image)
-            case "codes":
-                self.image = CodeEncoder(image)
-            case "near":
-                self.image = LocalCodeEncoder(image)
-            case "map":
-                self.image = MapEncoder(image)
-            case "planes":
-                self.image = PlaneEncoder(image)
-            case "atari":
-                self.image = NatureCNN(image, IMAGE_FEATURES)
+        self.image = _ENCODERS[eyes](image)
         for layer in self.image.modules():
             if isinstance(layer, nn.ReLU):
                 layer.inplace = True

@@ -171,7 +171,6 @@ _RECORD_START = re.compile(rb"[\x06\x09\x0c\x0f]....\x00\x00\x00\x00", re.DOTALL
 _DATA_END = struct.Struct("<BQI")
 _TIMES = struct.Struct("<QQ")
 _TEXT_LENGTH = struct.Struct("<I")
-_INDEX = struct.Struct("<HI")  # channel, bytes of entries
 _CHUNK_BYTES = 40  # of a chunk without its records and the name of their compression
 _ATTACHMENT_BYTES = 36  # of an attachment without its texts and data
 _ZSTD = "zstd"
@@ -287,8 +286,8 @@ def check_record_size(opcode: int, content: bytes) -> None:
         ValueError: if there is more or less in it than it says.
     """
     if opcode == Opcode.MESSAGE_INDEX:
-        _, length = _INDEX.unpack_from(content)
-        stated = _INDEX.size + length
+        _, length = _INDEX_HEAD.unpack_from(content)
+        stated = _INDEX_HEAD.size + length
     else:  # a header: two texts
         (profile,) = _TEXT_LENGTH.unpack_from(content)
         (library,) = _TEXT_LENGTH.unpack_from(content, _TEXT_LENGTH.size + profile)

@@ -76,17 +76,14 @@ def open_devices(wanted: Sequence[Wanted], clock: Clock) -> Iterator[tuple[dict[
     try:
         for one in wanted:
             try:
-                device = make_device(one.plugin)
-                devices[one.name] = device
-                device_facts = device.open(clock)
+                devices[one.name] = make_device(one.plugin)
+                device_facts = devices[one.name].open(clock) or {"source": one.plugin}
             except DeviceError as error:
                 if one.required:
                     raise DeviceError(f"device {one.name!r}: {error}") from error
-                gone = devices.pop(one.name, None)
-                if gone is not None:
+                if (gone := devices.pop(one.name, None)) is not None:
                     gone.close()
                 device_facts = {"missing": str(error)}
-            device_facts = device_facts or {"source": one.plugin}
             facts |= {f"device_{one.name}_{name}": value for name, value in device_facts.items()}
         yield devices, facts
     finally:

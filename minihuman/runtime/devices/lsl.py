@@ -133,10 +133,14 @@ class LslMarkerRecorder(WrappedRecorder):
         whose = f"{plan.study}-{plan.participant.id}-ses-{plan.session}-seg-{plan.segment}"
         info = lsl.StreamInfo(MARKER_STREAM_NAME, "Markers", 1, lsl.IRREGULAR_RATE, lsl.cf_string, f"minihuman-{whose}")
         about = info.desc().append_child("session")
-        for name, value in (("study", plan.study), ("participant", plan.participant.id)):
-            about.append_child_value(name, value)
-        for name, number in (("session", plan.session), ("segment", plan.segment)):
-            about.append_child_value(name, str(number))
+        told = {
+            "study": plan.study,
+            "participant": plan.participant.id,
+            "session": plan.session,
+            "segment": plan.segment,
+        }
+        for name, value in told.items():
+            about.append_child_value(name, str(value))
         self._outlet = lsl.StreamOutlet(info)
         self._queue: queue.SimpleQueue[Sequence[Event] | None] = queue.SimpleQueue()
         self._action_names: tuple[str, ...] = ()

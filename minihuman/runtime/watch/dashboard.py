@@ -4,7 +4,6 @@ import json
 import secrets
 import sys
 from collections.abc import Callable
-from datetime import UTC, datetime
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
@@ -14,6 +13,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import msgspec
 
+from minihuman.admin.enrolment_log import now_text
 from minihuman.admin.recruitment import Recruitment
 from minihuman.admin.status import format_status
 from minihuman.errors import LogError
@@ -92,8 +92,8 @@ class DashboardServer:
                     log = self._sessions.log_of(name)
                     if log is None:
                         return None
-                    at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
-                    send_command(log, msgspec.structs.replace(msgspec.json.decode(body, type=CommandRequest), at=at))
+                    request = msgspec.json.decode(body, type=CommandRequest)
+                    send_command(log, msgspec.structs.replace(request, at=now_text()))
                     return "application/json", b"{}"
                 case "recruit", bytes():
                     self._recruits.recruit(msgspec.json.decode(body, type=_RecruitmentSwitch).open)

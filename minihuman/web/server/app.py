@@ -27,7 +27,7 @@ from minihuman.log.system import monotonic_s
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts
 from minihuman.web import messages
 from minihuman.web.arrivals import Arrivals
-from minihuman.web.connection import Connection, ConnectionFactory, TurnedAway
+from minihuman.web.connection import Connection, ConnectionFactory
 from minihuman.web.eligibility import build_completion, classify_ending, get_page_texts, get_session_code
 from minihuman.web.messages import (
     HEADERS,
@@ -253,12 +253,11 @@ class WebServer:
                 del self._silent[oldest]
                 await oldest.close(CLOSE_BUSY)
             hello, connection = await self._receive_hello(page, socket.client.host if socket.client else "")
-            if isinstance(connection, TurnedAway) and connection.reason == "wait":
+            if isinstance(connection, messages.Refusal) and connection.reason == "wait":
                 await page.close(CLOSE_BUSY)
                 return
-            if isinstance(connection, TurnedAway):
-                refusal = messages.Refusal(connection.reason, connection.words, connection.leave, connection.url)
-                await page.send(messages.encode_unnumbered(refusal))
+            if isinstance(connection, messages.Refusal):
+                await page.send(messages.encode_unnumbered(connection))
                 await page.close(CLOSE_OLD if connection.reason == "old" else REFUSED)
                 return
             await self._serve(page, connection, hello)
@@ -269,7 +268,9 @@ class WebServer:
         except messages.MessageError as error:
             await page.close(REFUSED, str(error))
 
-    async def _receive_hello(self, page: PageSocket, address: str) -> tuple[messages.Hello, Connection | TurnedAway]:
+    async def _receive_hello(
+        self, page: PageSocket, address: str
+    ) -> tuple[messages.Hello, Connection | messages.Refusal]:
         """Wait for the hello, and connect its page."""
         self._silent[page] = None
         try:
@@ -371,10 +372,10 @@ class WebServer:
                     parts, size = [], 0
             if safe > acked:
                 acked = safe
-                parts.append(messages.encode_control(messages.ServerAck(acked)))
+                parts.append(messages.encode_text(messages.ServerAck(acked)))
             if connection.ping is not None:
                 ping, connection.ping = connection.ping, None
-                parts.append(messages.encode_control(messages.Pong(*ping, connection.now_ns())))
+                parts.append(messages.encode_text(messages.Pong(*ping, connection.now_ns())))
             if parts:
                 await page.send(b"".join(parts))
 

@@ -1,6 +1,5 @@
 """The entry points' former place: data sets that were exported earlier name it in their environment's spec."""
 
-from minihuman.worlds.inside.entry_points import make_go_to_obj_world as make_go_to_obj
-from minihuman.worlds.inside.entry_points import make_grid_world as make
+from minihuman.worlds.inside.entry_points import make_go_to_obj_world as make_go_to_obj, make_grid_world as make
 
 __all__ = ["make", "make_go_to_obj"]

@@ -10,8 +10,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorProto
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import DecodeError, Message
 from google.protobuf.message_factory import GetMessageClass
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.log.read.protobuf_columns import BEYOND, FieldColumn, MessageColumns

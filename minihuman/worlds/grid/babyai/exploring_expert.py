@@ -18,8 +18,7 @@ from minihuman.worlds.grid.belief_state import (
     Noise,
     no_noise,
 )
-from minihuman.worlds.grid.core import rewards
-from minihuman.worlds.grid.core import state as fields
+from minihuman.worlds.grid.core import rewards, state as fields
 from minihuman.worlds.grid.core.cells import (
     BOX,
     CLOSED,

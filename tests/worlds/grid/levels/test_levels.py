@@ -9,8 +9,7 @@ from itertools import pairwise
 import gymnasium
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, Phase, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, Phase, given, settings, strategies as st
 
 import minihuman  # noqa: F401
 from minihuman.errors import WorldError
