@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 
 import minihuman  # noqa: F401  registers the worlds
-from minihuman.worlds.first_person.render.asset_files import own_library
+from minihuman.worlds.first_person.render.asset_files import asset_library
 from minihuman.worlds.first_person.render.drawing import RenderTarget, render, render_depth, render_top
 from minihuman.worlds.first_person.render.render_pool import RenderPool
 from minihuman.worlds.first_person.render.scene import (
@@ -27,7 +27,7 @@ from minihuman.worlds.first_person.render.scene import (
 )
 
 HEIGHT = 2.5
-library = functools.cache(own_library)  # each would make its textures anew, which takes long in plain Python
+library = functools.partial(asset_library, None)  # the worlds' own: textures take ten seconds each in plain Python
 CAMERA = Camera((-1.5, 1.5, 0.3), 0.1)
 
 
@@ -114,7 +114,6 @@ if __name__ == "__main__":
     if sys.argv[3:] == ["alone"]:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     width, height = map(int, sys.argv[1:3])
-    if sys.argv[3:] == ["display"]:
-        print(display_digest(width, height))
-    else:
-        print(digest(width, height), *([together(width, height, pictures=2)] if sys.argv[3:] == ["together"] else []))
+    print(digest(width, height))
+    if sys.argv[3:] == ["everything"]:
+        print(together(width, height, pictures=2), display_digest(width, height), sep="\n")

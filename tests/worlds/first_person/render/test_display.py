@@ -1,9 +1,6 @@
 """The look of a display: nearer to the truth than the classic one, with joints and contact in shade."""
 
 import math
-import os
-import subprocess
-import sys
 
 import gymnasium
 import numpy as np
@@ -11,7 +8,6 @@ import pytest
 
 import minihuman  # noqa: F401  registers the worlds
 from minihuman.errors import WorldError
-from tests.worlds.first_person.render.stages import display_digest
 
 LOOKS = "classic", "display"
 FINE = 4  # times as many pixels each way
@@ -92,12 +88,3 @@ def test_a_batch_and_a_copy_have_the_look():
     alone = gymnasium.make("minihuman/MiniWorld-Hallway-v0", look="display").unwrapped
     assert np.array_equal(observed[0], alone.reset(seed=3)[0])
     assert not np.array_equal(observed[0], gymnasium.make("minihuman/MiniWorld-Hallway-v0").reset(seed=3)[0])
-
-
-@pytest.mark.program
-def test_the_kernels_run_as_plain_python_draw_the_same_display():
-    command = [sys.executable, "-m", "tests.worlds.first_person.render.stages", "12", "8", "display"]
-    plain = subprocess.run(
-        command, env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, check=True, capture_output=True, text=True
-    )
-    assert plain.stdout.strip() == display_digest(12, 8)

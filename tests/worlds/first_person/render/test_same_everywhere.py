@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.counts import count
-from tests.worlds.first_person.render.stages import apart, digest, threaded_digests, together
+from tests.worlds.first_person.render.stages import apart, digest, display_digest, threaded_digests, together
 
 pytestmark = pytest.mark.program
 
@@ -42,9 +42,18 @@ def test_pictures_drawn_together_are_what_each_is_alone(threads: int) -> None:
     assert together(80, 60, threads=threads) == apart(80, 60)
 
 
-def test_the_kernels_run_as_plain_python_draw_the_same_pictures_alone_and_together() -> None:
-    plain = elsewhere(10, 8, "together", NUMBA_DISABLE_JIT="1")
-    assert plain.split() == [digest(10, 8), apart(10, 8, pictures=2)]
+@pytest.fixture(scope="module")
+def in_plain_python() -> list[str]:
+    """What a process draws whose kernels are not compiled, 12 x 8: alone, together, and in the look of a display."""
+    return elsewhere(12, 8, "everything", NUMBA_DISABLE_JIT="1").split()
+
+
+def test_the_kernels_run_as_plain_python_draw_the_same_pictures_alone_and_together(in_plain_python: list[str]) -> None:
+    assert in_plain_python[:2] == [digest(12, 8), apart(12, 8, pictures=2)]
+
+
+def test_the_kernels_run_as_plain_python_draw_the_same_display(in_plain_python: list[str]) -> None:
+    assert in_plain_python[2:] == [display_digest(12, 8)]
 
 
 @pytest.mark.long
