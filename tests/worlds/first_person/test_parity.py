@@ -81,23 +81,33 @@ def episodes(name: str):
 @pytest.mark.long
 @pytest.mark.parametrize("names", GROUPS, ids=lambda names: names[0] if len(names) == 1 else "all")
 def test_worlds_play_as_miniworlds_do(names):
-    _compare([episode for name in names for episode in episodes(name)], names)
+    ours = [episode for name in names for episode in episodes(name)]
+    _compare(ours, names, transcripts([job for job, _ in ours]))
 
 
-def test_worlds_play_as_miniworlds_do_with_their_sine_replaced_by_ours():
-    _compare([played(name, 5, random_action, {}, trig=1) for name in NAMES], NAMES)
-
-
-def test_with_our_sine_most_worlds_leave_miniworlds_own_path_by_a_last_bit_at_most():
-    """What differs is a sine that the host's library does not round correctly; see docs/speed.md for how often."""
+@pytest.fixture(scope="module")
+def with_our_sine():
+    """Each world with our sine; Miniworld's with ours and its own, in one process: its worlds are dear to make."""
     ours = [played(name, 5, random_action, {}, trig=1) for name in NAMES]
-    theirs = transcripts([replace(job, own_sine=False) for job, _ in ours])
+    jobs = [job for job, _ in ours]
+    theirs = transcripts(jobs + [replace(job, own_sine=False) for job in jobs])
+    return ours, theirs[: len(jobs)], theirs[len(jobs) :]
+
+
+def test_worlds_play_as_miniworlds_do_with_their_sine_replaced_by_ours(with_our_sine):
+    ours, theirs, _ = with_our_sine
+    _compare(ours, NAMES, theirs)
+
+
+def test_with_our_sine_most_worlds_leave_miniworlds_own_path_by_a_last_bit_at_most(with_our_sine):
+    """What differs is a sine that the host's library does not round correctly; see docs/speed.md for how often."""
+    ours, _, theirs = with_our_sine
     for (job, parts), other in zip(ours, theirs, strict=True):
         assert np.allclose(np.array(parts[4]), other.poses, rtol=0, atol=1e-9), job.name
 
 
-def _compare(ours, names):
-    compared = list(zip(ours, transcripts([job for job, _ in ours]), strict=True))
+def _compare(ours, names, theirs):
+    compared = list(zip(ours, theirs, strict=True))
     assert {job.name for (job, _), _ in compared} == set(names)
     for (job, (walls, things, camera, light, poses, others, rewards, flags)), theirs in compared:
         where = f"{job.name} seed {job.seed} {job.options}"
