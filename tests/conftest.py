@@ -18,15 +18,6 @@ settings.register_profile(
 settings.load_profile("minihuman")
 
 
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_auto_num_workers() -> int | None:
-    """One process more than there are cores: what waits for a window, a browser or a disk leaves its core to others."""
-    if "PYTEST_XDIST_AUTO_NUM_WORKERS" in os.environ:
-        return None
-    affinity = getattr(os, "sched_getaffinity", None)  # Linux alone has it
-    return 1 + (len(affinity(0)) if affinity else os.cpu_count() or 1)
-
-
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files that start whole programs come first: a long one that came last would run when all else has ended."""
