@@ -41,6 +41,7 @@ def compare(study: Path, out: Path, sessions: int) -> Iterator[tuple[str, tuple[
     yield "cold: export parquet", run(HERE, "export", "parquet", study, out / "parquet")
     for name, command in again.items():
         yield f"then: {name}", run(HERE, *command)
+    run(HERE, "status", study)  # whose index was forgotten above
     log = min(study.rglob("*.mcap"))
     for number, name in enumerate(("status", "query, medians", "report"), sessions):
         as_another(log, f"sub-{number:05}", study, with_end=True)
