@@ -18,13 +18,6 @@ settings.register_profile(
 settings.load_profile("minihuman")
 
 
-@pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files that start whole programs come first: a long one that came last would run when all else has ended."""
-    programs = {item.path for item in items if item.get_closest_marker("program")}
-    items.sort(key=lambda item: item.path not in programs)
-
-
 def pytest_configure(config: pytest.Config) -> None:
     """Before any world is imported, in each process that runs tests."""
     build_worlds()
