@@ -48,7 +48,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {  # the commands of each module of 
         "manifest": "Write a study's manifest and print its digest.",
         "withdraw": "Withdraw a participant and free their slot.",
         "replace": "Free the slot of a participant who dropped out; keep their data.",
-        "gather": "Synchronize a study's logs with the remote store.",
+        "gather": "Synchronize a study's logs and tables with the remote stores.",
     },
     "publish": {
         "export": "Export a study as tables, demonstrations or an archive.",
