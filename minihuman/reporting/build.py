@@ -315,7 +315,8 @@ def find_practice(protocols: Sequence[Protocol], groups: Iterable[str]) -> froze
 
 
 def _is_practice(rows: pd.DataFrame, practice: Collection[tuple[str, str]]) -> "pd.Series[bool]":
-    return pd.Series(pd.MultiIndex.from_frame(rows[["group", "block"]]).isin(practice), rows.index, bool)
+    pairs = pd.MultiIndex.from_frame(rows[["group", "block"]])
+    return pd.Series(pairs.isin(sorted(practice)) if practice else False, rows.index, bool)
 
 
 def _study(store: StudyStore, sessions: StudySessions) -> str:
