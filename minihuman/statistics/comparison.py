@@ -24,10 +24,9 @@ LEAST_ESTIMATED = 4  # below whom a difference has no interval: of 2 against 18 
 LEAST_FREEDOM = 5  # residual degrees of freedom, below which nothing is adjusted for covariates
 _SMALL = 10  # participants in the smaller of unequal groups, below whom t floors p
 _AT_ONCE = 200_000  # values permuted at a time
-LARGEST_REGROUPED = 5_000  # participants; of more, what regroupings tend to is drawn, not the regroupings
-_ALWAYS_DRAWN = (
-    30  # participants of two groups, from whom on there are more than RESAMPLES regroupings, or next to none
-)
+LARGEST_REGROUPED = 5_000  # values; of more, in large groups, the limit of the regroupings is drawn instead of them
+LEAST_LARGE = 500  # participants in the smaller group, from whom on that limit holds for skewed values, too
+_ALWAYS_DRAWN = 30  # participants; more in groups above three have more regroupings than RESAMPLES
 _KEPT_SIZE = 200  # participants, up to whom regroupings are kept for the next measure: 16 MB
 SEED = 20_230_613  # of the permutations, so that the same data give the same p
 LARGEST_G = 10  # above it a standardised difference says only that a spread is next to nothing
@@ -288,7 +287,7 @@ def adjust_groups(a: tuple[Values, Values], b: tuple[Values, Values]) -> tuple[V
 
     (difference,), residuals = fit(e[None])
     rng = np.random.default_rng(SEED)
-    if n + m > LARGEST_REGROUPED:
+    if has_limit(n, m, n + m):
         shifts, own_shifts, squares = rng.standard_normal(RESAMPLES), np.zeros(1), np.array([[1.0], [0.0], [0.0]])
     else:
         order = rng.permuted(np.tile(np.arange(n + m), (RESAMPLES, 1)), axis=1)
@@ -364,7 +363,7 @@ def permutation_tests(pairs: Sequence[tuple[Values, Values]]) -> list[Permutatio
 def draw_totals(columns: Values, n: int) -> Values:
     """The totals of columns over the first group, for each regrouping.
 
-    Of more than LARGEST_REGROUPED participants, totals are drawn from the normal distribution that they tend to (Hajek,
+    In large groups (``has_limit``) totals are drawn from the normal distribution that they tend to (Hajek,
     1960), with their own means and covariances: no p differs by more than the drawing of regroupings lets it.
 
     Args:
@@ -375,7 +374,7 @@ def draw_totals(columns: Values, n: int) -> Values:
         (regroupings, columns).
     """
     total = len(columns)
-    if total <= LARGEST_REGROUPED:
+    if not has_limit(n, total - n, total):
         return np.concatenate([chosen @ columns for chosen in draw_regroupings(n, total - n)])
     mean = columns.mean(axis=0)
     centred = columns - mean
@@ -383,6 +382,11 @@ def draw_totals(columns: Values, n: int) -> Values:
     return np.random.default_rng(SEED).multivariate_normal(
         n * mean, covariance, RESAMPLES, check_valid="ignore", method="eigh"
     )
+
+
+def has_limit(n: int, m: int, values: int) -> bool:
+    """Whether groups of these sizes, with so many values that tell something, are tested by their limit."""
+    return values > LARGEST_REGROUPED and min(n, m) >= LEAST_LARGE
 
 
 def count_regroupings(n: int, m: int) -> float:

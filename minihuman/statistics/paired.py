@@ -323,9 +323,7 @@ def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) 
     own = np.column_stack([np.ones(len(at)), at / at.std()])
     among, between = (np.add.reduceat(own[:, :, None] * its[:, None, :], begins) for its in (own, design))
     among, kind, people = np.unique(among, axis=0, return_inverse=True, return_counts=True)
-    products = np.zeros(
-        (len(among), 2, 2, design.shape[1], design.shape[1])
-    )  # summed over people with the same episodes
+    products = np.zeros((len(among), 2, 2, *[design.shape[1]] * 2))  # summed over people with the same episodes
     np.add.at(products, kind.ravel(), between[:, :, None, :, None] * between[:, None, :, None, :])
     total, freedom = design.T @ design, len(design) - design.shape[1] + 1
 

@@ -11,13 +11,13 @@ from scipy import sparse, special
 
 from minihuman.statistics.comparison import (
     ALPHA,
-    LARGEST_REGROUPED,
     RESAMPLES,
     SEED,
     Values,
     count_regroupings,
     draw_regroupings,
     floor_freedom,
+    has_limit,
 )
 
 LEAST_EVENTS = 5  # a group, below which a restricted mean is too uncertain for an interval and a p
@@ -119,8 +119,8 @@ def _test(waited: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") ->
 
 
 def _draw_differences(waited: SurvivalTimes, n: tuple[int, int]) -> Values:
-    """Each regrouping's difference in standard errors; of more than LARGEST_REGROUPED people from their limit."""
-    if sum(n) > LARGEST_REGROUPED:
+    """Each regrouping's difference in standard errors; with many events from their limit."""
+    if has_limit(*n, int(waited.observed.sum())):
         return np.abs(np.random.default_rng(SEED).standard_normal(RESAMPLES))
     drawn = [
         _compare_means(waited, part)

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from scipy import special
 
 from minihuman.statistics.comparison import (
-    LARGEST_REGROUPED,
     RESAMPLES,
     SEED,
     Values,
     count_regroupings,
     draw_totals,
+    has_limit,
 )
 
 LEVEL = 0.95
@@ -165,7 +165,7 @@ def two_parts_p(a: Values, b: Values) -> float:
     together = np.concatenate([a, b])
     n, total = len(a), len(a) + len(b)
     observed = _sum_of_squares(together[None, :, :], n)[0]
-    if total > LARGEST_REGROUPED:
+    if has_limit(n, total - n, int(np.count_nonzero(~np.isnan(together), axis=0).min())):
         return _limit_p(together, n, float(observed))
     if count_regroupings(n, total - n) <= RESAMPLES:
         every = [

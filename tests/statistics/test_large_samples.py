@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from minihuman.statistics import comparison, survival, two_part_model
+from minihuman.statistics import comparison
 from minihuman.statistics.comparison import (
     LARGEST_REGROUPED,
     RESAMPLES,
     adjust_groups,
     count_regroupings,
+    has_limit,
     permutation_tests,
 )
 from minihuman.statistics.survival import SurvivalTimes, compare_survival
@@ -29,8 +30,7 @@ def both(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], li
     def run(work: Callable[[], object]) -> list[object]:
         assert N + M < LARGEST_REGROUPED
         found = [work()]
-        for module in (comparison, survival, two_part_model):
-            monkeypatch.setattr(module, "LARGEST_REGROUPED", N)
+        monkeypatch.setattr(comparison, "LARGEST_REGROUPED", N)
         return [*found, work()]
 
     return run
@@ -92,6 +92,12 @@ def test_adjusted_means(both: Callable[[Callable[[], object]], list[object]]) ->
 
     regrouped, limit = both(work)
     assert limit == pytest.approx(regrouped, abs=TOLERANCE)
+
+
+def test_a_small_group_beside_a_large_one_and_few_values_are_regrouped() -> None:
+    assert has_limit(3_000, 3_000, 6_000)
+    assert not has_limit(20, 6_000, 6_020), "the mean of 20 skewed values is not normal"
+    assert not has_limit(3_000, 3_000, 40), "40 events tell little, however many people were watched"
 
 
 def test_a_hundred_thousand_people_are_compared() -> None:
