@@ -88,7 +88,7 @@ def fill(folder: Path, protocol: Protocol, taken: int, tokens: list[str]) -> Non
         register.append(*slots)
     with arrivals.recruits.exclusive() as file:
         keys = map(hash_link_token, tokens[1:taken])
-        file.write(*(ParticipantArrived(key, code, first.at) for key, code in zip(keys, codes, strict=True)))
+        file.journal.append(*(ParticipantArrived(key, code, first.at) for key, code in zip(keys, codes, strict=True)))
 
 
 def database_cpu_s() -> float:
