@@ -181,7 +181,9 @@ def joins(protocol: Protocol, *, taken: int, times: int) -> str:
             register.append(*slots)
         with arrivals.recruits.exclusive() as file:
             keys = map(hash_link_token, tokens[1:])
-            file.write(*(ParticipantArrived(key, code, first.at) for key, code in zip(keys, codes, strict=False)))
+            file.journal.append(
+                *(ParticipantArrived(key, code, first.at) for key, code in zip(keys, codes, strict=False))
+            )
         arrivals.arrive(Arrival(tokens[taken]))  # the first of a process reads them all
         cpu_ms = []
         for token in tokens[taken + 1 :]:
