@@ -17,6 +17,8 @@ from tests.fault_simulation.planted import (
 )
 from tests.fault_simulation.simulation import Parts, simulate
 
+pytestmark = pytest.mark.program
+
 FAILED_ONCE = (  # a hole that an fsync left, a blank live file, a line taken back after an fsync failed
     *(14, 61, 75),
     *(415, 2044),  # a line, and a live file, that could be read and were not on the disk
@@ -38,7 +40,7 @@ FAILED_ONCE_AT_COMMITS = (
 
 @pytest.mark.long
 def test_no_seed_loses_doubles_or_believes_anything() -> None:
-    runs, acknowledged, steps = count(200, 10_000), 0, 0
+    runs, acknowledged, steps = count(100, 10_000), 0, 0
     failed = {}
     for seed in range(runs):
         outcome = simulate(seed, machines=2 if seed % 10 == 4 else 1, at_commits=seed % 20 == 14)

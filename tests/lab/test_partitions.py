@@ -46,6 +46,8 @@ from tests.builders import session, write_log
 from tests.lab.object_store import object_store
 from tests.lab.test_next_session import PROTOCOL, play
 
+pytestmark = pytest.mark.program
+
 STUDY = "corridor"
 
 
@@ -55,7 +57,7 @@ def object_url() -> Iterator[str]:
         yield address
 
 
-@pytest.fixture(params=["folder", pytest.param("object store", marks=pytest.mark.program)])
+@pytest.fixture(params=["folder", "object store"])
 def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     """The address of an empty store of tables."""
     if request.param == "object store":

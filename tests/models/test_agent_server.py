@@ -27,6 +27,8 @@ from minihuman.web import agent_server
 from minihuman.web.agent_server import MAX_BODY_BYTES, ProgramSessions, make_agent_server
 from tests.models.studies import study
 
+pytestmark = pytest.mark.program
+
 DOCS = Path(__file__).parents[2] / "docs" / "models.md"
 
 

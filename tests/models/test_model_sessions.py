@@ -33,6 +33,8 @@ from minihuman.simulation.model_conversation import AnswerRule
 from tests.models.endpoint import KEY, Endpoint, Reply, play, serve_endpoint, text_of
 from tests.models.studies import study
 
+pytestmark = pytest.mark.program
+
 
 @pytest.fixture
 def environment(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
@@ -224,7 +226,6 @@ def test_models_have_slots_of_their_own_and_the_keys_of_the_people_with_their_nu
     assert not list((tmp_path / "data" / "seat").glob("model-*"))
 
 
-@pytest.mark.program
 def test_nothing_written_holds_the_key_or_the_address(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
     """Neither files nor messages in them, nor what a report, an export, a scorecard and the terminal say."""
 
@@ -434,7 +435,6 @@ def test_a_session_left_between_the_inputs_of_an_answer_goes_on_with_the_rest(
     assert all_as_logged(tmp_path)
 
 
-@pytest.mark.program
 def test_two_programs_of_one_study_at_once_share_its_slots(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
     (tmp_path / "study.toml").write_text(study("text"))
     command = [sys.executable, "-m", "minihuman", "simulate", "study.toml", "--data", "data", "--player", "model:x"]
@@ -461,7 +461,6 @@ def find_in_flight(data: Path) -> set[tuple[str, int]]:
 KILLS = 100 if os.environ.get("MINIHUMAN_LONG") else 3
 
 
-@pytest.mark.program
 @pytest.mark.long
 def test_after_a_kill_no_stored_answer_is_asked_again(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
     """Eight sessions at a time are killed again and again, a few requests after each start and with one to eight calls

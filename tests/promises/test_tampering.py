@@ -18,6 +18,8 @@ from tests.counts import count
 from tests.promises.sessions import play, study
 from tests.promises.tampering import Change, Record, messages_changed, moved, others_changed, rewritten
 
+pytestmark = pytest.mark.program
+
 INPUTS = {  # what a person or device did is in no other place of a log; docs/promises.md says so
     "/input/key symbol",
     "attachment packages.txt",

@@ -133,6 +133,7 @@ def test_samples_are_a_table_with_the_protocols_words(log):
     assert segment.samples[0].t_ns >= 0
 
 
+@pytest.mark.program
 def test_a_device_that_fails_stops_the_session_and_says_so(tmp_path):
     clock = OnTheClock()
     device = EyeTracker(fails_after=3)

@@ -13,6 +13,8 @@ from minihuman.log.read.session_reader import read_log
 from minihuman.runtime.simulated_session import simulate
 from minihuman.worlds.team import TeamWorld
 
+pytestmark = pytest.mark.program
+
 PONG = Path(__file__).parents[2] / "docs" / "pong" / "pong.toml"
 ID = "pong_world:Lab/CooperativePong-v0"
 pytest.importorskip("pettingzoo.butterfly", reason="pip install pettingzoo, as the test extra does")

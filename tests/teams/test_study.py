@@ -25,6 +25,8 @@ from minihuman.statistics.comparison import find_units
 from tests.teams.study import PEOPLE, WITH_AGENT, team_study
 from tests.worlds.teams.overcooked import dynamics, needs_overcooked
 
+pytestmark = pytest.mark.program
+
 WITH_SIMULATED = WITH_AGENT.replace("scripted:random", "simulated:random")
 TICKS = 'pace = "real_time"\nstep_period_ms = 100'
 

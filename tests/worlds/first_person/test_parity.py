@@ -94,6 +94,7 @@ def with_our_sine():
     return ours, theirs[: len(jobs)], theirs[len(jobs) :]
 
 
+@pytest.mark.program
 def test_worlds_play_as_miniworlds_do_with_their_sine_replaced_by_ours(with_our_sine):
     ours, theirs, _ = with_our_sine
     _compare(ours, NAMES, theirs)
