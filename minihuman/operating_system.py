@@ -416,9 +416,20 @@ def interrupt_after(limit_s: float) -> Iterator[None]:
 
 
 def exit_when_terminated() -> None:
-    """Turn SIGTERM into SystemExit, so that ``finally`` blocks run."""
+    """Turn SIGTERM into SystemExit, so that ``finally`` blocks run.
+
+    Python drops what is raised in a finalizer or a weak reference's callback; the signal is then sent once more.
+    """
+    report = sys.unraisablehook
 
     def leave(*_: object) -> None:
         raise SystemExit(0)
 
+    def leave_later(dropped: "sys.UnraisableHookArgs") -> None:
+        if dropped.exc_type is SystemExit:
+            threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGTERM)).start()
+        else:
+            report(dropped)
+
+    sys.unraisablehook = leave_later
     signal.signal(signal.SIGTERM, leave)

@@ -4,6 +4,8 @@ import ast
 import errno
 import os
 import socket
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -27,6 +29,7 @@ from minihuman.operating_system import (
     retry_when_shared,
     windows_disposition,
 )
+from tests.counts import PATIENCE_S
 from tests.disks import fill, small_disk
 from tests.log.samples import STARTED_NS, session_plan
 
@@ -290,3 +293,27 @@ def test_a_session_is_timed_by_the_finest_clock() -> None:
     }
     assert coarse == {"display/windows/keyboard.py"}  # lays the X server's clock beside it
     assert time.get_clock_info("perf_counter").monotonic
+
+
+DROPS_IT = """
+import signal, time
+from minihuman.operating_system import exit_when_terminated
+
+class Finalized:
+    def __del__(self):
+        signal.raise_signal(signal.SIGTERM)
+
+exit_when_terminated()
+try:
+    Finalized()
+    print("went on", flush=True)
+    time.sleep(600)
+finally:
+    print("finally")
+"""
+
+
+@pytest.mark.program
+def test_a_termination_is_obeyed_though_it_comes_where_python_drops_what_is_raised():
+    done = subprocess.run([sys.executable, "-c", DROPS_IT], capture_output=True, text=True, timeout=PATIENCE_S)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "went on\nfinally\n", "")

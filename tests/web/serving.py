@@ -59,8 +59,12 @@ class Serving:
         return self._ended()
 
     def _ended(self) -> int:
-        with self._process:
-            return self._process.wait(timeout=PATIENCE_S)
+        with self._process as process:
+            try:
+                return process.wait(timeout=PATIENCE_S)
+            except subprocess.TimeoutExpired:
+                process.kill()  # or it would be waited for without end
+                raise
 
     def again(self) -> None:
         """Start it anew, on the same folder."""
