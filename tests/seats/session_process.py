@@ -50,5 +50,5 @@ def main(protocol: Path, data: Path, action: str) -> None:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # one that comes when the session is over says nothing
     main(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3])
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # all is done; a signal during the interpreter's own end says nothing
