@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests import meter, nightly
 from tests.built_worlds import build_worlds
 from tests.xserver import xvfb
 
@@ -18,9 +19,22 @@ settings.register_profile(
 settings.load_profile("minihuman")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add our options."""
+    meter.add_option(parser)
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Before any world is imported, in each process that runs tests."""
+    nightly.choose_counts(config)
+    meter.register(config)
     build_worlds()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave the long proofs to the night."""
+    nightly.deselect_nightly(config, items)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -1,4 +1,4 @@
-"""How often a long proof runs, and how long a test waits: more under ``MINIHUMAN_LONG=1``."""
+"""How often a long proof runs, and how long a test waits: more under ``MINIHUMAN_NIGHTLY=1``."""
 
 import os
 from typing import TypeVar
@@ -7,7 +7,7 @@ T = TypeVar("T")  # a number of times, or what is gone through
 
 
 def count(small: T, full: T) -> T:
-    return full if os.environ.get("MINIHUMAN_LONG") == "1" else small
+    return full if os.environ.get("MINIHUMAN_NIGHTLY") == "1" else small
 
 
 PATIENCE_S = count(

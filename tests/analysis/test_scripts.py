@@ -150,6 +150,7 @@ def test_the_study_of_partners_trains_plays_and_proves_its_four_conditions(tmp_p
     assert (tmp_path / "clone.pt").stat() == before, "what is there is not made again"
 
 
+@pytest.mark.nightly(by_day=["change between two days"])
 @pytest.mark.parametrize("design", ["teams of two", "change between two days", "exclusions by the protocol's rules"])
 def test_power_is_held_against_reports_and_whole_reports_against_the_quick_way(tmp_path, monkeypatch, capsys, design):
     run(monkeypatch, "power_against_reports.py", "--only", design, "--studies", 1, "--reports", 1, "--out", tmp_path)
@@ -176,7 +177,7 @@ def test_the_committed_comparison_of_power_is_the_docs():
     assert [line for line in table if line.startswith("|") and line not in docs] == []
 
 
-@pytest.mark.long
+@pytest.mark.nightly
 def test_each_attacker_is_held_out_of_the_fit_of_the_evidence(tmp_path, monkeypatch, capsys):
     run(monkeypatch, "bots.py", tmp_path, "--people", 20, "--programs", 2)
     rows = pd.read_csv(tmp_path / "bots.csv")
@@ -185,6 +186,7 @@ def test_each_attacker_is_held_out_of_the_fit_of_the_evidence(tmp_path, monkeypa
     assert rows.loc[5, "auc"] >= 0.95
 
 
+@pytest.mark.nightly
 def test_the_baseline_sets_difficulty_is_what_simulated_people_make_it(tmp_path, monkeypatch):
     run(monkeypatch, "baseline_difficulty.py", tmp_path, "--quick")
     table = pd.read_csv(tmp_path / "baseline_difficulty.csv")

@@ -108,7 +108,7 @@ def test_no_edit_of_the_table_cache_is_believed(study: Path) -> None:
     rng = random.Random(26)
     expected, notes = tables(study)
     assert notes == []
-    for number in range(count(25, 500)):
+    for number in range(count(10, 500)):
         with duckdb.connect(str(study / TABLE_CACHE)) as cache:
             sql = some_edit(rng, cache)
             cache.execute(sql)
@@ -129,7 +129,7 @@ def test_a_session_that_is_in_the_cache_twice_is_made_anew_once(study: Path) -> 
 def test_no_edit_of_the_session_index_is_believed(study: Path, caplog: pytest.LogCaptureFixture) -> None:
     rng = random.Random(26)
     expected = index(study)
-    for number in range(count(50, 500)):
+    for number in range(count(20, 500)):
         with duckdb.connect(str(study / TABLE_CACHE)) as cache:
             described = cache.execute("DESCRIBE session_index.sessions").fetchall()
             column, kind = rng.choice([(name, kind) for name, kind, *_ in described])
@@ -332,7 +332,7 @@ def flipped(whole: bytes, chance: random.Random) -> bytes:
     return whole[:place] + bytes([whole[place] ^ 1 << chance.randrange(8)]) + whole[place + 1 :]
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 @pytest.mark.parametrize(("what", "full"), [("tables", 300), ("index", 1_200)])
 def test_a_flipped_bit_of_a_cache_changes_no_number(study: Path, what: str, full: int) -> None:
     read = (lambda: tables(study)[0]) if what == "tables" else (lambda: index(study))
@@ -346,7 +346,7 @@ def test_a_flipped_bit_of_a_cache_changes_no_number(study: Path, what: str, full
         assert read() == expected
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_a_flipped_bit_of_a_manifest_is_named_or_without_effect(study: Path) -> None:
     write_manifest(study)
     path, chance = study / MANIFEST_FILE_NAME, random.Random(5)

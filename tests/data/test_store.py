@@ -136,6 +136,7 @@ def test_a_folder_that_may_not_be_written_is_read_all_the_same(study):
     assert not (study / TABLE_CACHE).exists()
 
 
+@pytest.mark.nightly(by_day=["0", "65536"])
 @pytest.mark.parametrize("free", [0, 8 * 1024, 64 * 1024, 256 * 1024, 512 * 1024])
 def test_a_study_on_a_full_disk_is_read_all_the_same_and_takes_the_rest_of_it_for_nothing(played, tmp_path, free):
     with small_disk(tmp_path, 4 * 2**20):

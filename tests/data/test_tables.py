@@ -308,7 +308,7 @@ def test_units_are_in_the_dictionary():
                 assert not column.name.endswith(ending) or column.unit == unit
 
 
-@pytest.mark.long
+@pytest.mark.nightly
 def test_many_sessions_take_no_more_memory_than_a_few(log, tmp_path):
     made = tabled(session())
 

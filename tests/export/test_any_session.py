@@ -150,6 +150,7 @@ def test_what_a_format_cannot_hold_is_in_the_card(studies, tmp_path):
     assert "sub-01 session 1 episode 1 has no step" in (tmp_path / "out/README.md").read_text()
 
 
+@pytest.mark.nightly
 def test_imitation_takes_no_more_memory_for_many_sessions(tmp_path):
     """What Arrow holds at its highest, in a fresh process each: trajectories are written as they come."""
     study = recorded(tmp_path, participants=1)

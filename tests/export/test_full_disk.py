@@ -47,6 +47,7 @@ def test_minari_on_a_full_disk_is_one_sentence(free_bytes: int, tmp_path: Path) 
     assert said(done) == [f"minihuman: {disk / 'out'}: No space left on device"]
 
 
+@pytest.mark.nightly(by_day=["plot"])
 @pytest.mark.parametrize("command", ["report", "plot"])
 def test_a_report_and_figures_on_a_full_disk_are_one_sentence(command: str, tmp_path: Path) -> None:
     study = shutil.copytree(PLAIN, tmp_path / "plain")
@@ -126,7 +127,7 @@ WRITING = (
 )
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 @pytest.mark.parametrize("free_bytes", count((0,), (0, 8_000, 30_000)))
 @pytest.mark.parametrize("command", count(WRITING[:5], WRITING))
 def test_a_command_whose_disk_is_full_names_what_it_was_to_write(

@@ -208,6 +208,7 @@ def psych_ds_errors(folder: Path) -> list[str]:
     return errors
 
 
+@pytest.mark.nightly(sample=True)
 @pytest.mark.parametrize("name", [*FROZEN, "two-sessions"])
 def test_psych_ds_keeps_its_written_rules(exported, name):
     assert psych_ds_errors(exported / "psych-ds" / name) == []

@@ -70,7 +70,7 @@ def successes(weights: np.ndarray, seeds: range) -> int:
     return reached
 
 
-@pytest.mark.long
+@pytest.mark.nightly
 def test_a_policy_cloned_from_optimal_demonstrations_finds_the_goal_more_often_than_chance(tmp_path):
     study = recorded(tmp_path / "data", participants=count(3, 10), toml=TOML)
     (path,) = export_study("imitation", study, tmp_path / "out", Selection(outcome=("goal",)))[0].paths

@@ -189,8 +189,8 @@ def the_protocol(folder: Path):
     )
 
 
+@pytest.mark.nightly(by_day=["file"])
 @pytest.mark.program
-@pytest.mark.long
 def test_no_slot_is_given_twice_by_many_processes(data: Path) -> None:
     many = max(500, PROCESSES * EACH)
     spawn = multiprocessing.get_context("spawn")

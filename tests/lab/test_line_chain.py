@@ -58,7 +58,7 @@ def test_a_line_of_which_a_power_cut_left_the_size_alone_is_passed_over(tmp_path
 
 
 @pytest.mark.parametrize("kind", ["enrolment log", "annotations"])
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_every_flipped_bit_is_named_or_without_effect(kind: str, tmp_path: Path, log) -> None:
     if kind == "annotations":
         for number in (1, 2, 3):

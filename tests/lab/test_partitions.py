@@ -139,6 +139,7 @@ def check_rows(url: str, study: Path, tmp_path: Path) -> None:
         assert pa.concat_tables(pa.parquet.read_table(file, partitioning=None) for file in files).equals(expected)
 
 
+@pytest.mark.nightly(by_day=["folder"])
 def test_a_session_more_adds_its_files_and_writes_no_other(study: Path, url: str, tmp_path: Path) -> None:
     first = store_tables(study)
     before = stored(url)
@@ -177,6 +178,7 @@ def test_equal_rows_make_equal_files_on_every_machine_in_whatever_order_they_cam
     assert contents(one) == contents(other) != {}
 
 
+@pytest.mark.nightly(by_day=["object store"])
 def test_two_machines_store_their_own_sessions_in_one_place(tmp_path: Path, url: str, study: Path) -> None:
     both = copied(study, tmp_path / "both", url)
     other = copied(study, tmp_path / "other", url)
@@ -198,6 +200,7 @@ def test_columns_that_a_report_fills_in_change_no_file(tmp_path: Path) -> None:
     assert store_tables(study) == (0, 0)
 
 
+@pytest.mark.nightly(by_day=["object store"])
 def test_a_session_that_goes_on_replaces_its_files_and_a_second_day_adds_its_own(
     study: Path, url: str, tmp_path: Path
 ) -> None:
@@ -218,6 +221,7 @@ def test_a_session_that_goes_on_replaces_its_files_and_a_second_day_adds_its_own
     check_rows(url, study, tmp_path)
 
 
+@pytest.mark.nightly(by_day=["folder"])
 def test_an_annotation_replaces_the_tables_it_changes_and_reaches_the_other_machine(
     study: Path, url: str, tmp_path: Path
 ) -> None:
@@ -286,6 +290,7 @@ def test_whoever_withdraws_is_in_no_table_of_the_store_and_in_no_folder_gathered
     assert (folder / "notes.txt").read_text() == "mine"
 
 
+@pytest.mark.nightly(by_day=["object store"])
 def test_a_machine_that_had_not_heard_of_the_withdrawal_is_put_right(study: Path, url: str, tmp_path: Path) -> None:
     late = copied(study, tmp_path / "late", url)
     withdraw_participant(study, "sub-02", seal=None)
@@ -348,6 +353,7 @@ def test_an_interrupted_run_leaves_whole_files_and_the_next_does_the_rest(two_pe
     assert {path.name for path in tables.rglob(".*")} == {".lock"}
 
 
+@pytest.mark.nightly(by_day=["folder"])
 def test_tables_of_another_selection_another_version_and_another_study_are_told_apart(
     study: Path, url: str, tmp_path: Path
 ) -> None:
@@ -371,6 +377,7 @@ def test_tables_of_another_selection_another_version_and_another_study_are_told_
     check_rows(url, study, tmp_path)
 
 
+@pytest.mark.nightly(by_day=["object store"])
 def test_an_exported_hugging_face_data_set_has_the_same_files(study: Path, url: str, tmp_path: Path) -> None:
     store_tables(study)
     fetch_tables(url, tmp_path / "fetched")

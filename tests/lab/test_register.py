@@ -84,7 +84,7 @@ def test_many_stations_at_once_never_share_a_slot(tmp_path):
 
 
 @pytest.mark.program
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_stations_that_are_killed_lose_no_slot_and_share_none(tmp_path):
     stations, each = count(3, 8), count(8, 200)
     protocol = tmp_path / "many.toml"

@@ -250,7 +250,7 @@ print(sum(row.summary is not None for row in read_session_index(Path(sys.argv[1]
 """
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_a_study_of_ten_thousand_sessions_takes_no_more_memory_than_a_small_one(tmp_path: Path) -> None:
     """In a fresh process: Python's table of names doubles at once, and another test may have brought it near that."""
     log = _record(tmp_path / "one", "sub-01", episodes=1)

@@ -29,7 +29,7 @@ def test_every_kind_of_event_has_a_strategy() -> None:
     assert set(EVENTS_BY_TYPE) == {*get_args(ev.Event), *of_kinds(), ev.DesignDecided} - {ev.ActivityEvent}
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 @pytest.mark.parametrize("kind", EVENTS_BY_TYPE, ids=lambda kind: kind.__name__)
 def test_an_event_becomes_one_message_and_comes_back_equal(kind: type[ev.Event]) -> None:
     @settings(max_examples=count(10, 500), deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -41,7 +41,7 @@ def test_an_event_becomes_one_message_and_comes_back_equal(kind: type[ev.Event])
     comes_back()
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 @settings(max_examples=count(8, 300), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(start=STARTS, rest=st.lists(EVENTS.filter(lambda event: not isinstance(event, ev.SessionStarted)), max_size=6))
 def test_any_events_written_are_read_in_the_same_order(start: ev.SessionStarted, rest: list[ev.Event]) -> None:

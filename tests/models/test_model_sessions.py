@@ -226,6 +226,7 @@ def test_models_have_slots_of_their_own_and_the_keys_of_the_people_with_their_nu
     assert not list((tmp_path / "data" / "seat").glob("model-*"))
 
 
+@pytest.mark.nightly
 def test_nothing_written_holds_the_key_or_the_address(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
     """Neither files nor messages in them, nor what a report, an export, a scorecard and the terminal say."""
 
@@ -458,10 +459,10 @@ def find_in_flight(data: Path) -> set[tuple[str, int]]:
     return found
 
 
-KILLS = 100 if os.environ.get("MINIHUMAN_LONG") else 3
+KILLS = 100 if os.environ.get("MINIHUMAN_NIGHTLY") else 3
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_after_a_kill_no_stored_answer_is_asked_again(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
     """Eight sessions at a time are killed again and again, a few requests after each start and with one to eight calls
     in flight, until all are done.

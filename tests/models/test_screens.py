@@ -41,7 +41,7 @@ from tests.web.serving import serving
 from tests.web.test_computed import picture_of
 from tests.xserver import Typist, xvfb
 
-LONG = bool(os.environ.get("MINIHUMAN_LONG"))
+LONG = bool(os.environ.get("MINIHUMAN_NIGHTLY"))
 STEPS = 64 if LONG else 3  # of each kind of picture, in a window and in a browser
 MODELS = 64 if LONG else 1
 SIZE_PX = (640, 480)
@@ -125,7 +125,7 @@ def keys_of(log: SessionLog) -> list[str]:
 
 
 @pytest.mark.program
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_a_window_shows_a_person_of_the_same_slot_the_same_pixels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -154,7 +154,7 @@ def test_a_window_shows_a_person_of_the_same_slot_the_same_pixels(
 
 
 @pytest.mark.program
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_a_browsers_canvas_shows_a_person_of_the_same_slot_the_same_pixels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -192,7 +192,7 @@ def test_a_browsers_canvas_shows_a_person_of_the_same_slot_the_same_pixels(
     assert draw_from_log(path) == digests_sent(log)
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_every_picture_that_models_were_sent_is_drawn_again_from_the_logs_of_the_people_of_their_slots(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, install_lab: Any
 ) -> None:

@@ -13,7 +13,7 @@ PLAYED = [
     if "BabyAI" not in entry.id and not any(name in entry.id for name in NO_WAY)
     for view in (("grid", "first_person") if "MiniGrid" in entry.id else ("first_person",))
 ]
-pytestmark = [pytest.mark.long, pytest.mark.filterwarnings("ignore:.*out of date")]
+pytestmark = [pytest.mark.nightly(sample=True), pytest.mark.filterwarnings("ignore:.*out of date")]
 
 
 @pytest.mark.parametrize(("name", "view"), PLAYED[:: count(9, 1)])

@@ -77,7 +77,7 @@ def test_groups_have_their_ratio_and_some_drop_out():
     assert there["a", 2] < there["a", 1]
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_power_for_normal_participants_is_the_textbooks():
     drawn_from, studies = pool(), count(60, 2000)
     only_first = drawn_from.rows[drawn_from.rows["session"] == 1]

@@ -16,7 +16,7 @@ def normal(mean, seed):
     return np.random.default_rng(seed).normal(mean, 1.0, POOL)
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_without_an_effect_studies_find_one_as_rarely_as_they_should():
     people, studies = normal(0.0, 1), count(40, 2000)
     (found,) = power_curve("reward", people, people, [15], studies=studies, seed=2)
@@ -25,7 +25,7 @@ def test_without_an_effect_studies_find_one_as_rarely_as_they_should():
     assert found.high >= 0.04
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 @pytest.mark.parametrize("size", [10, 26])
 def test_power_for_normal_people_is_the_textbooks(size):
     studies = count(40, 2000)

@@ -49,7 +49,7 @@ def test_a_log_of_a_newer_version_is_not_taken_for_a_damaged_one(
     assert "cut off" in repair_log(log).describe()
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_a_flipped_bit_of_a_finished_log_is_noticed_and_costs_its_chunk_at_most(log: Path, tmp_path: Path) -> None:
     whole, events = log.read_bytes(), list(read_events(log))
     largest = max(len(record) for record in LogScanner(log).records() if isinstance(record, ChunkMessages))
@@ -83,7 +83,7 @@ def test_a_flipped_bit_of_a_finished_log_is_noticed_and_costs_its_chunk_at_most(
     assert min(lost) == 0
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_a_flipped_bit_of_a_length_costs_its_chunk_at_most(log: Path, tmp_path: Path) -> None:
     """A record that is believed to be longer than it is takes those behind it with it."""
     whole = log.read_bytes()
@@ -148,7 +148,7 @@ def test_a_finished_log_that_lost_its_end_only_still_says_how_it_ended(log: Path
         assert end[name] == before[name], name
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_a_flipped_bit_of_a_live_log_ends_as_a_failed_check(tmp_path: Path) -> None:
     plan = session_plan(episodes=2)
     events = session_events(plan, steps=8)

@@ -40,7 +40,7 @@ class Failing:
         return self._call(*given, **named)
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_no_fault_of_the_disk_loses_a_safe_step_or_says_more_than_a_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

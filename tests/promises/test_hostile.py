@@ -45,7 +45,7 @@ from tests.promises.sessions import TOML, play, study
 from tests.promises.tampering import Record, messages_changed, moved, others_changed, rewritten
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_any_protocol_is_read_or_refused_in_one_line() -> None:
     rng = random.Random(1)
     texts = [find_shipped_protocol("demo").read_text(), TOML.format(episodes=3, steps=20)]
@@ -62,14 +62,14 @@ def test_any_protocol_is_read_or_refused_in_one_line() -> None:
     assert refused > 0
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_any_log_is_read_or_refused_in_one_line(tmp_path: Path) -> None:
     assert _refused(_READERS, tmp_path, count(200, 20_000)) > 0
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_any_log_in_a_study_is_counted_written_and_drawn_or_left_out_in_one_line(tmp_path: Path) -> None:
-    assert _refused(_CONSUMERS, tmp_path, count(30, 3_000)) > 0
+    assert _refused(_CONSUMERS, tmp_path, count(10, 3_000)) > 0
 
 
 def _refused(operations: Sequence[Callable[[Path], object]], tmp_path: Path, most: int) -> int:
@@ -152,7 +152,7 @@ _READERS: tuple[Callable[[Path], object], ...] = (
 )
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_any_world_is_made_or_refused_in_one_line() -> None:
     rng = random.Random(3)
     ids = [*(entry.id for entry in GRID_WORLDS[:20]), "minigrid:MiniGrid-Empty-5x5-v0", "CartPole-v1", "FrozenLake-v1"]
@@ -182,7 +182,7 @@ def test_any_world_is_made_or_refused_in_one_line() -> None:
         world.close()
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_any_arguments_are_understood_or_refused_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -275,7 +275,7 @@ def test_a_chunk_that_unpacks_to_gigabytes_is_refused_before_it_does(tmp_path: P
     assert zlib.crc32(log.read_bytes()) == zlib.crc32(content)
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_a_cache_that_is_garbage_costs_a_reading_and_nothing_else(tmp_path: Path) -> None:
     log = play(tmp_path, study(episodes=1), sync=lambda _: None)
     folder = log.parents[2]

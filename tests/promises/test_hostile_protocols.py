@@ -11,7 +11,7 @@ import pytest
 from tests.counts import count
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 @pytest.mark.program
 def test_a_strangers_protocol_runs_nothing_reads_only_its_folder_and_stays_under_512_mb(tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3")

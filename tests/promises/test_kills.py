@@ -20,7 +20,7 @@ from tests.promises import station
 from tests.promises.sessions import TOML
 from tests.xserver import Typist
 
-pytestmark = [pytest.mark.long, pytest.mark.program]
+pytestmark = [pytest.mark.nightly(sample=True), pytest.mark.program]
 
 LONG_PLAY = TOML.format(episodes=200, steps=100).replace("[keys]", "[keys]\nkeyboard_check = false").encode()
 

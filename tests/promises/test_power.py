@@ -44,7 +44,7 @@ class Cache:
         return bytes(self._content[: self._flushed] + torn)
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_a_power_cut_loses_no_acknowledged_step(tmp_path: Path) -> None:
     plan = session_plan(episodes=2)
     events = session_events(plan, steps=20)

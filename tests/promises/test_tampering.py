@@ -67,7 +67,7 @@ def test_a_log_is_proven_while_it_is_live(tmp_path: Path) -> None:
     assert _said(part) == []
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_whatever_is_changed_is_noticed_by_the_chain(
     log: Path, changes: list[tuple[str, Change]], tmp_path: Path
 ) -> None:
@@ -75,7 +75,7 @@ def test_whatever_is_changed_is_noticed_by_the_chain(
     assert unnoticed == []
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_whatever_is_changed_is_noticed_without_the_chain_but_for_some_inputs(
     log: Path, changes: list[tuple[str, Change]], tmp_path: Path
 ) -> None:
@@ -101,6 +101,7 @@ def _said(log: Path) -> list[str]:
         return [str(error)]
 
 
+@pytest.mark.nightly(by_day=["bounds1"])
 @pytest.mark.parametrize(
     "bounds", [(5.0, 0.0, 1.0, 9.0), (0.0, float("nan"), 9.0, 9.0), (0.0, 0.0, float("inf"), 9.0), (0.0, 0.0, 1e9, 1e9)]
 )

@@ -100,6 +100,7 @@ STUDIES = {
 }
 
 
+@pytest.mark.nightly(by_day=["upstream"])
 @pytest.mark.parametrize("name", STUDIES)
 def test_a_foreign_study_has_every_block_in_its_report_and_no_line_of_another(name: str, tmp_path: Path) -> None:
     blocks_toml, blocks = STUDIES[name]

@@ -61,7 +61,7 @@ def estimates(seed):
     return compared, target.growth, interval, keys.loc[keys["action"].notna(), "discovered_steps"].to_numpy(float)
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_intervals_cover_the_truth_and_key_discovery_is_recovered():
     studies = [estimates(seed) for seed in range(count(2, 400))]
     covered = {
@@ -80,7 +80,7 @@ def test_intervals_cover_the_truth_and_key_discovery_is_recovered():
     assert differences.mean() == pytest.approx(-EFFECT, abs=4 * differences.std(ddof=1) / math.sqrt(len(differences)))
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_without_an_effect_p_is_small_as_rarely_as_it_should_be():
     small = []
     for seed in range(count(5, 2_000)):
@@ -110,7 +110,7 @@ max_steps = 100
 """
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_simulated_players_reaction_times_come_out_of_the_report_as_they_went_in(tmp_path):
     """Ex-Gaussian reaction times with mean 300 + 100 ms, no practice: their mean over all steps is 400 ms."""
     player = "human-like:mu_ms=300,sigma_ms=40,tau_ms=100,practice=0,repeat=1,orient_ms=0,post_error_ms=0,fatigue=0"

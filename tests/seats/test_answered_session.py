@@ -46,6 +46,7 @@ def done(*words: str | Path, within_s: float) -> subprocess.CompletedProcess[str
     return subprocess.run(command, env={**os.environ, "DISPLAY": ""}, capture_output=True, text=True, timeout=within_s)
 
 
+@pytest.mark.nightly(by_day=["pygame"])
 @pytest.mark.parametrize("window", ["pygame", "pyglet"])
 def test_forms_answered_by_key_and_mouse_equal_log_table_and_report(window: str, tmp_path: Path) -> None:
     file = tmp_path / "forms.toml"

@@ -48,7 +48,7 @@ def played(clock, plan, recorder, wanted):
     return start.action_names
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_markers_recorded_back_are_the_logs_events_at_its_times(tmp_path):
     wanted = count(600, 10_000)
     plan, clock = corridor_plan(), SessionClock()

@@ -95,7 +95,7 @@ def test_an_unknown_player_costs_no_slot(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_the_papers_whole_study_with_key_maps_balanced_as_promised(tmp_path):
     study = read_protocol(PROTOCOLS / "fourrooms-transfer.toml")
     people = count(1, 18)

@@ -24,7 +24,7 @@ SIZE_PX = (1024, 768)
 
 
 @pytest.mark.program
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_simulated_participants_do_both_days_and_balance(tmp_path: Path) -> None:
     study, many = read_protocol(PROTOCOL), count(4, 1000)
     logs = [read_log(path) for path in simulate(study, tmp_path, participants=many, seed=1, player="optimal")]
@@ -51,8 +51,8 @@ def test_simulated_participants_do_both_days_and_balance(tmp_path: Path) -> None
 
 
 @pytest.mark.program
-@pytest.mark.long
-@pytest.mark.skipif(count(0, 1) == 0, reason="takes three minutes; MINIHUMAN_LONG=1 runs it")
+@pytest.mark.nightly(sample=True)
+@pytest.mark.skipif(count(0, 1) == 0, reason="takes three minutes; MINIHUMAN_NIGHTLY=1 runs it")
 def test_both_days_are_played_through_a_window(tmp_path: Path) -> None:
     study = read_protocol(PROTOCOL)
     with xvfb(SIZE_PX) as display:

@@ -191,7 +191,7 @@ def test_a_measure_of_logarithms_has_geometric_means():
     assert math.exp(found.difference) == pytest.approx(2.0)
 
 
-@pytest.mark.long
+@pytest.mark.nightly(by_day=["1.0"])
 @pytest.mark.parametrize("truth", [0.0, 1.0, 2.0])
 def test_the_interval_of_g_holds_the_truth_where_the_small_group_varies_more(truth):
     rng, studies, held = np.random.default_rng(21), count(150, 2000), 0
@@ -204,7 +204,7 @@ def test_the_interval_of_g_holds_the_truth_where_the_small_group_varies_more(tru
     assert stats.binomtest(held, studies, 0.93, alternative="less").pvalue > 0.01
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 @pytest.mark.parametrize(
     ("sizes", "spreads", "at_most"),
     [

@@ -83,7 +83,7 @@ def test_the_effects_of_order_are_statsmodels():
         assert found[effect].freedom == (freedom, model.df_resid)
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_without_an_effect_of_order_none_is_found_too_often_and_a_real_one_is():
     studies = count(40, 1000)
     rng = np.random.default_rng(6)

@@ -16,7 +16,7 @@ def somebodys(seed: int, presses: int = 900):
     return person, ReactionTimes(np.array(ms), again, np.arange(presses))
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_known_parameters_are_in_their_intervals():
     people = [somebodys(seed) for seed in range(count(4, 30))]
     named = [name for name in PARAMETER_NAMES if name != "pause"]  # these people look away never

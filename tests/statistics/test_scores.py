@@ -7,7 +7,7 @@ import pytest
 
 from minihuman.statistics.scores import Runs, _estimate, _excludes, score_player
 
-REPLICATIONS = 2_000 if os.environ.get("MINIHUMAN_LONG") else 150
+REPLICATIONS = 2_000 if os.environ.get("MINIHUMAN_NIGHTLY") else 150
 LIMIT, FEWEST = 60.0, 10.0
 
 
@@ -23,7 +23,7 @@ def play(rng: np.random.Generator, runs: int, levels: np.ndarray, skill: float, 
 PEOPLE, MODEL, RANDOM = (1.5, 0.7), (0.5, 0.4), (-2.0, 0.1)
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_intervals_over_people_and_levels_hold_the_truth() -> None:
     rng = np.random.default_rng(9)
     levels = rng.normal(0, 1, 4_000)

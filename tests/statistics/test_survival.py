@@ -94,7 +94,7 @@ def test_of_censored_times_p_is_the_share_of_regroupings_not_refused_that_are_as
     assert (found.p < 0.05) == (found.interval[0] > 0 or found.interval[1] < 0)
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_of_waits_censored_at_random_a_true_null_is_seldom_rejected():
     rejected, studies, rng = 0, count(300, 3000), np.random.default_rng(12)
     for _ in range(studies):
@@ -130,7 +130,7 @@ def test_times_without_an_end_are_refused(bad):
         SurvivalTimes(np.array(bad[0]), np.array(bad[1]))
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_with_half_never_found_the_interval_holds_the_truth():
     """Exponential times of means 40 and 80 s, watched for 60 s: 22 and 47 % never find; 20 a group."""
     rng, studies, until = np.random.default_rng(9), count(80, 1000), 60.0
@@ -143,7 +143,7 @@ def test_with_half_never_found_the_interval_holds_the_truth():
     assert stats.binomtest(held, studies, 0.93, alternative="less").pvalue > 0.01
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_with_uneven_watching_too():
     rng, studies = np.random.default_rng(10), count(40, 600)
     held = 0

@@ -88,7 +88,7 @@ def test_people_of_no_success_have_a_share_but_no_amount():
     assert summarise_people(rows, "reward") == pytest.approx(np.array([[0.5, 0.8], [0.0, np.nan]]), nan_ok=True)
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 @pytest.mark.parametrize("sizes", [(10, 10), (20, 20), (8, 16)])
 def test_without_a_difference_each_part_finds_one_as_rarely_as_it_should(sizes):
     rng, studies = np.random.default_rng([5, *sizes]), count(20, 1000)

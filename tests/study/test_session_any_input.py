@@ -9,7 +9,7 @@ from minihuman.worlds.adapters.world import World
 from tests.counts import count
 from tests.study.sessions import MS, corridor_plan
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.nightly(sample=True)
 
 PLANS = [
     corridor_plan(),

@@ -22,7 +22,7 @@ from tests.web.test_computed import picture_of
 
 KITCHEN, SIZE_PX = "minihuman/Team-CrampedRoom-v0", (400, 300)
 KEYS = {"up": "1", "down": "2", "left": "3", "right": "4", "interact": "5"}
-RELOADS = {12: 0, 31: 1}  # who loads their page again, before which step
+RELOADS = {7: 0, 15: 1}  # who loads their page again, before which step
 
 
 def until_shown(somebody: Somebody, right: np.ndarray) -> None:
@@ -35,7 +35,7 @@ def until_shown(somebody: Somebody, right: np.ndarray) -> None:
 
 @pytest.mark.program
 def test_both_pages_show_the_kitchen_to_the_pixel_also_after_they_were_loaded_again(tmp_path: Path) -> None:
-    steps = count(48, 200)
+    steps = count(20, 200)
     fixed = ", ".join(f'{key} = "{action}"' for action, key in KEYS.items())
     path = team_study(
         tmp_path,

@@ -50,7 +50,7 @@ class Person:
             self.waited_s = now_s - self.waits_since_s
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_a_crowd_is_paired_at_once_nobody_waits_too_long_and_everybody_is_paid_and_counted(tmp_path: Path) -> None:
     number, rng, clock = count(20, 200), random.Random(5), Clock()
     path = team_study(

@@ -45,6 +45,7 @@ def until_reads(somebody: Somebody, *said: str) -> None:
     )
 
 
+@pytest.mark.nightly(by_day=["turns"])
 @pytest.mark.program
 @pytest.mark.parametrize("pace", ["turns", "ticks"])
 def test_words_and_marks_are_on_both_screens_and_in_both_logs(tmp_path: Path, pace: str) -> None:

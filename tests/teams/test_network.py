@@ -54,7 +54,7 @@ class Page:
         self.seat.take_at(now_ns)
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_no_tick_differs_between_two_logs_whatever_the_network_does(tmp_path: Path) -> None:
     wanted, ticks, late, overtaken, lost, pair = count(300, 100_000), 0, 0, 0, 0, 0
     while ticks < wanted:

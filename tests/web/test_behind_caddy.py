@@ -113,6 +113,7 @@ def test_people_come_by_tls_to_two_workers_and_each_stays_with_theirs(tmp_path: 
     assert not any(b"127.0.0.1" in each or b"Mozilla" in each for each in written)
 
 
+@pytest.mark.nightly
 def test_the_page_comes_from_whichever_worker_is_there(tmp_path: Path) -> None:
     port = free_port(in_a_row=1)
     protocol = study(tmp_path, web="image_size_px = [96, 96]")

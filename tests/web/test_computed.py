@@ -357,6 +357,7 @@ def picture_of(somebody: Somebody, selector: str = "#screen canvas") -> np.ndarr
     return np.frombuffer(base64.b64decode(pixels), np.uint8).reshape(height, width, 4)[..., :3]
 
 
+@pytest.mark.nightly(by_day=["first person"])
 @pytest.mark.program
 @pytest.mark.parametrize("blocks", [BLOCKS, FIRST_PERSON], ids=["grid", "first person"])
 def test_what_the_page_draws_is_the_worlds_picture_to_the_pixel(
@@ -470,6 +471,7 @@ def list_received(somebody: Somebody) -> list[bytes]:
     return told
 
 
+@pytest.mark.nightly(by_day=["3d"])
 @pytest.mark.program
 @pytest.mark.parametrize(
     ("world", "noop"), [(GRID, 'noop_action = "done"'), (FIRST_PERSON_WORLD, "")], ids=["grid", "3d"]
@@ -516,7 +518,7 @@ def test_real_time_at_thirty_steps_a_second_is_stepped_in_the_page_over_a_long_l
     assert list(find_log_differences(log, World)) == []
 
 
-@pytest.mark.long
+@pytest.mark.nightly(by_day=["grid"])
 @pytest.mark.program
 @pytest.mark.parametrize(
     ("world", "noop"), [(GRID, 'noop_action = "done"'), (FIRST_PERSON_WORLD, "")], ids=["grid", "3d"]
@@ -524,7 +526,7 @@ def test_real_time_at_thirty_steps_a_second_is_stepped_in_the_page_over_a_long_l
 def test_keys_with_holds_and_chords_in_real_time_make_the_steps_that_they_make_at_the_desk(
     tmp_path: Path, world: tuple[str, tuple[str, ...]], noop: str
 ) -> None:
-    """At 30 steps a second over 300 ms: 5,000 keys under MINIHUMAN_LONG=1. The desk's session gets the log's inputs."""
+    """At 30 steps a second over 300 ms: 5,000 keys under MINIHUMAN_NIGHTLY=1. The desk's session gets the log's inputs."""
     keys, pressed, chords = count(60, 5_000), 0, 0
     block = f'pace = "real_time"\nstep_period_ms = 33.3\noptions = {{ max_steps = 1000 }}\n{noop}\n'
     rng = random.Random(27)
@@ -573,6 +575,7 @@ class LyingPage(TypedPage):
         return WRONG
 
 
+@pytest.mark.nightly(by_day=["3d"])
 @pytest.mark.program
 @pytest.mark.parametrize("world", ["minihuman/MiniGrid-Empty-5x5-v0", FIRST_PERSON_WORLD[0]], ids=["grid", "3d"])
 def test_a_page_that_lies_of_its_steps_is_named_and_its_neighbour_notices_nothing(tmp_path: Path, world: str) -> None:

@@ -41,6 +41,7 @@ async def interrupted(server: Served, pages: list[TypedPage]) -> None:
     await asyncio.gather(*playing, return_exceptions=True)
 
 
+@pytest.mark.nightly(by_day=["1"])
 @pytest.mark.program
 @pytest.mark.parametrize("workers", [1, 2])
 def test_ctrl_c_while_people_play_loses_nothing_that_was_acknowledged(tmp_path: Path, workers: int) -> None:

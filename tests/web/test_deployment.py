@@ -171,8 +171,8 @@ def test_a_study_with_a_trained_agent_brings_what_plays_it(tmp_path):
     assert "[web,learn]" in (tmp_path / "Containerfile").read_text()
 
 
+@pytest.mark.nightly
 @pytest.mark.program
-@pytest.mark.long
 def test_a_check_restarts_and_kills_servers_and_finds_everything_that_was_acknowledged(tmp_path, monkeypatch):
     people, said = count(6, 300), []
     monkeypatch.setattr(check, "_KEY_PERIOD_S", count(1, 4) / 2)  # 40 presses each: they outlast the restarts

@@ -15,6 +15,7 @@ pytestmark = pytest.mark.program
 STEPS = 8
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("world", [GRID, FIRST_PERSON], ids=["grid", "first-person"])
 def test_a_study_is_played_to_its_end_in_firefox(tmp_path: Path, world) -> None:
     firefox()

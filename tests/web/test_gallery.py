@@ -58,6 +58,7 @@ def _choose(somebody: Somebody, address: str, name: str) -> None:
     somebody.page.wait_for_selector("body[data-ready]", timeout=PATIENCE_S * 1000)
 
 
+@pytest.mark.nightly(sample=True)
 def test_every_world_plays_from_static_files_as_in_python(address: str) -> None:
     assert len(WRITTEN) == 217
     with browsing() as sit_down:
@@ -83,6 +84,7 @@ def test_every_world_plays_from_static_files_as_in_python(address: str) -> None:
         assert somebody.errors == []
 
 
+@pytest.mark.nightly(by_day=["MiniGrid-Empty-5x5-v0-phone", "MiniWorld-MazeS2-v0-desk"])
 @pytest.mark.parametrize("size", [(1366, 768), (390, 844)], ids=["desk", "phone"])
 @pytest.mark.parametrize(
     "name", [next(entry.name for entry in PLAYED if kind in entry.name) for kind in ("MiniGrid", "MiniWorld")]

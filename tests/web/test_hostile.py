@@ -25,7 +25,7 @@ from tests.counts import PATIENCE_S, count
 from tests.web.served import Served, served
 from tests.web.typed_page import Counts, TypedPage
 
-pytestmark = [pytest.mark.program, pytest.mark.long]
+pytestmark = [pytest.mark.program, pytest.mark.nightly(sample=True)]
 EXAMPLES, EACH = count(30, 1000), 10
 REQUESTS = count(60, 500)
 

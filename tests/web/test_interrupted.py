@@ -1,4 +1,4 @@
-"""Nothing that a person did is lost or doubled, whatever is cut or killed. MINIHUMAN_LONG=1 does it a hundred times."""
+"""Nothing that a person did is lost or doubled, whatever is cut or killed. MINIHUMAN_NIGHTLY=1 does it a hundred times."""
 
 import time
 from pathlib import Path
@@ -24,7 +24,7 @@ HIGHEST = """() => {
 }"""  # step that was shown
 
 
-@pytest.mark.long
+@pytest.mark.nightly(by_day=["0-page"])
 @pytest.mark.program
 @pytest.mark.parametrize("computed", ["page", "server"])
 @pytest.mark.parametrize("seed", range(count(1, 10)))
@@ -39,7 +39,7 @@ def test_cut_killed_and_loaded_again_each_press_is_logged_once_and_the_log_is_pr
     assert found.segments == 1
 
 
-@pytest.mark.long
+@pytest.mark.nightly(by_day=["kill-50-world1"])
 @pytest.mark.program
 @pytest.mark.parametrize(
     ("kind", "full", "world"),
@@ -69,7 +69,7 @@ IDBObjectStore.prototype.put = function (text, key) {
 """
 
 
-@pytest.mark.long
+@pytest.mark.nightly(by_day=["between keys"])
 @pytest.mark.program
 @pytest.mark.parametrize("waits_ms", [500, 0], ids=["at rest", "between keys"])
 def test_a_browser_that_is_killed_loses_no_press_that_it_had_committed(tmp_path: Path, waits_ms: int) -> None:

@@ -1,4 +1,4 @@
-"""A thousand people at several servers, each slot played once, every log proven. MINIHUMAN_LONG=1 takes them all."""
+"""A thousand people at several servers, each slot played once, every log proven. MINIHUMAN_NIGHTLY=1 takes them all."""
 
 import multiprocessing
 from collections import Counter
@@ -22,7 +22,7 @@ from tests.lab.database import database, fresh
 from tests.web.page_model import PageModel, Press
 from tests.web.protocols import study
 
-pytestmark = [pytest.mark.program, pytest.mark.long]
+pytestmark = [pytest.mark.program, pytest.mark.nightly(sample=True)]
 SERVERS, PEOPLE = count(2, 8), count(4, 1_000)
 MS = 1_000_000
 SETTINGS = PageSettings(picture_px=(96, 96))

@@ -208,9 +208,9 @@ def test_the_second_day_is_refused_before_its_time_in_the_studys_language(tmp_pa
         assert early.screen().strip() == load_page_texts()["zh"]["not_today"]
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 @pytest.mark.program
-@pytest.mark.skipif(count(0, 1) == 0, reason="takes a quarter of an hour; MINIHUMAN_LONG=1 runs it")
+@pytest.mark.skipif(count(0, 1) == 0, reason="takes a quarter of an hour; MINIHUMAN_NIGHTLY=1 runs it")
 def test_two_whole_days_with_nothing_left_out(tmp_path: Path) -> None:
     mouse = (True, False)
     check(both_days(tmp_path, shortened=False, mouse=mouse), episodes=(16, 16), mouse=mouse)

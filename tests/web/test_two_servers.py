@@ -1,6 +1,6 @@
 """Two servers with one database and one object store: people who are loaded from either play their session once.
 
-Servers are killed and cut off from the database meanwhile. MINIHUMAN_LONG=1 takes 200 people.
+Servers are killed and cut off from the database meanwhile. MINIHUMAN_NIGHTLY=1 takes 200 people.
 """
 
 import asyncio
@@ -111,6 +111,7 @@ async def everybody_plays(machines: list[Machine], pages: list[WanderingPage], s
     return happened
 
 
+@pytest.mark.nightly
 def test_people_who_are_loaded_from_either_server_play_once_and_nothing_acknowledged_is_lost(tmp_path: Path) -> None:
     rng = random.Random(5)
     with two_machines(tmp_path) as machines:

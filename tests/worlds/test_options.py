@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from tests.counts import count
 from tests.worlds.option_cases import EDGES, PARAMETERS, Trials, edge_cases, one_world_a_kind, options_of
 
-pytestmark = [pytest.mark.program, pytest.mark.long]
+pytestmark = [pytest.mark.program, pytest.mark.nightly(sample=True)]
 CASES = edge_cases()
 STRIDE = count(131, 1)  # of which a plain run takes every so-manieth
 

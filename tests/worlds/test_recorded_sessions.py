@@ -4,7 +4,7 @@ import pytest
 
 from tests.worlds.recorded_sessions import RECORDINGS, Recording, try_recording
 
-pytestmark = [pytest.mark.long, pytest.mark.program]
+pytestmark = [pytest.mark.nightly(sample=True), pytest.mark.program]
 
 
 @pytest.mark.parametrize("one", RECORDINGS, ids=lambda one: one.world)

@@ -82,7 +82,7 @@ def test_missions_are_unambiguous_by_construction():
     assert all(draw_arrangement(rng).matches == 1 for _ in range(2000))
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_the_published_ambiguity_is_an_option():
     rng = np.random.default_rng(1)
     tries = count(5_000, 100_000)
@@ -121,7 +121,7 @@ def test_a_room_without_space_is_refused():
         make(FIRST_PERSON, size=3)
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_the_grid_plays_like_the_same_world_on_minigrid():
     from benchmarks.upstream_grid import UpstreamGrid
 

@@ -18,7 +18,7 @@ from minihuman.log.salvage.scan import LogScanner
 from tests.counts import count
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.nightly(sample=True)
 
 TAIL_BYTES = 4096
 EVENTS = session_events(session_plan(episodes=2), steps=12)

@@ -20,7 +20,7 @@ from tests.log.samples import session_plan
 PAUSE_S = 0.002  # between events: a hurried participant, of whom the disk is often a step or two behind
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_kill_9_at_a_random_moment_loses_no_acknowledged_step(tmp_path: Path) -> None:
     plan = session_plan(episodes=2)
     events = played_events(plan, steps=20)

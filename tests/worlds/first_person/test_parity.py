@@ -78,7 +78,7 @@ def episodes(name: str):
     return [played(name, seed, policy, options) for policy, options in pairs for seed in range(seeds)]
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 @pytest.mark.parametrize("names", GROUPS, ids=lambda names: names[0] if len(names) == 1 else "all")
 def test_worlds_play_as_miniworlds_do(names):
     ours = [episode for name in names for episode in episodes(name)]

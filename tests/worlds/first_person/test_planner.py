@@ -8,7 +8,7 @@ from minihuman.errors import WorldError
 from minihuman.worlds.first_person.pathfinding.planner import least_steps, plan
 from tests.counts import count
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.nightly(sample=True)
 
 WORLDS = ("FourRooms", "Hallway", "TMaze", "YMaze", "OneRoom", "OneRoomS6Fast", "MazeS3", "MazeS3Fast", "Maze")
 SEEDS = range(count(3, 60))

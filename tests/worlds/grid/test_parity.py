@@ -17,7 +17,7 @@ from minihuman.worlds.grid.core.state import TASK
 from minihuman.worlds.grid.planner import plan
 from tests.counts import count
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.nightly(sample=True)
 
 STEPS = count(120, 1500)  # a world and policy; 76 worlds and two policies make over 200,000 in the full count
 NAMES = [entry.name for entry in GRID_WORLDS if entry.kwargs.get("family", "wfc") != "wfc"]  # others: test_wfc.py

@@ -83,7 +83,7 @@ def check_equal(id, wrapper, steps):
     assert len(ours) == len(theirs)
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 @pytest.mark.parametrize("wrapper", WRAPPERS)
 def test_a_wrapper_of_minigrids_gives_what_it_gives_there(wrapper):
     for id in count(SOME, IDS):

@@ -73,7 +73,7 @@ def assert_same(ours, theirs, seed):
     assert ours.np_random.bit_generator.state == theirs.np_random.bit_generator.state
 
 
-@pytest.mark.long
+@pytest.mark.nightly(by_day=["MazeSimple-True", "DungeonMazeScaled-False", "ObstaclesBlackdots-True"])
 @pytest.mark.parametrize("connected", [True, False])
 @pytest.mark.parametrize("preset", PRESETS)
 def test_the_same_picture_and_seed_give_minigrids_layout_and_stream(preset, connected, pictures):

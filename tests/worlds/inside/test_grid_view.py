@@ -21,7 +21,7 @@ def inside(name, **options):
     return gymnasium.make(f"minihuman/MiniGrid-{name}", view="first_person", obs_width=16, obs_height=12, **options)
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 @pytest.mark.parametrize("world", WORLDS)
 def test_seen_from_inside_it_is_the_same_world(world):
     grid = gymnasium.make(world)

@@ -12,7 +12,7 @@ from minihuman.worlds.grid.kitchen import KITCHENS, Kitchen, KitchenLayout, draw
 
 from . import overcooked
 
-LONG = os.environ.get("MINIHUMAN_LONG") == "1"
+LONG = os.environ.get("MINIHUMAN_NIGHTLY") == "1"
 STEPS = 1_000_000 if LONG else 10_000
 
 
@@ -33,7 +33,7 @@ def test_every_recorded_step_of_people_is_stepped_alike_by_the_rules_of_2019():
 
 
 @overcooked.needs_overcooked
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_random_play_is_stepped_alike_by_the_rules_of_1_1_0():
     different = 0
     for name in overcooked.LAYOUTS.values():

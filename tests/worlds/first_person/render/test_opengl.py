@@ -11,7 +11,7 @@ from tests.counts import count
 SCENES = ("FourRooms", "Hallway", "Maze", "PickupObjects", "Sidewalk")
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 @pytest.mark.parametrize("name", SCENES[: count(1, len(SCENES))])
 def test_a_picture_differs_little_from_miniworlds_opengl_picture(name: str) -> None:
     poses = str(count(10, 200))

@@ -48,6 +48,7 @@ def in_plain_python() -> list[str]:
     return elsewhere(12, 8, "everything", NUMBA_DISABLE_JIT="1").split()
 
 
+@pytest.mark.nightly
 def test_the_kernels_run_as_plain_python_draw_the_same_pictures_alone_and_together(in_plain_python: list[str]) -> None:
     assert in_plain_python[:2] == [digest(12, 8), apart(12, 8, pictures=2)]
 
@@ -56,7 +57,7 @@ def test_the_kernels_run_as_plain_python_draw_the_same_display(in_plain_python: 
     assert in_plain_python[2:] == [display_digest(12, 8)]
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 @pytest.mark.parametrize(
     ("name", "features"),
     [("generic", ""), ("haswell", "+avx2,+fma"), ("skylake-avx512", "+avx512f,+fma")][: count(1, 3)],
@@ -64,7 +65,7 @@ def test_the_kernels_run_as_plain_python_draw_the_same_display(in_plain_python: 
 def test_other_machine_code_draws_the_same_pictures(name: str, features: str) -> None:
     if "avx512" in features and "avx512f" not in Path("/proc/cpuinfo").read_text():
         pytest.skip("this machine cannot run AVX-512 code")
-    if os.environ.get("MINIHUMAN_LONG") != "1":
-        pytest.skip("compiling everything anew takes half a minute; MINIHUMAN_LONG=1 does it")
+    if os.environ.get("MINIHUMAN_NIGHTLY") != "1":
+        pytest.skip("compiling everything anew takes half a minute; MINIHUMAN_NIGHTLY=1 does it")
     settings = {"NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": features, "MINIHUMAN_KERNELS": "jit"}
     assert elsewhere(80, 60, **settings) == digest(80, 60)

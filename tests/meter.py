@@ -1,0 +1,148 @@
+"""Counts what each test costs: the CPU time of its process and of all that it started, browsers and servers too.
+
+``pytest --meter`` prints the total, the cost of collecting, and the dearest tests; ``--meter=FILE`` writes a line of JSON
+for each test as well. Times are CPU seconds, because a busy machine changes how long a test takes and not what it costs.
+"""
+
+import json
+import os
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+_TICKS_PER_S = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
+_DEAREST = 25  # tests that are named
+_PROPERTY = "cost"  # by which a worker tells the controller
+
+
+def measure_cpu_s() -> float:
+    """Return the CPU seconds of this process, of its descendants that run, and of those that ended and were waited for."""
+    times = os.times()
+    total_s = times.user + times.system + times.children_user + times.children_system
+    waiting = _list_children(os.getpid())
+    while waiting:
+        process = waiting.pop()
+        total_s += _read_cpu_s(process)
+        waiting += _list_children(process)
+    return total_s
+
+
+def _list_children(process: int) -> list[int]:
+    children: list[int] = []
+    try:
+        for thread in os.listdir(f"/proc/{process}/task"):
+            children += map(int, Path(f"/proc/{process}/task/{thread}/children").read_text().split())
+    except OSError:  # it has ended, or this system has no such folder
+        pass
+    return children
+
+
+def _read_cpu_s(process: int) -> float:
+    try:
+        stat = Path(f"/proc/{process}/stat").read_text()
+    except OSError:
+        return 0.0
+    fields = stat.rpartition(")")[2].split()  # the name before it may hold blanks
+    return sum(map(int, fields[11:15])) / _TICKS_PER_S  # user and system, of it and of the children it waited for
+
+
+@dataclass
+class Meter:
+    """The costs of a run: a plug-in of the controller, or of the only process."""
+
+    file: Path | None
+    tests: dict[str, tuple[float, float]] = field(default_factory=dict)  # CPU and wall seconds
+    collecting_s: float = 0.0
+    workers_s: float = 0.0
+
+    def pytest_collection_finish(self) -> None:
+        """Note what collecting cost."""
+        self.collecting_s = measure_cpu_s()
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Note what a test cost."""
+        costs = dict(report.user_properties).get(_PROPERTY)
+        if report.when == "teardown" and costs is not None:
+            self.tests[report.nodeid] = tuple(costs)
+
+    def pytest_testnodedown(self, node: Any) -> None:
+        """Note what a worker cost."""
+        self.workers_s += getattr(node, "workeroutput", {}).get(_PROPERTY, 0.0)
+
+    def pytest_terminal_summary(self, terminalreporter: Any) -> None:
+        """Print what the run cost, and the dearest tests."""
+        own_s = measure_cpu_s() if not self.workers_s else _measure_own_s()
+        total_s = own_s + self.workers_s
+        terminalreporter.section("CPU seconds")
+        terminalreporter.write_line(f"{total_s:8.1f}  in all, of {len(self.tests)} tests and their collection")
+        terminalreporter.write_line(f"{self.collecting_s:8.1f}  until the tests were collected, in one process")
+        dearest = sorted(self.tests.items(), key=lambda test: -test[1][0])[:_DEAREST]
+        for name, (cpu_s, wall_s) in dearest:
+            terminalreporter.write_line(f"{cpu_s:8.1f}  {name} ({wall_s:.1f} s of wall time)")
+        if self.file is not None:
+            with self.file.open("w", encoding="utf-8") as lines:
+                for name, (cpu_s, wall_s) in self.tests.items():
+                    lines.write(json.dumps({"test": name, "cpu_s": round(cpu_s, 3), "wall_s": round(wall_s, 3)}) + "\n")
+
+
+def _measure_own_s() -> float:
+    """Return the CPU seconds of this process alone: workers tell their own, and are its children too."""
+    times = os.times()
+    return times.user + times.system
+
+
+class WorkerMeter:
+    """Measures each test where it runs."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self._config = config
+
+    @pytest.hookimpl(wrapper=True, tryfirst=True)
+    def pytest_runtest_setup(self, item: pytest.Item) -> Iterator[None]:
+        """Begin to measure."""
+        item.stash[_START] = measure_cpu_s(), time.monotonic()
+        return (yield)
+
+    @pytest.hookimpl(wrapper=True, tryfirst=True)
+    def pytest_runtest_teardown(self, item: pytest.Item) -> Iterator[None]:
+        """Note the cost where the report of the teardown takes it."""
+        try:
+            return (yield)
+        finally:
+            start_cpu_s, start_s = item.stash[_START]
+            item.user_properties.append((_PROPERTY, (measure_cpu_s() - start_cpu_s, time.monotonic() - start_s)))
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_sessionfinish(self) -> None:
+        """Tell the controller what this worker cost."""
+        output = getattr(self._config, "workeroutput", None)
+        if output is not None:
+            output[_PROPERTY] = measure_cpu_s()
+
+
+_START = pytest.StashKey[tuple[float, float]]()
+
+
+def add_option(parser: pytest.Parser) -> None:
+    """Add ``--meter``."""
+    parser.addoption(
+        "--meter",
+        nargs="?",
+        const="-",
+        metavar="FILE",
+        help="print the CPU seconds of the dearest tests; with a file, write those of every test to it",
+    )
+
+
+def register(config: pytest.Config) -> None:
+    """Measure this run, if it is asked for."""
+    asked = config.getoption("meter")
+    if asked is None:
+        return
+    config.pluginmanager.register(WorkerMeter(config), "worker-meter")
+    if not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Meter(None if asked == "-" else Path(asked)), "meter")
