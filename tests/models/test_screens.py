@@ -153,8 +153,8 @@ def test_a_window_shows_a_person_of_the_same_slot_the_same_pixels(
     assert all(np.array_equal(one, other) for one, other in zip(sent, shown, strict=True))
 
 
+@pytest.mark.nightly
 @pytest.mark.program
-@pytest.mark.nightly(sample=True)
 def test_a_browsers_canvas_shows_a_person_of_the_same_slot_the_same_pixels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -242,7 +242,7 @@ for number, words in enumerate(__import__("json").loads(sys.argv[1])):
 """
 
 
-@pytest.mark.nightly(sample=True)
+@pytest.mark.nightly
 @pytest.mark.program
 def test_every_command_finds_a_world_beside_the_protocol(write_study: Callable[..., Path], tmp_path: Path) -> None:
     protocol = write_study("own_corridor", OWN)

@@ -11,6 +11,7 @@ from tests.teams.browsers import play_together
 from tests.teams.study import team_study
 
 
+@pytest.mark.nightly(by_day=["turns"])
 @pytest.mark.program
 @pytest.mark.parametrize("pace", ["turns", "ticks"])
 def test_two_people_in_browsers_play_to_the_end_and_each_log_proves_all_bodies(tmp_path: Path, pace: str) -> None:

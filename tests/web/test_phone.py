@@ -205,6 +205,7 @@ class Fingers:
         return str(turning)
 
 
+@pytest.mark.nightly(by_day=["chromium"])
 @pytest.mark.parametrize("browser", ["chromium", "firefox"])
 def test_a_phone_plays_a_grid_and_answers_questions_with_taps_alone(browser: str, tmp_path: Path) -> None:
     path = tmp_path / "phone.toml"

@@ -154,6 +154,7 @@ def told(*words: str) -> str:
     return done.stdout
 
 
+@pytest.mark.nightly
 @pytest.mark.program
 def test_both_days_in_chinese_are_verified_reported_and_exported(tmp_path: Path) -> None:
     mouse = (False, True)
