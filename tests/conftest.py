@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests import machine, processes
 from tests.built_worlds import build_worlds
 from tests.xserver import xvfb
 
@@ -20,6 +21,8 @@ settings.load_profile("minihuman")
 
 def pytest_configure(config: pytest.Config) -> None:
     """Before any world is imported, in each process that runs tests."""
+    config.pluginmanager.register(processes)
+    config.pluginmanager.register(machine)
     build_worlds()
 
 

@@ -15,6 +15,7 @@ import pytest
 
 from minihuman.cli.command_line import make_command_line
 from minihuman.experiment.protocol.protocol import decode_protocol
+from tests.programs import running
 
 DOCS = Path(__file__).parents[1] / "docs"
 BLOCK = re.compile(r"^( *)```(\w+)[^\n]*\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)
@@ -69,7 +70,7 @@ def serve(line: str, folder: Path, here: dict[str, str]) -> str:
     """What `minihuman serve` prints until all its links are there, as if on its usual port; then it is ended."""
     words = [sys.executable, "-m", *shlex.split(line), "--port", "0"]
     links = int(words[words.index("--links") + 1])
-    with subprocess.Popen(words, cwd=folder, env={**os.environ, **here}, stdout=subprocess.PIPE, text=True) as server:
+    with running(words, cwd=folder, env={**os.environ, **here}, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
         printed = ""
         address = ""

@@ -15,6 +15,7 @@ from minihuman.experiment.plan.dry_run import describe_worlds
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.protocol.protocol import build_json_schema, decode_protocol
 from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS
+from tests.programs import running
 from tests.seats.session_typist import agree, enter_at, until
 from tests.xserver import Typist
 
@@ -34,7 +35,7 @@ def test_two_commands_lead_from_nothing_to_the_first_picture(tmp_path: Path, dis
     assert said.returncode == 0, said.stderr
     assert "MiniGrid-FourRooms-v0" in said.stdout
     command = [sys.executable, "-m", "minihuman", "run", str(protocol), "--data", str(tmp_path), "--windowed"]
-    with subprocess.Popen(command, env={"DISPLAY": display}, stdout=subprocess.PIPE, text=True) as station:
+    with running(command, env={"DISPLAY": display}, stdout=subprocess.PIPE, text=True) as station:
         typist = Typist(display)
         typist.focus("minihuman")
         agree(typist, tmp_path)

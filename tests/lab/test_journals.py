@@ -26,6 +26,7 @@ from minihuman.runtime.simulated_session import simulate
 from minihuman.web.arrivals import Admission, Arrival, Arrivals
 from tests.counts import count
 from tests.lab.database import database, fresh
+from tests.machine import needs
 from tests.web.protocols import study
 
 PROCESSES, EACH = count(4, 8), count(10, 200)
@@ -48,7 +49,7 @@ def url() -> Iterator[str]:
         yield address
 
 
-@pytest.fixture(params=["file", pytest.param("database", marks=pytest.mark.program)])
+@pytest.fixture(params=["file", pytest.param("database", marks=[pytest.mark.program, needs("postgresql")])])
 def data(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """A data folder whose journals are files, or in a database of its own."""
     if request.param == "database":
@@ -153,7 +154,6 @@ def test_what_is_read_once_is_not_decoded_again(tmp_path: Path) -> None:
 
 
 def test_a_database_that_is_away_is_said_in_one_line(tmp_path: Path) -> None:
-    pytest.importorskip("psycopg")
     (tmp_path / URL_FILE_NAME).write_text(f"postgresql:///none?host={tmp_path}")
     with pytest.raises(OSError, match=r"the database of s/register\.jsonl cannot be queried") as refused:
         open_journal(tmp_path / "s", ENROLMENT_FILE_NAME, words).read()

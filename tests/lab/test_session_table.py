@@ -24,6 +24,7 @@ from minihuman.log.record.mcap_recorder import McapRecorder
 from tests.counts import count
 from tests.log.played import record
 from tests.log.samples import STARTED_NS, session_events, session_plan
+from tests.programs import running
 
 
 def _record(data: Path, participant: str, *, episodes: int = 2, steps: int = 5) -> Path:
@@ -169,7 +170,7 @@ with duckdb.connect(sys.argv[1], read_only=sys.argv[2] == "reading") as held:
 def held(cache: Path, how: str) -> Iterator[None]:
     """Another process has the study's cache open."""
     command = [sys.executable, "-c", HOLD, cache, how]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+    with running(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "held\n"
         yield

@@ -25,6 +25,7 @@ from minihuman.runtime.session_loop import run_session
 from minihuman.runtime.simulated_session import SimulatedWindow
 from minihuman.simulation.participant import make_participant
 from minihuman.worlds.adapters.world import World
+from tests.machine import needs
 
 pytestmark = pytest.mark.program
 TAUGHT = Path(__file__).parents[1] / "golden" / "v1" / "taught"
@@ -81,10 +82,11 @@ def worker(tmp_path, kind):
     return LearnerProcess([str(script)])
 
 
-@pytest.mark.parametrize("kind", WORKERS)
+KINDS = [pytest.param(kind, marks=needs("learn")) if kind == "no policy" else kind for kind in WORKERS]
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_whatever_becomes_of_the_learner_every_episode_is_played_and_nothing_is_lost(tmp_path, monkeypatch, kind):
-    if kind == "no policy":
-        pytest.importorskip("torch", reason="reading a policy file needs the extra `learn`")
     monkeypatch.setattr(learner_process, "FIRST_ANSWER_TIMEOUT_S", 3.0)
     protocol = decode_protocol(TOML.format(budget_s=0.2).encode())
     plan, clock = expand_protocol(protocol, enrol_participant(protocol, 0)), VirtualClock()

@@ -10,9 +10,12 @@ from minihuman.admin.verify.log import find_log_differences
 from minihuman.experiment.machine.events import FrameShown, KeyPressed, Linked, Noted, Stepped
 from minihuman.log.read.session_reader import read_events
 from minihuman.worlds.adapters.world import World
+from tests.machine import needs
 from tests.web.browser import browsing
 from tests.web.protocols import FIRST_PERSON, GRID, study
 from tests.web.serving import line, serving
+
+pytestmark = needs("chromium")
 
 RTT_MS = 300.0
 

@@ -18,8 +18,11 @@ from minihuman.log.read.session_reader import read_log
 from minihuman.web.eligibility import load_page_texts
 from minihuman.worlds.adapters.world import World
 from tests.counts import count
+from tests.machine import needs
 from tests.web.browser import Somebody, browsing
 from tests.web.serving import serving
+
+pytestmark = needs("chromium")
 
 STUDY = Path(__file__).parents[2] / "protocols" / "two-days.toml"
 RIGHT = {"您要走到哪里": "1", "每走一步会怎样": "2"}

@@ -10,9 +10,10 @@ from minihuman.display.drawing.screen import compose_screen
 from minihuman.display.windows.blocking_window import TITLE
 from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
 from tests.desktop import Desktop, desktop
+from tests.machine import needs
 from tests.window_host import HostedWindow
 
-pytestmark = pytest.mark.program
+pytestmark = [pytest.mark.program, needs("openbox", "xvfb")]
 
 SIZE_PX = (640, 360)
 PLAY = PlayScreen(np.full((56, 56, 3), 200, np.uint8), "reach the green goal", "episode 1 of 2", (("1", "left"),))
