@@ -28,6 +28,10 @@ def _find_package(*names: str) -> Callable[[], str | None]:
     return lambda: sys.prefix if all(find_spec(name) is not None for name in names) else None
 
 
+def _find_variable(name: str) -> Callable[[], str | None]:
+    return lambda: os.environ.get(name)
+
+
 def _find_opengl() -> str | None:
     return "here" if all(map(ctypes.util.find_library, ("GL", "GLU", "EGL"))) else None
 
@@ -93,7 +97,31 @@ REQUIREMENTS = {
         lambda: shutil.which("Rscript"),
         in_ci=False,
     ),
+    "recordings": Requirement(
+        "the worlds of other packages that sessions are recorded in",
+        'pip install "gymnasium[box2d]" ale-py mujoco arcengine',
+        _find_package("Box2D", "ale_py", "mujoco", "arcengine", "minari"),
+        in_ci=False,
+    ),
     "ray": Requirement("Ray", 'pip install -e ".[cluster]"', _find_package("ray"), in_ci=False),
+    "other pyglet": Requirement(
+        "the other major version of pyglet", ".ci/run pyglet2", _find_variable("MINIHUMAN_OTHER_PYGLET"), in_ci=False
+    ),
+    "validators": Requirement(
+        "the validators of archives", ".ci/run standards", _find_variable("MINIHUMAN_STANDARDS"), in_ci=False
+    ),
+    "long": Requirement(
+        "hours of time",
+        "MINIHUMAN_LONG=1 pytest -m long",
+        lambda: "here" if os.environ.get("MINIHUMAN_LONG") == "1" else None,
+        in_ci=False,
+    ),
+    "patterns": Requirement(
+        "Minigrid's pictures for Wave Function Collapse",
+        "export MINIGRID_WFC_PATTERNS=minigrid/envs/wfc/patterns of a clone of Minigrid",
+        _find_variable("MINIGRID_WFC_PATTERNS"),
+        in_ci=False,
+    ),
 }
 FIXTURES = {"display": "xvfb", "typist_and_display": "xvfb"}  # what asks for these fixtures needs it
 
@@ -204,7 +232,7 @@ class LeftOut:
             )
             parts = [f"{number} {noun}{'s' * (number != 1)} {what}" for number, noun, what in amounts if number]
             if parts:
-                yield f"{', '.join(parts)} for want of {requirement.title}; {requirement.install}"
+                yield f"{', '.join(parts)} for want of {requirement.title}: {requirement.install}"
 
 
 def find_needs(item: pytest.Item) -> list[str]:

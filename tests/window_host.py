@@ -19,6 +19,7 @@ from minihuman.display.windows.blocking_window import open_window
 from minihuman.display.windows.window import Window
 from minihuman.experiment.machine.inputs import Input, ScreenShown
 from minihuman.experiment.machine.screens import Screen
+from tests.counts import PATIENCE_S
 
 
 class HostedWindow(Window):
@@ -73,7 +74,7 @@ class HostedWindow(Window):
         if self._open:
             self._open = False
             self._line.send(("end", ()))
-            self._process.wait(timeout=20)
+            self._process.wait(timeout=PATIENCE_S)
             self._line.close()
 
 

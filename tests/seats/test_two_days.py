@@ -53,8 +53,7 @@ def test_simulated_participants_do_both_days_and_balance(tmp_path: Path) -> None
 
 @pytest.mark.program
 @pytest.mark.long
-@pytest.mark.skipif(count(0, 1) == 0, reason="takes three minutes; MINIHUMAN_LONG=1 runs it")
-@needs("xvfb")
+@needs("long", "xvfb")
 def test_both_days_are_played_through_a_window(tmp_path: Path) -> None:
     study = read_protocol(PROTOCOL)
     with xvfb(SIZE_PX) as display:

@@ -213,7 +213,7 @@ def test_the_second_day_is_refused_before_its_time_in_the_studys_language(tmp_pa
 
 @pytest.mark.long
 @pytest.mark.program
-@pytest.mark.skipif(count(0, 1) == 0, reason="takes a quarter of an hour; MINIHUMAN_LONG=1 runs it")
+@needs("long")
 def test_two_whole_days_with_nothing_left_out(tmp_path: Path) -> None:
     mouse = (True, False)
     check(both_days(tmp_path, shortened=False, mouse=mouse), episodes=(16, 16), mouse=mouse)

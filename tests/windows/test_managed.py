@@ -9,6 +9,7 @@ import pytest
 from minihuman.display.drawing.screen import compose_screen
 from minihuman.display.windows.blocking_window import TITLE
 from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
+from tests.counts import PATIENCE_S
 from tests.desktop import Desktop, desktop
 from tests.machine import needs
 from tests.window_host import HostedWindow
@@ -26,8 +27,8 @@ class Managed:
     def __init__(self, desk: Desktop, window: HostedWindow) -> None:
         self.desk, self.window = desk, window
 
-    def looks_as_it_should(self, screen: Screen, *, patience_s: float = 5.0) -> bool:
-        """Whether, within seconds of waiting as a session does, the screen is all there at its present size."""
+    def looks_as_it_should(self, screen: Screen, *, patience_s: float = PATIENCE_S) -> bool:
+        """Whether, before long and waiting as a session does, the screen is all there at its present size."""
         until_s = time.monotonic() + patience_s
         while time.monotonic() < until_s:
             self.window.wait(time.monotonic_ns() + 50_000_000)

@@ -7,10 +7,12 @@ import sys
 import pytest
 
 from tests.counts import count
+from tests.machine import needs
 
 SCENES = ("FourRooms", "Hallway", "Maze", "PickupObjects", "Sidewalk")
 
 
+@needs("opengl")
 @pytest.mark.long
 @pytest.mark.parametrize("name", SCENES[: count(1, len(SCENES))])
 def test_a_picture_differs_little_from_miniworlds_opengl_picture(name: str) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.counts import count
+from tests.machine import needs
 from tests.worlds.first_person.render.stages import apart, digest, display_digest, threaded_digests, together
 
 pytestmark = pytest.mark.program
@@ -56,6 +57,7 @@ def test_the_kernels_run_as_plain_python_draw_the_same_display(in_plain_python: 
     assert in_plain_python[2:] == [display_digest(12, 8)]
 
 
+@needs("long")
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "features"),
@@ -64,7 +66,5 @@ def test_the_kernels_run_as_plain_python_draw_the_same_display(in_plain_python: 
 def test_other_machine_code_draws_the_same_pictures(name: str, features: str) -> None:
     if "avx512" in features and "avx512f" not in Path("/proc/cpuinfo").read_text():
         pytest.skip("this machine cannot run AVX-512 code")
-    if os.environ.get("MINIHUMAN_LONG") != "1":
-        pytest.skip("compiling everything anew takes half a minute; MINIHUMAN_LONG=1 does it")
     settings = {"NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": features, "MINIHUMAN_KERNELS": "jit"}
     assert elsewhere(80, 60, **settings) == digest(80, 60)
