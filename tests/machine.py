@@ -219,7 +219,7 @@ class LeftOut:
             terminalreporter.section("left out on this machine")
             for line in lines:
                 terminalreporter.line(line)
-            terminalreporter.line("`.ci/run all` installs all of this and runs the long proofs in full, too")
+            terminalreporter.line("`.ci/run all` has all of it, and runs the long proofs in full")
 
     def lines(self, skipped: Counter[str]) -> Iterable[str]:
         """Say how many tests each missing thing costs."""
