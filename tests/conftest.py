@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from tests import meter, nightly
+from tests import machine, processes
 from tests.built_worlds import build_worlds
 from tests.xserver import xvfb
 
@@ -26,8 +26,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Before any world is imported, in each process that runs tests."""
-    nightly.choose_counts(config)
-    meter.register(config)
+    config.pluginmanager.register(processes)
+    config.pluginmanager.register(machine)
     build_worlds()
 
 

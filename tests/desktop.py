@@ -1,20 +1,20 @@
 """A desktop: an X server with a window manager (openbox), and what people do with windows there."""
 
 import os
-import shutil
 import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 from Xlib import X
 from Xlib.display import Display
 from Xlib.error import BadWindow
 from Xlib.protocol import event
 
+from tests.machine import need
+from tests.programs import running, stop
 from tests.xserver import xvfb
 
 _PATIENCE_S = 30.0
@@ -24,18 +24,13 @@ _ICONIC = 3  # ICCCM 4.1.4
 @contextmanager
 def desktop() -> Iterator["Desktop"]:
     """Run an X server with a window manager on it."""
-    if shutil.which("openbox") is None:
-        missing = "openbox is not installed, so no window can be managed; apt-get install openbox"
-        if os.environ.get("CI"):
-            pytest.fail(missing)
-        pytest.skip(missing)
-    with xvfb() as name:
-        manager = subprocess.Popen(["openbox"], env={**os.environ, "DISPLAY": name}, stderr=subprocess.DEVNULL)
-        try:
-            yield Desktop(name)
-        finally:
-            manager.terminate()
-            manager.wait()
+    program = need("openbox")
+    with (
+        xvfb() as name,
+        running([program], env={**os.environ, "DISPLAY": name}, stderr=subprocess.DEVNULL) as manager,
+    ):
+        yield Desktop(name)
+        stop(manager)
 
 
 class Desktop:

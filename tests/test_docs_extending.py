@@ -10,6 +10,7 @@ import pytest
 import minihuman.testing
 from minihuman.plugins import list_plugins
 from tests.lab_package import install_lab as install_lab
+from tests.machine import needs
 
 DOCS = Path(__file__).parents[1] / "docs"
 TEXT = (DOCS / "extending.md").read_text(encoding="utf-8")
@@ -21,7 +22,7 @@ PARTS = dict(zip(*[iter(re.split(r"^## (.*)$", TEXT, flags=re.M)[1:])] * 2, stri
     [
         "A simulated participant",
         "An agent",
-        pytest.param("A learner", marks=pytest.mark.program),
+        pytest.param("A learner", marks=[pytest.mark.program, needs("learn")]),
         "A wrapper",
         pytest.param("An exporter", marks=pytest.mark.program),
         "A window",
@@ -29,9 +30,6 @@ PARTS = dict(zip(*[iter(re.split(r"^## (.*)$", TEXT, flags=re.M)[1:])] * 2, stri
 )
 def test_the_code_runs_as_printed(part, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    if part == "A learner":
-        pytest.importorskip("torch")
-        pytest.importorskip("stable_baselines3")
     code = "\n".join(re.findall(r"```python\n(.*?)```", PARTS[part], re.S))
     try:
         exec(compile(code, f"extending.md, {part}", "exec"), {"__name__": "extending"})

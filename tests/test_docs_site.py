@@ -17,6 +17,7 @@ from minihuman.experiment.activities.activity import list_built_in_kinds
 from minihuman.experiment.protocol.protocol import build_json_schema, list_protocol_tables
 from minihuman.log.codec import list_activity_topics
 from minihuman.log.topics import RARE_TOPICS, TOPICS
+from tests.machine import needs
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
@@ -33,8 +34,8 @@ def test_every_link_of_a_page_leads_to_a_file(page):
     assert [link for link in links if "://" not in link and not (DOCS / link).exists()] == []
 
 
+@needs("mkdocs")
 def test_the_reference_has_every_command_every_table_and_every_exported_name():
-    pytest.importorskip("mkdocs")
     hooks = runpy.run_path(str(DOCS / "_hooks.py"))
     commands, tables = hooks["list_commands"](""), hooks["list_tables"]("")
     for name in (name for names in SECTIONS.values() for name in names):
@@ -94,8 +95,8 @@ def test_the_meaning_of_a_field_with_a_unit_in_its_name_says_the_unit(suffix, un
     assert silent == []
 
 
+@needs("mkdocs")
 def test_the_reference_has_every_topic_and_every_field_of_its_message():
-    pytest.importorskip("mkdocs")
     written = runpy.run_path(str(DOCS / "_hooks.py"))["list_topics"]("")
     for topic in (*TOPICS, *RARE_TOPICS, *list_activity_topics(list_built_in_kinds())):
         section = written.partition(f"## {topic.name}\n")[2].partition("\n## ")[0]
@@ -110,8 +111,8 @@ def test_the_reference_has_every_topic_and_every_field_of_its_message():
         assert f"### {name}\n" in written
 
 
+@needs("mkdocs")
 def test_the_reference_has_every_kind_of_plug_in():
-    pytest.importorskip("mkdocs")
     hooks = runpy.run_path(str(DOCS / "_hooks.py"))
     written = hooks["list_ports"]("")
     groups = tomllib.loads((DOCS.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]["entry-points"]

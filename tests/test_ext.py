@@ -9,14 +9,16 @@ from pathlib import Path
 import pytest
 
 from minihuman import ext
+from tests.machine import needs
 
 TEXT = (Path(__file__).parents[1] / "docs" / "extending.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("name", ext.__all__)
+PORTS = [pytest.param(name, marks=needs("learn")) if name.startswith("Learn") else name for name in ext.__all__]
+
+
+@pytest.mark.parametrize("name", PORTS)
 def test_every_name_is_the_port_itself(name: str) -> None:
-    if name.startswith("Learn"):
-        pytest.importorskip("torch")
     assert getattr(ext, name) is getattr(import_module(ext._MODULES[name]), name)
 
 

@@ -15,6 +15,8 @@ import pytest
 
 from minihuman.cli.command_line import make_command_line
 from minihuman.experiment.protocol.protocol import decode_protocol
+from tests.counts import PATIENCE_S
+from tests.programs import running
 
 DOCS = Path(__file__).parents[1] / "docs"
 BLOCK = re.compile(r"^( *)```(\w+)[^\n]*\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)
@@ -69,7 +71,7 @@ def serve(line: str, folder: Path, here: dict[str, str]) -> str:
     """What `minihuman serve` prints until all its links are there, as if on its usual port; then it is ended."""
     words = [sys.executable, "-m", *shlex.split(line), "--port", "0"]
     links = int(words[words.index("--links") + 1])
-    with subprocess.Popen(words, cwd=folder, env={**os.environ, **here}, stdout=subprocess.PIPE, text=True) as server:
+    with running(words, cwd=folder, env={**os.environ, **here}, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
         printed = ""
         address = ""
@@ -78,7 +80,7 @@ def serve(line: str, folder: Path, here: dict[str, str]) -> str:
             address = each.partition("#t=")[0]
             if printed.count("#t=") == links:
                 break
-        with urllib.request.urlopen(address, timeout=60) as page:  # from then on Ctrl-C ends it as it should
+        with urllib.request.urlopen(address, timeout=PATIENCE_S) as page:  # from then on Ctrl-C ends it as it should
             assert b"<html" in page.read()
         server.send_signal(signal.SIGINT)
         printed += re.sub(r"127\.0\.0\.1:\d+", "127.0.0.1:8000", server.stdout.read())

@@ -7,11 +7,11 @@ tests use the same toolkits differently; here each window gets a clean one. Cloc
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from multiprocessing.connection import Client, Connection, Listener
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from minihuman.display.windows.blocking_window import open_window
 from minihuman.display.windows.window import Window
 from minihuman.experiment.machine.inputs import Input, ScreenShown
 from minihuman.experiment.machine.screens import Screen
+from tests.counts import PATIENCE_S
 
 
 class HostedWindow(Window):
@@ -27,16 +28,15 @@ class HostedWindow(Window):
     def __init__(
         self, kind: str, display: str, *, size_px: tuple[int, int], python_path: str = "", fullscreen: bool = False
     ) -> None:
-        self._folder = tempfile.TemporaryDirectory()
-        address = str(Path(self._folder.name) / "window")
+        self._line, far = Pipe()  # where the process ends, whatever waits for it hears the end of the line
         paths = os.pathsep.join(filter(None, (python_path, str(Path(__file__).parents[1]))))
         environment = {**os.environ, "DISPLAY": display, "PYTHONPATH": paths}
-        with Listener(address, "AF_UNIX") as listener:
+        with far:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "tests.window_host", address, kind, *map(str, (*size_px, int(fullscreen)))],
+                [sys.executable, "-m", "tests.window_host", *map(str, (far.fileno(), kind, *size_px, int(fullscreen)))],
                 env=environment,
+                pass_fds=(far.fileno(),),
             )
-            self._line = listener.accept()
         self._open = True
         self._answer()
 
@@ -74,9 +74,8 @@ class HostedWindow(Window):
         if self._open:
             self._open = False
             self._line.send(("end", ()))
-            self._process.wait(timeout=20)
+            self._process.wait(timeout=PATIENCE_S)
             self._line.close()
-            self._folder.cleanup()
 
 
 @contextmanager
@@ -109,6 +108,6 @@ def _serve(line: Connection, kind: str, size_px: tuple[int, int], *, fullscreen:
 
 
 if __name__ == "__main__":
-    address, kind, width, height, fullscreen = sys.argv[1:]
-    with Client(address, "AF_UNIX") as line:
+    handle, kind, width, height, fullscreen = sys.argv[1:]
+    with Connection(int(handle)) as line:
         _serve(line, kind, (int(width), int(height)), fullscreen=fullscreen == "1")

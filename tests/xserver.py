@@ -1,14 +1,12 @@
 """A display of our own, and a keyboard on it: Xvfb, and key events that the X server itself makes (XTEST)."""
 
 import os
-import shutil
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 from Xlib import XK, X
 from Xlib.display import Display
@@ -17,6 +15,8 @@ from Xlib.ext import xtest
 from Xlib.protocol import event
 
 from minihuman.experiment.keys import KEY_NAMES
+from tests.machine import need
+from tests.programs import running, stop
 
 Size = tuple[int, int]
 
@@ -74,27 +74,17 @@ _KEYSYMS = {
 @contextmanager
 def xvfb(screen_px: Size = SCREEN_PX) -> Iterator[str]:
     """Run an X server on a free display; yields its name, ":12"."""
-    if shutil.which("Xvfb") is None:
-        missing = "Xvfb is not installed, so no window can be tried; apt-get install xvfb"
-        if os.environ.get("CI"):
-            pytest.fail(missing)
-        pytest.skip(missing)
+    program = need("xvfb")
     reading, writing = os.pipe()
     size = f"{screen_px[0]}x{screen_px[1]}x24"
-    server = subprocess.Popen(
-        ["Xvfb", "-displayfd", str(writing), "-screen", "0", size, "-nolisten", "tcp", "-noreset"],
-        pass_fds=(writing,),
-        stderr=subprocess.DEVNULL,
-    )
-    os.close(writing)
-    try:
+    command = [program, "-displayfd", str(writing), "-screen", "0", size, "-nolisten", "tcp", "-noreset"]
+    with running(command, pass_fds=(writing,), stderr=subprocess.DEVNULL) as server:
+        os.close(writing)
         with os.fdopen(reading) as said:
             number = said.readline().strip()
         assert number, "Xvfb ended before it had a display"
         yield f":{number}"
-    finally:
-        server.terminate()
-        server.wait()
+        stop(server)
 
 
 class Typist:

@@ -29,7 +29,12 @@ MAX_READ_S = 1.0  # a device is polled fifty times per second; a read that takes
 
 
 def check_device(
-    device: str | Callable[[], Device], *, n_channels: int = 0, n_samples: int = 1, timeout_s: float = 10.0
+    device: str | Callable[[], Device],
+    *,
+    n_channels: int = 0,
+    n_samples: int = 1,
+    timeout_s: float = 10.0,
+    now_s: Callable[[], float] = time.monotonic,
 ) -> None:
     """Open a device, read it as a session does, close it, and do so again: a study has more than one session.
 
@@ -38,6 +43,7 @@ def check_device(
         n_channels: how many numbers a sample has; 0 for a device that gives only text.
         n_samples: how many samples to read each time.
         timeout_s: how long to wait for them.
+        now_s: the clock that this and each read are timed by, seconds.
 
     Raises:
         ContractError: if a guarantee is broken; it says which.
@@ -53,22 +59,24 @@ def check_device(
                 isinstance(facts, dict) and all(isinstance(text, str) for pair in facts.items() for text in pair),
                 f"open() returned {facts!r}; the log takes a dict of texts",
             )
-            samples = _read_samples(made, clock, n_samples, timeout_s)
+            samples = _read_samples(made, clock, n_samples, timeout_s, now_s)
         finally:
             made.close()
         for sample in samples:
             _check_shape(sample, n_channels)
 
 
-def _read_samples(device: Device, clock: SessionClock, n_samples: int, timeout_s: float) -> list[DeviceSample]:
+def _read_samples(
+    device: Device, clock: SessionClock, n_samples: int, timeout_s: float, now_s: Callable[[], float]
+) -> list[DeviceSample]:
     """Read from another thread than the one that opened the device, as a session does."""
     samples: list[DeviceSample] = []
-    until_s = time.monotonic() + timeout_s
+    until_s = now_s() + timeout_s
     with ThreadPoolExecutor(1) as thread:
-        while len(samples) < n_samples and time.monotonic() < until_s:
-            began_s = time.monotonic()
+        while len(samples) < n_samples and now_s() < until_s:
+            began_s = now_s()
             fresh = thread.submit(device.read).result()
-            took_s = time.monotonic() - began_s
+            took_s = now_s() - began_s
             require(took_s < MAX_READ_S, f"read() took {took_s:.1f} s; it returns what has arrived and never waits")
             _check_times([*samples[-1:], *fresh], clock())
             samples += fresh

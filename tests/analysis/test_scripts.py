@@ -11,6 +11,7 @@ import pytest
 
 from minihuman.planning.benchmark import FAMILIES
 from tests.builders import WORLDS, session, write_log
+from tests.machine import needs
 
 pytestmark = pytest.mark.program
 
@@ -134,8 +135,8 @@ def test_the_tasks_of_a_first_study_are_drawn_again_by_their_seed(tmp_path, monk
         assert len(re.findall("minihuman/[^, ]+-v[0-9]", task)) == 3
 
 
+@needs("learn")
 def test_the_study_of_partners_trains_plays_and_proves_its_four_conditions(tmp_path, monkeypatch):
-    pytest.importorskip("stable_baselines3")
     arguments = tmp_path, "--teams", 2, "--pilot", 4, "--steps", 2_048, "--quick"
     run(monkeypatch, "team_partners.py", *arguments)
     table = (tmp_path / "team_partners.md").read_text()
@@ -197,8 +198,8 @@ def test_the_baseline_sets_difficulty_is_what_simulated_people_make_it(tmp_path,
     assert dict(zip(committed["family"], committed["max_steps"], strict=True)) == limits
 
 
+@needs("learn")
 def test_the_baseline_sets_policies_are_trained_for_every_family(tmp_path, monkeypatch):
-    pytest.importorskip("stable_baselines3")
     from minihuman.learn.policy.file import load_policy
 
     monkeypatch.syspath_prepend(SCRIPTS)

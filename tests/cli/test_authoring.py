@@ -15,6 +15,8 @@ from minihuman.experiment.plan.dry_run import describe_worlds
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.protocol.protocol import build_json_schema, decode_protocol
 from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS
+from tests.counts import PATIENCE_S
+from tests.programs import running
 from tests.seats.session_typist import agree, enter_at, until
 from tests.xserver import Typist
 
@@ -24,7 +26,7 @@ PROTOCOLS = Path(__file__).parents[2] / "protocols"
 
 def minihuman(*words: object, **more: object) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "minihuman", *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, **more)
+    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, **more)
 
 
 def test_two_commands_lead_from_nothing_to_the_first_picture(tmp_path: Path, display: str) -> None:
@@ -34,7 +36,7 @@ def test_two_commands_lead_from_nothing_to_the_first_picture(tmp_path: Path, dis
     assert said.returncode == 0, said.stderr
     assert "MiniGrid-FourRooms-v0" in said.stdout
     command = [sys.executable, "-m", "minihuman", "run", str(protocol), "--data", str(tmp_path), "--windowed"]
-    with subprocess.Popen(command, env={"DISPLAY": display}, stdout=subprocess.PIPE, text=True) as station:
+    with running(command, env={"DISPLAY": display}, stdout=subprocess.PIPE, text=True) as station:
         typist = Typist(display)
         typist.focus("minihuman")
         agree(typist, tmp_path)
@@ -44,7 +46,7 @@ def test_two_commands_lead_from_nothing_to_the_first_picture(tmp_path: Path, dis
         enter_at(typist, tmp_path, "ready")
         until(tmp_path, "playing")
         typist.ask_to_close("minihuman")
-        told, _ = station.communicate(timeout=60)
+        told, _ = station.communicate(timeout=PATIENCE_S)
         typist.close()
     assert "ended by window_closed after 0 of 5 episodes" in told
     assert "goes on with: minihuman run" in told

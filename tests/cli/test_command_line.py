@@ -14,6 +14,7 @@ from click.testing import CliRunner, Result
 from minihuman.cli.command_line import ALIASES, SECTIONS, Subgroup, make_command_line
 from minihuman.errors import MinihumanError
 from tests.builders import session, write_log
+from tests.counts import PATIENCE_S
 
 PROTOCOL = Path(__file__).parents[2] / "protocols" / "demo.toml"
 COMMANDS = [(module, name) for module, names in SECTIONS.items() for name in names]
@@ -25,7 +26,7 @@ def typed(*words: object) -> Result:
 
 def run_main(*words: object) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "minihuman", *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from minihuman.errors import AllocationError, LogError, ProtocolError, ReportErr
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import decode_protocol
+from tests.counts import PATIENCE_S
 from tests.study.test_protocol import without_place
 
 pytestmark = pytest.mark.program
@@ -161,7 +162,7 @@ def test_what_nobody_could_read_is_refused_before_anybody_has_a_slot(tmp_path):
 def test_a_station_without_a_display_says_so_in_one_line_and_uses_up_no_slot(tmp_path, grid_only):
     nothing = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
     command = [sys.executable, "-m", "minihuman", "run", str(grid_only), "--data", str(tmp_path / "data")]
-    done = subprocess.run(command, env=nothing, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, env=nothing, capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 2
     [line] = [line for line in done.stderr.splitlines() if line.startswith("minihuman:")]
     assert "window" in line

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("torch")
+from tests.machine import need_module
+
+need_module("learn")
 
 pytestmark = pytest.mark.program
 ROOT = Path(__file__).parents[2]

@@ -7,6 +7,7 @@ from minihuman.agents.agent import BaseAgent
 from minihuman.errors import SimulationError
 from minihuman.testing.checks import ContractError
 from minihuman.testing.participant_contract import check_agent
+from tests.machine import needs
 
 
 @pytest.mark.parametrize(("name", "argument"), [("random", ""), ("optimal", ""), ("optimal", "0.2")])
@@ -15,9 +16,10 @@ def test_every_agent_keeps_what_agents_promise(name, argument, world):
     check_agent(name, argument, world)
 
 
+@needs("learn")
 def test_a_policy_file_keeps_them(tmp_path):
-    torch = pytest.importorskip("torch")
-    pytest.importorskip("stable_baselines3")
+    import torch
+
     from minihuman.learn.policy.file import PolicyCard, save_policy
     from minihuman.learn.policy.network import build_policy
     from minihuman.learn.policy.observation import ObservationEncoder

@@ -29,6 +29,25 @@ class Counter(Device):
         pass
 
 
+class Stopwatch:
+    """The tests' own time, which passes by being read and by waiting, however busy the machine is."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def __call__(self) -> float:
+        self.now_s += 0.001
+        return self.now_s
+
+    def wait(self, seconds: float) -> list[DeviceSample]:
+        """Let time pass, as a device does that waits for its next sample."""
+        self.now_s += seconds
+        return []
+
+
+STOPWATCH = Stopwatch()
+
+
 def broken(method: str, result: Any) -> type[Counter]:
     return type("Broken", (Counter,), {method: lambda self, *_: result(self)})
 
@@ -42,14 +61,23 @@ BROKEN = {
     "2 values for 1 channels": broken("read", lambda self: [DeviceSample(1, (1.0, 2.0))]),
     "a tuple of numbers": broken("read", lambda self: [DeviceSample(1, ("a",))]),
     "0 of 1 samples arrived": broken("read", lambda self: []),
-    "never waits": broken("read", lambda self: time.sleep(1.1) or []),
+    "never waits": broken("read", lambda self: STOPWATCH.wait(1.1)),
 }
 
 
 @pytest.mark.parametrize("promise", BROKEN)
 def test_a_broken_promise_is_named(promise: str) -> None:
     with pytest.raises(ContractError, match=promise):
-        check_device(BROKEN[promise], n_channels=1, timeout_s=0.1)
+        check_device(BROKEN[promise], n_channels=1, timeout_s=0.1, now_s=STOPWATCH)
+
+
+def test_a_device_that_takes_half_a_second_to_answer_has_not_waited() -> None:
+    class Slow(Counter):
+        def read(self) -> Sequence[DeviceSample]:
+            STOPWATCH.wait(0.5)
+            return super().read()
+
+    check_device(Slow, n_channels=1, now_s=STOPWATCH)
 
 
 def test_a_device_must_be_one() -> None:
@@ -68,7 +96,7 @@ def test_a_device_is_opened_and_closed_for_each_session() -> None:
         def close(self) -> None:
             calls.append("close")
 
-    check_device(Counted, n_channels=1, n_samples=3)
+    check_device(Counted, n_channels=1, n_samples=3, now_s=STOPWATCH)
     assert calls == ["open", "close"] * 2
 
 

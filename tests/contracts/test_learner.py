@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch")
-pytest.importorskip("stable_baselines3")
+from tests.machine import need_module
+
+need_module("learn")
 
 from dataclasses import dataclass, replace  # noqa: E402
+
+import torch  # noqa: E402
 
 from minihuman.errors import LearnError  # noqa: E402
 from minihuman.learn.teaching.learner import (  # noqa: E402

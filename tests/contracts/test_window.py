@@ -4,7 +4,6 @@ Real windows run under Xvfb and are typed into by the X server itself (XTEST).
 """
 
 import os
-import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -21,6 +20,7 @@ from minihuman.experiment.keys import KEY_NAMES
 from minihuman.experiment.machine.inputs import FocusChanged, KeyDown, KeyUp, Stop
 from minihuman.experiment.machine.screens import PlayScreen
 from minihuman.testing.device_contract import CHECKS, MS, SCREENS, SECOND, TypedWindow, list_strokes
+from tests.machine import needs
 from tests.window_host import HostedWindow
 from tests.xserver import Typist, xvfb
 
@@ -105,20 +105,20 @@ def desks() -> Iterator[Desks]:
     desks.close()
 
 
-@pytest.fixture(params=Desks.KINDS)
+REAL = [pytest.param(kind, marks=needs("xvfb")) for kind in Desks.KINDS]
+
+
+@pytest.fixture(params=REAL)
 def real_desk(request: pytest.FixtureRequest, desks: Desks) -> RealDesk:
     return desks.ready(request.param)
 
 
-@pytest.fixture(params=("scripted", *Desks.KINDS))
+@pytest.fixture(params=["scripted", *REAL])
 def desk(request: pytest.FixtureRequest, desks: Desks) -> TypedWindow:
     return ScriptedDesk() if request.param == "scripted" else desks.ready(request.param)
 
 
-@pytest.mark.skipif(
-    OTHER_PYGLET not in os.environ,
-    reason=f"one pyglet major is installed; {OTHER_PYGLET} names a folder with the other, for every test here",
-)
+@needs("other pyglet")
 def test_both_majors_of_pyglet_take_part(desks: Desks) -> None:
     versions = {desks.ready(kind).window.facts()["window_version"][:8] for kind in ("pyglet", "other pyglet")}
     assert versions == {"pyglet 1", "pyglet 2"}
@@ -155,7 +155,7 @@ def test_every_key_is_called_by_its_place(real_desk: RealDesk) -> None:
     assert list_strokes(real_desk.hear(2 * len(there))) == [(key, down) for key in there for down in (True, False)]
 
 
-@pytest.mark.skipif(shutil.which("setxkbmap") is None, reason="setxkbmap, which changes the layout, is not installed")
+@needs("setxkbmap")
 def test_on_a_french_keyboard_the_keys_keep_their_names_and_tell_the_layouts(real_desk: RealDesk) -> None:
     real_desk.typist.set_layout("fr")
     try:

@@ -11,6 +11,7 @@ from minihuman.errors import LogError
 from minihuman.exporters.exporter import export_study
 from minihuman.workflow import verify
 from tests.copied import as_another
+from tests.machine import needs
 
 GOLDEN = Path(__file__).parents[1] / "golden/v1/plain"
 
@@ -48,8 +49,8 @@ def test_several_processes_verify_as_one_does(study, monkeypatch):
     assert logs == sorted(logs)
 
 
+@needs("ray")
 def test_ray_exports_and_verifies_as_processes_do(study, tmp_path):
-    pytest.importorskip("ray")
     local, remote = (list_findings(study, engine=engine) for engine in ("local", "ray"))
     assert remote == local
     for engine in ("local", "ray"):  # another selection than the cache's, so that both read the logs

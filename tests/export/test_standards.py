@@ -6,7 +6,6 @@ The validators are no dependency: ``.ci/run standards`` installs them and says w
 import csv
 import gzip
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -30,12 +29,11 @@ from minihuman.runtime.simulated_session import SimulatedWindow
 from minihuman.simulation.participant import make_participant
 from minihuman.worlds.adapters.world import World
 from tests.golden.make import STARTED_NS, segment, study
+from tests.machine import need, needs
 from tests.study.test_about import ABOUT
 
 pytestmark = pytest.mark.program
 
-VALIDATORS = os.environ.get("MINIHUMAN_STANDARDS", "")
-needs_validators = pytest.mark.skipif(not VALIDATORS, reason=".ci/run standards installs the validators")
 GOLDEN = Path(__file__).parents[1] / "golden/v1"
 FROZEN = ("resumed", "mixed", "no-episode", "recovered")
 FORMATS = ("bids", "psych-ds", "frictionless", "croissant")
@@ -117,11 +115,11 @@ def validated(kind: str, folder: Path) -> subprocess.CompletedProcess[str]:
         "frictionless": ["frictionless", "validate", "datapackage.json"],
         "croissant": ["mlcroissant", "validate", "--jsonld", "croissant.json"],
     }[kind]
-    program = [str(Path(VALIDATORS) / command[0]), *command[1:]]
+    program = [str(Path(need("validators")) / command[0]), *command[1:]]
     return subprocess.run(program, cwd=folder, capture_output=True, text=True, timeout=300, check=False)
 
 
-@needs_validators
+@needs("validators")
 @pytest.mark.parametrize("name", [*FROZEN, "two-sessions", "asked"])
 @pytest.mark.parametrize("kind", ["bids", "frictionless", "croissant"])
 def test_the_formats_own_validator_finds_no_error(exported, kind, name):
@@ -158,7 +156,7 @@ def break_croissant(folder):
     path.write_text(json.dumps(described))
 
 
-@needs_validators
+@needs("validators")
 @pytest.mark.parametrize(
     ("kind", "spoil"),
     [

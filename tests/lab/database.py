@@ -2,7 +2,6 @@
 
 import os
 import pwd
-import shutil
 import subprocess
 import tempfile
 from collections.abc import Iterator
@@ -10,27 +9,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from uuid import uuid4
 
-import pytest
-
-
-def _programs() -> Path:
-    """Where its programs are; without them the test is skipped, in CI it fails."""
-    for folder in sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True):
-        if (folder / "initdb").exists():
-            return folder
-    if found := shutil.which("initdb"):
-        return Path(found).parent
-    missing = "PostgreSQL is not installed, so nothing can be kept in it; apt-get install postgresql"
-    if os.environ.get("CI"):
-        pytest.fail(missing)
-    pytest.skip(missing)
+from tests.machine import need
 
 
 @contextmanager
 def database(*, port: int | None = None) -> Iterator[str]:
     """A database's address; with a port it also listens there, on this machine."""
-    pytest.importorskip("psycopg")
-    programs = _programs()
+    programs = Path(need("postgresql")).parent
     as_whom = ["runuser", "-u", "postgres", "--"] if os.getuid() == 0 else []  # it refuses to run as root
     with tempfile.TemporaryDirectory(prefix="mh-pg-", dir="/tmp") as name:  # a socket's path is short
         folder = Path(name)

@@ -15,6 +15,7 @@ from minihuman.errors import LogError
 from minihuman.experiment.machine.events import Event
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.log.record.mcap_recorder import McapRecorder
+from tests.counts import PATIENCE_S
 from tests.log.samples import STARTED_NS
 
 
@@ -66,7 +67,7 @@ def play_until_full(
 
 def try_to_record(data: Path, plan: SessionPlan, events: Sequence[Event], told: Connection, ready: Barrier) -> None:
     """Together with others, try to record the same session; tell the error or where the log is."""
-    ready.wait(timeout=60)
+    ready.wait(timeout=PATIENCE_S)
     try:
         recorder = McapRecorder(data, plan, started_ns=STARTED_NS + os.getpid())
         recorder.write(events)

@@ -26,6 +26,7 @@ from minihuman.runtime.simulated_session import simulate
 from minihuman.web.arrivals import Admission, Arrival, Arrivals
 from tests.counts import count
 from tests.lab.database import database, fresh
+from tests.machine import needs
 from tests.web.protocols import study
 
 PROCESSES, EACH = count(4, 8), count(10, 200)
@@ -48,7 +49,7 @@ def url() -> Iterator[str]:
         yield address
 
 
-@pytest.fixture(params=["file", pytest.param("database", marks=pytest.mark.program)])
+@pytest.fixture(params=["file", pytest.param("database", marks=[pytest.mark.program, needs("postgresql")])])
 def data(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """A data folder whose journals are files, or in a database of its own."""
     if request.param == "database":
@@ -153,7 +154,6 @@ def test_what_is_read_once_is_not_decoded_again(tmp_path: Path) -> None:
 
 
 def test_a_database_that_is_away_is_said_in_one_line(tmp_path: Path) -> None:
-    pytest.importorskip("psycopg")
     (tmp_path / URL_FILE_NAME).write_text(f"postgresql:///none?host={tmp_path}")
     with pytest.raises(OSError, match=r"the database of s/register\.jsonl cannot be queried") as refused:
         open_journal(tmp_path / "s", ENROLMENT_FILE_NAME, words).read()
@@ -246,10 +246,10 @@ def test_reading_on_after_the_last_answer_for_longer_than_a_call_may_take_costs_
     """As a server does that decodes 200,000 lines on a busy machine: the connection was cut off meanwhile."""
     from minihuman.dataset.journal_postgres import Database
 
-    slow = Database(fresh(url), "select 1", "a test", timeout_s=0.3)
+    slow = Database(fresh(url), "select 1", "a test", timeout_s=3.0)
     with slow.ask() as cursor:
         assert cursor.execute("select 7").fetchone() == (7,)
-        time.sleep(0.9)
+        time.sleep(4.0)
     with slow.ask() as cursor:
         assert cursor.execute("select 8").fetchone() == (8,)
     slow.close()

@@ -37,6 +37,7 @@ from minihuman.web.messages import MESSAGE_VERSION, Hello, Refusal
 from minihuman.web.outbox import PageSettings
 from tests.lab.database import database, fresh
 from tests.lab.lease_table import Clock, MemoryLeaseTable
+from tests.machine import needs
 from tests.web.page_model import PageModel
 from tests.web.protocols import study
 
@@ -567,7 +568,7 @@ def url() -> Iterator[str]:
         yield address
 
 
-@pytest.fixture(params=["memory", pytest.param("database", marks=pytest.mark.program)])
+@pytest.fixture(params=["memory", pytest.param("database", marks=[pytest.mark.program, needs("postgresql")])])
 def any_table(
     request: pytest.FixtureRequest, clock: Clock
 ) -> Iterator[tuple[LeaseTable, LeaseTable, Callable[[float], None]]]:

@@ -17,6 +17,7 @@ from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.runtime.session_loop import run_session
 from minihuman.worlds.adapters.world import World
+from tests.counts import PATIENCE_S
 from tests.study.sessions import MS, key_of
 
 PROTOCOL = decode_protocol(b"""
@@ -131,7 +132,7 @@ def test_stations_that_start_at_once_never_share_a_participant(tmp_path):
     stations = [context.Process(target=_station, args=(tmp_path, told)) for _ in range(6)]
     for station in stations:
         station.start()
-    taken = {told.get(timeout=60) for _ in stations}
+    taken = {told.get(timeout=PATIENCE_S) for _ in stations}
     for station in stations:
         station.join()
     assert taken == {f"sub-{number:02d}" for number in range(1, 7)}

@@ -17,6 +17,7 @@ from minihuman.errors import AllocationError
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.protocol.protocol import decode_protocol
 from tests.counts import count
+from tests.programs import running
 
 PATH = Path(__file__).parents[2] / "protocols" / "fourrooms-transfer.toml"
 PROTOCOL = decode_protocol(PATH.read_bytes())
@@ -97,7 +98,7 @@ def test_stations_that_are_killed_lose_no_slot_and_share_none(tmp_path):
         while len(told[number]) < each:
             left = each - len(told[number])
             command = [sys.executable, "-c", STATION, str(protocol), str(tmp_path / "study"), str(left)]
-            with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+            with running(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
                 process.stdin.write("go\n")
                 process.stdin.flush()
                 for line in process.stdout:

@@ -8,6 +8,7 @@ from rich.console import Console
 
 from minihuman.errors import LearnError
 from minihuman.learn.ppo import PpoSettings
+from tests.machine import needs
 from transfer_study.engines import (
     LocalPool,
     RayCluster,
@@ -195,8 +196,8 @@ def test_a_study_runs_every_job_once(local):
     assert run_study(TINY, out, no_engine, console=QUIET) == results
 
 
+@needs("ray")
 def test_ray_gives_the_numbers_of_the_local_pool(local, tmp_path):
-    pytest.importorskip("ray", reason="the cluster extra is not installed")
     _, expected = local
     results = run_study(TINY, tmp_path / "ray", lambda: RayCluster(workers=1), device="cpu", console=QUIET)
     assert {job: result.points for job, result in results.items()} == {

@@ -2,20 +2,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch")
-
-from minihuman.errors import LearnError  # noqa: E402
-from minihuman.learn.policy.file import load_policy  # noqa: E402
-from minihuman.learn.policy.network import build_policy  # noqa: E402
-from minihuman.learn.policy.observation import REACH, ObservationEncoder, encode_whole_grid  # noqa: E402
-from minihuman.learn.teaching import learner, provenance  # noqa: E402
-from minihuman.learn.teaching.dataset import Comparison, LessonFragment, LessonRating  # noqa: E402
-from minihuman.learn.teaching.learner import LearningRequest, make_learner  # noqa: E402
-from minihuman.learn.teaching.provenance import make_policy, reproduce_policy  # noqa: E402
-from minihuman.testing.learner_contract import build_teaching_dataset  # noqa: E402
-from teaching_study.simulation import evaluate_taught_policy  # noqa: E402
-from tests.learn.taught import sitting, taught  # noqa: E402
+from minihuman.errors import LearnError
+from minihuman.learn.policy.file import load_policy
+from minihuman.learn.policy.network import build_policy
+from minihuman.learn.policy.observation import REACH, ObservationEncoder, encode_whole_grid
+from minihuman.learn.teaching import learner, provenance
+from minihuman.learn.teaching.dataset import Comparison, LessonFragment, LessonRating
+from minihuman.learn.teaching.learner import LearningRequest, make_learner
+from minihuman.learn.teaching.provenance import make_policy, reproduce_policy
+from minihuman.testing.learner_contract import build_teaching_dataset
+from teaching_study.simulation import evaluate_taught_policy
+from tests.learn.taught import sitting, taught
 
 UNLIMITED = float("inf")
 

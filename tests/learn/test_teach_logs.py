@@ -3,8 +3,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("torch")
-
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.errors import LearnError
 from minihuman.learn.teaching.dataset import LessonFragment

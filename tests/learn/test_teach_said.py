@@ -6,24 +6,23 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch")
-
-from minihuman.errors import LearnError  # noqa: E402
-from minihuman.learn.teaching import learner as fitting  # noqa: E402
-from minihuman.learn.teaching.dataset import Comparison, LessonFragment, LessonRating  # noqa: E402
-from minihuman.learn.teaching.learner import LearningRequest, make_fresh_policy, make_learner  # noqa: E402
-from minihuman.learn.teaching.preference_learner import (  # noqa: E402
+from minihuman.errors import LearnError
+from minihuman.learn.teaching import learner as fitting
+from minihuman.learn.teaching.dataset import Comparison, LessonFragment, LessonRating
+from minihuman.learn.teaching.learner import LearningRequest, make_fresh_policy, make_learner
+from minihuman.learn.teaching.preference_learner import (
     PreferenceSettings,
     RewardFitting,
     RewardModelEnv,
     compute_disagreement,
     fit_reward,
 )
-from minihuman.learn.teaching.provenance import make_policy, reproduce_policy  # noqa: E402
-from minihuman.learn.teaching.rating_learners import collect_presses, find_delay  # noqa: E402
-from minihuman.simulation.supervisor import Critic, CriticParameters  # noqa: E402
-from teaching_study.feedback import (  # noqa: E402
+from minihuman.learn.teaching.provenance import make_policy, reproduce_policy
+from minihuman.learn.teaching.rating_learners import collect_presses, find_delay
+from minihuman.simulation.supervisor import Critic, CriticParameters
+from teaching_study.feedback import (
     ComparedTrial,
     Progress,
     draw_pairs,
@@ -32,7 +31,7 @@ from teaching_study.feedback import (  # noqa: E402
     run_compared,
     select_disputed_pairs,
 )
-from tests.learn.taught import sitting  # noqa: E402
+from tests.learn.taught import sitting
 
 EMPTY = "minihuman/MiniGrid-Empty-8x8-v0"
 

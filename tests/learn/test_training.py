@@ -13,6 +13,7 @@ import torch
 
 from minihuman.errors import LearnError
 from minihuman.learn.ppo import PpoSettings
+from tests.programs import running
 from transfer_study.job import (
     CHECKPOINT,
     LOCK,
@@ -84,7 +85,7 @@ def test_workers_end_with_a_killed_study(tmp_path):
     paths = os.pathsep.join((str(root), str(root / "analysis")))
     out = tmp_path / "out"
     job = TransferJob(small_study(source_steps=10**6), TransferCell(SOURCE), 0)
-    with subprocess.Popen([sys.executable, started, str(out)], env=os.environ | {"PYTHONPATH": paths}) as process:
+    with running([sys.executable, started, str(out)], env=os.environ | {"PYTHONPATH": paths}) as process:
         while steps_so_far(job, out) == 0:
             assert process.poll() is None, "the study ended before it could be killed"
             time.sleep(0.01)

@@ -2,10 +2,6 @@
 
 import json
 
-import pytest
-
-pytest.importorskip("torch")
-
 from minihuman.learn.teaching.preference_learner import PreferenceSettings, RewardFitting
 from teaching_study import feedback, minutes, takeovers
 from teaching_study.feedback import run_comparisons, run_ratings

@@ -18,8 +18,8 @@ import pytest
 
 from minihuman.log.names import SCHEMA_VERSION
 from minihuman.log.read.reader import LogReader
-from tests.counts import count
 from tests.golden.make import segment, study as frozen_study
+from tests.machine import needs
 
 ROOT = Path(__file__).parents[2]
 FIRST, SECOND, NEW = "22b4c34", "e7fb9c2", "new"
@@ -115,7 +115,7 @@ def leave_live_file(at: Path) -> None:
 
 @pytest.mark.nightly(sample=True)
 @pytest.mark.program
-@pytest.mark.skipif(count(0, 1) == 0, reason="builds three wheels; MINIHUMAN_NIGHTLY=1 does")
+@needs("long")
 @pytest.mark.parametrize("order", ORDERS, ids="-".join)
 def test_in_every_order_the_new_program_reads_all_and_earlier_ones_change_nothing_new(
     programs: Programs, order: tuple[str, ...], tmp_path: Path

@@ -10,6 +10,7 @@ from rerun.chunk import McapReader
 
 from minihuman.experiment.machine.events import SessionEnded
 from minihuman.log.topics import TOPICS
+from tests.counts import PATIENCE_S
 from tests.log.played import record
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
@@ -27,7 +28,10 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.program
 def test_reruns_checker_finds_nothing(log: Path) -> None:
     checked = subprocess.run(
-        [sys.executable, "-m", "rerun", "mcap", "check", "--full", log], capture_output=True, text=True, timeout=120
+        [sys.executable, "-m", "rerun", "mcap", "check", "--full", log],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
     )
     assert checked.returncode == 0, checked.stdout + checked.stderr
     rows = [line.split() for line in checked.stdout.splitlines() if "/" in line and str(log) not in line]

@@ -6,6 +6,7 @@ import io
 import json
 import os
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,9 @@ from minihuman import verify
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.log.read.session_reader import read_log
 from minihuman.web.agent_server import ProgramSessions, make_mcp_server
+from tests.counts import PATIENCE_S
 from tests.models.studies import study
-from tests.models.test_agent_server import answer_of
+from tests.models.test_agent_server import answer_of, stays_away as stays_away
 
 
 def read(result: CallToolResult) -> tuple[dict[str, Any], bytes | None]:
@@ -65,8 +67,8 @@ def test_a_client_of_the_protocol_plays_a_session_that_verifies(tmp_path: Path) 
     assert all(line.ok for line in verify(tmp_path / "data"))
 
 
-def test_mistakes_are_answered_and_cost_nothing(tmp_path: Path) -> None:
-    (tmp_path / "study.toml").write_text(study(model="timeout_s = 1.0"))
+def test_mistakes_are_answered_and_cost_nothing(tmp_path: Path, stays_away: threading.Event) -> None:
+    (tmp_path / "study.toml").write_text(study())
     programs = ProgramSessions(read_protocol(tmp_path / "study.toml"), tmp_path / "data")
 
     async def talk() -> None:
@@ -85,5 +87,6 @@ def test_mistakes_are_answered_and_cost_nothing(tmp_path: Path) -> None:
             assert (await client.call_tool("answer", late)).is_error
 
     asyncio.run(talk())
+    stays_away.set()
     for thread in programs.threads:
-        thread.join(10)
+        thread.join(PATIENCE_S)

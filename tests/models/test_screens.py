@@ -34,6 +34,7 @@ from minihuman.simulation.model_conversation import find_picture_size
 from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S
 from tests.lab_package import install_lab as install_lab
+from tests.machine import needs
 from tests.models.endpoint import KEY, Reply, play, serve_endpoint, text_of
 from tests.models.studies import study
 from tests.web.browser import Somebody, browsing
@@ -125,7 +126,8 @@ def keys_of(log: SessionLog) -> list[str]:
 
 
 @pytest.mark.program
-@pytest.mark.nightly(sample=True)
+@pytest.mark.long
+@needs("xvfb")
 def test_a_window_shows_a_person_of_the_same_slot_the_same_pixels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -155,6 +157,8 @@ def test_a_window_shows_a_person_of_the_same_slot_the_same_pixels(
 
 @pytest.mark.nightly
 @pytest.mark.program
+@pytest.mark.long
+@needs("chromium")
 def test_a_browsers_canvas_shows_a_person_of_the_same_slot_the_same_pixels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -214,6 +218,7 @@ def test_every_picture_that_models_were_sent_is_drawn_again_from_the_logs_of_the
 
 
 @pytest.mark.program
+@needs("chromium")
 def test_a_browser_shows_the_words_of_every_page_and_question_that_a_model_was_sent(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

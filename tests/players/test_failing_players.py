@@ -17,6 +17,7 @@ from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.reporting.sections import flow_table
 from minihuman.runtime import simulated_session
 from minihuman.runtime.simulated_session import simulate
+from tests.counts import PATIENCE_S
 from tests.lab_package import install_lab as install_lab
 
 STUDY = """
@@ -40,6 +41,7 @@ max_steps = 4
 episodes = 3
 """
 PLAYERS = """
+import signal
 import time
 from minihuman.ext import KeyPress, SimulatedParticipant
 
@@ -69,10 +71,12 @@ class Player(SimulatedParticipant):
                 case "spare":
                     return KeyPress("z", 300.0)
                 case "hangs":
+                    assert 0 < signal.getitimer(signal.ITIMER_REAL)[0] <= PATIENCE_S
+                    signal.setitimer(signal.ITIMER_REAL, 0.01)  # its time is nearly over
                     while True:
                         time.sleep(0.01)
         return KeyPress(self.keys[0], 300.0)
-"""
+""".replace("PATIENCE_S", str(PATIENCE_S))
 FAILURES = {
     "crash": "KeyError",
     "begin": "FileNotFoundError",
@@ -89,7 +93,7 @@ FAILURES = {
 def test_a_player_that_fails_ends_its_session_as_failed_and_its_slot_is_free(
     how: str, reason: str, tmp_path: Path, install_lab, monkeypatch
 ) -> None:
-    monkeypatch.setattr(plugins, "ANSWER_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(plugins, "ANSWER_TIMEOUT_S", PATIENCE_S)  # a busy machine is no player that hangs
     monkeypatch.setattr(simulated_session, "MOST_USELESS_PRESSES", 20)
     install_lab("lab", PLAYERS, players=["lab = a_lab:Player"])
     protocol = decode_protocol(STUDY.format(consent="").encode())

@@ -11,6 +11,7 @@ from PIL import Image
 from minihuman import simulate, verify
 from minihuman.admin.protocol_file import MAX_PROTOCOL_BYTES, read_protocol
 from minihuman.errors import LearnError, ProtocolError
+from tests.machine import needs
 from tests.promises.sessions import TOML
 
 TEXT = TOML.format(episodes=1, steps=10)
@@ -85,9 +86,9 @@ def test_a_protocol_is_of_a_limited_size(tmp_path: Path) -> None:
         read_protocol(tmp_path / "p.toml")
 
 
+@needs("learn")
 @pytest.mark.parametrize("name", ["/etc/passwd", "../outside.png", "seen.png", "pipe"])
 def test_a_policy_is_read_as_one_before_anything_is_kept(folder: Path, name: str) -> None:
-    pytest.importorskip("stable_baselines3")
     text = TEXT.replace(
         "episodes = 1", f'kind = "takeover"\nagent = {{ policy = "{name}", step_ms = 400 }}\nepisodes = 1'
     )
@@ -99,9 +100,10 @@ def test_a_policy_is_read_as_one_before_anything_is_kept(folder: Path, name: str
         read_protocol(folder / "p.toml")
 
 
+@needs("learn")
 def test_malformed_policies_are_each_refused_in_a_sentence(tmp_path: Path) -> None:
-    torch = pytest.importorskip("torch")
-    pytest.importorskip("stable_baselines3")
+    import torch
+
     from minihuman.learn.policy.file import PolicyCard, load_policy, save_policy
     from minihuman.learn.policy.network import build_policy
     from minihuman.learn.policy.observation import ObservationEncoder

@@ -9,12 +9,13 @@ from pathlib import Path
 import pytest
 
 from tests.counts import count
+from tests.machine import needs
 
 
-@pytest.mark.nightly(sample=True)
+@needs("learn")
+@pytest.mark.long
 @pytest.mark.program
 def test_a_strangers_protocol_runs_nothing_reads_only_its_folder_and_stays_under_512_mb(tmp_path: Path) -> None:
-    pytest.importorskip("stable_baselines3")
     number = count(60, 1_000)
     done = subprocess.run(
         [sys.executable, "-P", "-m", "tests.promises.hostile_protocols", tmp_path / "cases", "0", str(number)],

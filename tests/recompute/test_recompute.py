@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.counts import count
+from tests.machine import needs
 from tests.recompute.play import OUTPUTS, PROTOCOLS, play_study, recompute_outputs, write_outputs
 
 pytestmark = pytest.mark.program  # whole studies are simulated
@@ -51,8 +51,8 @@ def test_one_number_that_is_changed_in_an_output_is_found(small: tuple[Path, Pat
     assert len(counts) == len(EDITS) + 1
 
 
-@pytest.mark.nightly(sample=True)
-@pytest.mark.skipif(count(0, 1) == 0, reason="takes minutes a study; MINIHUMAN_NIGHTLY=1 runs it")
+@pytest.mark.long
+@needs("long")
 @pytest.mark.parametrize("protocol", PROTOCOLS, ids=lambda path: path.stem)
 def test_every_number_of_a_study_of_forty_is_what_its_logs_say(protocol: Path, tmp_path: Path) -> None:
     study = play_study(protocol, tmp_path, 40)

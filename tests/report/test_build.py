@@ -25,6 +25,7 @@ from minihuman.log.read.session_reader import read_log
 from minihuman.reporting.build import build_report, read_planned_analysis, read_protocols
 from minihuman.runtime.simulated_session import simulate
 from tests.builders import episode, session, session_of, write_log
+from tests.machine import needs
 from tests.web.browser import browsing
 
 pytestmark = pytest.mark.program
@@ -97,6 +98,7 @@ def test_reading_changes_nothing(built):
 
 
 @pytest.mark.program
+@needs("chromium")
 def test_what_is_folded_on_the_screen_is_there_in_print(built):
     """A fold cannot be opened on paper."""
     with browsing() as sit_down:

@@ -1,6 +1,5 @@
 """The scripts of mixed models that a report writes: they run, find what was put in, and agree with each other."""
 
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +11,7 @@ import pytest
 from minihuman.errors import ReportError
 from minihuman.reporting.build import write_scripts
 from minihuman.reporting.results import MEASURES, compute_results
+from tests.machine import need, needs
 
 GROUP, CHANGE, STEEPER = 0.6, -0.15, 0.1  # of group a, per episode, and of a's change
 
@@ -73,12 +73,10 @@ def test_the_python_script_finds_the_effects_that_were_put_in(in_python: pd.Data
     assert (in_python["error"] < 0.3).all()
 
 
+@needs("r")
 @pytest.mark.program
 def test_the_r_script_agrees_to_three_digits(scripts: Path, in_python: pd.DataFrame) -> None:
-    rscript = shutil.which("Rscript")
-    libraries = "library(lme4); library(glmmTMB)"
-    if rscript is None or subprocess.run([rscript, "-e", libraries], capture_output=True, check=False).returncode:
-        pytest.skip("R with lme4 and glmmTMB is not installed")
+    rscript = need("r")
     done = subprocess.run([rscript, "analysis.R"], cwd=scripts, capture_output=True, text=True, check=True)
     said = (scripts / "said.txt").read_text()
     words = done.stdout.splitlines()[0]

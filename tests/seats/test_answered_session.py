@@ -16,11 +16,12 @@ from minihuman.experiment.machine.events import Answered
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.log.read.session_reader import read_log
 from tests.counts import PATIENCE_S
+from tests.machine import needs
 from tests.seats.answering_typist import Participant
 from tests.seats.station import started
 from tests.xserver import Typist, xvfb
 
-pytestmark = pytest.mark.program
+pytestmark = [pytest.mark.program, needs("xvfb")]
 
 SIZE_PX = (800, 600)
 FORMS = """

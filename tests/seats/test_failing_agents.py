@@ -13,6 +13,7 @@ from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
 from minihuman.plugins import describe_failure
 from minihuman.runtime.simulated_session import simulate
+from tests.counts import PATIENCE_S
 from tests.lab_package import install_lab as install_lab
 
 STUDY = """
@@ -45,6 +46,7 @@ episodes = 2
 agent = { policy = "POLICY", step_ms = 400 }
 """
 AGENTS = """
+import signal
 import time
 import numpy as np
 from minihuman.ext import BaseAgent
@@ -76,9 +78,11 @@ class Agent(BaseAgent):
             case "short":
                 return good[:2]
             case "hangs":
+                assert 0 < signal.getitimer(signal.ITIMER_REAL)[0] <= PATIENCE_S
+                signal.setitimer(signal.ITIMER_REAL, 0.01)  # its time is nearly over
                 while True:
                     time.sleep(0.01)
-"""
+""".replace("PATIENCE_S", str(PATIENCE_S))
 UNPLAYABLE = "the policy gives no chance to any action that has a key"
 FAILURES = {
     "load": ("the agent failed: FileNotFoundError", 0),
@@ -109,7 +113,7 @@ def test_an_agent_that_fails_is_named_and_nothing_plays_in_its_name(
     how: str, tmp_path: Path, install_lab, monkeypatch
 ) -> None:
     failure, steps = FAILURES[how]
-    monkeypatch.setattr(plugins, "ANSWER_TIMEOUT_S", 0.2 if how == "hangs" else 60.0)
+    monkeypatch.setattr(plugins, "ANSWER_TIMEOUT_S", PATIENCE_S)  # a busy machine is no agent that hangs
     install_lab("lab", AGENTS, agents=["lab = a_lab:Agent"])
     protocol = decode_protocol(STUDY.replace("POLICY", f"lab:{how}").encode())
     [path] = simulate(protocol, tmp_path, participants=1, seed=1, player="random")

@@ -25,6 +25,8 @@ from minihuman.runtime.session_loop import run_session
 from minihuman.runtime.simulated_session import SimulatedWindow
 from minihuman.simulation.participant import make_participant
 from minihuman.worlds.adapters.world import World
+from tests.counts import PATIENCE_S
+from tests.machine import needs
 
 pytestmark = pytest.mark.program
 TAUGHT = Path(__file__).parents[1] / "golden" / "v1" / "taught"
@@ -81,11 +83,17 @@ def worker(tmp_path, kind):
     return LearnerProcess([str(script)])
 
 
-@pytest.mark.parametrize("kind", WORKERS)
+def first_answer_s(kind: str) -> float:
+    """How long a worker has for its first answer: a busy machine is no worker that hangs."""
+    return 3.0 if kind == "hung" else PATIENCE_S
+
+
+KINDS = [pytest.param(kind, marks=needs("learn")) if kind == "no policy" else kind for kind in WORKERS]
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_whatever_becomes_of_the_learner_every_episode_is_played_and_nothing_is_lost(tmp_path, monkeypatch, kind):
-    if kind == "no policy":
-        pytest.importorskip("torch", reason="reading a policy file needs the extra `learn`")
-    monkeypatch.setattr(learner_process, "FIRST_ANSWER_TIMEOUT_S", 3.0)
+    monkeypatch.setattr(learner_process, "FIRST_ANSWER_TIMEOUT_S", first_answer_s(kind))
     protocol = decode_protocol(TOML.format(budget_s=0.2).encode())
     plan, clock = expand_protocol(protocol, enrol_participant(protocol, 0)), VirtualClock()
     session = SessionMachine(plan, World, {}, picture_px=None)
@@ -118,7 +126,7 @@ def request():
 
 @pytest.mark.parametrize("kind", sorted(SAID.keys() - {"no file", "no policy"}))  # these two the seat finds out
 def test_what_went_wrong_is_said(tmp_path, monkeypatch, kind):
-    monkeypatch.setattr(learner_process, "FIRST_ANSWER_TIMEOUT_S", 3.0 if kind == "hung" else 60.0)
+    monkeypatch.setattr(learner_process, "FIRST_ANSWER_TIMEOUT_S", first_answer_s(kind))
     learner = worker(tmp_path, kind)
     learner.ask(request())
     answer = learner.answer(patient=True)
@@ -177,7 +185,7 @@ DISPUTES = READ + "    print(json.dumps({'file': str(len(asked['pairs']) - 1), '
 def test_of_several_pairs_the_one_comes_that_the_ensemble_disputes_and_any_where_it_fails(
     tmp_path, monkeypatch, worker_says, place
 ):
-    monkeypatch.setattr(learner_process, "FIRST_ANSWER_TIMEOUT_S", 3.0)
+    monkeypatch.setattr(learner_process, "FIRST_ANSWER_TIMEOUT_S", PATIENCE_S)
     script = tmp_path / "worker.py"
     script.write_text(worker_says)
     [log] = TAUGHT.rglob("*.mcap")
@@ -185,7 +193,7 @@ def test_of_several_pairs_the_one_comes_that_the_ensemble_disputes_and_any_where
     learner = LearnerProcess([str(script)])
     seat = AgentHost(PolicyStore(tmp_path), {}, logs=lambda: [log], learner=learner, stretches=stretches, patient=True)
     block = read_log(log).episodes[0].plan.block_name
-    want = ClipRequest(9, block, 0, 0, 3, None, "disagreement", 0.2)
+    want = ClipRequest(9, block, 0, 0, 3, None, "disagreement", PATIENCE_S)
     first = seat.answer(want, None, 0)
     other = seat.answer(replace(want, place=1, again=first.stretch), None, 0)
     seat.close()

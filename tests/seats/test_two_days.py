@@ -15,6 +15,7 @@ from minihuman.experiment.plan.expansion import enrol_participant, expand_protoc
 from minihuman.log.read.session_reader import read_log
 from minihuman.runtime.simulated_session import simulate
 from tests.counts import PATIENCE_S, count
+from tests.machine import needs
 from tests.seats.answering_typist import Participant
 from tests.seats.station import started
 from tests.xserver import Typist, xvfb
@@ -51,8 +52,8 @@ def test_simulated_participants_do_both_days_and_balance(tmp_path: Path) -> None
 
 
 @pytest.mark.program
-@pytest.mark.nightly(sample=True)
-@pytest.mark.skipif(count(0, 1) == 0, reason="takes three minutes; MINIHUMAN_NIGHTLY=1 runs it")
+@pytest.mark.long
+@needs("long", "xvfb")
 def test_both_days_are_played_through_a_window(tmp_path: Path) -> None:
     study = read_protocol(PROTOCOL)
     with xvfb(SIZE_PX) as display:

@@ -7,8 +7,11 @@ import pytest
 from minihuman.experiment.activities.team_play import InputLate, JointStepped, PictureCorrected
 from minihuman.experiment.machine.events import Stepped
 from tests.counts import count
+from tests.machine import needs
 from tests.teams.browsers import play_together
 from tests.teams.study import team_study
+
+pytestmark = needs("chromium")
 
 
 @pytest.mark.nightly(by_day=["turns"])

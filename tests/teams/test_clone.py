@@ -14,14 +14,15 @@ from minihuman.errors import LearnError, ProtocolError
 from minihuman.log.read.session_reader import read_log
 from minihuman.runtime.simulated_session import simulate
 from minihuman.worlds.adapters.world import World
+from tests.machine import need_module, needs
 from tests.teams.partners import browse_study
 from tests.teams.study import PEOPLE, team_study
 
-pytest.importorskip("stable_baselines3")
-from minihuman.learn.behaviour_cloning import CloneStudy, CloningSettings, clone_study, split_by_participant
-from minihuman.learn.demonstrations import read_demonstrations, replay_demonstration
-from minihuman.learn.policy.file import load_policy
-from minihuman.learn.policy.observation import ObservationEncoder
+need_module("learn")
+from minihuman.learn.behaviour_cloning import CloneStudy, CloningSettings, clone_study, split_by_participant  # noqa: E402
+from minihuman.learn.demonstrations import read_demonstrations, replay_demonstration  # noqa: E402
+from minihuman.learn.policy.file import load_policy  # noqa: E402
+from minihuman.learn.policy.observation import ObservationEncoder  # noqa: E402
 
 pytestmark = pytest.mark.program
 
@@ -141,6 +142,7 @@ def test_the_policy_of_one_group_is_read_and_missed_like_one_of_all(tmp_path: Pa
     assert {episode.team.partner for episode in read_log(log).episodes} == {"policy:clone.pt"}
 
 
+@needs("chromium")
 def test_the_study_of_four_partners_plays_in_browsers(tmp_path: Path, clone: tuple[Path, str], capsys: Any) -> None:
     for name in ("clone.pt", "self-play.pt"):
         (tmp_path / name).write_bytes(clone[0].read_bytes())

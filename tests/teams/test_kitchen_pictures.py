@@ -15,10 +15,13 @@ from minihuman.log.read.session_reader import read_events
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.grid.kitchen import Kitchen
 from tests.counts import PATIENCE_S, count
+from tests.machine import needs
 from tests.teams.study import PEOPLE, team_study
 from tests.web.browser import Somebody, browsing
 from tests.web.serving import serving
 from tests.web.test_computed import picture_of
+
+pytestmark = needs("chromium")
 
 KITCHEN, SIZE_PX = "minihuman/Team-CrampedRoom-v0", (400, 300)
 KEYS = {"up": "1", "down": "2", "left": "3", "right": "4", "interact": "5"}

@@ -12,9 +12,12 @@ from minihuman.experiment.activities.team_play import JointStepped, TeamFormed
 from minihuman.experiment.machine.events import EpisodeStarted, Event, KeyPressed, Noted, TextTyped
 from minihuman.log.read.session_reader import read_events
 from minihuman.worlds.adapters.world import World
+from tests.machine import needs
 from tests.teams.test_messages import talk_study
 from tests.web.browser import Somebody, browsing
 from tests.web.serving import serving
+
+pytestmark = needs("chromium")
 
 WORDS = "go left: 1 2 3, 火"
 CELLS = """() => {

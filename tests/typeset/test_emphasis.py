@@ -10,6 +10,7 @@ from minihuman.display.drawing.screen import compose_screen
 from minihuman.display.drawing.sheet import Sheet
 from minihuman.display.text import EMPHASIS_MARK, break_page_lines, select_typefaces, style_lines
 from minihuman.experiment.machine.screens import PageScreen, TextLocale
+from tests.machine import needs
 from tests.web.browser import browsing
 from tests.web.serving import serving
 
@@ -86,6 +87,7 @@ def test_a_window_shows_no_marks(tmp_path: Path):
 
 
 @pytest.mark.program
+@needs("chromium")
 def test_the_page_emphasises_what_a_window_does(tmp_path: Path):
     path = tmp_path / "emphasis.toml"
     path.write_text(f'''

@@ -1,7 +1,6 @@
 """A real browser for tests: Debian's Chromium, driven by Playwright, and a participant in it. Firefox: `firefox`."""
 
 import os
-import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -12,9 +11,9 @@ from typing import Any
 import pytest
 
 from tests.counts import PATIENCE_S
+from tests.machine import need
 
 PATIENCE_MS = PATIENCE_S * 1_000
-_PLACES = ("chromium", "chromium-browser", "google-chrome")
 _ARGUMENTS = ("--no-sandbox", "--force-color-profile=srgb", "--disable-background-networking")
 _CODES = {
     "enter": "Enter",
@@ -26,17 +25,6 @@ _CODES = {
 } | {arrow: f"Arrow{arrow.capitalize()}" for arrow in ("left", "right", "up", "down")}
 
 
-def chromium() -> str:
-    """Where Chromium is; without one the test is skipped, in CI it fails."""
-    for name in _PLACES:
-        if found := shutil.which(name):
-            return found
-    missing = "Chromium is not installed, so no page can be tried; apt-get install chromium"
-    if os.environ.get("CI"):
-        pytest.fail(missing)
-    pytest.skip(missing)
-
-
 @contextmanager
 def browsing(
     *,
@@ -46,7 +34,7 @@ def browsing(
     more: tuple[str, ...] = (),
 ) -> Iterator[Any]:
     """A browser with an empty profile; yields a maker of participants."""
-    where = chromium()
+    where = need("chromium")
     playwright = pytest.importorskip("playwright.sync_api")
     with playwright.sync_playwright() as driver:
         args = [*_ARGUMENTS, *more]
@@ -65,7 +53,7 @@ def browsing(
 @contextmanager
 def browsing_with_profile(profile: Path) -> "Iterator[tuple[Somebody, Callable[[], None]]]":
     """A browser with a profile that outlives it; yields a participant on an empty page, and what kills the browser."""
-    where = chromium()
+    where = need("chromium")
     playwright = pytest.importorskip("playwright.sync_api")
     with playwright.sync_playwright() as driver:
         context = driver.chromium.launch_persistent_context(

@@ -5,7 +5,6 @@ import itertools
 import json
 import os
 import re
-import shutil
 import subprocess
 import time
 from collections.abc import Iterator
@@ -13,10 +12,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import pytest
 from websockets.sync.client import ClientConnection, connect
 
 from tests.counts import PATIENCE_S
+from tests.machine import need
+from tests.programs import running
 
 _KEYS = {"enter": "\ue007", "left": "\ue012", "up": "\ue013", "right": "\ue014"}
 _QUIET = """
@@ -35,16 +35,6 @@ user_pref("ui.allPointerCapabilities", 1);
 """  # a coarse pointer that cannot hover, and no other
 
 
-def firefox() -> str:
-    """Where Firefox is; without one the test is skipped, in CI it fails."""
-    if found := shutil.which("firefox-esr") or shutil.which("firefox"):
-        return found
-    missing = "Firefox is not installed, so no page can be tried in it; apt-get install firefox-esr"
-    if os.environ.get("CI"):
-        pytest.fail(missing)
-    pytest.skip(missing)
-
-
 @contextmanager
 def firefox_at(url: str, profile: Path, *, phone_px: tuple[int, int] | None = None) -> Iterator["Page"]:
     """Firefox with an empty profile, at a page.
@@ -56,9 +46,9 @@ def firefox_at(url: str, profile: Path, *, phone_px: tuple[int, int] | None = No
     """
     profile.mkdir()
     (profile / "user.js").write_text(_QUIET + _FINGERS * (phone_px is not None))
-    command = [firefox(), "--headless", "--no-remote", "--profile", str(profile), "--remote-debugging-port", "0"]
+    command = [need("firefox"), "--headless", "--no-remote", "--profile", str(profile), "--remote-debugging-port", "0"]
     env = {**os.environ, "HOME": str(profile), "MOZ_HEADLESS_WIDTH": "1366", "MOZ_HEADLESS_HEIGHT": "768"}
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=env) as process:
+    with running(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=env) as process:
         try:
             assert process.stderr is not None
             said = (re.search(r"BiDi listening on (\S+)", line) for line in process.stderr)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.counts import PATIENCE_S
+from tests.programs import running
 
 GRID = """
 [study]
@@ -76,7 +77,7 @@ def served(
     command = [*before, sys.executable, "-m", "minihuman", "serve", str(path), *words]
     with (
         said.open("w") as errors,
-        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True) as process,
+        running(command, stdout=subprocess.PIPE, stderr=errors, text=True) as process,
     ):
         assert process.stdout is not None
         lines: list[str] = []

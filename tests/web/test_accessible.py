@@ -11,11 +11,12 @@ from minihuman.admin.recruitment import Recruitment
 from minihuman.admin.verify.log import find_log_differences
 from minihuman.runtime.watch.dashboard import DashboardServer
 from minihuman.worlds.adapters.world import World
+from tests.machine import needs
 from tests.web.browser import browsing
 from tests.web.every_screen import CODE, KINDS, every_screen, go_through
 from tests.web.serving import serving
 
-pytestmark = pytest.mark.program
+pytestmark = [pytest.mark.program, needs("chromium")]
 ZOOMED_PX = (683, 384)  # what a window of 1366 x 768 has at 200 %
 
 

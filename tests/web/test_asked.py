@@ -9,11 +9,12 @@ from minihuman.admin.verify.log import find_log_differences
 from minihuman.experiment.machine.events import Answered
 from minihuman.log.read.session_reader import read_log
 from minihuman.worlds.adapters.world import World
+from tests.machine import needs
 from tests.web.browser import browsing
 from tests.web.protocols import asking
 from tests.web.serving import line, serving
 
-pytestmark = pytest.mark.program
+pytestmark = [pytest.mark.program, needs("chromium")]
 RTT_MS = 60
 SAID_MS = 4 * RTT_MS  # until an answer is there and back
 HELD_MS = 900  # longer than until a held key repeats

@@ -1,9 +1,7 @@
 """Behind Caddy with TLS, by the Caddyfile of `minihuman deploy`: each page gets to its worker, and clocks are fine."""
 
-import shutil
 import socket
 import ssl
-import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,13 +14,15 @@ from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.web.deployment import Deployment, write_deployment
 from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S
+from tests.machine import needs
+from tests.programs import running
 from tests.web.browser import browsing
 from tests.web.protocols import study
 from tests.web.serving import Serving, free_port, listens
 
 pytestmark = [
     pytest.mark.program,
-    pytest.mark.skipif(shutil.which("caddy") is None, reason="Caddy is not installed; apt-get install caddy"),
+    needs("caddy", "chromium"),
 ]
 PROTOCOL = Path(__file__).parents[2] / "protocols" / "online.toml"
 HERE = """
@@ -53,7 +53,7 @@ def caddy(folder: Path, text: str, port: int) -> Iterator[None]:
     path = folder / "Caddyfile"
     path.write_text(text)
     command = ["caddy", "run", "--config", str(path), "--adapter", "caddyfile"]
-    with (folder / "caddy.log").open("w") as log, subprocess.Popen(command, stderr=log) as process:
+    with (folder / "caddy.log").open("w") as log, running(command, stderr=log) as process:
         try:
             until_secure(port)
             yield

@@ -31,6 +31,7 @@ from minihuman.web.server.app import WebServer
 from tests.counts import PATIENCE_S, count
 from tests.lab.database import database, fresh
 from tests.lab.object_store import object_store
+from tests.machine import needs
 
 PROTOCOL = Path(__file__).parents[2] / "protocols" / "online.toml"
 ADDRESS = "https://study.example.org"
@@ -126,7 +127,7 @@ def test_an_update_installs_the_new_wheel_alone(folders, tmp_path):
     assert refused.returncode == 1
 
 
-@pytest.mark.skipif(shutil.which("caddy") is None, reason="caddy is not installed")
+@needs("caddy")
 @pytest.mark.parametrize("name", ["alone", "whole"])
 def test_caddy_reads_its_file_and_routes_sockets_alone_to_one_worker_each(folders, name):
     said = subprocess.run(
@@ -173,6 +174,8 @@ def test_a_study_with_a_trained_agent_brings_what_plays_it(tmp_path):
 
 @pytest.mark.nightly
 @pytest.mark.program
+@pytest.mark.long
+@needs("postgresql")
 def test_a_check_restarts_and_kills_servers_and_finds_everything_that_was_acknowledged(tmp_path, monkeypatch):
     people, said = count(6, 300), []
     monkeypatch.setattr(check, "_KEY_PERIOD_S", count(1, 4) / 2)  # 40 presses each: they outlast the restarts

@@ -19,6 +19,8 @@ from minihuman.runtime.simulated_session import simulate
 from minihuman.web.server.desk import StartPage, StudyEntry, find_studies
 from tests.counts import PATIENCE_S
 from tests.lab.test_due import TWO_DAYS
+from tests.machine import needs
+from tests.programs import running
 from tests.web.browser import browsing
 from tests.web.test_accessible import serious
 
@@ -129,9 +131,10 @@ def test_sessions_without_a_protocol_are_a_study_to_look_at(lab: Path, tmp_path:
 
 
 @pytest.mark.program
+@needs("chromium")
 def test_in_a_browser_it_checks_watches_and_has_no_serious_finding(lab: Path) -> None:
     command = [sys.executable, "-m", "minihuman", "desk", str(lab), "--data", str(lab / "sessions"), "--no-browser"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+    with running(command, stdout=subprocess.PIPE, text=True) as program:
         assert program.stdout is not None
         address = program.stdout.readline().split()[1]
         with browsing() as sit_down:

@@ -21,6 +21,7 @@ from minihuman.web import messages
 from minihuman.web.outbox import PageSettings
 from minihuman.web.session_host import SessionHost
 from minihuman.worlds.adapters.world import World
+from tests.machine import needs
 from tests.seats.test_drawn_group import TOML
 from tests.web.browser import browsing
 from tests.web.page_model import PageModel, Press
@@ -72,6 +73,7 @@ def test_a_page_is_told_that_its_answers_are_safe_once_the_group_is_drawn(tmp_pa
 
 
 @pytest.mark.program
+@needs("chromium")
 def test_in_a_browser_nothing_is_on_the_disk_before_the_answer_that_draws_the_group(tmp_path: Path) -> None:
     protocol, data = tmp_path / "handed.toml", tmp_path / "data"
     protocol.write_bytes(STUDY.toml)

@@ -7,18 +7,18 @@ import pytest
 from minihuman.admin.verify.log import find_log_differences
 from minihuman.log.read.session_reader import read_log
 from minihuman.worlds.adapters.world import World
-from tests.web.firefox import firefox, firefox_at
+from tests.machine import needs
+from tests.web.firefox import firefox_at
 from tests.web.protocols import FIRST_PERSON, GRID, study
 from tests.web.serving import serving
 
-pytestmark = pytest.mark.program
+pytestmark = [pytest.mark.program, needs("firefox")]
 STEPS = 8
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("world", [GRID, FIRST_PERSON], ids=["grid", "first-person"])
 def test_a_study_is_played_to_its_end_in_firefox(tmp_path: Path, world) -> None:
-    firefox()
     with (
         serving(study(tmp_path, world, max_steps=STEPS), tmp_path) as served,
         firefox_at(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}", tmp_path / "profile") as page,

@@ -15,11 +15,12 @@ import pytest
 import minihuman  # noqa: F401  # registers the worlds
 from minihuman.worlds.catalogue import WORLDS
 from tests.counts import PATIENCE_S, count
+from tests.machine import needs
 from tests.web.browser import Somebody, browsing
 from tests.web.test_accessible import serious
 from tests.web.test_computed import picture_of
 
-pytestmark = pytest.mark.program
+pytestmark = [pytest.mark.program, needs("chromium")]
 FOREIGN = ("MiniGrid-GoToObj-Transfer-v0", "Level-v0")  # its rules are Python; a level is drawn in the editor
 WRITTEN = [entry for entry in WORLDS if entry.name not in FOREIGN]
 PLAYED = WRITTEN[:: count(9, 1)]  # 25 of the 217

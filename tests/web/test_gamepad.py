@@ -8,10 +8,11 @@ from minihuman.admin.verify.log import find_log_differences
 from minihuman.experiment.machine.events import AxisMoved, PointerUsed
 from minihuman.log.read.session_reader import read_log
 from minihuman.worlds.adapters.world import World
+from tests.machine import needs
 from tests.web.browser import browsing
 from tests.web.serving import serving
 
-pytestmark = pytest.mark.program
+pytestmark = [pytest.mark.program, needs("chromium")]
 _TOML = """
 [study]
 name = "hands"

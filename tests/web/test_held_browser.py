@@ -9,11 +9,12 @@ from minihuman.admin.verify.log import find_log_differences
 from minihuman.log.read.session_reader import read_log
 from minihuman.worlds.adapters.world import World
 from tests.counts import count
+from tests.machine import needs
 from tests.study.test_held_keys import KEYS, expected_actions, levers_plan
 from tests.web.browser import browsing
 from tests.web.serving import line, serving
 
-pytestmark = pytest.mark.program
+pytestmark = [pytest.mark.program, needs("chromium")]
 _CODES = dict(zip(KEYS, ("ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"), strict=True))
 SECONDS = count(6, 60)
 

@@ -11,10 +11,13 @@ from minihuman.experiment.replay import BROWSER_NOTE
 from minihuman.log.read.session_reader import read_events
 from minihuman.worlds.adapters.world import World
 from tests.counts import count
+from tests.machine import needs
 from tests.web.browser import PATIENCE_MS, browsing, browsing_with_profile
 from tests.web.interrupted import interrupt
 from tests.web.protocols import FIRST_PERSON, GRID, study
 from tests.web.serving import line, serving
+
+pytestmark = needs("chromium")
 
 CODES = {"Digit1": "1", "Digit2": "2", "Digit3": "3", "Enter": "enter"}
 

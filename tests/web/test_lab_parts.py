@@ -10,10 +10,11 @@ from minihuman.experiment.machine.events import Answered
 from minihuman.log.read.session_reader import read_log
 from minihuman.worlds.adapters.world import World
 from tests.lab_package import PARTS, STUDY, example, install_lab as install_lab
+from tests.machine import needs
 from tests.web.browser import browsing
 from tests.web.serving import serving
 
-pytestmark = pytest.mark.program
+pytestmark = [pytest.mark.program, needs("chromium")]
 
 
 def test_a_labs_parts_are_done_in_the_browser(install_lab, tmp_path: Path) -> None:

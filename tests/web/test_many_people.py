@@ -19,6 +19,7 @@ from minihuman.web.outbox import PageSettings
 from minihuman.worlds.adapters.world import World
 from tests.counts import count
 from tests.lab.database import database, fresh
+from tests.machine import needs
 from tests.web.page_model import PageModel, Press
 from tests.web.protocols import study
 
@@ -29,7 +30,7 @@ SETTINGS = PageSettings(picture_px=(96, 96))
 WEB = "image_size_px = [96, 96]\nopen_access = true"
 
 
-@pytest.mark.parametrize("register", ["files", "database"][count(1, 0) :])
+@pytest.mark.parametrize("register", ["files", pytest.param("database", marks=needs("postgresql"))][count(1, 0) :])
 def test_everybody_plays_a_slot_of_their_own_at_one_of_several_servers(tmp_path: Path, register: str) -> None:
     if register == "files":
         served_by([tmp_path] * SERVERS)
@@ -64,6 +65,7 @@ def served_by(folders: list[Path]) -> None:
     assert played == Counter(line.participant for line in lines), "each of them once, at one server"
 
 
+@needs("postgresql")
 def test_everybody_who_joins_at_one_of_three_servers_at_once_has_a_slot_of_their_own(tmp_path: Path) -> None:
     each = count(20, 3_334)
     with database() as url:

@@ -21,6 +21,7 @@ from minihuman.web.outbox import PageSettings
 from minihuman.web.prefetch import describe_screen
 from minihuman.web.session_host import SessionHost
 from minihuman.worlds.adapters.world import World
+from tests.machine import needs
 from tests.web.browser import browsing
 from tests.web.page_model import PageModel
 from tests.web.protocols import study
@@ -133,6 +134,7 @@ def try_everything(session: SessionMachine, t_ns: int) -> None:
 
 
 @pytest.mark.program
+@needs("chromium")
 def test_with_the_line_cut_what_is_read_answered_and_waited_for_goes_on(tmp_path: Path) -> None:
     path = protocol_in(tmp_path)
     with (

@@ -11,11 +11,12 @@ from minihuman.experiment.machine.events import KeyPressed
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S
+from tests.machine import needs
 from tests.web.browser import browsing
 from tests.web.protocols import FIRST_PERSON, GRID, study
 from tests.web.serving import line, serving
 
-pytestmark = pytest.mark.program
+pytestmark = [pytest.mark.program, needs("chromium")]
 
 
 @pytest.mark.parametrize(

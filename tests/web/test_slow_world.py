@@ -10,11 +10,12 @@ from minihuman.dataset.recording_quality import measure_recording_quality
 from minihuman.experiment.machine.events import AxisMoved
 from minihuman.log.read.session_reader import read_log
 from minihuman.worlds.adapters.world import World
+from tests.machine import needs
 from tests.web.browser import browsing
 from tests.web.serving import line, serving
 from tests.web.test_gamepad import _HOLD, _PAD, SOUTH, START
 
-pytestmark = pytest.mark.program
+pytestmark = [pytest.mark.program, needs("chromium")]
 EAST = 1
 STEP_S, PERIOD_MS, STEPS = 0.05, 20, 160
 _TOML = f"""

@@ -18,8 +18,11 @@ from minihuman.log.read.session_reader import read_log
 from minihuman.web.eligibility import load_page_texts
 from minihuman.worlds.adapters.world import World
 from tests.counts import count
+from tests.machine import needs
 from tests.web.browser import Somebody, browsing
 from tests.web.serving import serving
+
+pytestmark = needs("chromium")
 
 STUDY = Path(__file__).parents[2] / "protocols" / "two-days.toml"
 RIGHT = {"您要走到哪里": "1", "每走一步会怎样": "2"}
@@ -211,7 +214,7 @@ def test_the_second_day_is_refused_before_its_time_in_the_studys_language(tmp_pa
 
 @pytest.mark.nightly(sample=True)
 @pytest.mark.program
-@pytest.mark.skipif(count(0, 1) == 0, reason="takes a quarter of an hour; MINIHUMAN_NIGHTLY=1 runs it")
+@needs("long")
 def test_two_whole_days_with_nothing_left_out(tmp_path: Path) -> None:
     mouse = (True, False)
     check(both_days(tmp_path, shortened=False, mouse=mouse), episodes=(16, 16), mouse=mouse)

@@ -7,11 +7,12 @@ import pytest
 from minihuman.admin.verify.log import find_log_differences
 from minihuman.log.read.session_reader import read_log
 from minihuman.worlds.adapters.world import World
+from tests.machine import needs
 from tests.web.browser import browsing
 from tests.web.serving import serving
 from tests.web.test_phone import PHONE_PX
 
-pytestmark = pytest.mark.program
+pytestmark = [pytest.mark.program, needs("chromium")]
 _TOML = """
 [study]
 name = "swipes"

@@ -12,10 +12,11 @@ from minihuman.log.model.teaching_events import TeachingRecord
 from minihuman.log.read.session_reader import read_log
 from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S, count
+from tests.machine import needs
 from tests.web.browser import Somebody, browsing
 from tests.web.serving import line, serving
 
-pytestmark = pytest.mark.program
+pytestmark = [pytest.mark.program, needs("chromium")]
 STUDY = Path(__file__).parents[2] / "protocols" / "teach-fourrooms.toml"
 
 

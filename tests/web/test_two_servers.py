@@ -26,11 +26,12 @@ from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S, count
 from tests.lab.database import database, fresh
 from tests.lab.object_store import object_store
+from tests.machine import needs
 from tests.web.protocols import study
 from tests.web.serving import Line, Serving, free_port, line
 from tests.web.wandering_page import WanderingPage
 
-pytestmark = [pytest.mark.program]
+pytestmark = [pytest.mark.program, needs("postgresql")]
 PEOPLE, KILLS, PARTITIONS = count(6, 200), count(2, 20), count(2, 20)
 LOADS = count(2, 3)
 AT_ONCE = count(6, 60)

@@ -14,6 +14,7 @@ from minihuman.experiment.machine.events import KeyPressed
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S, count
+from tests.machine import needs
 from tests.web.browser import Somebody, browsing
 from tests.web.processes import below, runs, until
 from tests.web.protocols import study
@@ -48,6 +49,7 @@ def plays(somebody: Somebody) -> None:
     somebody.until("!s.playing")
 
 
+@needs("chromium")
 def test_a_worker_that_is_killed_is_started_again_and_takes_its_people_up(tmp_path: Path) -> None:
     protocol = study(tmp_path, max_steps=STEPS)
     with two_workers(protocol, tmp_path, links=2) as served, browsing() as sit_down:
@@ -115,7 +117,7 @@ def pressed(path: Path) -> list[str]:
     return [event.key for event in events if event.key in "123"]
 
 
-@pytest.mark.nightly
+@needs("chromium")
 def test_whoever_comes_without_a_link_is_sent_to_the_same_worker_in_every_tab(tmp_path: Path) -> None:
     protocol = study(tmp_path, web="image_size_px = [96, 96]\nopen_access = true")
     served = Serving(protocol, tmp_path, links=0)

@@ -11,6 +11,7 @@ from minihuman.admin.verify.log import verify_session
 from minihuman.errors import WindowError
 from minihuman.experiment.machine.events import AxisMoved
 from minihuman.log.read.session_reader import read_log
+from tests.counts import PATIENCE_S
 from tests.window_host import HostedWindow
 
 pytestmark = pytest.mark.program
@@ -19,7 +20,7 @@ pytestmark = pytest.mark.program
 @pytest.mark.skipif(sys.platform != "linux", reason="SDL's library is looked up in /proc")
 def test_a_session_is_played_with_a_gamepad_and_replays(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "tests.windows.virtual_gamepad", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout.splitlines()[-1])
     [path] = tmp_path.rglob("*.mcap")

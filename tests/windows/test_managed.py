@@ -9,10 +9,12 @@ import pytest
 from minihuman.display.drawing.screen import compose_screen
 from minihuman.display.windows.blocking_window import TITLE
 from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
+from tests.counts import PATIENCE_S
 from tests.desktop import Desktop, desktop
+from tests.machine import needs
 from tests.window_host import HostedWindow
 
-pytestmark = pytest.mark.program
+pytestmark = [pytest.mark.program, needs("openbox", "xvfb")]
 
 SIZE_PX = (640, 360)
 PLAY = PlayScreen(np.full((56, 56, 3), 200, np.uint8), "reach the green goal", "episode 1 of 2", (("1", "left"),))
@@ -25,8 +27,8 @@ class Managed:
     def __init__(self, desk: Desktop, window: HostedWindow) -> None:
         self.desk, self.window = desk, window
 
-    def looks_as_it_should(self, screen: Screen, *, patience_s: float = 5.0) -> bool:
-        """Whether, within seconds of waiting as a session does, the screen is all there at its present size."""
+    def looks_as_it_should(self, screen: Screen, *, patience_s: float = PATIENCE_S) -> bool:
+        """Whether, before long and waiting as a session does, the screen is all there at its present size."""
         until_s = time.monotonic() + patience_s
         while time.monotonic() < until_s:
             self.window.wait(time.monotonic_ns() + 50_000_000)

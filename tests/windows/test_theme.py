@@ -15,6 +15,7 @@ from minihuman.experiment.machine.screens import BlankScreen, TextLocale, TextSc
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
 from minihuman.worlds.adapters.world import World
+from tests.machine import needs
 from tests.web.browser import browsing
 from tests.web.serving import serving
 from tests.web.test_accessible import AXE_RUN, axe_script, list_serious
@@ -91,6 +92,7 @@ def test_a_light_screen_is_the_dark_one_in_other_colours():
 
 
 @pytest.mark.program
+@needs("chromium")
 def test_a_light_study_is_light_in_the_browser_accessible_and_proven(tmp_path: Path):
     path = tmp_path / "light.toml"
     path.write_text(_TOML)

@@ -25,6 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from docs.environments import register
+from tests.programs import running
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs/environments.md"
@@ -86,7 +87,7 @@ def play_in_window(protocol: Path, data: Path, keys: list[str]) -> None:
         command = [sys.executable, "-m", "minihuman", "run", str(protocol), "--data", str(data), "--windowed"]
         env = {**os.environ, "DISPLAY": display}
         until_s = time.monotonic() + 4 * SECONDS
-        with subprocess.Popen(command, env=env, stderr=subprocess.PIPE, text=True) as program:
+        with running(command, env=env, stderr=subprocess.PIPE, text=True) as program:
             typist = Typist(display)
             typist.focus(TITLE)
             enter_s = 0.0

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.machine import needs
+
 _COMPARE = """
 import pyglet
 pyglet.options["headless"] = True
@@ -30,6 +32,7 @@ os._exit(0)  # pyglet's own shutdown wants its contexts back in an order we do n
 """
 
 
+@needs("opengl")
 @pytest.mark.program
 def test_what_is_read_off_a_miniworld_world_is_what_ours_says_of_itself():
     root = Path(__file__).parents[2]

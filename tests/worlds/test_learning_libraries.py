@@ -6,6 +6,7 @@ import pytest
 import minihuman  # noqa: F401  # registers the worlds
 from minihuman.worlds.grid.missions import words_in
 from minihuman.worlds.grid.wrappers import Tokens
+from tests.machine import needs
 from tests.worlds.test_gymnasium import GRID, IDS, ROOMS, id_of
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*out of date")  # v0 of worlds that have a v1
@@ -25,16 +26,17 @@ def test_a_grid_in_tokens_observes_numbers_alone(world):
 @pytest.fixture
 def one_thread():
     """Networks as small as these are slower on several threads, which wait for each other."""
-    torch = pytest.importorskip("torch", reason="the learn extra is not installed")
+    import torch
+
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(threads)
 
 
+@needs("learn")
 @pytest.mark.program
 def test_stable_baselines_learns_on_a_grid_by_its_id(one_thread):
-    pytest.importorskip("stable_baselines3", reason="the learn extra is not installed")
     from stable_baselines3 import PPO
     from stable_baselines3.common.env_util import make_vec_env
     from stable_baselines3.common.evaluation import evaluate_policy
@@ -50,11 +52,11 @@ def test_stable_baselines_learns_on_a_grid_by_its_id(one_thread):
     envs.close()
 
 
+@needs("learn")
 @pytest.mark.program
 @pytest.mark.filterwarnings("ignore:It seems that your observation space image")  # numbers of cells, no pixels
 @pytest.mark.filterwarnings("ignore:The minimal resolution for an image")
 def test_stable_baselines_plays_a_grid_with_missions(one_thread):
-    pytest.importorskip("stable_baselines3", reason="the learn extra is not installed")
     from stable_baselines3 import PPO
     from stable_baselines3.common.env_checker import check_env as check_env_of_theirs
 
@@ -63,9 +65,9 @@ def test_stable_baselines_plays_a_grid_with_missions(one_thread):
     assert PPO("MultiInputPolicy", env, n_steps=32, batch_size=32, device="cpu").learn(32).num_timesteps == 32
 
 
+@needs("learn")
 @pytest.mark.program
 def test_stable_baselines_learns_on_rooms_as_they_come(one_thread):
-    pytest.importorskip("stable_baselines3", reason="the learn extra is not installed")
     from stable_baselines3 import PPO
 
     agent = PPO("CnnPolicy", ROOMS, n_steps=32, batch_size=32, n_epochs=1, seed=0, device="cpu")

@@ -2,13 +2,12 @@
 
 import pytest
 
+from tests.machine import needs
 from tests.worlds.recorded_sessions import RECORDINGS, Recording, try_recording
 
-pytestmark = [pytest.mark.nightly(sample=True), pytest.mark.program]
+pytestmark = [pytest.mark.long, pytest.mark.program, needs("recordings")]
 
 
 @pytest.mark.parametrize("one", RECORDINGS, ids=lambda one: one.world)
 def test_a_recorded_session_is_proven_and_its_exports_replay(one: Recording, tmp_path) -> None:
-    if not one.is_installed:
-        pytest.skip(f"{one.package} is not installed; CONTRIBUTING.md names the environment that has it")
     assert try_recording(one, tmp_path)

@@ -16,6 +16,7 @@ from minihuman.log.record.disk import RESERVE_BYTES, GroupCommit, RecorderSettin
 from minihuman.log.record.finalization import recover_log
 from minihuman.log.record.live_log import LiveLogEncoder
 from minihuman.log.record.mcap_recorder import McapRecorder
+from tests.counts import PATIENCE_S
 from tests.disks import small_disk
 from tests.lab.station import play_until_full, stations
 from tests.log.samples import STARTED_NS, session_events, session_plan
@@ -60,6 +61,9 @@ def test_where_nobody_waits_what_comes_within_a_moment_is_one_fsync_and_who_cann
     assert read_log(log).clean
 
 
+BOUND_S = 2.0  # a disk that takes longer has stalled; a busy machine takes less
+
+
 def test_what_was_begun_is_written_once_it_is_settled_and_only_then_waited_for(tmp_path: Path) -> None:
     disk, stalls = threading.Event(), threading.Event()
     disk.set()
@@ -69,13 +73,13 @@ def test_what_was_begun_is_written_once_it_is_settled_and_only_then_waited_for(t
         _stall(disk)
         return os.write(fd, data)
 
-    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, settings=RecorderSettings(put=put, bound_s=0.5))
+    recorder = McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS, settings=RecorderSettings(put=put, bound_s=BOUND_S))
     recorder.write(EVENTS[:20])
     disk.clear()
     stalls.clear()
     for event in EVENTS[20:24]:
         recorder.begin([event])  # a disk that takes nothing holds up nobody here
-    assert stalls.wait(timeout=60)
+    assert stalls.wait(timeout=PATIENCE_S)
     assert (len(list(read_events(recorder.where.part))), recorder.late_writes) == (20, 0)
     recorder.settle()  # the picture waits for as long as the bound
     recorder.settle()  # and nothing is waited for twice
@@ -101,7 +105,7 @@ def _write_all(recorder: McapRecorder, events: Sequence[Event], *, waiting: bool
 
 
 def _stall(disk: threading.Event) -> None:
-    assert disk.wait(timeout=60)
+    assert disk.wait(timeout=PATIENCE_S)
 
 
 def test_what_was_written_outlives_the_process_before_the_disk_has_it(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from minihuman.log.record.disk import GroupCommit, RecorderSettings, sync_file_system
 from minihuman.log.record.mcap_recorder import McapRecorder
+from tests.counts import PATIENCE_S
 from tests.log.samples import STARTED_NS, session_events, session_plan
 
 
@@ -71,7 +72,7 @@ class File:
 def written_by_many(disk: SlowDisk, rounds: GroupCommit, *, times: int) -> list[File]:
     """Each file is written so often, each time after it heard what became of the last time."""
     files = [File(fd, disk) for fd in disk.written]
-    give_up_s = time.monotonic() + 60
+    give_up_s = time.monotonic() + PATIENCE_S
     for turn in range(times):
         for file in files:
             file.writes(rounds)

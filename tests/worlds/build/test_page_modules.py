@@ -1,6 +1,5 @@
 import hashlib
 import json
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +12,7 @@ from minihuman.worlds.catalogue import WORLDS, is_compiled_grid
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.source_digest import kernels_digest
 from tests.counts import PATIENCE_S, count
-from tests.web.browser import chromium
+from tests.machine import needs
 from tests.worlds.build.page_cases import Files, differing, page_case
 from tests.worlds.build.player import PAGE_FOLDER, page_player
 
@@ -22,8 +21,6 @@ MOST_BYTES = 400_000
 LOOKS = ("classic", False), ("classic", True), ("display", False)  # and whether light, camera and shadows vary
 ROOT = Path(__file__).parents[3]
 FOREIGN = ["minihuman/MiniGrid-GoToObj-Transfer-v0"]  # grid worlds whose rules are Python
-
-needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="Node.js runs the page's modules here")
 
 
 def _manifest() -> dict:
@@ -60,7 +57,7 @@ def _played(folder: Path, cases: list[dict], *, simd: bool = False) -> dict[str,
         return player.digests()
 
 
-@needs_node
+@needs("node")
 @pytest.mark.program
 def test_every_grid_world_plays_in_the_page_as_in_python(tmp_path):
     files, cases, expected, foreign = Files(tmp_path), [], {}, []
@@ -81,7 +78,7 @@ def test_every_grid_world_plays_in_the_page_as_in_python(tmp_path):
     assert len(expected) == 194 + 1
 
 
-@needs_node
+@needs("node")
 @pytest.mark.program
 @pytest.mark.parametrize("simd", [False, True], ids=["plain", "simd"])
 def test_every_first_person_world_plays_in_the_page_as_in_python(tmp_path, simd):
@@ -103,9 +100,9 @@ def test_every_first_person_world_plays_in_the_page_as_in_python(tmp_path, simd)
 
 @pytest.mark.nightly(sample=True)
 @pytest.mark.program
+@needs("chromium")
 def test_chromium_plays_as_python_does_for_three_minutes():
-    """Two worlds of each kind, a few seeds; every world for three minutes under MINIHUMAN_NIGHTLY=1."""
-    chromium()  # or this is skipped
+    """Two worlds of each kind, a few seeds; every world for three minutes under MINIHUMAN_LONG=1."""
     extent = count(("--only", "FourRooms", "--seeds", "2"), ("--seeds", "200", "--minutes", "3"))
     command = [sys.executable, "-m", "tests.worlds.build.compare", "--engine", "chromium", *extent]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, cwd=ROOT)

@@ -11,6 +11,7 @@ import minihuman  # noqa: F401
 from minihuman.worlds.catalogue import FIRST_PERSON_WORLDS
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from tests.counts import count
+from tests.machine import needs
 from tests.worlds.first_person.oracle import Job, transcripts
 
 NAMES = [
@@ -78,7 +79,8 @@ def episodes(name: str):
     return [played(name, seed, policy, options) for policy, options in pairs for seed in range(seeds)]
 
 
-@pytest.mark.nightly(sample=True)
+@needs("opengl")
+@pytest.mark.long
 @pytest.mark.parametrize("names", GROUPS, ids=lambda names: names[0] if len(names) == 1 else "all")
 def test_worlds_play_as_miniworlds_do(names):
     ours = [episode for name in names for episode in episodes(name)]
@@ -94,12 +96,14 @@ def with_our_sine():
     return ours, theirs[: len(jobs)], theirs[len(jobs) :]
 
 
+@needs("opengl")
 @pytest.mark.program
 def test_worlds_play_as_miniworlds_do_with_their_sine_replaced_by_ours(with_our_sine):
     ours, theirs, _ = with_our_sine
     _compare(ours, NAMES, theirs)
 
 
+@needs("opengl")
 def test_with_our_sine_most_worlds_leave_miniworlds_own_path_by_a_last_bit_at_most(with_our_sine):
     """What differs is a sine that the host's library does not round correctly; see docs/speed.md for how often."""
     ours, _, theirs = with_our_sine

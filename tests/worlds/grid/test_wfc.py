@@ -1,7 +1,6 @@
 """Worlds by Wave Function Collapse lay out what Minigrid lays out of the same picture, draw for draw."""
 
 import hashlib
-import os
 from pathlib import Path
 
 import gymnasium
@@ -16,6 +15,7 @@ from minihuman.errors import WorldError
 from minihuman.worlds.grid.wfc.collapse import largest_part
 from minihuman.worlds.grid.wfc.family import PICTURES, PRESETS, wfc
 from tests.counts import count
+from tests.machine import needs, where
 
 SIZE = count(9, 25)
 SEEDS = count(1, 40)
@@ -35,7 +35,7 @@ FROM_OURS = {
     "ObstaclesAngular": "b8ff200cc127a26e",
     "ObstaclesHogs3": "9183c219d7bfcbbe",
 }
-ITS_PICTURES = os.environ.get("MINIGRID_WFC_PATTERNS")  # a folder: no package holds them
+ITS_PICTURES = where("patterns")  # a folder: no package holds them
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +107,7 @@ def test_layouts_stay_what_they_are(preset):
     assert layouts(preset) == FROM_OURS[preset]
 
 
-@pytest.mark.skipif(not ITS_PICTURES, reason="MINIGRID_WFC_PATTERNS names no folder of Minigrid's own pictures")
+@needs("patterns")
 @pytest.mark.parametrize("preset", PRESETS)
 def test_layouts_of_minigrids_own_pictures_are_its_layouts(preset):
     assert layouts(preset, patterns=ITS_PICTURES) == FROM_ITS_PICTURES[preset]

@@ -12,6 +12,7 @@ import minihuman  # noqa: F401
 from minihuman.errors import WorldError
 from minihuman.worlds.catalogue import GRID_WORLDS
 from minihuman.worlds.grid import wrappers
+from tests.machine import needs
 
 NAME = "MiniGrid-DoorKey-6x6-v0"
 
@@ -95,13 +96,15 @@ def test_pictures_are_observations(wrap, shape):
     assert observation in env.observation_space
 
 
+@needs("learn")
 @pytest.mark.filterwarnings("ignore:.*out of date")
 def test_stable_baselines_takes_every_world_flat():
-    checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="the learn extra is not installed")
+    from stable_baselines3.common.env_checker import check_env
+
     for entry in GRID_WORLDS:
-        checker.check_env(wrappers.Flat(make(entry.name)))
+        check_env(wrappers.Flat(make(entry.name)))
     picture = wrappers.PictureObservation(make())
-    checker.check_env(TransformObservation(picture, itemgetter("image"), picture.observation_space["image"]))
+    check_env(TransformObservation(picture, itemgetter("image"), picture.observation_space["image"]))
 
 
 @pytest.mark.parametrize(

@@ -6,18 +6,15 @@ would overwrite those of pygame-ce, and gym, which is given up. Of both it needs
 
 import json
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-import pytest
 
 from minihuman.worlds.grid.core import kitchen_rules as fields
+from tests.machine import needs
 
-needs_overcooked = pytest.mark.skipif(
-    find_spec("overcooked_ai_py") is None, reason="pip install --no-deps overcooked-ai==1.1.0, as .ci/run does"
-)
+needs_overcooked = needs("kitchens")
 LAYOUTS = {  # what the recordings call them, and what they are called since
     "cramped_room": "cramped_room",
     "asymmetric_advantages": "asymmetric_advantages",

@@ -7,11 +7,13 @@ import sys
 import pytest
 
 from tests.counts import count
+from tests.machine import needs
 
 SCENES = ("FourRooms", "Hallway", "Maze", "PickupObjects", "Sidewalk")
 
 
-@pytest.mark.nightly(sample=True)
+@needs("opengl")
+@pytest.mark.long
 @pytest.mark.parametrize("name", SCENES[: count(1, len(SCENES))])
 def test_a_picture_differs_little_from_miniworlds_opengl_picture(name: str) -> None:
     poses = str(count(10, 200))

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.counts import count
+from tests.machine import needs
 from tests.worlds.first_person.render.stages import apart, digest, display_digest, threaded_digests, together
 
 pytestmark = pytest.mark.program
@@ -57,7 +58,8 @@ def test_the_kernels_run_as_plain_python_draw_the_same_display(in_plain_python: 
     assert in_plain_python[2:] == [display_digest(12, 8)]
 
 
-@pytest.mark.nightly(sample=True)
+@needs("long")
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "features"),
     [("generic", ""), ("haswell", "+avx2,+fma"), ("skylake-avx512", "+avx512f,+fma")][: count(1, 3)],
@@ -65,7 +67,5 @@ def test_the_kernels_run_as_plain_python_draw_the_same_display(in_plain_python: 
 def test_other_machine_code_draws_the_same_pictures(name: str, features: str) -> None:
     if "avx512" in features and "avx512f" not in Path("/proc/cpuinfo").read_text():
         pytest.skip("this machine cannot run AVX-512 code")
-    if os.environ.get("MINIHUMAN_NIGHTLY") != "1":
-        pytest.skip("compiling everything anew takes half a minute; MINIHUMAN_NIGHTLY=1 does it")
     settings = {"NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": features, "MINIHUMAN_KERNELS": "jit"}
     assert elsewhere(80, 60, **settings) == digest(80, 60)
