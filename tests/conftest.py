@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from tests import machine, processes
+from tests import machine, meter, nightly, processes
 from tests.built_worlds import build_worlds
 from tests.xserver import xvfb
 
@@ -26,15 +26,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Before any world is imported, in each process that runs tests."""
+    nightly.choose_counts(config)
+    meter.register(config)
     config.pluginmanager.register(processes)
     config.pluginmanager.register(machine)
     build_worlds()
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave the long proofs to the night."""
-    nightly.deselect_nightly(config, items)
 
 
 @pytest.fixture(scope="session", autouse=True)

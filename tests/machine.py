@@ -19,6 +19,8 @@ from typing import Any, NoReturn
 
 import pytest
 
+from tests import nightly
+
 
 def _find_program(*names: str) -> Callable[[], str | None]:
     return lambda: next(filter(None, map(shutil.which, names)), None)
@@ -110,12 +112,7 @@ REQUIREMENTS = {
     "validators": Requirement(
         "the validators of archives", ".ci/run standards", _find_variable("MINIHUMAN_STANDARDS"), in_ci=False
     ),
-    "long": Requirement(
-        "hours of time",
-        "MINIHUMAN_LONG=1 pytest -m long",
-        lambda: "here" if os.environ.get("MINIHUMAN_LONG") == "1" else None,
-        in_ci=False,
-    ),
+    "night": Requirement("the time that long proofs take", "pytest -m nightly", lambda: None, in_ci=False),
     "patterns": Requirement(
         "Minigrid's pictures for Wave Function Collapse",
         "export MINIGRID_WFC_PATTERNS=minigrid/envs/wfc/patterns of a clone of Minigrid",
@@ -168,7 +165,10 @@ class LeftOut:
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
-        """Leave out the tests whose needs are missing."""
+        """Leave out the tests whose needs are missing, and those that are left to the night."""
+        number = nightly.deselect_nightly(config, items)
+        if number:
+            self.tests[REQUIREMENTS["night"].missing] = number
         kept = []
         left_out = []
         for item in items:
@@ -219,7 +219,7 @@ class LeftOut:
             terminalreporter.section("left out on this machine")
             for line in lines:
                 terminalreporter.line(line)
-            terminalreporter.line("`.ci/run all` has all of it, and runs the long proofs in full")
+            terminalreporter.line("`.ci/run all` has all of it, and runs the long proofs at full count")
 
     def lines(self, skipped: Counter[str]) -> Iterable[str]:
         """Say how many tests each missing thing costs."""

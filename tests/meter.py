@@ -16,6 +16,7 @@ import pytest
 
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
 _DEAREST = 25  # tests that are named
+_DEAR_S = 0.5  # what costs less is not
 _PROPERTY = "cost"  # by which a worker tells the controller
 
 
@@ -59,10 +60,6 @@ class Meter:
     collecting_s: float = 0.0
     workers_s: float = 0.0
 
-    def pytest_collection_finish(self) -> None:
-        """Note what collecting cost."""
-        self.collecting_s = measure_cpu_s()
-
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Note what a test cost."""
         costs = dict(report.user_properties).get(_PROPERTY)
@@ -71,7 +68,9 @@ class Meter:
 
     def pytest_testnodedown(self, node: Any) -> None:
         """Note what a worker cost."""
-        self.workers_s += getattr(node, "workeroutput", {}).get(_PROPERTY, 0.0)
+        collecting_s, total_s = getattr(node, "workeroutput", {}).get(_PROPERTY, (0.0, 0.0))
+        self.collecting_s = max(self.collecting_s, collecting_s)
+        self.workers_s += total_s
 
     def pytest_terminal_summary(self, terminalreporter: Any) -> None:
         """Print what the run cost, and the dearest tests."""
@@ -80,7 +79,8 @@ class Meter:
         terminalreporter.section("CPU seconds")
         terminalreporter.write_line(f"{total_s:8.1f}  in all, of {len(self.tests)} tests and their collection")
         terminalreporter.write_line(f"{self.collecting_s:8.1f}  until the tests were collected, in one process")
-        dearest = sorted(self.tests.items(), key=lambda test: -test[1][0])[:_DEAREST]
+        dear = [(name, cost) for name, cost in self.tests.items() if cost[0] >= _DEAR_S]
+        dearest = sorted(dear, key=lambda test: -test[1][0])[:_DEAREST]
         for name, (cpu_s, wall_s) in dearest:
             terminalreporter.write_line(f"{cpu_s:8.1f}  {name} ({wall_s:.1f} s of wall time)")
         if self.file is not None:
@@ -98,8 +98,17 @@ def _measure_own_s() -> float:
 class WorkerMeter:
     """Measures each test where it runs."""
 
-    def __init__(self, config: pytest.Config) -> None:
+    def __init__(self, config: pytest.Config, meter: Meter | None) -> None:
         self._config = config
+        self._meter = meter  # None in a worker
+        self._collecting_s = 0.0
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_finish(self) -> None:
+        """Note what importing and collecting the tests cost."""
+        self._collecting_s = measure_cpu_s()
+        if self._meter is not None:
+            self._meter.collecting_s = self._collecting_s
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_runtest_setup(self, item: pytest.Item) -> Iterator[None]:
@@ -121,7 +130,7 @@ class WorkerMeter:
         """Tell the controller what this worker cost."""
         output = getattr(self._config, "workeroutput", None)
         if output is not None:
-            output[_PROPERTY] = measure_cpu_s()
+            output[_PROPERTY] = (self._collecting_s, measure_cpu_s())
 
 
 _START = pytest.StashKey[tuple[float, float]]()
@@ -143,6 +152,8 @@ def register(config: pytest.Config) -> None:
     asked = config.getoption("meter")
     if asked is None:
         return
-    config.pluginmanager.register(WorkerMeter(config), "worker-meter")
+    meter = None
     if not hasattr(config, "workerinput"):
-        config.pluginmanager.register(Meter(None if asked == "-" else Path(asked)), "meter")
+        meter = Meter(None if asked == "-" else Path(asked))
+        config.pluginmanager.register(meter, "meter")
+    config.pluginmanager.register(WorkerMeter(config, meter), "worker-meter")

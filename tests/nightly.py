@@ -13,7 +13,6 @@ from collections import defaultdict
 import pytest
 
 FULL_COUNTS = "MINIHUMAN_NIGHTLY"  # in the environment: every proof at its full count
-_LEFT_OUT = pytest.StashKey[int]()
 
 
 def choose_counts(config: pytest.Config) -> None:
@@ -23,29 +22,21 @@ def choose_counts(config: pytest.Config) -> None:
         os.environ.setdefault(FULL_COUNTS, "1")
 
 
-def deselect_nightly(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what only the night runs.
+def deselect_nightly(config: pytest.Config, items: list[pytest.Item]) -> int:
+    """Leave out what only the night runs, and return how many tests that is.
 
     Raises:
         pytest.UsageError: if a mark names a parameter that its test does not have.
     """
     addressed = any("::" in argument for argument in config.args)
     if config.option.markexpr or addressed:
-        return
+        return 0
     _check_parameters(items)
     nightly = [item for item in items if is_only_nightly(item)]
     if nightly:
         config.hook.pytest_deselected(items=nightly)
         items[:] = [item for item in items if not is_only_nightly(item)]
-    config.stash[_LEFT_OUT] = len(nightly)
-
-
-def describe_left_out(config: pytest.Config) -> str:
-    """Return a line about the tests that were left out; "" if there are none."""
-    number = config.stash.get(_LEFT_OUT, 0)
-    if not number:
-        return ""
-    return f"{number} long proofs were left to the night: pytest -m nightly runs them"
+    return len(nightly)
 
 
 def is_only_nightly(item: pytest.Item) -> bool:

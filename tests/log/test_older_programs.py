@@ -113,9 +113,8 @@ def leave_live_file(at: Path) -> None:
     shutil.move(at / "as-killed", folder / f"{log.name.replace('sub-01', 'sub-99')}.part")
 
 
-@pytest.mark.nightly(sample=True)
+@pytest.mark.nightly
 @pytest.mark.program
-@needs("long")
 @pytest.mark.parametrize("order", ORDERS, ids="-".join)
 def test_in_every_order_the_new_program_reads_all_and_earlier_ones_change_nothing_new(
     programs: Programs, order: tuple[str, ...], tmp_path: Path

@@ -126,7 +126,7 @@ def keys_of(log: SessionLog) -> list[str]:
 
 
 @pytest.mark.program
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 @needs("xvfb")
 def test_a_window_shows_a_person_of_the_same_slot_the_same_pixels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -157,7 +157,6 @@ def test_a_window_shows_a_person_of_the_same_slot_the_same_pixels(
 
 @pytest.mark.nightly
 @pytest.mark.program
-@pytest.mark.long
 @needs("chromium")
 def test_a_browsers_canvas_shows_a_person_of_the_same_slot_the_same_pixels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

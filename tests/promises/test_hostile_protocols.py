@@ -13,7 +13,7 @@ from tests.machine import needs
 
 
 @needs("learn")
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 @pytest.mark.program
 def test_a_strangers_protocol_runs_nothing_reads_only_its_folder_and_stays_under_512_mb(tmp_path: Path) -> None:
     number = count(60, 1_000)

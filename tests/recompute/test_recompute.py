@@ -51,8 +51,7 @@ def test_one_number_that_is_changed_in_an_output_is_found(small: tuple[Path, Pat
     assert len(counts) == len(EDITS) + 1
 
 
-@pytest.mark.long
-@needs("long")
+@pytest.mark.nightly
 @pytest.mark.parametrize("protocol", PROTOCOLS, ids=lambda path: path.stem)
 def test_every_number_of_a_study_of_forty_is_what_its_logs_say(protocol: Path, tmp_path: Path) -> None:
     study = play_study(protocol, tmp_path, 40)

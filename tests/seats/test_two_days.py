@@ -52,8 +52,8 @@ def test_simulated_participants_do_both_days_and_balance(tmp_path: Path) -> None
 
 
 @pytest.mark.program
-@pytest.mark.long
-@needs("long", "xvfb")
+@pytest.mark.nightly
+@needs("xvfb")
 def test_both_days_are_played_through_a_window(tmp_path: Path) -> None:
     study = read_protocol(PROTOCOL)
     with xvfb(SIZE_PX) as display:

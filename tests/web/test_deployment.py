@@ -174,7 +174,6 @@ def test_a_study_with_a_trained_agent_brings_what_plays_it(tmp_path):
 
 @pytest.mark.nightly
 @pytest.mark.program
-@pytest.mark.long
 @needs("postgresql")
 def test_a_check_restarts_and_kills_servers_and_finds_everything_that_was_acknowledged(tmp_path, monkeypatch):
     people, said = count(6, 300), []

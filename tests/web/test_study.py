@@ -212,9 +212,8 @@ def test_the_second_day_is_refused_before_its_time_in_the_studys_language(tmp_pa
         assert early.screen().strip() == load_page_texts()["zh"]["not_today"]
 
 
-@pytest.mark.nightly(sample=True)
+@pytest.mark.nightly
 @pytest.mark.program
-@needs("long")
 def test_two_whole_days_with_nothing_left_out(tmp_path: Path) -> None:
     mouse = (True, False)
     check(both_days(tmp_path, shortened=False, mouse=mouse), episodes=(16, 16), mouse=mouse)

@@ -117,6 +117,7 @@ def pressed(path: Path) -> list[str]:
     return [event.key for event in events if event.key in "123"]
 
 
+@pytest.mark.nightly
 @needs("chromium")
 def test_whoever_comes_without_a_link_is_sent_to_the_same_worker_in_every_tab(tmp_path: Path) -> None:
     protocol = study(tmp_path, web="image_size_px = [96, 96]\nopen_access = true")

@@ -5,7 +5,7 @@ import pytest
 from tests.machine import needs
 from tests.worlds.recorded_sessions import RECORDINGS, Recording, try_recording
 
-pytestmark = [pytest.mark.long, pytest.mark.program, needs("recordings")]
+pytestmark = [pytest.mark.nightly(sample=True), pytest.mark.program, needs("recordings")]
 
 
 @pytest.mark.parametrize("one", RECORDINGS, ids=lambda one: one.world)

@@ -102,7 +102,7 @@ def test_every_first_person_world_plays_in_the_page_as_in_python(tmp_path, simd)
 @pytest.mark.program
 @needs("chromium")
 def test_chromium_plays_as_python_does_for_three_minutes():
-    """Two worlds of each kind, a few seeds; every world for three minutes under MINIHUMAN_LONG=1."""
+    """Two worlds of each kind, a few seeds; every world for three minutes under MINIHUMAN_NIGHTLY=1."""
     extent = count(("--only", "FourRooms", "--seeds", "2"), ("--seeds", "200", "--minutes", "3"))
     command = [sys.executable, "-m", "tests.worlds.build.compare", "--engine", "chromium", *extent]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, cwd=ROOT)

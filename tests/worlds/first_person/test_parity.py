@@ -80,7 +80,7 @@ def episodes(name: str):
 
 
 @needs("opengl")
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 @pytest.mark.parametrize("names", GROUPS, ids=lambda names: names[0] if len(names) == 1 else "all")
 def test_worlds_play_as_miniworlds_do(names):
     ours = [episode for name in names for episode in episodes(name)]

@@ -13,7 +13,7 @@ SCENES = ("FourRooms", "Hallway", "Maze", "PickupObjects", "Sidewalk")
 
 
 @needs("opengl")
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 @pytest.mark.parametrize("name", SCENES[: count(1, len(SCENES))])
 def test_a_picture_differs_little_from_miniworlds_opengl_picture(name: str) -> None:
     poses = str(count(10, 200))

@@ -58,8 +58,7 @@ def test_the_kernels_run_as_plain_python_draw_the_same_display(in_plain_python: 
     assert in_plain_python[2:] == [display_digest(12, 8)]
 
 
-@needs("long")
-@pytest.mark.long
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("name", "features"),
     [("generic", ""), ("haswell", "+avx2,+fma"), ("skylake-avx512", "+avx512f,+fma")][: count(1, 3)],
