@@ -1,7 +1,7 @@
 """Counts what each test costs: the CPU time of its process and of all that it started, browsers and servers too.
 
-``pytest --meter`` prints the total, the cost of collecting, and the dearest tests; ``--meter=FILE`` writes a line of JSON
-for each test as well. Times are CPU seconds, because a busy machine changes how long a test takes and not what it costs.
+``pytest --meter`` prints the total, the cost of collecting, and the dearest tests; ``--meter-file FILE`` writes a line of
+JSON for each test as well. Times are CPU seconds, because a busy machine changes how long a test takes and not what it costs.
 """
 
 import json
@@ -137,23 +137,18 @@ _START = pytest.StashKey[tuple[float, float]]()
 
 
 def add_option(parser: pytest.Parser) -> None:
-    """Add ``--meter``."""
-    parser.addoption(
-        "--meter",
-        nargs="?",
-        const="-",
-        metavar="FILE",
-        help="print the CPU seconds of the dearest tests; with a file, write those of every test to it",
-    )
+    """Add ``--meter`` and ``--meter-file``."""
+    parser.addoption("--meter", action="store_true", help="print the CPU seconds of the run and of its dearest tests")
+    parser.addoption("--meter-file", type=Path, help="write what every test cost to this file, a line of JSON each")
 
 
 def register(config: pytest.Config) -> None:
     """Measure this run, if it is asked for."""
-    asked = config.getoption("meter")
-    if asked is None:
+    file = config.getoption("meter_file")
+    if not config.getoption("meter") and file is None:
         return
     meter = None
     if not hasattr(config, "workerinput"):
-        meter = Meter(None if asked == "-" else Path(asked))
+        meter = Meter(file)
         config.pluginmanager.register(meter, "meter")
     config.pluginmanager.register(WorkerMeter(config, meter), "worker-meter")

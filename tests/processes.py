@@ -9,7 +9,8 @@ import ctypes
 import os
 import sys
 import uuid
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,17 @@ _PR_SET_CHILD_SUBREAPER = 36  # <linux/prctl.h>
 _GRACE_S = 5.0  # a process that was told to end may be about to
 # Python's own, which end with this process; their command lines are what breaks if it starts them another way.
 _HELPERS = ("from multiprocessing.forkserver import main", "from multiprocessing.resource_tracker import main")
+_KEPT: set[Process] = set()  # of which no test is the owner
+
+
+@contextmanager
+def kept_for_the_run() -> Iterator[None]:
+    """Let what starts within the block run until the run's end: a browser that tests share."""
+    before = find_descendants(os.getpid())
+    try:
+        yield
+    finally:
+        _KEPT.update(find_descendants(os.getpid()) - before)
 
 
 class ProcessWatch:
@@ -75,7 +87,9 @@ class ProcessWatch:
             for process in find_children(os.getpid())
             if any(words in process.command_line() for words in _HELPERS)
         }
-        return find_descendants(os.getpid()) - self._known - owned - helpers
+        beside = self._known | owned | helpers | _KEPT
+        started_by_these = [find_descendants(process.pid) for process in beside]
+        return find_descendants(os.getpid()) - beside.union(*started_by_these)
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -1,5 +1,7 @@
 """A real browser for tests: Debian's Chromium, driven by Playwright, and a participant in it. Firefox: `firefox`."""
 
+import asyncio
+import atexit
 import os
 import signal
 import time
@@ -10,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from tests import processes
 from tests.counts import PATIENCE_S
 from tests.machine import need
 
@@ -26,28 +29,21 @@ _CODES = {
 
 
 @contextmanager
-def browsing(
-    *,
-    headless: bool = True,
-    env: dict[str, str] | None = None,
-    size: tuple[int, int] | None = (1366, 768),
-    more: tuple[str, ...] = (),
-) -> Iterator[Any]:
-    """A browser with an empty profile; yields a maker of participants."""
-    where = need("chromium")
-    playwright = pytest.importorskip("playwright.sync_api")
-    with playwright.sync_playwright() as driver:
-        args = [*_ARGUMENTS, *more]
-        browser = driver.chromium.launch(
-            executable_path=where, headless=headless, env={**os.environ, **(env or {})}, args=args
-        )
+def browsing(*, size: tuple[int, int] | None = (1366, 768)) -> Iterator[Any]:
+    """A browser without a history; yields a maker of participants, each with a profile of their own."""
+    view: dict[str, Any] = {"no_viewport": True} if size is None else {"viewport": {"width": size[0], "height": size[1]}}
+    contexts = []
+
+    def sit_down(url: str, **options: Any) -> Somebody:
+        contexts.append(_browser().new_context(**view, **options))
+        return Somebody(contexts[-1], url)
+
+    with _driving():
         try:
-            view: dict[str, Any] = (
-                {"no_viewport": True} if size is None else {"viewport": {"width": size[0], "height": size[1]}}
-            )
-            yield lambda url, **options: Somebody(browser.new_context(**view, **options), url)
+            yield sit_down
         finally:
-            browser.close()
+            for context in contexts:
+                context.close()
 
 
 @contextmanager
@@ -55,7 +51,7 @@ def browsing_with_profile(profile: Path) -> "Iterator[tuple[Somebody, Callable[[
     """A browser with a profile that outlives it; yields a participant on an empty page, and what kills the browser."""
     where = need("chromium")
     playwright = pytest.importorskip("playwright.sync_api")
-    with playwright.sync_playwright() as driver:
+    with _driving() as driver:
         context = driver.chromium.launch_persistent_context(
             str(profile), executable_path=where, headless=True, args=list(_ARGUMENTS)
         )
@@ -70,6 +66,53 @@ def browsing_with_profile(profile: Path) -> "Iterator[tuple[Somebody, Callable[[
         finally:
             with suppress(playwright.Error):
                 context.close()
+
+
+_RUNNING: dict[str, Any] = {}  # the driver of this process, its event loop, and the browser that tests share
+
+
+@contextmanager
+def _driving() -> Iterator[Any]:
+    """Enter the one driver of this process; its browser starts once, because starting costs a second.
+
+    Its event loop counts as running only within the block: tests that come between run loops of their own.
+    """
+    playwright = pytest.importorskip("playwright.sync_api")
+    before = asyncio._get_running_loop()
+    if "driver" not in _RUNNING:
+        with processes.kept_for_the_run():
+            _RUNNING["driver"] = playwright.sync_playwright().start()
+        _RUNNING["loop"] = asyncio._get_running_loop()
+        atexit.register(close_browser)
+    asyncio._set_running_loop(_RUNNING["loop"])
+    try:
+        yield _RUNNING["driver"]
+    finally:
+        asyncio._set_running_loop(before)
+
+
+def _browser() -> Any:
+    """Return the browser that tests share; another where a test ended it."""
+    browser = _RUNNING.get("browser")
+    if browser is None or not browser.is_connected():
+        with processes.kept_for_the_run():
+            browser = _RUNNING["driver"].chromium.launch(
+                executable_path=need("chromium"), headless=True, args=list(_ARGUMENTS)
+            )
+        _RUNNING["browser"] = browser
+    return browser
+
+
+def close_browser() -> None:
+    """End the browser and its driver, if a test used them."""
+    if "driver" not in _RUNNING:
+        return
+    asyncio._set_running_loop(_RUNNING["loop"])
+    if "browser" in _RUNNING:
+        _RUNNING["browser"].close()
+    _RUNNING["driver"].stop()
+    asyncio._set_running_loop(None)
+    _RUNNING.clear()
 
 
 def browser_processes(profile: str = "") -> list[int]:
