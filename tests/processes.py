@@ -74,12 +74,9 @@ class ProcessWatch:
 
     def _find_strays(self, owners: list[Fixture], test: str) -> set[Process]:
         """Return what no fixture that is in use may end; what has no owner yet is left to some."""
-        helpers = {
-            process
-            for process in find_children(os.getpid())
-            if any(words in process.command_line() for words in _HELPERS)
-        }
-        alive = find_descendants(os.getpid()) - self._known - helpers
+        alive = find_descendants(os.getpid()) - self._known
+        if alive:
+            alive -= find_helpers()
         for process in alive - self._owners.keys():
             self._owners[process] = owners
             self._starters[process] = test
@@ -87,6 +84,12 @@ class ProcessWatch:
 
     def _describe(self, process: Process, test: str) -> str:
         return f"{process.pid} {process.command_line()} (started in {self._starters.get(process, test)})"
+
+
+def find_helpers() -> set[Process]:
+    """Return Python's own helpers among the children of this process."""
+    children = find_children(os.getpid())
+    return {child for child in children if any(words in child.command_line() for words in _HELPERS)}
 
 
 def find_owners(item: pytest.Item) -> list[Fixture]:
