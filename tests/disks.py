@@ -42,10 +42,12 @@ def fill(disk: Path, *, but: int) -> Path:
 @contextmanager
 def _mounted(*words: str) -> Iterator[None]:
     if os.geteuid() != 0:
-        pytest.skip("only root can mount a disk")
+        pytest.skip("a disk is mounted by root alone: run pytest as root")
     made = subprocess.run(["mount", *words], capture_output=True, text=True)
     if made.returncode != 0:
-        pytest.skip(f"no disk can be mounted here: {made.stderr.strip()}")
+        pytest.skip(
+            f"no disk can be mounted ({made.stderr.strip()}): run pytest as root, in a container with --privileged"
+        )
     try:
         yield
     finally:

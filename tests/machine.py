@@ -195,7 +195,7 @@ class LeftOut:
         return report
 
     def pytest_runtest_setup(self, item: pytest.Item) -> None:
-        """Skip what is chosen by name all the same, or fail it in CI."""
+        """In CI, fail what is not left out there."""
         for name in find_needs(item):
             need(name)
 

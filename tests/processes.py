@@ -1,11 +1,12 @@
 """A pytest plug-in: no process outlives the test that started it, or the widest fixture that did.
 
 Each process that runs tests adopts what its descendants leave behind (a child subreaper), so that whatever a test
-started is below it. After each test, what is still alive and belongs to no fixture that is still in use is ended, and
-the test has an error that names it. When a process that runs tests is itself killed, its guardian ends them.
+started is below it. After each test, what no fixture that is still in use could end is ended, and the test has an error
+that names it. When a process that runs tests is itself killed, its guardian ends what it started.
 """
 
 import ctypes
+import inspect
 import os
 import sys
 import uuid
@@ -24,6 +25,7 @@ from tests.programs import RUN_VARIABLE, Process, end_processes, find_children, 
 TIMEOUT_S = count(1_800, 12 * 3_600)
 os.environ.setdefault("PYTEST_TIMEOUT", str(TIMEOUT_S))
 
+Fixture = pytest.FixtureDef[Any]
 _PR_SET_CHILD_SUBREAPER = 36  # <linux/prctl.h>
 _GRACE_S = 5.0  # a process that was told to end may be about to
 # Python's own, which end with this process; their command lines are what breaks if it starts them another way.
@@ -42,15 +44,16 @@ def kept_for_the_run() -> Iterator[None]:
 
 
 class ProcessWatch:
-    """Knows which processes are there, and which fixture started them."""
+    """Knows which processes are there, and which fixtures may end them."""
 
     def __init__(self) -> None:
         self._known = find_descendants(os.getpid())  # started before any test
-        self._owners: dict[Process, pytest.FixtureDef[Any]] = {}
-        self._in_use: set[pytest.FixtureDef[Any]] = set()
+        self._owners: dict[Process, list[Fixture]] = {}
+        self._starters: dict[Process, str] = {}  # the tests that started what was left to fixtures
+        self._in_use: set[Fixture] = set()
 
     @pytest.hookimpl(wrapper=True)
-    def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef[Any]) -> Generator[None, object, object]:
+    def pytest_fixture_setup(self, fixturedef: Fixture) -> Generator[None, object, object]:
         """Note what a fixture of a module, a class or the session starts."""
         if fixturedef.scope == "function":
             return (yield)
@@ -60,36 +63,53 @@ class ProcessWatch:
             return (yield)
         finally:
             for process in find_descendants(os.getpid()) - before:
-                self._owners.setdefault(process, fixturedef)
+                self._owners.setdefault(process, [fixturedef])
 
-    def pytest_fixture_post_finalizer(self, fixturedef: pytest.FixtureDef[Any]) -> None:
+    def pytest_fixture_post_finalizer(self, fixturedef: Fixture) -> None:
         """Note that a fixture is no longer in use."""
         self._in_use.discard(fixturedef)
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
-    def pytest_runtest_teardown(self) -> Generator[None, None, None]:
+    def pytest_runtest_teardown(self, item: pytest.Item) -> Generator[None, None, None]:
         """When a test's fixtures are gone, end what it left running and say so."""
+        owners = find_owners(item)
         try:
             yield
         except BaseException:
-            end_processes(self._find_strays())
+            end_processes(self._find_strays(owners, item.nodeid))
             raise
-        strays = wait_until_ended(self._find_strays(), _GRACE_S)
+        strays = wait_until_ended(self._find_strays(owners, item.nodeid), _GRACE_S)
         if strays:
-            lines = sorted(f"{process.pid} {process.command_line()}" for process in strays)
+            lines = sorted(self._describe(process, item.nodeid) for process in strays)
             end_processes(strays)
-            pytest.fail("the test left running, and it was ended:\n" + "\n".join(lines), pytrace=False)
+            pytest.fail("these were left running, and were ended:\n" + "\n".join(lines), pytrace=False)
 
-    def _find_strays(self) -> set[Process]:
-        owned = {process for process, fixturedef in self._owners.items() if fixturedef in self._in_use}
-        helpers = {
-            process
-            for process in find_children(os.getpid())
-            if any(words in process.command_line() for words in _HELPERS)
-        }
-        beside = self._known | owned | helpers | _KEPT
-        started_by_these = [find_descendants(process.pid) for process in beside]
-        return find_descendants(os.getpid()) - beside.union(*started_by_these)
+    def _find_strays(self, owners: list[Fixture], test: str) -> set[Process]:
+        """Return what no fixture that is in use may end; what has no owner yet is left to some."""
+        alive = find_descendants(os.getpid()) - self._known
+        if alive:
+            alive -= find_helpers()
+        for process in alive - self._owners.keys():
+            self._owners[process] = owners
+            self._starters[process] = test
+        return {process for process in alive if self._in_use.isdisjoint(self._owners[process])}
+
+    def _describe(self, process: Process, test: str) -> str:
+        return f"{process.pid} {process.command_line()} (started in {self._starters.get(process, test)})"
+
+
+def find_helpers() -> set[Process]:
+    """Return Python's own helpers among the children of this process."""
+    children = find_children(os.getpid())
+    return {child for child in children if any(words in child.command_line() for words in _HELPERS)}
+
+
+def find_owners(item: pytest.Item) -> list[Fixture]:
+    """Return the fixtures of a test's class, module or package that could end what the test starts: they tear down."""
+    named = item._fixtureinfo.name2fixturedefs  # pytest's own; without it, nothing is left to fixtures
+    fixtures = [fixture for fixtures in named.values() for fixture in fixtures]
+    scopes = ("class", "module", "package")
+    return [one for one in fixtures if one.scope in scopes and inspect.isgeneratorfunction(one.func)]
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -91,6 +91,32 @@ def test_a_fixture_of_the_module_forgets_it(forgetful):
     pass
 
 
+@pytest.fixture(scope="module")
+def servers():
+    started = []
+    yield started
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+def test_leaves_it_to_a_fixture_of_the_module(servers):
+    servers.append(subprocess.Popen(["sleep", "1000"]))
+
+
+def test_finds_it_running(servers):
+    assert servers[0].poll() is None
+
+
+@pytest.fixture(scope="module")
+def careless():
+    yield
+
+
+def test_leaves_it_to_a_careless_fixture(careless):
+    start("careless")
+
+
 def test_is_killed():
     start("is_killed")
     os.kill(os.getpid(), signal.SIGKILL)
@@ -115,10 +141,16 @@ def suite(tmp_path: Path) -> Path:
 def run_pytest(folder: Path, *tests: str, processes: int = 0) -> subprocess.CompletedProcess[str]:
     """Run tests of a folder with the plug-in, as the project's own are run."""
     named = [f"test_it.py::test_{name}" for name in tests]
-    command = [sys.executable, "-m", "pytest", "-p", "tests.processes", "-n", str(processes), "-v", *named]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTEST_ADDOPTS": ""}
+    plugins = ["-p", "tests.processes", "-n", str(processes), f"--timeout={PATIENCE_S}"]
+    command = [sys.executable, "-m", "pytest", *plugins, "-v", *named]
+    environment = {**os.environ, "PYTHONPATH": python_path(), "PYTEST_ADDOPTS": ""}
     environment.pop("PYTEST_XDIST_WORKER", None)
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=PATIENCE_S)
+
+
+def python_path() -> str:
+    """Return where the plug-in is found, and whatever else is."""
+    return os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
 
 
 def program_of(folder: Path, test: str) -> Process | None:
@@ -138,7 +170,7 @@ def test_what_a_test_leaves_running_is_ended_and_named(suite: Path, test: str, o
     done = run_pytest(suite, test, "is_followed")
     assert program_of(suite, test) is None
     assert f"ERROR at teardown of test_{test}" in done.stdout
-    assert "the test left running, and it was ended:" in done.stdout
+    assert "these were left running, and were ended:" in done.stdout
     assert "sleep 1000" in done.stdout
     assert outcomes in done.stdout
 
@@ -159,6 +191,18 @@ def test_what_a_fixture_of_a_module_forgets_is_ended_when_the_module_is_done(sui
     done = run_pytest(suite, "a_fixture_of_the_module_forgets_it")
     assert program_of(suite, "forgetful") is None
     assert "ERROR at teardown of test_a_fixture_of_the_module_forgets_it" in done.stdout
+
+
+def test_what_a_test_leaves_to_a_fixture_of_the_module_lives_as_long_as_the_fixture(suite: Path) -> None:
+    done = run_pytest(suite, "leaves_it_to_a_fixture_of_the_module", "finds_it_running")
+    assert "2 passed" in done.stdout
+    assert done.returncode == 0
+
+
+def test_what_the_fixture_does_not_end_is_ended_after_it_and_named_with_its_test(suite: Path) -> None:
+    done = run_pytest(suite, "leaves_it_to_a_careless_fixture", "is_followed")
+    assert program_of(suite, "careless") is None
+    assert "sleep 1000 (started in test_it.py::test_leaves_it_to_a_careless_fixture)" in done.stdout
 
 
 def test_a_program_ends_with_a_test_that_takes_too_long(suite: Path) -> None:
@@ -188,7 +232,7 @@ def test_tests_in_a_test_are_ended_with_it(suite: Path) -> None:
     (suite / "test_outer.py").write_text(outer)
     (suite / "test_it.py").write_text(TESTS + waits)
     command = [sys.executable, "-m", "pytest", "-p", "tests.processes", "-n0", "test_outer.py"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTEST_ADDOPTS": ""}
+    environment = {**os.environ, "PYTHONPATH": python_path(), "PYTEST_ADDOPTS": ""}
     with running(command, cwd=suite, env=environment, stdout=subprocess.DEVNULL) as pytest_run:
         deadline_s = time.monotonic() + PATIENCE_S
         while not (suite / "waits.pid").exists() or not (suite / "waits.pid").read_text():

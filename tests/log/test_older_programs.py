@@ -63,7 +63,7 @@ def programs(tmp_path_factory: pytest.TempPathFactory) -> Programs:
         source.mkdir()
         archived = subprocess.run(["git", "archive", "HEAD" if name == NEW else name], cwd=ROOT, capture_output=True)
         if archived.returncode:
-            pytest.skip(f"there is no commit {name} here")
+            pytest.skip(f"the commit {name} is missing: git fetch --unshallow")
         subprocess.run(["tar", "-x"], cwd=source, input=archived.stdout, check=True)
         if name == NEW:  # as it is now
             shutil.rmtree(source / "minihuman")

@@ -108,7 +108,7 @@ def test_a_replay_in_a_folder_with_a_file_named_rerun_runs_the_real_one(trapped:
 def test_a_command_in_a_folder_of_traps_runs_none_of_them(trapped: Path) -> None:
     script = Path(sys.executable).with_name("minihuman")
     if not script.exists():
-        pytest.skip("minihuman is not installed as a command here")
+        pytest.skip("the command minihuman is missing: pip install -e .")
     protocol = Path(__file__).parents[2] / "protocols" / "demo.toml"
     command = [script, "run", protocol, "--data", trapped / "data", "--window", "none"]
     said = subprocess.run(command, cwd=trapped, capture_output=True, text=True, timeout=300)

@@ -42,12 +42,13 @@ def test_the_committed_modules_are_built_from_the_kernels_beside_them():
 @pytest.mark.program
 def test_building_again_gives_the_committed_modules(tmp_path):
     if linker_version(PAGE) is None:
-        pytest.skip("no wasm-ld, neither Debian's lld nor PyPI's ziglang")
+        pytest.skip("wasm-ld is missing: apt-get install lld, or pip install ziglang")
     subprocess.run([sys.executable, "-m", "kernel_build", str(tmp_path)], check=True)
     new, kept = json.loads((tmp_path / MANIFEST).read_text(encoding="utf-8")), _manifest()
     tools = "numba", "llvmlite", "linker"
     if any(new[tool] != kept[tool] for tool in tools):
-        pytest.skip("other tools than the manifest pins: " + ", ".join(f"{tool} {new[tool]}" for tool in tools))
+        pinned, here = (", ".join(f"{tool} {made[tool]}" for tool in tools) for made in (kept, new))
+        pytest.skip(f"the modules were built by {pinned}; here are {here}: install those to compare")
     assert new == kept
 
 

@@ -65,6 +65,6 @@ def test_the_kernels_run_as_plain_python_draw_the_same_display(in_plain_python: 
 )
 def test_other_machine_code_draws_the_same_pictures(name: str, features: str) -> None:
     if "avx512" in features and "avx512f" not in Path("/proc/cpuinfo").read_text():
-        pytest.skip("this machine cannot run AVX-512 code")
+        pytest.skip("AVX-512 is missing: run this on a processor that has it")
     settings = {"NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": features, "MINIHUMAN_KERNELS": "jit"}
     assert elsewhere(80, 60, **settings) == digest(80, 60)
