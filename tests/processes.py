@@ -86,13 +86,22 @@ class ProcessWatch:
 
     def _find_strays(self, owners: list[Fixture], test: str) -> set[Process]:
         """Return what no fixture that is in use may end; what has no owner yet is left to some."""
-        alive = find_descendants(os.getpid()) - self._known
+        alive = find_descendants(os.getpid()) - self._known - _KEPT
         if alive:
             alive -= find_helpers()
+            alive -= self._find_started_by_others()
         for process in alive - self._owners.keys():
             self._owners[process] = owners
             self._starters[process] = test
         return {process for process in alive if self._in_use.isdisjoint(self._owners[process])}
+
+    def _find_started_by_others(self) -> set[Process]:
+        """Return what programs started that no test is to end: a server's workers, a browser's pages."""
+        programs = set(_KEPT)
+        for process, owners in self._owners.items():
+            if not self._in_use.isdisjoint(owners):
+                programs.add(process)
+        return set().union(*(find_descendants(process.pid) for process in programs))
 
     def _describe(self, process: Process, test: str) -> str:
         return f"{process.pid} {process.command_line()} (started in {self._starters.get(process, test)})"
