@@ -237,7 +237,7 @@ def _resolve_links(markdown: str, folder: Path, page: str) -> str:
         if "://" in target or not file.is_relative_to(_ROOT) or not file.exists():
             return link[0]
         name = file.relative_to(_ROOT).as_posix()
-        if name in _PAGES or name.startswith("docs/"):
+        if name in _PAGES or (name.startswith("docs/") and file.suffix != ".py"):  # no site has Python files
             linked = _PAGES.get(name, name.removeprefix("docs/"))
             return f"[{text}]({posixpath.relpath(linked, posixpath.dirname(page))}{anchor})"
         if name.endswith(text.strip("`")):

@@ -134,7 +134,7 @@ def _collect_complaints(page: Page) -> list[str]:
     complaints: list[str] = []
 
     def judge_response(response: Response) -> None:
-        if not response.ok:
+        if response.status >= 400:
             complaints.append(f"{response.url}: {response.status}")
 
     page.on("pageerror", lambda error: complaints.append(str(error)))

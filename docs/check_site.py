@@ -16,9 +16,11 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
+from html.parser import HTMLParser
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from itertools import product
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import markdown
 from axe_playwright_python.sync_playwright import Axe
@@ -89,6 +91,50 @@ def judge(page: Page, place: str) -> list[str]:
     if page.evaluate("document.documentElement.scrollWidth > window.innerWidth"):
         problems.append(f"{place}: wider than the window")
     return problems
+
+
+class _Links(HTMLParser):
+    """The addresses that a page refers to, and the names that can be referred to in it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.addresses: list[str] = []
+        self.anchors: set[str] = {""}
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Take in an element."""
+        attributes = dict(attrs)
+        self.anchors.add(attributes.get("id") or "")
+        for name in ("href", "src"):
+            if address := attributes.get(name):
+                self.addresses.append(address)
+
+
+def find_dead_links(site: Path) -> list[str]:
+    """Return each link of a page to a file or a heading that the site does not have; other sites are not asked."""
+    pages: dict[Path, _Links] = {}
+    for path in site.rglob("*.html"):
+        if path.name != "404.html":  # a server shows it at any depth, so its links begin at the server's root
+            pages[path] = _Links()
+            pages[path].feed(path.read_text(encoding="utf-8"))
+    return [
+        f"{path.relative_to(site)}: {address} leads nowhere"
+        for path, links in pages.items()
+        for address in links.addresses
+        if not _has_target(path, address, pages)
+    ]
+
+
+def _has_target(page: Path, address: str, pages: dict[Path, _Links]) -> bool:
+    parts = urlsplit(address)
+    if parts.scheme or parts.netloc:
+        return True
+    target = (page.parent / unquote(parts.path)).resolve() if parts.path else page
+    if target.is_dir():
+        target /= "index.html"
+    if target not in pages or target.parent.name == "play":  # a world or a level stands behind the # of these
+        return target.exists()
+    return unquote(parts.fragment) in pages[target].anchors
 
 
 def judge_pages(browser: Browser, address: str) -> list[str]:
@@ -167,9 +213,11 @@ def main() -> None:
     parser.add_argument("--pictures", type=Path, metavar="FOLDER", help="save a picture of each world that was played")
     parser.add_argument("--lighthouse", type=Path, metavar="FILE", help="write Lighthouse's scores to this file")
     arguments = parser.parse_args()
-    with serving(arguments.site.resolve()) as address:
+    site = arguments.site.resolve()
+    problems = find_dead_links(site)
+    with serving(site) as address:
         with browsing() as browser:
-            problems = check_play(browser, address, arguments.pictures)
+            problems += check_play(browser, address, arguments.pictures)
             problems += judge_pages(browser, address)
             problems += judge_readme(browser)
         if arguments.lighthouse:
