@@ -2,22 +2,25 @@
 
 The protocol reference and the changelog are read where they are. A link to any other file of the repository becomes its
 name, because a site's pages cannot hold such files. The reference of names, commands, tables, topics and ports is
-written from the package itself.
+written from the package itself. Ports are read from their sources, never imported: a learner's imports PyTorch, which
+the extra `docs` does not bring.
 """
 
-import inspect
+import posixpath
 import re
 import sys
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import click
+import griffe  # what mkdocstrings reads the package with, and so always there with it
 from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-from minihuman import ext
 from minihuman.cli.command_line import SECTIONS, make_command_line
 from minihuman.dataset.table_columns import TABLES
 from minihuman.experiment.activities.activity import list_built_in_kinds
@@ -36,7 +39,7 @@ _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\(([^)#\s]+)(#[^)\s]*)?\)")
 def on_files(files: Files, *, config: MkDocsConfig) -> Files:
     """Add the pages that are files above the docs' folder."""
     for source, page in _PAGES.items():
-        text = _resolve_links((_ROOT / source).read_text(encoding="utf-8"), (_ROOT / source).parent)
+        text = _resolve_links((_ROOT / source).read_text(encoding="utf-8"), (_ROOT / source).parent, page)
         files.append(File.generated(config, page, content=text))
     return files
 
@@ -52,9 +55,9 @@ def on_page_markdown(markdown: str, *, page: Page, **_: Any) -> str:
         "upgrading.md": list_frozen_logs,
     }
     if write := written.get(page.file.src_uri):
-        markdown = _MARKER.sub(lambda found: write(found[1]), markdown)
+        markdown = _MARKER.sub(lambda marker: write(marker[1]), markdown)
     markdown = _LABEL.sub(r"\1", markdown)
-    return _resolve_links(markdown, _ROOT / "docs")
+    return _resolve_links(markdown, (_ROOT / "docs" / page.file.src_uri).parent, page.file.src_uri)
 
 
 def on_post_page(output: str, **_: Any) -> str:
@@ -65,7 +68,7 @@ def on_post_page(output: str, **_: Any) -> str:
 
 def list_exports(package: str) -> str:
     """Write a reference entry for each name that a package exports."""
-    modules: dict[str, str] = import_module(package)._MODULES
+    modules = _read_exported_modules(package)
     return "\n\n".join(f"::: {module}.{name}" for name, module in modules.items())
 
 
@@ -95,7 +98,8 @@ def list_tables(_: str) -> str:
     for name, columns in TABLES.items():
         lines += [f"## {name}", "", "| column | type | unit | meaning |", "|---|---|---|---|"]
         lines += [
-            f"| `{one.name}` | {one.kind} | {one.unit} | {one.meaning.replace('|', '&#124;')} |" for one in columns
+            f"| `{column.name}` | {column.kind} | {column.unit} | {column.meaning.replace('|', '&#124;')} |"
+            for column in columns
         ]
         lines.append("")
     return "\n".join(lines)
@@ -105,10 +109,10 @@ def list_topics(_: str) -> str:
     """Write each topic's message with type and meaning of its fields, then the messages that others contain."""
     messages = _read_messages()
     lines: list[str] = []
-    held = dict(_TOPIC_ROW.findall((_ROOT / "docs/log-format.md").read_text(encoding="utf-8")))
+    contents = dict(_TOPIC_ROW.findall((_ROOT / "docs/log-format.md").read_text(encoding="utf-8")))
     for topic in (*TOPICS, *RARE_TOPICS, *list_activity_topics(list_built_in_kinds())):
         descriptor = topic.message.DESCRIPTOR
-        lines += [f"## {topic.name}", "", f"`{descriptor.full_name}`: {held[topic.name]}.", ""]
+        lines += [f"## {topic.name}", "", f"`{descriptor.full_name}`: {contents[topic.name]}.", ""]
         if topic.is_preview:
             names = ", ".join(f"`{field.name}`" for field in descriptor.fields)
             lines += [f"A preview for viewers, whose fields are Foxglove's: {names}.", ""]
@@ -131,12 +135,14 @@ def _read_messages() -> dict[str, list[tuple[str, str, str]]]:
     for path in sorted((_ROOT / "minihuman/log/proto").glob("*.proto"), reverse=True):
         for name, body in _MESSAGE.findall(path.read_text(encoding="utf-8")):
             messages[name] = _FIELD.findall(body)
+            if undescribed := [field for _, field, meaning in messages[name] if not meaning]:
+                raise PluginError(f"{path}: {name}.{undescribed[0]} has no comment; write what it holds after `//`")
     return messages
 
 
 _TOPIC_ROW = re.compile(r"^\| `(/\S+)` \| `\S+` \| (.+) \|$", re.MULTILINE)
 _MESSAGE = re.compile(r"^message (\w+) \{\n(.*?)^\}", re.MULTILINE | re.DOTALL)
-_FIELD = re.compile(r"^\s+((?:optional |repeated )?[\w.]+) (\w+) = \d+;  // (.*)$", re.MULTILINE)
+_FIELD = re.compile(r"^\s+((?:optional |repeated )?[\w.]+) (\w+) = \d+;(?:  // (.*))?$", re.MULTILINE)
 
 
 def list_frozen_logs(folder: str) -> str:
@@ -166,43 +172,74 @@ PORTS = {  # what a plug-in of each group registers, the port that this implemen
 
 def list_ports(_: str) -> str:
     """Write each kind of plug-in: its port, methods, contract test, and the built-in ones."""
+    modules = _read_exported_modules("minihuman.ext")
     lines: list[str] = []
     for group, (registered, name, check) in PORTS.items():
-        port = getattr(ext, name)
+        port = _read_class(modules[name], name)
         built_in = list_plugin_names(f"minihuman.{group}", built_in=True)
         where = f"the entry-point group `minihuman.{group}`" if built_in else "its Gymnasium id, `module:Id-v0`"
-        lines += [f"## {group}", "", f"Registered is {registered} [`{name}`](api.md#{port.__module__}.{name}),"]
+        lines += [f"## {group}", "", f"Registered is {registered} [`{name}`](api.md#{port.path}),"]
         lines += [f"found by {where}. `minihuman.testing.{check}` tests it."]
-        lines += [f"Built in: {', '.join(f'`{one}`' for one in built_in)}."] if built_in else []
-        lines += ["", f"`{name}`: {inspect.cleandoc(port.__doc__).partition(chr(10) * 2)[0]}", ""]
+        if built_in:
+            lines += [f"Built in: {', '.join(f'`{plugin}`' for plugin in built_in)}."]
+        lines += ["", f"`{name}`: {_read_summary(port, separator=chr(10))}", ""]
         if methods := _list_methods(port):
             lines += ["| method | required | what it does |", "|---|---|---|", *methods, ""]
     return "\n".join(lines)
 
 
-def _list_methods(port: type) -> list[str]:
-    abstract = getattr(port, "__abstractmethods__", frozenset())
+def _read_exported_modules(package: str) -> dict[str, str]:
+    """Read in which module each name is that a package exports."""
+    modules: dict[str, str] = import_module(package)._MODULES
+    return modules
+
+
+@cache
+def _read_package() -> griffe.GriffeLoader:
+    """Read the package's sources once: 3 CPU-seconds."""
+    loader = griffe.GriffeLoader(search_paths=[_ROOT])
+    loader.load("minihuman")
+    return loader
+
+
+def _read_class(module: str, name: str) -> griffe.Class:
+    """Read a class and the classes that it inherits from, without importing their modules."""
+    port = _read_package().modules_collection[f"{module}.{name}"]
+    assert isinstance(port, griffe.Class), f"{module}.{name} is not a class"
+    return port
+
+
+def _list_methods(port: griffe.Class) -> list[str]:
     rows = []
-    for name, what in inspect.getmembers(port, lambda one: inspect.isfunction(one) or isinstance(one, property)):
-        function = what.fget if isinstance(what, property) else what
-        if not name.startswith("_") and function.__module__.startswith("minihuman.") and function.__name__ == name:
-            said = inspect.cleandoc(function.__doc__ or "").partition("\n\n")[0].replace("\n", " ")
-            shown = name if isinstance(what, property) else f"{name}()"
-            rows.append(f"| `{shown}` | {'yes' if name in abstract else 'no'} | {said.replace('|', '&#124;')} |")
+    for name, member in sorted(port.all_members.items()):
+        if name.startswith("_") or not (member.is_function or "property" in member.labels):
+            continue
+        required = "yes" if "abstractmethod" in member.labels else "no"
+        shown = f"{name}()" if member.is_function else name
+        rows.append(f"| `{shown}` | {required} | {_read_summary(member).replace('|', '&#124;')} |")
     return rows
 
 
-def _resolve_links(markdown: str, folder: Path) -> str:
-    def resolve(found: re.Match[str]) -> str:
-        text, target, anchor = found[1], found[2], found[3] or ""
+def _read_summary(documented: griffe.Object | griffe.Alias, separator: str = " ") -> str:
+    """Read the first paragraph of a docstring; its lines end with the separator."""
+    text = documented.docstring.value if documented.docstring else ""
+    return text.partition("\n\n")[0].replace("\n", separator)
+
+
+def _resolve_links(markdown: str, folder: Path, page: str) -> str:
+    """Resolve the links of a text that lies in a folder of the repository and becomes this page of the site."""
+
+    def resolve(link: re.Match[str]) -> str:
+        text = link[1]
+        target = link[2]
+        anchor = link[3] or ""
         file = (folder / target).resolve()
         if "://" in target or not file.is_relative_to(_ROOT) or not file.exists():
-            return found[0]
+            return link[0]
         name = file.relative_to(_ROOT).as_posix()
-        if name in _PAGES:
-            return f"[{text}]({_PAGES[name]}{anchor})"
-        if name.startswith("docs/"):
-            return f"[{text}]({name.removeprefix('docs/')}{anchor})"
+        if name in _PAGES or (name.startswith("docs/") and file.suffix != ".py"):  # no site has Python files
+            linked = _PAGES.get(name, name.removeprefix("docs/"))
+            return f"[{text}]({posixpath.relpath(linked, posixpath.dirname(page))}{anchor})"
         if name.endswith(text.strip("`")):
             return f"`{name}`"
         return text if name in text else f"{text} (`{name}`)"

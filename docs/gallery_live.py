@@ -4,6 +4,7 @@ import argparse
 import hashlib
 import json
 import shutil
+import warnings
 import zlib
 from collections.abc import Collection
 from pathlib import Path
@@ -38,7 +39,7 @@ def write_gallery(folder: Path, seeds: int = 100, names: Collection[str] = ()) -
         for entry in entries:
             if names and entry.name not in names:
                 continue
-            env = gymnasium.make(entry.id, **({"trig": 1} if kind == "First person" else {})).unwrapped
+            env = _make_world(entry, {"trig": 1} if kind == "First person" else {})
             if not env.is_compiled:
                 continue  # its rules are Python
             write = write_scenes if isinstance(env, FirstPersonEnv) else write_starts
@@ -47,6 +48,13 @@ def write_gallery(folder: Path, seeds: int = 100, names: Collection[str] = ()) -
     index = {"atlas": write_atlas(folder), "worlds": worlds}
     (folder / "index.json").write_text(json.dumps(index), encoding="utf-8")
     return len(worlds)
+
+
+def _make_world(entry: CatalogueEntry, options: dict[str, Any]) -> Any:
+    """Make a world; that there is a `-v1` of some is no news, since the gallery has both."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*is out of date", DeprecationWarning)
+        return gymnasium.make(entry.id, **options).unwrapped
 
 
 def write_starts(folder: Path, env: GridEngine, entry: CatalogueEntry, seeds: int) -> dict[str, Any]:

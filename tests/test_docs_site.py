@@ -2,6 +2,7 @@
 
 import re
 import runpy
+import sys
 import tomllib
 from pathlib import Path
 
@@ -20,18 +21,31 @@ from minihuman.log.topics import RARE_TOPICS, TOPICS
 from tests.machine import needs
 
 DOCS = Path(__file__).parents[1] / "docs"
-PAGES = sorted(DOCS.glob("*.md"))
+PAGES = sorted(DOCS.rglob("*.md"))
 
 
 def test_every_page_is_in_the_sites_menu():
     menu = (DOCS.parent / "mkdocs.yml").read_text()
-    assert [page.name for page in PAGES if page.name not in menu] == []
+    assert [page.name for page in PAGES if f": {page.relative_to(DOCS)}\n" not in menu] == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_link_of_a_page_leads_to_a_file(page):
     links = re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text())
-    assert [link for link in links if "://" not in link and not (DOCS / link).exists()] == []
+    assert [link for link in links if "://" not in link and not (page.parent / link).exists()] == []
+
+
+def test_the_site_is_published_by_the_commands_of_the_page_about_playing_and_only_the_deployment_may_write():
+    yaml = pytest.importorskip("yaml")
+    workflow = yaml.safe_load((DOCS.parent / ".github/workflows/site.yml").read_text(encoding="utf-8"))
+    build, deployment = workflow["jobs"]["build"], workflow["jobs"]["deploy"]
+    commands = [step["run"] for step in build["steps"] if "run" in step]
+    shown = re.search(r"```bash\n(.*?)```", (DOCS / "play.md").read_text(encoding="utf-8"), re.DOTALL)
+    assert shown is not None
+    assert commands[:2] == shown[1].splitlines()[:2]
+    assert workflow["permissions"] == {}
+    assert set(build["permissions"].values()) == {"read"}
+    assert deployment["permissions"] == {"pages": "write", "id-token": "write"}
 
 
 @needs("mkdocs")
@@ -111,7 +125,15 @@ def test_the_reference_has_every_topic_and_every_field_of_its_message():
         assert f"### {name}\n" in written
 
 
-@needs("mkdocs")
+def test_the_reference_of_plug_ins_is_written_without_pytorch(monkeypatch):
+    pytest.importorskip("mkdocs")
+    for name in [name for name in sys.modules if name.startswith("minihuman.learn")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "torch", None)  # whatever imports it fails
+    written = runpy.run_path(str(DOCS / "_hooks.py"))["list_ports"]("")
+    assert "| `learn()` | yes | Learn until done or out of time. |" in written
+
+
 def test_the_reference_has_every_kind_of_plug_in():
     hooks = runpy.run_path(str(DOCS / "_hooks.py"))
     written = hooks["list_ports"]("")

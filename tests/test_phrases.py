@@ -33,7 +33,7 @@ def _help() -> Iterator[tuple[str, str]]:
 
 
 def _docs() -> Iterator[tuple[str, str]]:
-    for path in (ROOT / "README.md", ROOT / "protocols" / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
+    for path in (ROOT / "README.md", ROOT / "protocols" / "README.md", *sorted((ROOT / "docs").rglob("*.md"))):
         yield str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")
 
 

@@ -45,14 +45,27 @@ export function actionButtons(actions, act) {
   });
 }
 
-/** Act on keys that have one of the present actions, unless they belong to a field or a button. */
+/** Whether the focused control takes the key: a field takes every key, any other control Space and Enter. */
+function isForControl({ key, target }) {
+  if (target.closest("select, textarea, input:not([type=checkbox])")) return true;
+  return (key === " " || key === "Enter") && target.closest("button, input, summary, a") !== null;
+}
+
+/** Act on keys that have one of the present actions, unless the focused control takes them. */
 export function onActionKeys(act, actions) {
   addEventListener("keydown", (event) => {
     const action = KEYS[event.key]?.find((one) => actions().includes(one));
-    if (!action || event.target.closest("select, button, input, textarea")) return;
+    if (!action || isForControl(event)) return;
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
     act(action);
+  });
+}
+
+/** Give the keys back to the world after a click on a button; a button that a key pressed keeps the focus. */
+export function releaseClickedButtons() {
+  addEventListener("click", ({ detail, target }) => {
+    if (detail > 0) target.closest("button")?.blur();
   });
 }
 

@@ -1,7 +1,7 @@
 // The level editor: draw a grid, play it by the worlds' own rules, save it as a file for protocols and training.
 
-import { $, actionButtons, loadIndex, onActionKeys, outcomeOf, ROW_STEP, show } from "./common.js";
-import { AGENTS, Level } from "./level.js";
+import { $, actionButtons, loadIndex, onActionKeys, outcomeOf, releaseClickedButtons, ROW_STEP, show } from "./common.js";
+import { AGENTS, codeOf, Level } from "./level.js";
 import { GridWorld, Kernels } from "./world.js";
 
 const ACTIONS = ["left", "right", "forward", "pickup", "drop", "toggle", "done"];
@@ -54,11 +54,16 @@ function draw() {
   if (cursor) context.strokeRect(cursor[0] * px + 1.5, cursor[1] * px + 1.5, px - 3, px - 3);
 }
 
-/** An agent that is placed at random is no part of the drawing. */
+/** Draw an empty cell over an agent that is placed at random, which is no part of the drawing. */
 function hideAgent(context, px) {
   const [x, y] = world.row.data.slice(2, 4);
-  context.fillStyle = "#000";
-  context.fillRect(x * px + 1, y * px + 1, px - 1, px - 1);
+  const first = Number(atlas.number[codeOf("  ")]) * px * px * 3;
+  const cell = context.createImageData(px, px);
+  for (let pixel = 0; pixel < px * px; pixel++) {
+    const at = first + 3 * pixel;
+    cell.data.set([...atlas.tiles.subarray(at, at + 3), 255], 4 * pixel);
+  }
+  context.putImageData(cell, x * px, y * px);
 }
 
 function paint(x, y) {
@@ -102,7 +107,7 @@ function play() {
   $("keys").replaceChildren(...(playing ? actionButtons(level.actions, act) : []));
   $("outcome").textContent = playing ? level.mission : "";
   world.begin(start());
-  $("play").blur();
+  $("play").blur(); // Space is an action now
   update();
 }
 
@@ -155,5 +160,7 @@ $("open").addEventListener("change", async () => {
   else [level, cursor] = [found, null], showLevel();
 });
 onActionKeys(act, () => level.actions);
+releaseClickedButtons();
 choose("WW");
 await showLevel();
+document.body.dataset.ready = "true";

@@ -1,6 +1,8 @@
 // The gallery: worlds played in the page from packed first states, without a server.
 
-import { $, actionButtons, loadIndex, MAX_STEPS, onActionKeys, outcomeOf, ROW_STEP, show, unpack } from "./common.js";
+import {
+  $, actionButtons, loadIndex, MAX_STEPS, onActionKeys, outcomeOf, releaseClickedButtons, ROW_STEP, show, unpack,
+} from "./common.js";
 import { FirstPersonWorld, GridWorld, Kernels, Scene } from "./world.js";
 
 const TYPES = { float64: Float64Array, int32: Int32Array, uint32: Uint32Array, uint64: BigUint64Array };
@@ -140,11 +142,19 @@ for (const one of index.worlds) {
     Object.assign(document.createElement("optgroup"), { label: one.kind }));
   group.append(new Option(one.title, one.name));
 }
-$("world").addEventListener("change", () => { seed = 0; choose($("world").value); });
+let isListClicked = false; // the arrow keys go on through the list if it was opened by a key, and to the world after a click
+$("world").addEventListener("pointerdown", () => { isListClicked = true; });
+$("world").addEventListener("keydown", () => { isListClicked = false; });
+$("world").addEventListener("change", () => {
+  seed = 0;
+  if (isListClicked) $("world").blur();
+  choose($("world").value);
+});
 $("seed").addEventListener("click", () => { seed = (seed + 1) % entry.seeds; begin(); });
 $("again").addEventListener("click", begin);
 for (const id of ["full", "details"]) $(id).addEventListener(id === "full" ? "change" : "toggle", draw);
 onActionKeys(act, () => entry.actions);
+releaseClickedButtons();
 
 const [name, number] = decodeURIComponent(location.hash.slice(1)).split("/");
 seed = Math.max(0, Math.floor(Number(number) || 0));

@@ -1,6 +1,7 @@
 """The live gallery in Chromium, from a static server: its pictures are those of Python, and axe finds nothing."""
 
 import functools
+import runpy
 import sys
 import threading
 from collections.abc import Iterator
@@ -51,6 +52,31 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     threading.Thread(target=server.serve_forever, daemon=True).start()
     yield f"http://127.0.0.1:{server.server_address[1]}/"
     server.shutdown()
+
+
+def test_a_level_is_drawn_played_opened_by_its_link_and_saved(address: str) -> None:
+    draw_level = runpy.run_path(str(ROOT / "docs/check_play.py"))["draw_level"]
+    with browsing() as sit_down:
+        somebody = sit_down("about:blank")
+        draw_level(somebody.page, address.rstrip("/"))
+        assert somebody.errors == []
+
+
+def test_the_arrow_keys_play_after_a_click_on_a_button_and_leave_text_fields_alone(address: str) -> None:
+    with browsing() as sit_down:
+        somebody = sit_down("about:blank")
+        _choose(somebody, address, next(entry.name for entry in PLAYED if "MiniGrid" in entry.id))
+        somebody.page.get_by_text("Show the state").click()
+        somebody.page.get_by_role("button", name="New seed").click()
+        somebody.page.keyboard.press("ArrowLeft")
+        somebody.page.wait_for_function("document.querySelector('#state').innerText.startsWith('step 1')")
+        somebody.page.goto(f"{address}editor.html")
+        somebody.page.locator("body[data-ready]").wait_for()
+        somebody.page.get_by_role("button", name="Play").click()
+        somebody.page.locator("#words").press("End")
+        somebody.page.locator("#words").press_sequentially(" p d")
+        assert somebody.page.locator("#words").input_value().endswith(" p d")
+        assert somebody.errors == []
 
 
 def _choose(somebody: Somebody, address: str, name: str) -> None:
