@@ -2,6 +2,7 @@
 
 import gc
 import os
+import sys
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
@@ -24,8 +25,11 @@ def pytest_configure(config: pytest.Config) -> None:
     build_worlds()
 
 
+IMPORTED = pytest.StashKey[frozenset[str]]()
+
+
 @pytest.hookimpl(wrapper=True)
-def pytest_collection() -> Generator[None, object, object]:
+def pytest_collection(session: pytest.Session) -> Generator[None, object, object]:
     """Collect without the garbage collector, and keep it from what was collected.
 
     Modules and items stay until the end. The collector went through all of them again and again, for more than half of
@@ -37,6 +41,13 @@ def pytest_collection() -> Generator[None, object, object]:
     finally:
         gc.freeze()
         gc.enable()
+        session.config.stash[IMPORTED] = frozenset(sys.modules)
+
+
+@pytest.fixture(scope="session")
+def collected_modules(pytestconfig: pytest.Config) -> frozenset[str]:
+    """The names of the modules that were imported once this process had collected its tests."""
+    return pytestconfig.stash[IMPORTED]
 
 
 @pytest.fixture(scope="session", autouse=True)

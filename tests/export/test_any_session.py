@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 import gymnasium
-import minari
 import numpy as np
 import pytest
 
@@ -105,6 +104,8 @@ def test_a_format_writes_a_session_or_says_why_not(studies, tmp_path, name, case
 
 
 def test_an_action_is_the_number_that_the_environment_takes(studies, tmp_path, monkeypatch):
+    import minari
+
     export_study("minari", studies / "from-one", tmp_path / "out", Selection())
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "out"))
     dataset = minari.load_dataset("minihuman/from-one/endless-v0")
@@ -117,6 +118,8 @@ def test_an_action_is_the_number_that_the_environment_takes(studies, tmp_path, m
 
 
 def test_a_world_of_a_class_is_made_again_by_name(studies, tmp_path, monkeypatch):
+    import minari
+
     export_study("minari", studies / "from-docs", tmp_path / "out", Selection())
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "out"))
     dataset = minari.load_dataset("minihuman/from-docs/corridor-v0")
@@ -131,6 +134,8 @@ def test_a_world_of_a_class_is_made_again_by_name(studies, tmp_path, monkeypatch
 
 
 def test_two_attempts_of_an_episode_are_told_apart(studies, tmp_path, monkeypatch):
+    import minari
+
     export_study("minari", studies / "resumed", tmp_path / "out", UNFINISHED_TOO)
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "out"))
     dataset = minari.load_dataset("minihuman/resumed/minigrid-empty-5x5-v0")
