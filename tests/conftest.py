@@ -57,13 +57,14 @@ def configuration(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     named = (
         "worlds.corridor",
         "worlds.duet",
+        "worlds.endless",
         "worlds.levers",
         "worlds.slow",
         "worlds.paddle",
         "worlds.wrapped",
         "export.changing",
     )
-    named += ("export.test_any_session", "learn.test_clone_worlds", "study.test_activities")
+    named += ("export.test_any_session", "study.test_activities")
     (folder / "trust.jsonl").write_text("".join(f'{{"module": "tests.{name}"}}\n' for name in named))
     with pytest.MonkeyPatch.context() as patched:
         patched.setenv("MINIHUMAN_CONFIG", str(folder))

@@ -21,6 +21,7 @@ pytestmark = pytest.mark.program
 
 GOLDEN = Path(__file__).parents[1] / "golden/v1"
 CASES = ["no-episode", "no-step", "resumed", "real-time", "cut-off", "recovered", "foreign"]
+REPRESENTATIVE_CASES = {"no-episode", "resumed", "foreign"}  # no session, a common one, and a world of others
 NEED_STEPS = ("minari", "lerobot", "imitation", "robomimic", "rlds")
 HIGHEST = """
 import sys
@@ -78,7 +79,7 @@ def studies(tmp_path_factory):
     for case in CASES:
         shutil.copytree(GOLDEN / case, folder / case)
     own(folder, "from-docs", "tests.export.test_any_session:lab/Corridor-v0", ["left", "forward", "pickup"], 40)
-    own(folder, "from-one", "tests.learn.test_clone_worlds:Endless-v0", ["left", "right"], 20)
+    own(folder, "from-one", "tests.worlds.endless:Endless-v0", ["left", "right"], 20)
     return folder
 
 
@@ -86,7 +87,13 @@ OF_TEAMS = {"pettingzoo", "overcooked"}  # tests/teams exports with them
 UNFINISHED_TOO = Selection(with_=("unfinished",))
 
 
-@pytest.mark.parametrize("case", [*CASES, "from-docs", "from-one"])
+@pytest.mark.parametrize(
+    "case",
+    [
+        case if case in REPRESENTATIVE_CASES else pytest.param(case, marks=pytest.mark.long)
+        for case in (*CASES, "from-docs", "from-one")
+    ],
+)
 @pytest.mark.parametrize("name", sorted(set(list_exporters()) - OF_TEAMS))
 def test_a_format_writes_a_session_or_says_why_not(studies, tmp_path, name, case):
     out = tmp_path / "out"
