@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.display.windows.window import VirtualClock
@@ -62,7 +62,7 @@ def measure_thresholds(people: int, trials: int, guess: float, *, adaptive: bool
 def measure_sequential(studies: int, difference: float, *, naive: bool = False, seed: int = 0) -> Row:
     """How often a study of two equal groups rejects at one of its looks, and how many people it takes."""
     rng, fractions = np.random.default_rng((seed, 1)), [look / LOOKS[-1] for look in LOOKS]
-    bounds = [stats.norm.isf(0.025)] * len(LOOKS) if naive else find_boundaries(fractions)
+    bounds = [scipy.stats.norm.isf(0.025)] * len(LOOKS) if naive else find_boundaries(fractions)
     rejected = taken = 0
     for study in range(studies):
         people = rng.standard_normal((2, LOOKS[-1] // 2))

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy import special
+import scipy
 
 from minihuman.statistics.comparison import (
     adjust_groups,
@@ -110,7 +110,9 @@ def pooled_g_holds(a: np.ndarray, b: np.ndarray, truth: float) -> bool:
     n, m = len(a), len(b)
     pooled = math.sqrt(((n - 1) * a.var(ddof=1) + (m - 1) * b.var(ddof=1)) / (n + m - 2))
     g = (a.mean() - b.mean()) / pooled * (1 - 3 / (4 * (n + m) - 9))
-    return abs(g - truth) <= float(special.ndtri(0.975)) * math.sqrt((n + m) / (n * m) + 0.5 * g**2 / (n + m - 3.94))
+    return abs(g - truth) <= float(scipy.special.ndtri(0.975)) * math.sqrt(
+        (n + m) / (n * m) + 0.5 * g**2 / (n + m - 3.94)
+    )
 
 
 def measure_means(design: Design, studies: int, seed: int) -> dict[str, object]:

@@ -6,7 +6,6 @@ import sys
 import tomllib
 from pathlib import Path
 
-import jsonschema
 import pytest
 from PIL import Image
 
@@ -85,6 +84,8 @@ def test_the_windows_pictures_are_made_again(tmp_path):
 
 
 def test_the_reference_has_every_field_of_a_protocol_with_type_default_meaning_and_a_valid_example():
+    import jsonschema
+
     reference = runpy.run_path(str(DOCS / "protocol_reference.py"))
     readme = reference["README"].read_text(encoding="utf-8")
     assert readme == reference["write_tables"](readme), "run: python docs/protocol_reference.py"

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize, special, stats
 
 from minihuman.dataset.sessions import StudySessions
 from minihuman.errors import ReportError
@@ -37,7 +37,6 @@ _PRIOR_SDS = (
 _PAUSE_MS = 3000.0  # mean of the pauses' exponential
 _CHANCES = ("practice", "pause")  # whose line is the log odds, not the logarithm
 _FATIGUE = 0.04  # slower by this share in 1,000 presses: too little to be told from practice, so it is taken as given
-_Z = float(stats.norm.ppf(0.975))
 _STEP = 2e-2  # of a parameter on that line, for the curvature
 
 
@@ -72,8 +71,8 @@ def log_density(times: ReactionTimes, values: Mapping[str, float], *, floor_ms: 
     at_floor = times.ms <= floor_ms + 0.5
     z = (np.where(at_floor, floor_ms, times.ms) / share - values["mu_ms"]) / values["sigma_ms"]
     ratio = values["sigma_ms"] / values["tau_ms"]
-    tail = ratio**2 / 2 - ratio * z + special.log_ndtr(z - ratio)  # SciPy's exponnorm, ten times as fast
-    below = np.log(np.maximum(special.ndtr(z) - np.exp(tail), 0.0) + 1e-12)
+    tail = ratio**2 / 2 - ratio * z + scipy.special.log_ndtr(z - ratio)  # SciPy's exponnorm, ten times as fast
+    below = np.log(np.maximum(scipy.special.ndtr(z) - np.exp(tail), 0.0) + 1e-12)
     found = np.where(at_floor, below, tail - np.log(values["tau_ms"] * share))
     pauses = np.where(at_floor, 0.0, values["pause"] * np.exp(-times.ms / _PAUSE_MS) / _PAUSE_MS)
     return np.maximum(np.log((1 - values["pause"]) * np.exp(found) + pauses + 1e-300), -50.0)
@@ -91,7 +90,7 @@ def fit_reaction_times(times: ReactionTimes, *, floor_ms: float) -> ReactionTime
     named = zip(PARAMETER_NAMES, _START, strict=True)
     start = np.array([math.log(one / (1 - one) if name in _CHANCES else one) for name, one in named])
     options: Any = {"maxiter": 4000, "maxfev": 4000, "xatol": 1e-3, "fatol": 1e-2, "adaptive": True}
-    found = optimize.minimize(unlikely, start, method="Nelder-Mead", options=options)
+    found = scipy.optimize.minimize(unlikely, start, method="Nelder-Mead", options=options)
     point = found.x
     steps = np.eye(len(PARAMETER_NAMES)) * _STEP
     curvature = np.array(
@@ -104,12 +103,13 @@ def fit_reaction_times(times: ReactionTimes, *, floor_ms: float) -> ReactionTime
             for a in steps
         ]
     )
-    ranks = stats.rankdata(times.ms / np.where(times.again, _values(point)["repeat_factor"], 1.0))
+    ranks = scipy.stats.rankdata(times.ms / np.where(times.again, _values(point)["repeat_factor"], 1.0))
     lag = min(max(float(np.corrcoef(ranks[:-1], ranks[1:])[0, 1]), 0.0), 0.9)
     variances = np.diag(np.linalg.pinv(curvature)) * (1 + lag) / (1 - lag)  # as of a mean of autocorrelated times
     errors = np.where(variances > 0, np.sqrt(np.maximum(variances, 0)), math.inf)
+    z = float(scipy.special.ndtri(0.975))
     intervals = {
-        name: (_from_line(name, at - _Z * error), _from_line(name, at + _Z * error))
+        name: (_from_line(name, at - z * error), _from_line(name, at + z * error))
         for name, at, error in zip(PARAMETER_NAMES, point, errors, strict=True)
         if len(times.ms) >= _MIN_TIMES_OF.get(name, MIN_TIMES) and math.isfinite(error)
     }
@@ -195,7 +195,7 @@ def measure_gain(fitted: ReactionTimeFit, seen: ReactionTimes, unseen: ReactionT
         np.column_stack([np.ones(len(one.ms)), one.again, np.log1p(one.presses)]) for one in (seen, above)
     )
     slopes = np.linalg.lstsq(predictors, np.log(seen.ms), rcond=None)[0]
-    plain = stats.norm(new @ slopes, (np.log(seen.ms) - predictors @ slopes).std())
+    plain = scipy.stats.norm(new @ slopes, (np.log(seen.ms) - predictors @ slopes).std())
     base = plain.logpdf(np.log(above.ms)) - np.log(above.ms) - plain.logsf(math.log(floor_ms))
     at_floor = ReactionTimes(np.full(len(above.ms), floor_ms), above.again, above.presses)
     below = np.exp(log_density(at_floor, fitted.values, floor_ms=floor_ms))

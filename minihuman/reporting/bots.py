@@ -16,9 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
-from scipy.stats import rankdata
 
 from minihuman.dataset.annotations import collect_tags
 from minihuman.dataset.selection import SelectedSession
@@ -118,7 +117,7 @@ def measure_key_times(times: PressTimes) -> dict[str, float]:
         "autocorrelation": _correlate(logs[1:][pairs], logs[:-1][pairs]),
         "repetition": _compare(intervals[known & times.same], intervals[known & ~times.same]),
         "first": _compare(times.firsts_ms, intervals[known]),
-        "practice": _correlate(rankdata(intervals[known]), np.arange(known.sum())),
+        "practice": _correlate(scipy.stats.rankdata(intervals[known]), np.arange(known.sum())),
         "hold": np.log10(np.median(held)),
         "hold_spread": np.log10(np.ptp(np.quantile(held, (0.25, 0.75))) / np.median(held) + 1e-3),
         "overlap": times.overlap,
@@ -263,7 +262,7 @@ def find_same_times(times: list[PressTimes]) -> dict[int, int]:
             rows.append(varied)
             owners.append(np.full(len(varied), number))
     owner = np.concatenate(owners)
-    pairs = cKDTree(np.concatenate(rows)).query_pairs(_SAME_MS, p=np.inf, output_type="ndarray")
+    pairs = scipy.spatial.cKDTree(np.concatenate(rows)).query_pairs(_SAME_MS, p=np.inf, output_type="ndarray")
     theirs = owner[pairs]
     apart = theirs[theirs[:, 0] != theirs[:, 1]] if len(theirs) else np.empty((0, 2), int)
     return {int(one): int(other) for first in (apart, apart[:, ::-1]) for one, other in first[::-1]}

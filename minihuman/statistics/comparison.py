@@ -13,8 +13,8 @@ from itertools import combinations
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
-from scipy import special
 
 LEVEL = 0.95
 RESAMPLES = 9_999
@@ -147,13 +147,13 @@ class Welch:
 
     def interval(self, level: float = LEVEL) -> tuple[float, float]:
         """The t interval."""
-        half = float(special.stdtrit(self.freedom, (1 + level) / 2)) * self.error
+        half = float(scipy.special.stdtrit(self.freedom, (1 + level) / 2)) * self.error
         return self.difference - half, self.difference + half
 
     @property
     def p(self) -> float:
         """Two-sided, of no difference."""
-        return float(2 * special.stdtr(self.freedom, -abs(self.difference) / self.error))
+        return float(2 * scipy.special.stdtr(self.freedom, -abs(self.difference) / self.error))
 
 
 def compare_means(a: Values, b: Values) -> Welch:
@@ -192,7 +192,7 @@ class PermutationTest:
         """
         p = self.regrouped_p(shift)
         if self.error > 0 and smallest_p(self.n) < ALPHA and (freedom := floor_freedom(self.n, self.freedom)):
-            p = max(p, float(2 * special.stdtr(freedom, -abs(self.difference - shift) / self.error)))
+            p = max(p, float(2 * scipy.special.stdtr(freedom, -abs(self.difference - shift) / self.error)))
         return p
 
     def regrouped_p(self, shift: float = 0.0) -> float:
@@ -248,7 +248,7 @@ class AdjustedTest:
         apart = np.abs(self.shifts + d * self.own_shifts) / np.sqrt(np.maximum(error, 1 / _LARGEST_T))
         regrouped = (int(np.count_nonzero(apart >= observed * (1 - _TIES))) + 1) / (len(apart) + 1)
         floor = floor_freedom(self.n, self.freedom)
-        return max(regrouped, float(2 * special.stdtr(floor, -observed))) if floor else regrouped
+        return max(regrouped, float(2 * scipy.special.stdtr(floor, -observed))) if floor else regrouped
 
     def interval(self) -> tuple[float, float]:
         """The 95 % interval of the adjusted difference."""
@@ -454,7 +454,7 @@ def standardise(a: Values, b: Values, interval: tuple[float, float]) -> tuple[fl
     variances = np.array([a.var(ddof=1), b.var(ddof=1)])
     freedom = float(variances.sum() ** 2 / (variances**2 / (len(a) - 1, len(b) - 1)).sum())
     inverse = (1 - 3 / (4 * freedom - 1)) / math.sqrt(float(variances.mean()))
-    least, most = inverse * np.sqrt(special.chdtri(freedom, (0.975, 0.025)) / freedom)
+    least, most = inverse * np.sqrt(scipy.special.chdtri(freedom, (0.975, 0.025)) / freedom)
     difference = float(a.mean() - b.mean())
     sign = 1 if difference >= 0 else -1
     near, far = sorted((sign * interval[0], sign * interval[1]))
@@ -515,8 +515,8 @@ def check_equivalence(a: Values, b: Values, bounds: tuple[float, float]) -> Equi
     if min(len(a), len(b)) < 2 or max(np.ptp(a), np.ptp(b)) == 0:
         return None
     found = compare_means(a, b)
-    above = special.stdtr(found.freedom, -(found.difference - low) / found.error)
-    below = special.stdtr(found.freedom, (found.difference - high) / found.error)
+    above = scipy.special.stdtr(found.freedom, -(found.difference - low) / found.error)
+    below = scipy.special.stdtr(found.freedom, (found.difference - high) / found.error)
     return Equivalence(bounds, found.difference, found.interval(0.9), float(max(above, below)))
 
 
@@ -558,10 +558,10 @@ def t_test_power(d: float, n: tuple[int, int], *, level: float = LEVEL) -> float
     """The chance that a two-sided t test finds a difference of ``d`` standard deviations (Cohen, 1988)."""
     freedom = sum(n) - 2
     shift = d * math.sqrt(n[0] * n[1] / sum(n))
-    critical = float(special.stdtrit(freedom, (1 + level) / 2))
-    above = 1.0 - float(special.nctdtr(freedom, shift, critical))
+    critical = float(scipy.special.stdtrit(freedom, (1 + level) / 2))
+    above = 1.0 - float(scipy.special.nctdtr(freedom, shift, critical))
     # the other tail is nothing by then, and SciPy's is NaN
-    below = float(special.nctdtr(freedom, shift, -critical)) if shift < _ONE_SIDED else 0.0
+    below = float(scipy.special.nctdtr(freedom, shift, -critical)) if shift < _ONE_SIDED else 0.0
     return above + below
 
 

@@ -10,8 +10,8 @@ from itertools import combinations, product
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize, special
 
 from minihuman.statistics.comparison import (
     ALPHA,
@@ -169,7 +169,7 @@ def fit_crossover(measure: str, rows: pd.DataFrame) -> tuple[CrossoverTerm, ...]
         rank, squares = _fit(np.column_stack([people, *others]), value)
         if own := whole_rank - rank:
             f = (squares - whole_squares) / own / (whole_squares / rest)
-            found.append(CrossoverTerm(measure, effect, (own, rest), f, float(special.fdtrc(own, rest, f))))
+            found.append(CrossoverTerm(measure, effect, (own, rest), f, float(scipy.special.fdtrc(own, rest, f))))
     return tuple(found)
 
 
@@ -297,8 +297,8 @@ def fit_mixed_model(rows: pd.DataFrame, measure: str, groups: Sequence[str]) -> 
     if chosen is None:
         return MixedModel(False, people, ())
     _, estimates, errors = chosen
-    half = special.stdtrit(freedom, (1 + LEVEL) / 2) * errors
-    ps = 2 * special.stdtr(freedom, -np.abs(estimates / errors))
+    half = scipy.special.stdtrit(freedom, (1 + LEVEL) / 2) * errors
+    ps = 2 * scipy.special.stdtr(freedom, -np.abs(estimates / errors))
     ps[0] = math.nan  # a test of a level against 0 means nothing
     terms = tuple(
         GrowthTerm(name, float(b), (float(b - h), float(b + h)), float(p), people)
@@ -344,7 +344,7 @@ def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) 
     bounds = ((0, _MAX_RATIO), (-_MAX_RATIO, _MAX_RATIO), (0, _MAX_RATIO))[:free]
     found: list[list[float]] = [] if free else [[]]
     for start in ((0.5, 0.1, 0.1), (0.5, -0.1, 0.1))[: min(free, 2)]:
-        found += [optimize.minimize(loss_of, start[:free], bounds=bounds, tol=1e-10).x.tolist()]
+        found += [scipy.optimize.minimize(loss_of, start[:free], bounds=bounds, tol=1e-10).x.tolist()]
     best = min(found, key=loss_of)
     loss, estimates, errors = profile(best)
     return -loss if np.all(np.abs(best) < _MAX_RATIO / 2) else -math.inf, estimates, errors
@@ -356,8 +356,10 @@ def estimate_mean(name: str, values: Values) -> GrowthTerm:
     if not np.ptp(values):
         return GrowthTerm(name, mean, (math.nan, math.nan), math.nan, n)
     error = float(values.std(ddof=1)) / math.sqrt(n)
-    half = float(special.stdtrit(n - 1, (1 + LEVEL) / 2)) * error
-    return GrowthTerm(name, mean, (mean - half, mean + half), float(2 * special.stdtr(n - 1, -abs(mean) / error)), n)
+    half = float(scipy.special.stdtrit(n - 1, (1 + LEVEL) / 2)) * error
+    return GrowthTerm(
+        name, mean, (mean - half, mean + half), float(2 * scipy.special.stdtr(n - 1, -abs(mean) / error)), n
+    )
 
 
 def _difference(name: str, values: Values, base: Values) -> GrowthTerm:

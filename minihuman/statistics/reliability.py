@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy
 
 _MOST = 1 - 1e-12  # a correlation, of which Fisher's z is taken
 
@@ -51,9 +51,9 @@ def estimate_reliability(measure: str, rows: pd.DataFrame) -> Reliability | None
     if min(inside, spread) <= 1e-12 * float((rows["value"] ** 2).mean()):
         return None
     f = across / inside
-    ends = (f / stats.f.ppf(0.975, spare, freedom), f * stats.f.ppf(0.975, freedom, spare))
+    ends = (f / scipy.stats.f.ppf(0.975, spare, freedom), f * scipy.stats.f.ppf(0.975, freedom, spare))
     r = min(max(float((halves[0] * halves[1]).sum()) / spread, -_MOST), _MOST)
-    reach = float(stats.norm.ppf(0.975)) / math.sqrt(spare - 2)
+    reach = float(scipy.stats.norm.ppf(0.975)) / math.sqrt(spare - 2)
     icc, low, high = ((one - 1) / (one + length - 1) for one in (f, *ends))
     correlations = (math.tanh(math.atanh(r) + z) for z in (0.0, -reach, reach))
     whole, least, most = (max(0.0, 2 * one / (1 + one)) for one in correlations)

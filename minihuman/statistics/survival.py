@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse, special
 
 from minihuman.statistics.comparison import (
     ALPHA,
@@ -112,8 +112,8 @@ def _test(waited: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") ->
     parts = np.array([float(part[0]) for part in own.parts])
     satterthwaite = float(parts.sum() ** 2 / (parts**2 / (n[0] - 1, n[1] - 1)).sum())
     if freedom := floor_freedom(n, satterthwaite):
-        p = max(p, float(2 * special.stdtr(freedom, -observed)))
-        critical = max(critical, float(special.stdtrit(freedom, 1 - ALPHA / 2)))
+        p = max(p, float(2 * scipy.special.stdtr(freedom, -observed)))
+        critical = max(critical, float(scipy.special.stdtrit(freedom, 1 - ALPHA / 2)))
     difference, half = float(own.means[0][0] - own.means[1][0]), critical * float(own.error[0])
     return (difference - half, difference + half), p
 
@@ -156,7 +156,7 @@ class _RestrictedMeans:
 def _compare_means(waited: SurvivalTimes, members: Values) -> _RestrictedMeans:
     """The restricted means of two groups; ``members`` is (regroupings, n), 1 for participants in the first."""
     times, place = np.unique(waited.times, return_inverse=True)
-    at = sparse.csr_array((np.ones(len(place)), (place, np.arange(len(place)))), (len(times), len(place)))
+    at = scipy.sparse.csr_array((np.ones(len(place)), (place, np.arange(len(place)))), (len(times), len(place)))
     whole, events, first = np.bincount(place), at @ waited.observed, members.T
     left, came = (np.asarray(at @ each, np.float64) for each in (first, waited.observed[:, None] * first))
     groups = [_Group.follow(left, came), _Group.follow(whole[:, None] - left, events[:, None] - came)]
@@ -208,4 +208,4 @@ def logrank_p(first: SurvivalTimes, second: SurvivalTimes) -> float:
     variance = float((spread[several] / (n[several] ** 2 * (n[several] - 1))).sum())
     if not variance > 0:
         return math.nan
-    return float(2 * special.ndtr(-abs(first.observed.sum() - expected) / math.sqrt(variance)))
+    return float(2 * scipy.special.ndtr(-abs(first.observed.sum() - expected) / math.sqrt(variance)))

@@ -12,8 +12,8 @@ from itertools import combinations
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
-from scipy import special
 
 from minihuman.statistics.comparison import (
     RESAMPLES,
@@ -138,9 +138,9 @@ def _compared(a: Marginal, b: Marginal) -> PartComparison:
         return _missing("nobody differs from the others of the group")
     freedom = sum(parts) ** 2 / (parts[0] ** 2 / (a.people - 1) + parts[1] ** 2 / (b.people - 1))
     apart, error = a.at - b.at, math.sqrt(sum(parts))
-    half = float(special.stdtrit(freedom, (1 + LEVEL) / 2)) * error
+    half = float(scipy.special.stdtrit(freedom, (1 + LEVEL) / 2)) * error
     told: Callable[[float], float] = math.exp if a.odds else float
-    p = float(2 * special.stdtr(freedom, -abs(apart) / error))
+    p = float(2 * scipy.special.stdtr(freedom, -abs(apart) / error))
     return PartComparison(told(apart), (told(apart - half), told(min(apart + half, 700.0))), p)
 
 

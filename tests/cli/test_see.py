@@ -5,7 +5,6 @@ import struct
 
 import pytest
 from click.testing import CliRunner
-from rerun.chunk import RrdReader
 
 from minihuman.cli.command_line import SECTIONS, make_command_line
 from minihuman.dataset.annotations import read_annotations
@@ -33,6 +32,8 @@ def run(app, *arguments):
 
 
 def test_replay_saves_a_recording_and_opens_nothing(app, log, tmp_path):
+    from rerun.chunk import RrdReader
+
     result = run(app, "replay", log, "--out", tmp_path / "session.rrd")
     assert result.stdout.strip() == str(tmp_path / "session.rrd")
     assert len(RrdReader(tmp_path / "session.rrd").recordings()) == 1
@@ -94,6 +95,8 @@ def spoiled(tmp_path_factory):
 
 @pytest.mark.parametrize("command", ["replay", "plot", "report", "export", "status"])
 def test_every_command_names_what_it_cannot_read_does_the_rest_and_changes_no_log(spoiled, tmp_path, command):
+    from rerun.chunk import RrdReader
+
     logs = {path: path.read_bytes() for path in spoiled.rglob("*.mcap")}
     out = tmp_path / "out"
     app = make_command_line()

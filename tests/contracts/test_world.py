@@ -1,4 +1,7 @@
-"""Every world of ours keeps what worlds promise a session; what a lab may get wrong is named."""
+"""The contract of worlds: kinds of worlds that keep it, and what a lab may get wrong, which is named.
+
+That every world of the catalogue keeps it is in ``tests/worlds/test_every_world.py``.
+"""
 
 import gymnasium
 import numpy as np
@@ -13,38 +16,24 @@ from minihuman.worlds.first_person.entities import Box
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.grid.object_kinds import goal
+from tests.worlds.catalogue_worlds import world_parameters
 from tests.worlds.grid.test_kinds import APPLE, GATE, Lane
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*out of date")  # v0 of worlds that have a v1
 INSIDE = [entry.id for entry in WORLDS if entry.kwargs.get("family")][::12]
 
 
-SOME = ("MiniGrid-DoorKey-8x8-v0", "MiniGrid-GoToObj-Transfer-v0", "MiniWorld-OneRoomS6Fast-v0", "MiniWorld-Sign-v0")
-
-
-@pytest.mark.parametrize("name", SOME)
-def test_a_world_keeps_what_worlds_promise(name):
-    check_world(f"minihuman/{name}")
-
-
-@pytest.mark.program
-@pytest.mark.parametrize("world", [entry.id for entry in WORLDS if entry.name not in SOME])
-def test_every_world_keeps_what_worlds_promise(world):
-    check_world(world)
-
-
-@pytest.mark.program
-@pytest.mark.parametrize("world", INSIDE)
-def test_so_does_a_grid_seen_from_inside(world):
+@pytest.mark.parametrize("world", world_parameters(INSIDE))
+def test_a_grid_seen_from_inside_keeps_what_worlds_promise(world):
     check_world(world, {"view": "first_person"})
 
 
 @pytest.mark.parametrize("world", ["minigrid:MiniGrid-DoorKey-8x8-v0", "minigrid:MiniGrid-Dynamic-Obstacles-6x6-v0"])
-def test_so_does_a_world_of_minigrids(world):
+def test_a_world_of_minigrids_keeps_it(world):
     check_world(world)
 
 
-def test_so_does_a_world_with_things_of_its_own():
+def test_a_world_with_things_of_its_own_keeps_it():
     check_world(lambda **options: Lane(GATE("red"), APPLE("blue"), **options))
 
 

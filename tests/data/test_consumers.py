@@ -8,13 +8,10 @@ import json
 import shutil
 from pathlib import Path
 
-import minari
 import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from datasets import load_from_disk
-from rerun.chunk import RrdReader
 
 from minihuman.dataset.annotations import Annotation, add_annotation
 from minihuman.dataset.selection import Selection, format_version
@@ -27,7 +24,6 @@ from minihuman.figures.gallery import collect_rewards, draw_all_figures
 from minihuman.learn.demonstrations import read_demonstrations
 from minihuman.learn.policy.observation import ObservationEncoder
 from minihuman.log.read.session_reader import read_log
-from minihuman.replay.recording import save_recording
 from minihuman.reporting.build import build_report
 from minihuman.reporting.results import compute_results
 from tests.golden.make import segment
@@ -115,6 +111,9 @@ OF_TEAMS = {"pettingzoo", "overcooked"}  # tests/teams exports with them
 
 @pytest.mark.parametrize("name", sorted(set(list_exporters()) - OF_TEAMS))
 def test_every_export(study, counting, tmp_path, monkeypatch, name):
+    import minari
+    from datasets import load_from_disk
+
     written, card = export_study(name, study, tmp_path / "out", Selection())
     assert written.episodes == card.account.episodes == len(counting)
     text = (tmp_path / "out" / "README.md").read_text()
@@ -179,6 +178,10 @@ def test_figures_of_the_study_and_of_each_person(study, counting, tmp_path):
 
 def test_a_replay_shows_what_counts_and_what_was_not_finished(study, counting, tmp_path):
     """The command takes unfinished episodes, and people whom a rule leaves out, too: who looks wants to see those."""
+    from rerun.chunk import RrdReader
+
+    from minihuman.replay.recording import save_recording
+
     for selection, expected in ((Selection(), len(counting)), (Selection(with_=("unfinished", "rules")), 27)):
         logs, account = read_selected_sessions([study], selection)
         saved = save_recording(logs, tmp_path / "all.rrd")

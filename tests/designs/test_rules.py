@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from minihuman.errors import ProtocolError
 from minihuman.experiment.plan.designs import (
@@ -103,7 +103,7 @@ def test_quest_plus_is_bayes_rule_and_asks_where_the_least_entropy_is_expected()
                 sum(weights[t, s] / total * (chance(x, t, s) if won else 1 - chance(x, t, s)) for s in slopes)
                 for t in thresholds
             ]
-            found += sum(joint) * stats.entropy(joint)
+            found += sum(joint) * scipy.stats.entropy(joint)
         return found
 
     assert decided.options == {"x": min(QUEST["values"], key=expected_entropy)}
@@ -164,11 +164,13 @@ def test_boundaries_are_the_published_ones_and_the_adjusted_p_is_alpha_there():
     assert find_boundaries([0.2, 0.4, 0.6, 0.8, 1]) == pytest.approx([4.877, 3.357, 2.680, 2.290, 2.031], abs=6e-4)
     fractions, bounds = [1 / 3, 2 / 3, 1], find_boundaries([1 / 3, 2 / 3, 1])
     assert compute_adjusted_p(bounds[2], fractions, bounds) == pytest.approx(0.05, abs=1e-6)
-    assert compute_adjusted_p(-2.8, fractions[:1], bounds) == pytest.approx(2 * stats.norm.sf(2.8), rel=1e-6)
+    assert compute_adjusted_p(-2.8, fractions[:1], bounds) == pytest.approx(2 * scipy.stats.norm.sf(2.8), rel=1e-6)
     rng = np.random.default_rng(2)
     first, second = rng.normal(1, 1, 9), rng.normal(0, 3, 14)
     z = compute_welch_z(*([len(its), its.mean(), its.var(ddof=1)] for its in (first, second)))
-    assert 2 * stats.norm.sf(abs(z)) == pytest.approx(stats.ttest_ind(first, second, equal_var=False).pvalue)
+    assert 2 * scipy.stats.norm.sf(abs(z)) == pytest.approx(
+        scipy.stats.ttest_ind(first, second, equal_var=False).pvalue
+    )
     assert z > 0
 
 

@@ -3,7 +3,6 @@
 import json
 
 import gymnasium
-import minari
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -21,6 +20,8 @@ pytestmark = pytest.mark.program
 
 @pytest.mark.parametrize("kind", ["box", "buttons", "choices", "board", "pair"])
 def test_a_data_set_of_vectors_steps_its_world_to_what_was_observed(kind, tmp_path, monkeypatch):
+    import minari
+
     protocol = decode_protocol(levers_plan(kind, max_steps=40).protocol_toml)
     (log,) = simulate(protocol, tmp_path / "data", participants=1, seed=4, player="random")
     assert list(find_log_differences(log, World)) == []

@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 import gymnasium
-import minari
 import numpy as np
 import pytest
 
@@ -22,6 +21,7 @@ pytestmark = pytest.mark.program
 
 GOLDEN = Path(__file__).parents[1] / "golden/v1"
 CASES = ["no-episode", "no-step", "resumed", "real-time", "cut-off", "recovered", "foreign"]
+REPRESENTATIVE_CASES = {"no-episode", "resumed", "foreign"}  # no session, a common one, and a world of others
 NEED_STEPS = ("minari", "lerobot", "imitation", "robomimic", "rlds")
 HIGHEST = """
 import sys
@@ -79,7 +79,7 @@ def studies(tmp_path_factory):
     for case in CASES:
         shutil.copytree(GOLDEN / case, folder / case)
     own(folder, "from-docs", "tests.export.test_any_session:lab/Corridor-v0", ["left", "forward", "pickup"], 40)
-    own(folder, "from-one", "tests.learn.test_clone_worlds:Endless-v0", ["left", "right"], 20)
+    own(folder, "from-one", "tests.worlds.endless:Endless-v0", ["left", "right"], 20)
     return folder
 
 
@@ -87,7 +87,13 @@ OF_TEAMS = {"pettingzoo", "overcooked"}  # tests/teams exports with them
 UNFINISHED_TOO = Selection(with_=("unfinished",))
 
 
-@pytest.mark.parametrize("case", [*CASES, "from-docs", "from-one"])
+@pytest.mark.parametrize(
+    "case",
+    [
+        case if case in REPRESENTATIVE_CASES else pytest.param(case, marks=pytest.mark.long)
+        for case in (*CASES, "from-docs", "from-one")
+    ],
+)
 @pytest.mark.parametrize("name", sorted(set(list_exporters()) - OF_TEAMS))
 def test_a_format_writes_a_session_or_says_why_not(studies, tmp_path, name, case):
     out = tmp_path / "out"
@@ -105,6 +111,8 @@ def test_a_format_writes_a_session_or_says_why_not(studies, tmp_path, name, case
 
 
 def test_an_action_is_the_number_that_the_environment_takes(studies, tmp_path, monkeypatch):
+    import minari
+
     export_study("minari", studies / "from-one", tmp_path / "out", Selection())
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "out"))
     dataset = minari.load_dataset("minihuman/from-one/endless-v0")
@@ -117,6 +125,8 @@ def test_an_action_is_the_number_that_the_environment_takes(studies, tmp_path, m
 
 
 def test_a_world_of_a_class_is_made_again_by_name(studies, tmp_path, monkeypatch):
+    import minari
+
     export_study("minari", studies / "from-docs", tmp_path / "out", Selection())
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "out"))
     dataset = minari.load_dataset("minihuman/from-docs/corridor-v0")
@@ -131,6 +141,8 @@ def test_a_world_of_a_class_is_made_again_by_name(studies, tmp_path, monkeypatch
 
 
 def test_two_attempts_of_an_episode_are_told_apart(studies, tmp_path, monkeypatch):
+    import minari
+
     export_study("minari", studies / "resumed", tmp_path / "out", UNFINISHED_TOO)
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "out"))
     dataset = minari.load_dataset("minihuman/resumed/minigrid-empty-5x5-v0")

@@ -4,18 +4,15 @@ import json
 from pathlib import Path
 
 import av
-import datasets
-import minari
 import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from rerun.experimental import LeRobotReader
 
 from minihuman.dataset.sessions import IncludedEpisode
 from minihuman.display.video import pad_to_even
 from minihuman.errors import ExportError
-from minihuman.exporters import imitation, lerobot, minari as minari_export
+from minihuman.exporters import lerobot
 from minihuman.exporters.flat_observations import Resimulator
 from minihuman.log.read.session_reader import read_log
 from minihuman.worlds.adapters.world import World
@@ -52,6 +49,10 @@ def items(request):
 
 
 def test_minari_gives_back_every_observation_action_reward_and_flag(items, tmp_path, monkeypatch):
+    import minari
+
+    from minihuman.exporters import minari as minari_export
+
     written = minari_export.export(iter(items), tmp_path)
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     (dataset_id,) = minari.list_local_datasets()
@@ -71,6 +72,10 @@ def test_minari_gives_back_every_observation_action_reward_and_flag(items, tmp_p
 
 
 def test_minari_episodes_know_subject_group_keys_seed_and_outcome(items, tmp_path, monkeypatch):
+    import minari
+
+    from minihuman.exporters import minari as minari_export
+
     minari_export.export(iter(items), tmp_path)
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     dataset = minari.load_dataset(next(iter(minari.list_local_datasets())))
@@ -82,6 +87,10 @@ def test_minari_episodes_know_subject_group_keys_seed_and_outcome(items, tmp_pat
 
 
 def test_imitation_reads_flat_observations_and_rewards(items, tmp_path):
+    import datasets
+
+    from minihuman.exporters import imitation
+
     (path,) = imitation.export(iter(items), tmp_path).paths
     stored = datasets.load_from_disk(str(path))
     assert set(stored.features) == {"obs", "acts", "infos", "terminal", "rews"}
@@ -184,6 +193,8 @@ def views(episode):
 
 
 def test_rerun_reads_the_lerobot_export(items, tmp_path):
+    from rerun.experimental import LeRobotReader
+
     (root,) = lerobot.export(iter(items), tmp_path).paths
     reader = LeRobotReader(root)
     assert (reader.version, reader.episodes()) == ("v3", [0, 1, 2])
@@ -219,6 +230,8 @@ def test_pictures_of_an_earlier_renderer_are_drawn_anew_and_it_is_said(caplog):
 
 
 def test_each_world_has_its_own_dataset(tmp_path):
+    from minihuman.exporters import imitation
+
     items = chosen([played(world, number=number) for number, world in enumerate(WORLDS)])
     names = {path.name for path in imitation.export(iter(items), tmp_path).paths}
     assert names == {"minigrid-fourrooms-v0", "miniworld-fourrooms-v0", "minigrid-doorkey-5x5-v0"}
@@ -226,6 +239,8 @@ def test_each_world_has_its_own_dataset(tmp_path):
 
 def lerobots_features(info):
     """The types that LeRobot's own ``get_hf_features_from_features`` (0.4.4) makes of ``info.json`` and casts to."""
+    import datasets
+
     made = {}
     for name, feature in info["features"].items():
         if feature["dtype"] == "video":
@@ -238,6 +253,8 @@ def lerobots_features(info):
 
 
 def test_lerobot_files_cast_to_the_types_that_lerobot_makes_of_their_description(items, tmp_path):
+    import datasets
+
     (root,) = lerobot.export(iter(items), tmp_path / "out").paths
     info = json.loads((root / "meta/info.json").read_text())
     files = [str(path) for path in sorted(root.glob("data/*/*.parquet"))]

@@ -4,18 +4,14 @@ import functools
 import json
 import struct
 
-import datasets
 import google_crc32c
-import h5py
 import numpy as np
 import pandas as pd
-import pyreadstat
 import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import IncludedEpisodes, StudySessions
-from minihuman.exporters import rlds, robomimic
 from minihuman.exporters.exporter import export_study
 from minihuman.worlds.adapters.world import World
 from tests.builders import session, write_log
@@ -51,6 +47,10 @@ def seen(episode):
 
 
 def test_robomimic_has_pictures_before_and_after_every_action(items, tmp_path):
+    import h5py
+
+    from minihuman.exporters import robomimic
+
     (path,) = robomimic.export(iter(items), tmp_path).paths
     with h5py.File(path) as file:
         assert file["data"].attrs["total"] == sum(len(item.episode.actions) for item in items)
@@ -106,6 +106,8 @@ def records(path):
 
 
 def test_rlds_steps_hold_what_was_seen_after_the_last_action_too(items, tmp_path):
+    from minihuman.exporters import rlds
+
     (root,) = rlds.export(iter(items), tmp_path).paths
     info = json.loads((root / "dataset_info.json").read_text())
     (shard,) = root.glob("*.tfrecord-00000-of-00001")
@@ -122,6 +124,9 @@ def test_rlds_steps_hold_what_was_seen_after_the_last_action_too(items, tmp_path
 
 
 def test_hugging_face_spss_and_stata_hold_the_rows_of_the_tables(study, tmp_path, monkeypatch):
+    import datasets
+    import pyreadstat
+
     monkeypatch.setenv("HF_DATASETS_CACHE", str(tmp_path / "cache"))
     for kind in ("parquet", "hugging-face", "spss", "stata"):
         export_study(kind, study, tmp_path / kind, Selection())
@@ -174,6 +179,8 @@ def two_groups(tmp_path_factory):
 
 
 def test_groups_with_other_actions_share_columns_of_one_meaning(two_groups, tmp_path):
+    import h5py
+
     actions = ["left", "right", "forward", "pickup"]
     result, _ = export_study("robomimic", two_groups, tmp_path / "robomimic", Selection())
     with h5py.File(*result.paths) as file:
@@ -203,6 +210,8 @@ settings = { option = "agent_view_size", values = [%s], down = 1, stop_reversals
 def test_a_design_makes_one_dataset_and_one_more_where_the_observation_has_another_shape(
     option, values, datasets, kind, tmp_path
 ):
+    import h5py
+
     design = (STAIRCASE % values).replace("agent_view_size", option)
     toml = TWO_GROUPS.replace("episodes = 1", "episodes = 4") + design
     study = recorded(tmp_path / "data", participants=1, toml=toml.encode())

@@ -3,10 +3,8 @@
 import io
 
 import av
-import datasets
 import pytest
 from click.testing import CliRunner
-from rerun.chunk import RrdReader
 
 from minihuman.cli.command_line import make_command_line
 from minihuman.dataset.selection import Selection
@@ -14,7 +12,6 @@ from minihuman.errors import ExportError, LogError
 from minihuman.experiment.machine.events import find_violations
 from minihuman.exporters.exporter import export_study
 from minihuman.log.read.session_reader import read_events, read_log
-from minihuman.replay.recording import save_recording
 from tests.export import changing
 from tests.export.study import DEMO, recorded
 
@@ -49,6 +46,8 @@ def log_in(study):
 
 
 def exported(source, out, **how):
+    import datasets
+
     export_study("imitation", source, out, Selection(), **how)
     return {
         str(dataset.parent.relative_to(out)): datasets.load_from_disk(str(dataset.parent)).to_dict()
@@ -82,6 +81,8 @@ def test_a_changed_world_is_refused_and_then_exported_from_what_the_log_holds(tm
 
 
 def test_a_log_that_holds_none_cannot_give_them(tmp_path, monkeypatch):
+    from minihuman.replay.recording import save_recording
+
     source = study(tmp_path / "data", stored=False)
     with pytest.raises(ExportError, match=r"episode 1 has no stored observations .* export without --stored-frames"):
         exported(source, tmp_path / "out", stored_frames=True)
@@ -93,6 +94,10 @@ def test_a_log_that_holds_none_cannot_give_them(tmp_path, monkeypatch):
 
 
 def test_the_replay_shows_what_the_log_holds_where_the_world_has_changed(tmp_path, monkeypatch):
+    from rerun.chunk import RrdReader
+
+    from minihuman.replay.recording import save_recording
+
     log = read_log(log_in(study(tmp_path / "data", stored=True)))
     monkeypatch.setattr(changing, "shade", 90)
     saved = save_recording([log], tmp_path / "view.rrd", with_view=True)

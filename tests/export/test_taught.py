@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import datasets
 import pytest
 
 from minihuman.dataset.selection import Selection
@@ -13,6 +12,8 @@ STUDY = Path(__file__).parents[1] / "golden/v1/taught"
 
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
+    import datasets
+
     written, _ = export_study("imitation", STUDY, tmp_path_factory.mktemp("taught") / "out", Selection())
     return {path.name: datasets.load_from_disk(str(path)) for path in written.paths}
 

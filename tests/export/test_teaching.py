@@ -1,9 +1,8 @@
 """The exported demonstrations teach what they should: a policy cloned from them beats chance."""
 
-import datasets
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+import scipy
 
 from minihuman.dataset.selection import Selection
 from minihuman.exporters.exporter import export_study
@@ -51,7 +50,7 @@ def cloned(seen: np.ndarray, actions: np.ndarray) -> np.ndarray:
         return value, (inputs.T @ (chances - targets) / len(inputs)).ravel() + 2e-4 * weights
 
     start = np.zeros(inputs.shape[1] * 3)
-    return minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 200}).x.reshape(-1, 3)
+    return scipy.optimize.minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 200}).x.reshape(-1, 3)
 
 
 def successes(weights: np.ndarray, seeds: range) -> int:
@@ -72,6 +71,8 @@ def successes(weights: np.ndarray, seeds: range) -> int:
 
 @pytest.mark.nightly
 def test_a_policy_cloned_from_optimal_demonstrations_finds_the_goal_more_often_than_chance(tmp_path):
+    import datasets
+
     study = recorded(tmp_path / "data", participants=count(3, 10), toml=TOML)
     (path,) = export_study("imitation", study, tmp_path / "out", Selection(outcome=("goal",)))[0].paths
     demonstrations = datasets.load_from_disk(str(path))

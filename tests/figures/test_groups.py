@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+import scipy
 from matplotlib.figure import Figure
-from scipy import stats
 
 from minihuman.figures.figure_data import collect_learning_curves
 from minihuman.figures.learning_curves import draw_learning, mean_and_band, share_and_band
@@ -60,7 +60,7 @@ def test_the_band_is_students_interval_of_the_mean():
     values = np.array([[0.2, 0.4], [0.5, 0.9], [0.9, 0.7]])
     mean, low, high = mean_and_band(values)
     for i in range(2):
-        expected = stats.t.interval(0.95, 2, values[:, i].mean(), stats.sem(values[:, i]))
+        expected = scipy.stats.t.interval(0.95, 2, values[:, i].mean(), scipy.stats.sem(values[:, i]))
         assert (low[i], high[i]) == pytest.approx(expected)
     assert mean == pytest.approx(values.mean(axis=0))
 

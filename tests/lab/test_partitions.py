@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import duckdb
-import polars as pl
 import pyarrow as pa
 import pyarrow.dataset
 import pyarrow.parquet
@@ -453,6 +452,8 @@ def test_long_sessions_are_handed_out_in_pieces_that_depend_on_them_alone(
 
 
 def test_duckdb_polars_and_arrow_answer_as_query_does(two_people: Path, tmp_path: Path) -> None:
+    import polars as pl
+
     tables = new_folder(tmp_path / "tables")
     study = copied(two_people, tmp_path / "data", tables)
     store_tables(study)

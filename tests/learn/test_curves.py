@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from transfer_study.job import area_under, improvement, interquartile_mean
 
@@ -37,7 +37,7 @@ def test_improvement_is_relative_to_the_baseline():
 def test_the_interval_is_students_of_paired_log_ratios():
     ours, base = np.array([0.5, 0.6, 0.8]), np.array([0.4, 0.7, 0.5])
     gain = improvement(ours, base)
-    expected = stats.ttest_rel(np.log(ours), np.log(base)).confidence_interval(0.95)
+    expected = scipy.stats.ttest_rel(np.log(ours), np.log(base)).confidence_interval(0.95)
     assert (gain.low, gain.high) == pytest.approx((np.expm1(expected.low), np.expm1(expected.high)))
 
 
@@ -67,7 +67,7 @@ def test_two_kinds_of_runs_do_not_reject_a_true_null_too_often():
     for _ in range(400):  # of Welch's test of log areas 0.24 did at 3 against 6
         ours, base = (np.where(rng.random(8) < 3 / 8, 0.87, 0.62) + rng.normal(0, 0.01, 8) for _ in range(2))
         rejected += improvement(ours, base).p < 0.05
-    assert rejected <= int(stats.binom.ppf(0.999, 400, 0.05))
+    assert rejected <= int(scipy.stats.binom.ppf(0.999, 400, 0.05))
 
 
 def test_the_mean_of_the_middle_half_leaves_out_the_odd_run():

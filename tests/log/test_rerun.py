@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
-from rerun.chunk import McapReader
 
 from minihuman.experiment.machine.events import SessionEnded
 from minihuman.log.topics import TOPICS
@@ -45,6 +44,8 @@ def test_reruns_checker_finds_nothing(log: Path) -> None:
 
 
 def test_reruns_reader_sees_text_images_poses_and_steps(log: Path) -> None:
+    from rerun.chunk import McapReader
+
     rows: dict[tuple[str, str], int] = {}
     for chunk in McapReader(str(log)).stream():
         for column in chunk.to_record_batch().schema.names:

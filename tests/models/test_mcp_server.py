@@ -8,11 +8,9 @@ import os
 import sys
 import threading
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
-from mcp import Client, StdioServerParameters
-from mcp.types import CallToolResult, ImageContent, TextContent
 from PIL import Image
 
 from minihuman import verify
@@ -23,9 +21,15 @@ from tests.counts import PATIENCE_S
 from tests.models.studies import study
 from tests.models.test_agent_server import answer_of, stays_away as stays_away
 
+if TYPE_CHECKING:
+    from mcp import Client
+    from mcp.types import CallToolResult
 
-def read(result: CallToolResult) -> tuple[dict[str, Any], bytes | None]:
+
+def read(result: "CallToolResult") -> tuple[dict[str, Any], bytes | None]:
     """A screen and its picture."""
+    from mcp.types import ImageContent, TextContent
+
     assert not result.is_error, result
     text, *pictures = result.content
     assert isinstance(text, TextContent)
@@ -33,7 +37,7 @@ def read(result: CallToolResult) -> tuple[dict[str, Any], bytes | None]:
     return json.loads(text.text), (found or [None])[0]
 
 
-async def play(client: Client) -> list[tuple[dict[str, Any], bytes | None]]:
+async def play(client: "Client") -> list[tuple[dict[str, Any], bytes | None]]:
     """Play a session; every screen with its picture."""
     shown = [read(await client.call_tool("begin", {"name": "tool-user"}))]
     session = shown[0][0]["session"]
@@ -45,6 +49,8 @@ async def play(client: Client) -> list[tuple[dict[str, Any], bytes | None]]:
 
 @pytest.mark.program
 def test_a_client_of_the_protocol_plays_a_session_that_verifies(tmp_path: Path) -> None:
+    from mcp import Client, StdioServerParameters
+
     (tmp_path / "study.toml").write_text(study())
     command = ["-m", "minihuman", "serve", "study.toml", "--agents", "--mcp", "--data", "data"]
     server = StdioServerParameters(command=sys.executable, args=command, cwd=tmp_path, env=dict(os.environ))
@@ -67,8 +73,10 @@ def test_a_client_of_the_protocol_plays_a_session_that_verifies(tmp_path: Path) 
     assert all(line.ok for line in verify(tmp_path / "data"))
 
 
-def test_mistakes_are_answered_and_cost_nothing(tmp_path: Path, stays_away: threading.Event) -> None:
-    (tmp_path / "study.toml").write_text(study())
+def test_mistakes_are_answered_and_cost_nothing(tmp_path: Path) -> None:
+    from mcp import Client
+
+    (tmp_path / "study.toml").write_text(study(model="timeout_s = 1.0"))
     programs = ProgramSessions(read_protocol(tmp_path / "study.toml"), tmp_path / "data")
 
     async def talk() -> None:

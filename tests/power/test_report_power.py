@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
+import scipy
 
 from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import decode_protocol
@@ -85,7 +85,7 @@ def test_power_for_normal_participants_is_the_textbooks():
     (null,) = estimate_report_power(drawn_from, StudyDesign(), [15], studies=studies, seed=1)
     (groups,) = estimate_report_power(drawn_from, StudyDesign(0.8), [26], studies=studies, seed=1)
     (within,) = estimate_report_power(drawn_from, StudyDesign(0.8, "conditions"), [10], studies=studies, seed=1)
-    paired = stats.nct(19, 0.8 / np.sqrt(2) * np.sqrt(20)).sf(stats.t.ppf(0.975, 19))
+    paired = scipy.stats.nct(19, 0.8 / np.sqrt(2) * np.sqrt(20)).sf(scipy.stats.t.ppf(0.975, 19))
     print(null, groups, within, t_test_power(0.8, (26, 26)), paired)
     assert null.low - 0.03 <= 0.05 <= null.high + 0.03
     assert groups.low - 0.03 <= t_test_power(0.8, (26, 26)) <= groups.high + 0.03

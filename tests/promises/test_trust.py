@@ -13,7 +13,6 @@ import pytest
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.errors import MinihumanError, ProtocolError, WorldError
 from minihuman.log.read.session_reader import read_log
-from minihuman.replay.recording import viewer_command, viewer_environment
 from minihuman.trust import Trust, find_config_folder
 from minihuman.worlds.adapters.world import World
 from tests.counts import count
@@ -94,6 +93,8 @@ def write_study(tmp_path: Path, configuration: Path) -> Callable[..., Path]:
 
 @pytest.mark.program
 def test_a_replay_in_a_folder_with_a_file_named_rerun_runs_the_real_one(trapped: Path) -> None:
+    from minihuman.replay.recording import viewer_command, viewer_environment
+
     command = viewer_command(Path("x.rrd"), web=False)
     assert command[:4] == [sys.executable, "-P", "-m", "rerun"]
     environment = {**viewer_environment(), "HOME": str(trapped / "home")}

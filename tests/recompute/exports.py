@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pyarrow.parquet as pq
 
@@ -240,6 +239,8 @@ def same_numbers(where: str, found: Any, expected: Any, tally: Tally) -> None:
 
 def compare_minari(logs: Logs, out: Path, tally: Tally) -> None:
     """Every episode of every dataset, and the totals."""
+    import h5py
+
     played = logs.played()
     compare_readme_counts(played, out, tally)
     for path in sorted(out.rglob("main_data.hdf5")):

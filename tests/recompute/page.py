@@ -17,11 +17,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import statsmodels.api as sm
-from scipy import optimize, special, stats
-from statsmodels.stats.multitest import multipletests
-from statsmodels.stats.power import TTestIndPower
-from statsmodels.stats.weightstats import CompareMeans, DescrStatsW
+import scipy
 
 from tests.recompute.tables import Row, Session, Tally
 
@@ -208,7 +204,7 @@ class Regrouped:
     def __init__(self, a: Any, b: Any) -> None:
         self.a, self.b = a, b
         n, total = len(a), len(a) + len(b)
-        self.exact = special.comb(total, n, exact=True) <= RESAMPLES
+        self.exact = scipy.special.comb(total, n, exact=True) <= RESAMPLES
         if self.exact:
             chosen = [[*one, *(at for at in range(total) if at not in one)] for one in combinations(range(total), n)]
             self.orders = np.array(chosen)
@@ -226,9 +222,9 @@ class Regrouped:
             and smallest_p(n, m) < 0.05
             and (min(n, m) < 4 or (n != m and min(n, m) < 10))
         ):
-            by_t = stats.ttest_ind(a, self.b, equal_var=False)
+            by_t = scipy.stats.ttest_ind(a, self.b, equal_var=False)
             freedom = by_t.df if min(n, m) > 3 else min(n, m) - 1
-            p = max(p, float(2 * stats.t.sf(abs(by_t.statistic), freedom)))
+            p = max(p, float(2 * scipy.stats.t.sf(abs(by_t.statistic), freedom)))
         return p
 
     def interval(self) -> tuple[Near, Near] | None:
@@ -310,7 +306,7 @@ def standardised(a: Any, b: Any, bounds: tuple[Near, Near]) -> tuple[float, tupl
     freedom = (first + second) ** 2 / (first**2 / (len(a) - 1) + second**2 / (len(b) - 1))
     root = math.sqrt((first + second) / 2)
     scale = (1 - 3 / (4 * freedom - 1)) / root
-    least, most = (scale * math.sqrt(float(stats.chi2.ppf(at, freedom)) / freedom) for at in (0.025, 0.975))
+    least, most = (scale * math.sqrt(float(scipy.stats.chi2.ppf(at, freedom)) / freedom) for at in (0.025, 0.975))
     middle = ends(bounds[0].value, bounds[1].value)
     wide = ends(bounds[0].value - bounds[0].error, bounds[1].value + bounds[1].error)
     return apart * scale, (
@@ -324,14 +320,14 @@ def near_p(p: float, *, exact: bool = False) -> Near:
 
 
 def smallest_p(n: int, m: int) -> float:
-    ways = special.comb(n + m, n, exact=True)
+    ways = scipy.special.comb(n + m, n, exact=True)
     return 1 / (RESAMPLES + 1) if ways > RESAMPLES else (2 if n == m else 1) / ways
 
 
 def welch_interval(a: Any, b: Any, level: float = 0.95) -> tuple[float, float]:
     if not max(np.ptp(a), np.ptp(b)):
         return NONE
-    found = stats.ttest_ind(a, b, equal_var=False).confidence_interval(level)
+    found = scipy.stats.ttest_ind(a, b, equal_var=False).confidence_interval(level)
     return float(found.low), float(found.high)
 
 
@@ -840,6 +836,8 @@ def expected_subjects(rows: pd.DataFrame, people: pd.DataFrame, order: Sequence[
 
 
 def equivalences(people: pd.DataFrame, order: Sequence[str], primary: str, margin: float) -> Iterator[tuple[str, Any]]:
+    from statsmodels.stats.weightstats import CompareMeans, DescrStatsW
+
     for a, b in combinations(order, 2):
         first, second = (people.loc[people["group"] == group, primary].dropna().to_numpy(float) for group in (a, b))
         if min(len(first), len(second)) < 2 or not max(np.ptp(first), np.ptp(second)):
@@ -862,7 +860,7 @@ def mean_interval(values: Any) -> tuple[float, tuple[float, float], float]:
     mean = float(np.mean(values))
     if not np.ptp(values):
         return mean, NONE, math.nan
-    found = stats.ttest_1samp(values, 0.0)
+    found = scipy.stats.ttest_1samp(values, 0.0)
     bounds = found.confidence_interval(0.95)
     return mean, (float(bounds.low), float(bounds.high)), float(found.pvalue)
 
@@ -919,7 +917,7 @@ def expected_sessions(found: Block) -> Iterator[tuple[str, Any]]:
 
 
 def restricted_mean(times: Any, observed: Any, until: float) -> float:
-    curve = stats.ecdf(stats.CensoredData.right_censored(times, ~observed)).sf
+    curve = scipy.stats.ecdf(scipy.stats.CensoredData.right_censored(times, ~observed)).sf
     inside = curve.quantiles < until
     edges = np.concatenate([[0.0], curve.quantiles[inside], [until]])
     heights = np.concatenate([[1.0], curve.probabilities[inside]])
@@ -976,8 +974,8 @@ def regrouped_curves(groups: Sequence[tuple[Any, Any]], apart: float, until: flo
     if min(n, m) < 4 or (n != m and min(n, m) < 10):
         freedom = sum(parts) ** 2 / (parts[0] ** 2 / (n - 1) + parts[1] ** 2 / (m - 1))
         freedom = freedom if min(n, m) > 3 else min(n, m) - 1
-        p = max(p, float(2 * stats.t.sf(observed, freedom)))
-        most = [max(one, float(stats.t.isf(0.025, freedom))) for one in most]
+        p = max(p, float(2 * scipy.stats.t.sf(observed, freedom)))
+        most = [max(one, float(scipy.stats.t.isf(0.025, freedom))) for one in most]
     wide, middle, narrow = (one * error for one in sorted(most, reverse=True))
     spread = max(wide - middle, middle - narrow) + 1e-6 * error
     return (Near(apart - middle, spread), Near(apart + middle, spread)), near_p(p, exact=orders.exact)
@@ -1010,11 +1008,11 @@ def expected_survival(rows: pd.DataFrame, begun: Sequence[Row], order: Sequence[
         until = known_until(groups)
         means = [restricted_mean(*one, until) for one in groups]
         bounds, of_means = regrouped_curves(groups, means[0] - means[1], until)
-        censored = [stats.CensoredData.right_censored(times, ~seen) for times, seen in groups]
+        censored = [scipy.stats.CensoredData.right_censored(times, ~seen) for times, seen in groups]
         p = math.nan
         if any(seen.any() for _, seen in groups):
             with np.errstate(all="ignore"):
-                p = float(stats.logrank(*censored).pvalue)
+                p = float(scipy.stats.logrank(*censored).pvalue)
         never = [int((~seen).sum()) for _, seen in groups]
         table.append(
             [
@@ -1044,6 +1042,8 @@ def gee(people: Sequence[Any], *, odds: bool) -> tuple[float, float]:
 
 
 def fit_gee(people: Sequence[Any], *, odds: bool, held: float | None = None) -> tuple[Any, Any]:
+    import statsmodels.api as sm
+
     who = np.repeat(np.arange(len(people)), [len(one) for one in people])
     values, structure = np.concatenate(people), sm.cov_struct.Exchangeable()
     if held is not None:
@@ -1061,11 +1061,11 @@ def compare_marginals(a: Sequence[Any], b: Sequence[Any], *, odds: bool) -> tupl
     if not sum(parts) > 1e-20:
         return "n/a", "n/a", "nobody differs from the others of the group"
     freedom = sum(parts) ** 2 / (parts[0] ** 2 / (len(a) - 1) + parts[1] ** 2 / (len(b) - 1))
-    half = stats.t.ppf(0.975, freedom) * math.sqrt(sum(parts))
+    half = scipy.stats.t.ppf(0.975, freedom) * math.sqrt(sum(parts))
     ends = (first - second, first - second - half, first - second + half)
     told = [math.exp(min(end, 700.0)) for end in ends] if odds else list(ends)
     cells = [Near(value, 1e-4 + 5e-3 * abs(value)) for value in told]
-    p = float(2 * stats.t.sf(abs(first - second) / math.sqrt(sum(parts)), freedom))
+    p = float(2 * scipy.stats.t.sf(abs(first - second) / math.sqrt(sum(parts)), freedom))
     return (cells[0], " (", cells[1], " to ", cells[2], ")"), (Near(p, 3e-3),), ""
 
 
@@ -1137,7 +1137,7 @@ def two_parts_p(a: Sequence[Any], b: Sequence[Any]) -> Near:
         return total
 
     whole, n = np.concatenate(summary), len(a)
-    ways = special.comb(len(whole), n, exact=True)
+    ways = scipy.special.comb(len(whole), n, exact=True)
     observed = squared(summary[0][None], summary[1][None])[0]
     if ways <= RESAMPLES:
         chosen = [[*one, *sorted({*range(len(whole))} - {*one})] for one in combinations(range(len(whole)), n)]
@@ -1163,7 +1163,7 @@ def expected_growth(episodes: Sequence[Row], order: Sequence[str]) -> Iterator[t
         for code in sorted(people):
             x, y = zip(*people[code], strict=True)
             if len(set(x)) >= 3:
-                found = stats.linregress(x, y)
+                found = scipy.stats.linregress(x, y)
                 lines[group].append((float(found.intercept), float(found.slope)))
     groups = [group for group in order if len(lines[group]) >= 2]
     if not groups:
@@ -1182,7 +1182,11 @@ def expected_growth(episodes: Sequence[Row], order: Sequence[str]) -> Iterator[t
         for group in others:
             values = np.array(lines[group])[:, at]
             bounds = welch_interval(values, base)
-            p = math.nan if math.isnan(bounds[0]) else float(stats.ttest_ind(values, base, equal_var=False).pvalue)
+            p = (
+                math.nan
+                if math.isnan(bounds[0])
+                else float(scipy.stats.ttest_ind(values, base, equal_var=False).pvalue)
+            )
             apart = float(values.mean() - base.mean())
             many = str(len(values) + len(base))
             table.append([f"{group} minus {reference}: {name}", many, *near_cells(apart, bounds, p)])
@@ -1231,7 +1235,7 @@ def mixed_model(rows: pd.DataFrame, terms: Sequence[str], groups: Sequence[str])
     def best(form: Callable[[Any], Any], *starts: Sequence[float]) -> tuple[float, Any, Any, float]:
         options = {"xatol": 1e-7, "fatol": 1e-11, "maxfev": 4000}
         found = [
-            optimize.minimize(lambda x: -restricted(form(x))[0], start, method="Nelder-Mead", options=options)
+            scipy.optimize.minimize(lambda x: -restricted(form(x))[0], start, method="Nelder-Mead", options=options)
             for start in starts
         ]
         covariance = form(min(found, key=lambda one: one.fun).x)
@@ -1256,8 +1260,8 @@ def mixed_model(rows: pd.DataFrame, terms: Sequence[str], groups: Sequence[str])
             contrasts += [base, *(np.eye(2 * len(groups))[part + group] - base for group in others)]
         for number, (term, contrast) in enumerate(zip(terms, contrasts, strict=True)):
             estimate, error = float(contrast @ estimates), math.sqrt(float(contrast @ spread @ contrast))
-            half = float(stats.t.ppf(0.975, people - len(groups))) * error
-            p = float(2 * stats.t.sf(abs(estimate / error), people - len(groups)))
+            half = float(scipy.stats.t.ppf(0.975, people - len(groups))) * error
+            p = float(2 * scipy.stats.t.sf(abs(estimate / error), people - len(groups)))
             low, high, same = estimate - half, estimate + half, 1e-3 * error  # searches stop a little apart
             bounds = (Near(low, same), " to ", Near(high, same))
             table.append(
@@ -1318,15 +1322,17 @@ def reliability(people: Mapping[tuple[str, str], Any]) -> list[Any]:
     if min(error, spread) <= 1e-12 * float((every**2).mean()):
         return []
     ratio = model / error
-    low, high = (ratio / stats.f(freedom, len(every) - count).ppf(q) for q in (0.975, 0.025))
+    low, high = (ratio / scipy.stats.f(freedom, len(every) - count).ppf(q) for q in (0.975, 0.025))
     shares = [(one - 1) / (one - 1 + typical) for one in (ratio, low, high)]
     r = min(max(float(products[0, 1]) / spread, -1 + 1e-12), 1 - 1e-12)
-    z = stats.norm.ppf([0.5, 0.025, 0.975]) / math.sqrt(freedom - 2) + np.arctanh(r)
+    z = scipy.stats.norm.ppf([0.5, 0.025, 0.975]) / math.sqrt(freedom - 2) + np.arctanh(r)
     whole = [max(0.0, 2 * float(one) / (1 + float(one))) for one in np.tanh(z)]
     return [str(count), str(len(every)), with_interval(shares[0], shares[1:]), with_interval(whole[0], whole[1:])]
 
 
 def power(n: tuple[int, int]) -> str:
+    from statsmodels.stats.power import TTestIndPower
+
     solver = TTestIndPower()
     if min(n) < 2:
         return f"Power: with {n[0]} and {n[1]} participants no difference between groups can be tested."
@@ -1504,6 +1510,8 @@ def compare_table(where: str, rows: list[list[str]], expected: list[list[Any]], 
 
 def compare_holm(where: str, cells: Sequence[tuple[str, str]], tally: Tally) -> None:
     """The corrected p lie between those of the least and of the greatest p that print so."""
+    from statsmodels.stats.multitest import multipletests
+
     told = [(p, holm) for p, holm in cells if p != "n/a"]
     tally.compared += len(cells)
     tally.wrong += [f"{where}: {holm} of no p" for p, holm in cells if p == "n/a" and holm != "n/a"]

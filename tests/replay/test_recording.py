@@ -4,19 +4,17 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-import rerun as rr
-from rerun.chunk import RrdReader
 
 from minihuman.errors import LogError
 from minihuman.experiment.machine.events import KeyPressed, Noted, Paused
-from minihuman.replay.recording import FIRST_BYTES, save_recording, viewer_command
-from minihuman.replay.rerun_scene import ALIGNED, EPISODE, SESSION_TIME, STEP, build_facts_page, session_root
 from tests.builders import made, plan, session, session_of
 from tests.disks import fill, read_only, small_disk
 
 
 @pytest.fixture(autouse=True)
 def _strict():
+    import rerun as rr
+
     rr.set_strict_mode(True)
     yield
     rr.set_strict_mode(False)
@@ -24,6 +22,10 @@ def _strict():
 
 def rows(path, entity):
     """Every row of one entity, static ones left out, as (timelines, components) in order of session time."""
+    from rerun.chunk import RrdReader
+
+    from minihuman.replay.rerun_scene import SESSION_TIME
+
     found = []
     for chunk in RrdReader(path).stream().to_chunks():
         if chunk.entity_path == f"/{entity}" and not chunk.is_static:
@@ -42,6 +44,8 @@ def log():
 
 @pytest.fixture(scope="module")
 def saved(log, tmp_path_factory):
+    from minihuman.replay.recording import save_recording
+
     return save_recording([log], tmp_path_factory.mktemp("replay") / "session.rrd")
 
 
@@ -57,6 +61,8 @@ def test_the_agent_stands_and_looks_as_logged_at_every_step(log, saved):
 
 
 def test_three_timelines_carry_time_step_and_episode(log, saved):
+    from minihuman.replay.rerun_scene import EPISODE, SESSION_TIME, STEP
+
     found = rows(saved, "sub-01_ses-01/map/agent")
     times = np.concatenate([episode.t_ns for episode in log.episodes])
     assert [row[SESSION_TIME].value for row in found] == times.tolist()
@@ -96,6 +102,8 @@ def test_rewards_and_reaction_times_are_the_logs(log, saved):
 
 
 def test_keys_show_what_became_of_them_until_they_come_up(tmp_path):
+    from minihuman.replay.recording import save_recording
+
     first = session(episodes=1).episodes[0]
     t_ns = int(first.t_ns[0])
     keys = tuple(
@@ -111,6 +119,8 @@ def test_keys_show_what_became_of_them_until_they_come_up(tmp_path):
 
 
 def test_pauses_notes_and_presses_read_as_lines_in_order(tmp_path):
+    from minihuman.replay.recording import save_recording
+
     first = session(episodes=1).episodes[0]
     notes = (Noted(1, "consent", "given"), Paused(5, "focus_lost"))
     saved = save_recording([session_of([first], notes=notes)], tmp_path / "events.rrd")
@@ -121,6 +131,8 @@ def test_pauses_notes_and_presses_read_as_lines_in_order(tmp_path):
 
 
 def test_only_a_press_that_nothing_came_of_is_a_warning(tmp_path):
+    from minihuman.replay.recording import save_recording
+
     presses = [
         KeyPressed(1, "enter", "enter", True, None, "accepted", "ready"),
         KeyPressed(2, "8", "8", True, None, "spare", "playing"),
@@ -131,6 +143,8 @@ def test_only_a_press_that_nothing_came_of_is_a_warning(tmp_path):
 
 
 def test_the_facts_say_who_what_and_how_it_ended(log):
+    from minihuman.replay.rerun_scene import build_facts_page
+
     page = build_facts_page(log)
     assert "# sub-01, session 1" in page
     assert (
@@ -140,10 +154,15 @@ def test_the_facts_say_who_what_and_how_it_ended(log):
 
 
 def test_the_layout_travels_inside_the_file(saved):
+    from rerun.chunk import RrdReader
+
     assert len(RrdReader(saved).blueprints()) == 1
 
 
 def test_several_sessions_share_a_timeline_on_which_their_episodes_begin_together(tmp_path):
+    from minihuman.replay.recording import save_recording
+    from minihuman.replay.rerun_scene import ALIGNED, session_root
+
     logs = [session(participant=f"sub-0{i}", seed=i, episodes=2) for i in (1, 2)]
     saved = save_recording(logs, tmp_path / "two.rrd")
     starts = [column(rows(saved, f"{session_root(log)}/map/walls"), ALIGNED) for log in logs]
@@ -154,11 +173,15 @@ def test_several_sessions_share_a_timeline_on_which_their_episodes_begin_togethe
 
 
 def test_one_session_twice_is_refused(log, tmp_path):
+    from minihuman.replay.recording import save_recording
+
     with pytest.raises(LogError, match="one session or several different ones"):
         save_recording([log, log], tmp_path / "x.rrd")
 
 
 def test_the_return_stays_level_and_changes_at_once(log, saved):
+    from minihuman.replay.rerun_scene import SESSION_TIME
+
     found = rows(saved, "sub-01_ses-01/return")
     points = [(row[SESSION_TIME].value, row["Scalars:scalars"][0]) for row in found]
     assert all(time == later or value == after for (time, value), (later, after) in pairwise(points))
@@ -168,6 +191,8 @@ def test_the_return_stays_level_and_changes_at_once(log, saved):
 
 
 def test_a_world_without_poses_still_shows_its_keys_and_rewards(tmp_path):
+    from minihuman.replay.recording import save_recording
+
     blind = session_of([made(plan(), [(np.nan,) * 4] * 3, [2, 2], None)])
     saved = save_recording([blind], tmp_path / "blind.rrd")
     assert rows(saved, "sub-01_ses-01/map/agent") == []
@@ -175,13 +200,18 @@ def test_a_world_without_poses_still_shows_its_keys_and_rewards(tmp_path):
 
 
 def test_the_web_viewer_listens_on_this_machine_only(tmp_path):
+    from minihuman.replay.recording import viewer_command
+
     command = viewer_command(tmp_path / "x.rrd", web=True)
     assert command[command.index("--bind") + 1] == "127.0.0.1"
     assert "--web-viewer" in command
 
 
-@pytest.mark.parametrize("free", [0, 30_000, FIRST_BYTES + 4096])
-def test_a_recording_that_a_disk_has_no_room_for_is_named_and_not_there(tmp_path, free):
+@pytest.mark.parametrize(("with_first_bytes", "more_bytes"), [(False, 0), (False, 30_000), (True, 4096)])
+def test_a_recording_that_a_disk_has_no_room_for_is_named_and_not_there(tmp_path, with_first_bytes, more_bytes):
+    from minihuman.replay.recording import FIRST_BYTES, save_recording
+
+    free = with_first_bytes * FIRST_BYTES + more_bytes
     log = session(episodes=60)
     with small_disk(tmp_path, 4 * 2**20):
         fill(tmp_path, but=free)
@@ -192,6 +222,8 @@ def test_a_recording_that_a_disk_has_no_room_for_is_named_and_not_there(tmp_path
 
 
 def test_a_recording_that_cannot_be_written_is_named(log, tmp_path):
+    from minihuman.replay.recording import save_recording
+
     with pytest.raises(IsADirectoryError) as raised:
         save_recording([log], tmp_path)
     assert raised.value.filename == str(tmp_path)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
+import scipy
 
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.session_measures import SessionMeasures, skip_path_bounds
@@ -56,7 +56,7 @@ def estimates(seed):
     assert target is not None
     compared = {one.measure: one for one in target.comparisons}
     medians = tables["participants"]["reaction_median_ms"]
-    interval = stats.t.interval(0.95, PEOPLE - 1, medians.mean(), stats.sem(medians))
+    interval = scipy.stats.t.interval(0.95, PEOPLE - 1, medians.mean(), scipy.stats.sem(medians))
     keys = tables["keys"]
     return compared, target.growth, interval, keys.loc[keys["action"].notna(), "discovered_steps"].to_numpy(float)
 
@@ -72,7 +72,7 @@ def test_intervals_cover_the_truth_and_key_discovery_is_recovered():
     }
     for name, hits in covered.items():
         print(f"{name}: {np.mean(hits):.3f} of {len(hits)} intervals hold the truth")  # shown by pytest -s
-        assert stats.binomtest(sum(hits), len(hits), 0.95).pvalue > 0.001, f"{name}: {np.mean(hits):.3f} of 0.95"
+        assert scipy.stats.binomtest(sum(hits), len(hits), 0.95).pvalue > 0.001, f"{name}: {np.mean(hits):.3f} of 0.95"
     found = np.concatenate([steps for *_, steps in studies])
     assert np.isnan(found).mean() < 0.01
     assert np.nanmean(found) == pytest.approx(KEYS, abs=4 * np.nanstd(found) / math.sqrt(len(found)))
@@ -87,7 +87,7 @@ def test_without_an_effect_p_is_small_as_rarely_as_it_should_be():
         rng = np.random.default_rng([7, seed])
         (test,) = permutation_tests([(rng.normal(0.7, 0.1, 6), rng.normal(0.7, 0.1, 6))])
         small.append(test is not None and test.p() < 0.05)
-    assert stats.binomtest(sum(small), len(small), 0.05, alternative="greater").pvalue > 0.001
+    assert scipy.stats.binomtest(sum(small), len(small), 0.05, alternative="greater").pvalue > 0.001
 
 
 PROTOCOL = b"""

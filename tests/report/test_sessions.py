@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
+import scipy
 
 from minihuman.dataset.sessions import StudySessions
 from minihuman.experiment.protocol.protocol import decode_protocol
@@ -77,7 +77,7 @@ def test_the_change_is_over_those_who_came_both_days() -> None:
     for change in results().changes:
         both = values(rows, change.group).dropna()
         differences = (both[2] - both[1]).to_numpy()
-        expected = stats.permutation_test(
+        expected = scipy.stats.permutation_test(
             (differences,), np.mean, permutation_type="samples", n_resamples=np.inf, vectorized=True
         )
         assert change.n == len(both) == (PEOPLE - 1 if change.group == "a" else PEOPLE)
@@ -85,7 +85,7 @@ def test_the_change_is_over_those_who_came_both_days() -> None:
         assert change.estimate == pytest.approx((both[2] - both[1]).mean())
         assert change.p == pytest.approx(expected.pvalue)
         for bound in change.interval:  # of the values that the same test does not reject
-            shifted = stats.permutation_test(
+            shifted = scipy.stats.permutation_test(
                 (differences - bound,), np.mean, permutation_type="samples", n_resamples=np.inf, vectorized=True
             )
             assert shifted.pvalue == pytest.approx(0.05, abs=2.1 / 2 ** len(both))
@@ -99,7 +99,7 @@ def test_groups_are_compared_on_their_change() -> None:
     assert sessions == (1, 2)
     assert compared.n == (PEOPLE - 1, PEOPLE)
     assert compared.difference == pytest.approx(change["a"].mean() - change["b"].mean())
-    low, high = stats.ttest_ind(change["a"], change["b"], equal_var=False).confidence_interval(0.95)
+    low, high = scipy.stats.ttest_ind(change["a"], change["b"], equal_var=False).confidence_interval(0.95)
     assert compared.interval == pytest.approx((low, high), abs=0.15 * (high - low))  # a permutation's, near Welch's
     assert (compared.p < 0.05) != (compared.interval[0] <= 0 <= compared.interval[1])
 

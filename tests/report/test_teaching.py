@@ -8,8 +8,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import rerun as rr
-from rerun.chunk import RrdReader
 
 from minihuman.dataset.annotations import Annotation, add_annotation
 from minihuman.dataset.selection import Selection
@@ -17,7 +15,6 @@ from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
 from minihuman.figures.teaching_figures import compute_shares_of_good
 from minihuman.log.read.session_reader import read_log
-from minihuman.replay.recording import save_recording
 from minihuman.reporting.build import build_report
 from minihuman.reporting.teaching_section import (
     autonomy_gain_per_min,
@@ -94,6 +91,11 @@ def test_teaching_is_told_of_the_episodes_that_count(log, tmp_path):
 
 
 def test_the_replay_has_the_policys_actions_and_the_persons_as_lanes(log, tmp_path):
+    import rerun as rr
+    from rerun.chunk import RrdReader
+
+    from minihuman.replay.recording import save_recording
+
     rr.set_strict_mode(True)
     path = save_recording([log], tmp_path / "taught.rrd")
     rr.set_strict_mode(False)

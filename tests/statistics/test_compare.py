@@ -6,10 +6,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
-from statsmodels.stats.meta_analysis import effectsize_smd
-from statsmodels.stats.multitest import multipletests
-from statsmodels.stats.power import TTestIndPower
+import scipy
 
 from minihuman.statistics import comparison
 from minihuman.statistics.comparison import (
@@ -51,8 +48,8 @@ def test_p_is_the_share_of_all_regroupings_at_least_as_far_apart():
     apart = []
     for chosen in itertools.combinations(range(6), 3):
         rest = [place for place in range(6) if place not in chosen]
-        apart.append(abs(stats.ttest_ind(everyone[list(chosen)], everyone[rest], equal_var=False).statistic))
-    observed = abs(stats.ttest_ind(a, b, equal_var=False).statistic)
+        apart.append(abs(scipy.stats.ttest_ind(everyone[list(chosen)], everyone[rest], equal_var=False).statistic))
+    observed = abs(scipy.stats.ttest_ind(a, b, equal_var=False).statistic)
     assert found.p == pytest.approx(np.mean(np.array(apart) >= observed - 1e-9))
     assert found.difference == pytest.approx(np.mean(a) - np.mean(b))
     assert found.n == (3, 3)
@@ -73,7 +70,7 @@ def test_p_is_scipys_to_the_last_bit_whichever_pairs_are_asked_for_together(kind
     sizes = [(2, 2), (5, 5), (9, 30), (2, 9), (9, 30), (8, 8), (60, 50)]  # three of which are drawn from
     pairs = [(KINDS[kind](rng.normal(0, 1, n)), KINDS[kind](rng.normal(0.4, 2, m))) for n, m in sizes]
     peers = [
-        stats.permutation_test(
+        scipy.stats.permutation_test(
             pair, welch, n_resamples=RESAMPLES, batch=500, vectorized=True, alternative="greater",
             rng=np.random.default_rng(SEED),
         ).pvalue
@@ -94,7 +91,7 @@ def test_welchs_interval_and_p_are_scipys():
     rng = np.random.default_rng(5)
     for n, m in rng.integers(2, 40, (20, 2)):
         a, b = rng.normal(0, 1, n), rng.normal(0.5, 3, m)
-        peer = stats.ttest_ind(a, b, equal_var=False)
+        peer = scipy.stats.ttest_ind(a, b, equal_var=False)
         assert compare_means(a, b).p == pytest.approx(peer.pvalue, rel=1e-12)
         assert compare_means(a, b).interval() == pytest.approx(tuple(peer.confidence_interval()), rel=1e-12)
 
@@ -168,6 +165,8 @@ def test_the_smallest_p_of_the_papers_five_and_five_cannot_survive_ten_measures(
 
 
 def test_g_of_equal_groups_is_hedges_g_of_statsmodels():
+    from statsmodels.stats.meta_analysis import effectsize_smd
+
     rng = np.random.default_rng(3)
     a, b = rng.normal(1, 1, 14), rng.normal(0, 1, 14)
     b = (b - b.mean()) / b.std(ddof=1) * a.std(ddof=1)  # of one SD, so that both standardisers are the same
@@ -201,7 +200,7 @@ def test_the_interval_of_g_holds_the_truth_where_the_small_group_varies_more(tru
         low, high = standardise(a, b, test.interval())[1]
         held += low <= truth <= high
     print(f"g {truth}: {held / studies:.3f} of {studies} intervals hold it")
-    assert stats.binomtest(held, studies, 0.93, alternative="less").pvalue > 0.01
+    assert scipy.stats.binomtest(held, studies, 0.93, alternative="less").pvalue > 0.01
 
 
 @pytest.mark.nightly(sample=True)
@@ -223,9 +222,9 @@ def test_a_true_null_is_rejected_as_rarely_as_it_should_be(sizes, spreads, at_mo
         a, b = (rng.normal(0, spread, size) for size, spread in zip(sizes, spreads, strict=True))
         rejected += the_p(a, b) < 0.05
     print(f"{sizes} SD {spreads}: {rejected / studies:.3f} of {studies} studies reject a true null")
-    assert stats.binomtest(rejected, studies, at_most, alternative="greater").pvalue > 0.01
+    assert scipy.stats.binomtest(rejected, studies, at_most, alternative="greater").pvalue > 0.01
     if sizes[0] == sizes[1]:
-        assert stats.binomtest(rejected, studies, 0.035, alternative="less").pvalue > 0.01
+        assert scipy.stats.binomtest(rejected, studies, 0.035, alternative="less").pvalue > 0.01
 
 
 def test_three_groups_make_three_pairs_and_p_is_corrected_over_all():
@@ -246,6 +245,8 @@ def test_power_is_the_textbooks():
 
 @pytest.mark.parametrize(("d", "n"), [(0.8, (26, 26)), (0.3, (5, 25)), (1.5, (4, 4))])
 def test_power_agrees_with_statsmodels(d, n):
+    from statsmodels.stats.power import TTestIndPower
+
     peer = TTestIndPower().power(d, n[0], 0.05, ratio=n[1] / n[0])
     assert t_test_power(d, n) == pytest.approx(peer, abs=1e-6)
 
@@ -256,6 +257,8 @@ def test_the_difference_that_is_found_with_a_chance_of_80_percent_has_that_power
 
 
 def test_holm_agrees_with_statsmodels_and_passes_over_what_is_unknown():
+    from statsmodels.stats.multitest import multipletests
+
     ps = [0.04, 0.001, 0.03, 0.2]
     assert holm_correction(ps) == pytest.approx(list(multipletests(ps, method="holm")[1]))
     with_unknown = holm_correction([0.04, float("nan"), 0.03])

@@ -1,13 +1,14 @@
 import numpy as np
 import pytest
-from scipy import stats
-from statsmodels.stats.weightstats import ttost_ind
+import scipy
 
 from minihuman.statistics.comparison import check_equivalence
 from tests.counts import count
 
 
 def test_it_agrees_with_statsmodels():
+    from statsmodels.stats.weightstats import ttost_ind
+
     rng = np.random.default_rng(2)
     a, b = rng.normal(0, 1, 30), rng.normal(0.1, 2, 20)
     found = check_equivalence(a, b, (-0.8, 0.8))
@@ -33,4 +34,4 @@ def test_a_difference_on_the_bound_is_called_alike_as_rarely_as_it_should_be():
     alike = sum(
         check_equivalence(rng.normal(0.5, 1, 25), rng.normal(0, 1, 25), (-0.5, 0.5)).alike for _ in range(studies)
     )
-    assert stats.binomtest(alike, studies, 0.05, alternative="greater").pvalue > 0.001
+    assert scipy.stats.binomtest(alike, studies, 0.05, alternative="greater").pvalue > 0.001

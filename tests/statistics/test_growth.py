@@ -4,8 +4,7 @@ from collections import Counter
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
-from statsmodels.regression.mixed_linear_model import MixedLM
+import scipy
 
 from minihuman.statistics.paired import compare_growth, fit_mixed_model
 from tests.counts import count
@@ -75,7 +74,7 @@ def test_where_peoples_own_slopes_differ_a_true_null_is_rejected_as_rarely_as_it
             small[name] += terms[name].p < 0.05
     for name, rejected in small.items():
         print(f"{name}: {rejected / studies:.3f} of {studies} studies reject a true null")
-        assert stats.binomtest(rejected, studies, 0.05).pvalue > 0.001
+        assert scipy.stats.binomtest(rejected, studies, 0.05).pvalue > 0.001
 
 
 def mixed_rows(rng, n, slope_sd):
@@ -131,6 +130,8 @@ def test_a_second_program_finds_the_same_model_in_small_studies():
 
 
 def test_where_statsmodels_finds_the_maximum_its_estimates_and_errors_are_ours():
+    from statsmodels.regression.mixed_linear_model import MixedLM
+
     rows = mixed_rows(np.random.default_rng(4), 20, 0.08)
     rows["value"] *= 10  # statsmodels warns of a variance below 0.01, whatever its unit
     found = fit_mixed_model(rows, "value", ["a", "b"])
@@ -139,4 +140,4 @@ def test_where_statsmodels_finds_the_maximum_its_estimates_and_errors_are_ours()
     for term, name in zip(found.terms, ("Intercept", "in_a", "at", "in_a:at"), strict=True):
         assert term.estimate == pytest.approx(theirs.fe_params[name], rel=1e-4)
         half = (term.interval[1] - term.interval[0]) / 2
-        assert half / stats.t.ppf(0.975, 38) == pytest.approx(theirs.bse_fe[name], rel=1e-3)
+        assert half / scipy.stats.t.ppf(0.975, 38) == pytest.approx(theirs.bse_fe[name], rel=1e-3)

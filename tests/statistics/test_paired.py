@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-import statsmodels.formula.api as smf
-from scipy import stats
+import scipy
 
 from minihuman.statistics.paired import compare_conditions, fit_crossover, paired_test
 from tests.counts import count
@@ -16,7 +15,7 @@ from tests.counts import count
 def test_p_is_scipys(n):
     rng = np.random.default_rng(n)
     for values in (rng.normal(0.4, 1, n), np.round(rng.normal(0.4, 1, n))):
-        peer = stats.permutation_test(
+        peer = scipy.stats.permutation_test(
             (values,), np.mean, permutation_type="samples", n_resamples=np.inf, vectorized=True
         )
         assert paired_test(values).p() == pytest.approx(peer.pvalue)
@@ -69,6 +68,8 @@ def crossover(rng, people=16, *, position=0.0, carry=0.0):
 
 
 def test_the_effects_of_order_are_statsmodels():
+    import statsmodels.formula.api as smf
+
     rows = crossover(np.random.default_rng(2), position=0.3, carry=0.5)
     found = {one.effect: one for one in fit_crossover("m", rows)}
     rows = rows.assign(**{f"after_{one}": 1.0 * (rows["before"] == one) - (rows["before"] == "d") for one in "abc"})
@@ -92,5 +93,5 @@ def test_without_an_effect_of_order_none_is_found_too_often_and_a_real_one_is():
     for effect in ("position", "carry-over"):
         hits = sum(one[effect] < 0.05 for one in none)
         print(f"{effect}: {hits / studies:.3f} of {studies} studies without one")
-        assert stats.binomtest(hits, studies, 0.05, alternative="greater").pvalue > 0.001
+        assert scipy.stats.binomtest(hits, studies, 0.05, alternative="greater").pvalue > 0.001
     assert np.mean([one["carry-over"] < 0.05 for one in real]) > 0.5

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from minihuman.planning.reaction_time_fit import PARAMETER_NAMES, ReactionTimes, fit_reaction_times, log_density
 from minihuman.simulation.human_like import ParticipantPopulation
@@ -30,7 +30,7 @@ def test_known_parameters_are_in_their_intervals():
             reported += 1
     print({name: f"{hits} of {len(people)}" for name, hits in held.items()})  # shown by pytest -s
     assert reported >= 0.9 * 5 * len(people)  # of 900 presses all but practice_presses
-    assert stats.binomtest(sum(held.values()), reported, 0.95).pvalue > 0.001
+    assert scipy.stats.binomtest(sum(held.values()), reported, 0.95).pvalue > 0.001
 
 
 def test_a_fitted_person_predicts_better_than_another():

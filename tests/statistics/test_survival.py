@@ -2,7 +2,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from minihuman.statistics.comparison import permutation_tests
 from minihuman.statistics.survival import SurvivalTimes, compare_survival, kaplan_meier, logrank_p
@@ -26,8 +26,8 @@ def watched(times, until):
 def test_the_curve_is_scipys():
     rng = np.random.default_rng(1)
     waited = SurvivalTimes(rng.integers(1, 9, 30).astype(float), rng.random(30) < 0.6)
-    peer = stats.ecdf(
-        stats.CensoredData(uncensored=waited.times[waited.observed], right=waited.times[~waited.observed])
+    peer = scipy.stats.ecdf(
+        scipy.stats.CensoredData(uncensored=waited.times[waited.observed], right=waited.times[~waited.observed])
     ).sf
     found = kaplan_meier(waited)
     assert found.share == pytest.approx(peer.evaluate(found.times))
@@ -39,8 +39,10 @@ def test_the_log_rank_p_is_scipys(last):
     rng = np.random.default_rng(last)
     for sizes in rng.integers(2, 30, (50, 2)):
         both = [SurvivalTimes(np.minimum(rng.integers(1, last, n), 40.0), rng.random(n) < 0.7) for n in sizes]
-        peers = [stats.CensoredData(uncensored=one.times[one.observed], right=one.times[~one.observed]) for one in both]
-        assert logrank_p(*both) == pytest.approx(float(stats.logrank(*peers).pvalue), abs=1e-14, nan_ok=True)
+        peers = [
+            scipy.stats.CensoredData(uncensored=one.times[one.observed], right=one.times[~one.observed]) for one in both
+        ]
+        assert logrank_p(*both) == pytest.approx(float(scipy.stats.logrank(*peers).pvalue), abs=1e-14, nan_ok=True)
 
 
 def test_a_log_rank_p_of_nobody_to_whom_it_came_is_not_told():
@@ -104,7 +106,7 @@ def test_of_waits_censored_at_random_a_true_null_is_seldom_rejected():
             pair.append(SurvivalTimes(np.minimum(times, stopped), times <= stopped))
         rejected += compare_survival(*pair).p < 0.05
     print(f"10 v 20 waits, 30 % censored at random: p < 0.05 in {rejected / studies:.3f} of {studies}")
-    assert stats.binomtest(rejected, studies, 0.065, alternative="greater").pvalue > 0.01
+    assert scipy.stats.binomtest(rejected, studies, 0.065, alternative="greater").pvalue > 0.01
 
 
 def test_below_five_events_in_a_group_a_restricted_mean_has_no_interval_and_no_p():
@@ -140,7 +142,7 @@ def test_with_half_never_found_the_interval_holds_the_truth():
         found = compare_survival(*(watched(rng.exponential(mean, 20), until) for mean in (40.0, 80.0)))
         held += found.interval[0] <= truth[0] - truth[1] <= found.interval[1]
     print(f"the interval of the restricted mean holds the truth in {held / studies:.3f} of {studies} studies")
-    assert stats.binomtest(held, studies, 0.93, alternative="less").pvalue > 0.01
+    assert scipy.stats.binomtest(held, studies, 0.93, alternative="less").pvalue > 0.01
 
 
 @pytest.mark.nightly(sample=True)
@@ -156,4 +158,4 @@ def test_with_uneven_watching_too():
         truth = [mean * (1 - np.exp(-found.until / mean)) for mean in (40.0, 80.0)]
         held += found.interval[0] <= truth[0] - truth[1] <= found.interval[1]
     print(f"unevenly watched: {held / studies:.3f} of {studies}")
-    assert stats.binomtest(held, studies, 0.92, alternative="less").pvalue > 0.01
+    assert scipy.stats.binomtest(held, studies, 0.92, alternative="less").pvalue > 0.01

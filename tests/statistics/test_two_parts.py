@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
+import scipy
 
 from minihuman.statistics.two_part_model import (
     compare_two_parts,
@@ -101,7 +101,7 @@ def test_without_a_difference_each_part_finds_one_as_rarely_as_it_should(sizes):
         told = [p for p in ps if not math.isnan(p)]
         hits = sum(p < 0.05 for p in told)
         print(f"{sizes} {name}: {hits / len(told):.3f} of {len(told)} studies")  # shown by pytest -s
-        assert stats.binomtest(hits, len(told), 0.065).pvalue > 0.001 or hits / len(told) < 0.065
+        assert scipy.stats.binomtest(hits, len(told), 0.065).pvalue > 0.001 or hits / len(told) < 0.065
 
 
 def test_p_of_both_is_the_share_of_regroupings_that_are_as_far_apart():

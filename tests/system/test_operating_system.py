@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import time
+from functools import cache
 from pathlib import Path
 
 import msgspec
@@ -50,12 +51,21 @@ CTYPES = {  # a library of C, each at home in one module
     "display/windows/pyglet_native.py": "OpenGL",
     "worlds/kernels.py": "the compiled kernels",
 }
-TREES = {
-    path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text(encoding="utf-8"))
-    for path in PACKAGE.rglob("*.py")
-    if not path.stem.endswith("_pb2")
-}
-ELSEWHERE = {name: tree for name, tree in TREES.items() if PACKAGE / name != ONE_MODULE}
+
+
+@cache
+def parse_package() -> dict[str, ast.Module]:
+    """Return every module of the package that is not generated, parsed, by its path."""
+    return {
+        path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text(encoding="utf-8"))
+        for path in PACKAGE.rglob("*.py")
+        if not path.stem.endswith("_pb2")
+    }
+
+
+def parse_other_modules() -> dict[str, ast.Module]:
+    """Return every module but the one of the operating system, parsed, by its path."""
+    return {name: tree for name, tree in parse_package().items() if PACKAGE / name != ONE_MODULE}
 
 
 def _imports(tree: ast.Module) -> set[str]:
@@ -77,9 +87,13 @@ def _calls_of_os(tree: ast.Module) -> set[str]:
 
 
 def test_calls_of_the_operating_system_stand_in_one_module():
-    assert {"fcntl", "msvcrt", "signal", "resource"} <= _imports(TREES["operating_system.py"])
-    assert {name: found for name, tree in ELSEWHERE.items() if (found := _imports(tree) & SYSTEM_MODULES)} == {}
-    calls = {name: found for name, tree in ELSEWHERE.items() if (found := _calls_of_os(tree) & SYSTEM_CALLS)}
+    assert {"fcntl", "msvcrt", "signal", "resource"} <= _imports(parse_package()["operating_system.py"])
+    assert {
+        name: found for name, tree in parse_other_modules().items() if (found := _imports(tree) & SYSTEM_MODULES)
+    } == {}
+    calls = {
+        name: found for name, tree in parse_other_modules().items() if (found := _calls_of_os(tree) & SYSTEM_CALLS)
+    }
     assert {name: found for name, found in calls.items() if name not in EXCEPTIONS or found != EXCEPTIONS[name]} == {}
 
 
@@ -89,7 +103,7 @@ EXCEPTIONS = {
 
 
 def test_a_library_of_c_is_called_in_one_module_each():
-    assert {name for name, tree in TREES.items() if "ctypes" in _imports(tree)} == CTYPES.keys()
+    assert {name for name, tree in parse_package().items() if "ctypes" in _imports(tree)} == CTYPES.keys()
 
 
 _OF_LINUX = ("/proc/", "/sys/")
@@ -102,7 +116,7 @@ def test_no_path_of_linux_stands_elsewhere():
             for node in ast.walk(tree)
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.startswith(_OF_LINUX)
         ]
-        for name, tree in ELSEWHERE.items()
+        for name, tree in parse_other_modules().items()
     }
     assert {name: found for name, found in texts.items() if found} == {}
 
@@ -110,7 +124,7 @@ def test_no_path_of_linux_stands_elsewhere():
 def test_every_text_file_says_its_encoding_and_every_written_one_its_newline():
     """Windows would take its code page, and write CRLF, so that a digest differs from one system to the next."""
     wrong = []
-    for name, tree in TREES.items():
+    for name, tree in parse_package().items():
         for node in ast.walk(tree):
             if isinstance(node, ast.Call) and (missing := _missing_of_text(node)):
                 wrong.append(f"{name}:{node.lineno} lacks {missing}")
@@ -288,7 +302,7 @@ def test_a_session_is_timed_by_the_finest_clock() -> None:
     """``time.monotonic`` moves in steps of 16 ms on Windows before Python 3.13; elsewhere the two are one clock."""
     coarse = {
         name
-        for name, tree in ELSEWHERE.items()
+        for name, tree in parse_other_modules().items()
         if any(isinstance(node, ast.Attribute) and ast.unparse(node) == "time.monotonic_ns" for node in ast.walk(tree))
     }
     assert coarse == {"display/windows/keyboard.py"}  # lays the X server's clock beside it

@@ -17,7 +17,6 @@ from minihuman.exporters.exporter import export_study
 from minihuman.figures.path_figures import session_paths
 from minihuman.log.read.session_reader import read_log
 from minihuman.replay.frames import render_frames, render_partner_frames
-from minihuman.replay.recording import save_recording
 from minihuman.reporting.results import compute_results
 from minihuman.runtime.simulated_session import simulate
 from minihuman.runtime.team_host import require_one_process
@@ -102,6 +101,8 @@ def test_a_chain_of_teams_is_one_unit() -> None:
 
 
 def test_figures_and_replays_show_every_body(tmp_path: Path, pairs: Path) -> None:
+    from minihuman.replay.recording import save_recording
+
     log = read_log(pairs / "sub-01" / "ses-01")
     episode, [other] = log.episodes[0], log.episodes[0].team.partner_seats
     drawn = {artist.get_gid() for ax in session_paths(log).axes for artist in ax.get_children()}

@@ -1,71 +1,23 @@
 """What every world of ours answers for players, measures and whoever looks ahead."""
 
-import gymnasium
-import numpy as np
 import pytest
 
 import minihuman  # noqa: F401
-from minihuman.errors import WorldError
 from minihuman.worlds.adapters.world import World
-from minihuman.worlds.catalogue import WORLDS
 from minihuman.worlds.contract import UNKNOWN_BOUNDS, PathLengthBounds
 from minihuman.worlds.first_person.layouts.one_room import OneRoom
 from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.grid.layout import Layout
 from minihuman.worlds.grid.object_kinds import door, goal, key, wall
 from tests.counts import count
+from tests.worlds.catalogue_worlds import start
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*out of date")  # some ids are kept for their published results
-IDS = [entry.id for entry in WORLDS]
-
-
-def made(world_id: str, **options):
-    env = gymnasium.make(world_id, disable_env_checker=True, **options).unwrapped
-    env.reset(seed=1)
-    return env
-
-
-@pytest.mark.parametrize("world_id", IDS)
-def test_a_step_without_an_observation_is_the_same_step(world_id):
-    env, other = made(world_id), made(world_id)
-    rng = np.random.default_rng(0)
-    for _ in range(30):
-        action = int(rng.integers(env.action_space.n))
-        _, *told, _ = env.step(action)
-        assert other.advance(action) == tuple(told)
-        assert other.state_hash() == env.state_hash()
-        if told[1] or told[2]:
-            break
-
-
-@pytest.mark.parametrize("world_id", IDS)
-def test_a_step_after_the_end_is_refused_and_changes_nothing(world_id):
-    env = made(world_id, max_steps=1)
-    env.step(0)
-    before = env.state_hash()
-    with pytest.raises(WorldError, match=r"reset\(\)"):
-        env.step(0)
-    with pytest.raises(WorldError, match=r"reset\(\)"):
-        env.advance(0)
-    assert env.state_hash() == before
-
-
-@pytest.mark.parametrize("world_id", IDS)
-def test_looking_ahead_leaves_no_trace(world_id):
-    env = made(world_id)
-    before, seen, drawn = env.state_hash(), env.scene_hash(), env.picture(size_px=(64, 48))
-    saved = env.save()
-    for action in range(env.action_space.n):
-        env.advance(action)
-        env.picture(size_px=(64, 48))
-        env.restore(saved)
-        assert (env.state_hash(), env.scene_hash()) == (before, seen)
-    assert np.array_equal(env.picture(size_px=(64, 48)), drawn)
 
 
 @pytest.mark.parametrize("world_id", ["minihuman/MiniGrid-FourRooms-v0", "minihuman/MiniWorld-GoToObj-Transfer-v0"])
 def test_ways_that_meet_have_the_same_scene_and_another_state(world_id):
-    env = made(world_id)
+    env = start(world_id)
     saved, scene, state = env.save(), env.scene_hash(), env.state_hash()
     for _ in range(4):
         env.advance(env.action_names.index("left" if "left" in env.action_names else "turn_left"))
@@ -77,13 +29,13 @@ def test_ways_that_meet_have_the_same_scene_and_another_state(world_id):
 
 
 def test_what_was_on_stage_is_the_same_thing_after_going_back():
-    env = made("minihuman/MiniWorld-PutNext-v0")
+    env = start("minihuman/MiniWorld-PutNext-v0")
     saved, box, stage = env.save(), env.red_box, env.stage
     box.pos = (1.0, 0.0, 1.0)
     env.restore(saved)
     assert (env.red_box, env.stage) == (box, stage)
     assert box.pos != (1.0, 0.0, 1.0)
-    other = made("minihuman/MiniWorld-PutNext-v0")
+    other = start("minihuman/MiniWorld-PutNext-v0")
     other.restore(saved)
     assert other.red_box is not box
     assert other.red_box in other.entities

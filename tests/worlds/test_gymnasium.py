@@ -1,7 +1,9 @@
-"""Gymnasium's whole table, a line a test: what a library may do with any world of ours, and get what Gymnasium says."""
+"""Gymnasium's table, a line a test: what a library may do with our worlds, and get what Gymnasium says.
+
+What every world keeps is in ``test_every_world.py``.
+"""
 
 import copy
-import json
 import pickle
 import subprocess
 import sys
@@ -10,30 +12,20 @@ import gymnasium
 import numpy as np
 import pygame
 import pytest
-from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
-from gymnasium.wrappers import FlattenObservation, FrameStackObservation, RecordEpisodeStatistics
+from gymnasium.wrappers import FrameStackObservation, RecordEpisodeStatistics
 from Xlib.display import Display
 
 import minihuman  # noqa: F401  # registers the worlds
 from minihuman.errors import WorldError
-from minihuman.worlds.catalogue import WORLDS
+from tests.worlds.catalogue_worlds import same_observation
 
-IDS = tuple(entry.id for entry in WORLDS)
 GRID = "minihuman/MiniGrid-GoToObject-6x6-N2-v0"  # a mission with choices
 ROOMS = "minihuman/MiniWorld-OneRoomS6Fast-v0"
 INSIDE = (GRID, {"view": "first_person"})
 SOME = ((GRID, {}), (ROOMS, {}), INSIDE, ("minihuman/MiniGrid-GoToObj-Transfer-v0", {}))
 BATCHES = (GRID, "minihuman/MiniGrid-Dynamic-Obstacles-5x5-v0", ROOMS)  # what has a batch of its own
 
-CORE = frozenset(IDS[::25]) | {GRID, ROOMS}  # the core tries these; whatever is beside them starts with the programs
-
-
-def id_of(world):
-    return world if world in CORE else pytest.param(world, marks=pytest.mark.program)
-
-
-every_id = pytest.mark.parametrize("world", [id_of(world) for world in IDS])
 some = pytest.mark.parametrize(("world", "options"), SOME, ids=["grid", "rooms", "inside", "own layout"])
 batches = pytest.mark.parametrize("world", BATCHES)
 pytestmark = [
@@ -42,43 +34,7 @@ pytestmark = [
 ]
 
 
-def same(a, b):
-    """Equal observations, whatever they are made of."""
-    if isinstance(a, dict):
-        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
-    if isinstance(a, str | tuple):
-        return tuple(a) == tuple(b)
-    return np.array_equal(a, b)
-
-
-def play(env, seed, steps=20):
-    """Everything that an environment says in some seeded steps."""
-    actions = np.random.default_rng(seed)
-    said = [env.reset(seed=seed)]
-    for _ in range(steps):
-        said.append(env.step(int(actions.integers(env.action_space.n))))
-        if said[-1][2] or said[-1][3]:
-            said.append(env.reset())
-    return said
-
-
-def same_play(a, b):
-    return len(a) == len(b) and all(same(x[0], y[0]) and x[1:-1] == y[1:-1] for x, y in zip(a, b, strict=True))
-
-
 # Making worlds.
-
-
-@every_id
-def test_make_by_plain_id_after_import_passes_gymnasiums_checker(world):
-    env = gymnasium.make(world)
-    check_env(env.unwrapped, skip_render_check=True)
-    env.close()
-
-
-@every_id
-def test_make_by_module_prefix(world):
-    assert gymnasium.make(f"minihuman:{world}").spec.id == world
 
 
 @pytest.mark.program
@@ -86,15 +42,6 @@ def test_make_by_module_prefix_needs_no_import():
     script = "import gymnasium; print(gymnasium.make('minihuman:minihuman/MiniGrid-Empty-5x5-v0').reset(seed=0)[1])"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.stdout.strip() == "{}", done.stderr
-
-
-@every_id
-def test_specs_are_json_and_make_the_same_world(world):
-    spec = gymnasium.make(world).spec
-    again = gymnasium.envs.registration.EnvSpec.from_json(json.dumps(json.loads(spec.to_json())))
-    assert again.to_json() == spec.to_json()
-    a, b = gymnasium.make(spec), gymnasium.make(again)
-    assert same(a.reset(seed=1)[0], b.reset(seed=1)[0])
 
 
 # Rendering.
@@ -116,28 +63,6 @@ def test_render_mode_human_opens_a_window(world, size_px, display, monkeypatch):
     screen.close()
     env.close()
     assert size_px in sizes
-
-
-@every_id
-def test_render_mode_rgb_array_list_collects_pictures(world):
-    env = gymnasium.make(world, render_mode="rgb_array_list")
-    env.reset(seed=0)
-    env.step(0)
-    pictures = env.render()
-    assert len(pictures) == 2
-    assert all(picture.dtype == np.uint8 and picture.shape[2] == 3 for picture in pictures)
-
-
-@every_id
-def test_render_mode_ansi_is_text_in_the_grid_and_refused_elsewhere(world):
-    if "MiniWorld" in world:
-        with pytest.raises(WorldError, match="render_mode is 'ansi'"):
-            gymnasium.make(world, render_mode="ansi")
-        return
-    env = gymnasium.make(world, render_mode="ansi")
-    env.reset(seed=0)
-    assert env.render() == env.unwrapped.text()
-    assert "WW" in env.render()
 
 
 @pytest.mark.parametrize(("world", "options"), [(GRID, {}), (ROOMS, {}), (GRID, {"view": "first_person"})])
@@ -174,7 +99,7 @@ def short(world, mode, kind, **options):
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_a_native_vector_is_the_sync_vector(world, mode):
     native, sync = short(world, mode, "vector_entry_point"), short(world, mode, "sync")
-    assert all(same(a, b) for a, b in zip(rollout(native), rollout(sync), strict=True))
+    assert all(same_observation(a, b) for a, b in zip(rollout(native), rollout(sync), strict=True))
     native.close()
 
 
@@ -199,7 +124,7 @@ def test_a_native_vector_without_autoreset_is_reset_by_mask(world):
 def test_an_async_vector_is_the_sync_vector_in_every_value(world, options, mode):
     both = short(world, mode, "async", **options), short(world, mode, "sync", **options)
     a, b = (rollout(vector) for vector in both)
-    assert all(same(x, y) for x, y in zip(a, b, strict=True))
+    assert all(same_observation(x, y) for x, y in zip(a, b, strict=True))
     if isinstance(a[0], dict):
         assert set(a[0]["mission"]) != {"aaaaaaa"}  # what Gymnasium 1.4's own texts come out as
     for vector in both:
@@ -215,7 +140,7 @@ def test_a_sync_vector_is_its_worlds(world, options, mode):
     for i in range(3):
         expected = alone.reset(seed=5 + i)[0]
         one = {key: observations[key][i] for key in observations} if isinstance(observations, dict) else observations[i]
-        assert same(one, expected)
+        assert same_observation(one, expected)
 
 
 # Seeds.
@@ -227,7 +152,7 @@ def test_seeds_are_a_number_a_tuple_a_list_or_an_array(world, kind):
     vector = gymnasium.make_vec(world, num_envs=3, vectorization_mode=kind)
     first = vector.reset(seed=11)[0]
     for seed in ((11, 12, 13), [11, 12, 13]) + ((np.array([11, 12, 13]),) if kind == "vector_entry_point" else ()):
-        assert same(vector.reset(seed=seed)[0], first)
+        assert same_observation(vector.reset(seed=seed)[0], first)
     vector.close()
 
 
@@ -250,16 +175,6 @@ def test_np_random_of_a_native_vector_is_its_worlds(world):
     native.close()
 
 
-@every_id
-def test_np_random_after_a_seeded_reset_is_seeded(world):
-    env = gymnasium.make(world)
-    env.reset(seed=8)
-    first = env.np_random.bit_generator.state
-    assert env.unwrapped.np_random_seed == 8
-    env.reset(seed=8)
-    assert env.np_random.bit_generator.state == first
-
-
 # Wrappers of Gymnasium's.
 
 
@@ -269,14 +184,6 @@ def test_frame_stack_observation(world, options):
     observation, _ = env.reset(seed=2)
     assert observation in env.observation_space
     assert env.step(0)[0] in env.observation_space
-
-
-@every_id
-def test_flatten_observation(world):
-    env = FlattenObservation(gymnasium.make(world))
-    observation, _ = env.reset(seed=2)
-    assert observation in env.observation_space
-    assert same(gymnasium.spaces.unflatten(env.env.observation_space, observation), env.env.reset(seed=2)[0])
 
 
 @some
@@ -293,16 +200,6 @@ def test_record_episode_statistics(world, options):
 # Copies.
 
 
-@every_id
-def test_pickle_and_deepcopy_in_mid_episode(world):
-    env = gymnasium.make(world)
-    env.reset(seed=6)
-    env.step(0)
-    for other in (pickle.loads(pickle.dumps(env)), copy.deepcopy(env)):
-        here = copy.deepcopy(env)
-        assert all(same(here.step(action)[0], other.step(action)[0]) for action in (0, 1))
-
-
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda vector: pickle.loads(pickle.dumps(vector))])
 @batches
 def test_pickle_and_deepcopy_of_a_batch_in_mid_episode(world, copied):
@@ -312,7 +209,9 @@ def test_pickle_and_deepcopy_of_a_batch_in_mid_episode(world, copied):
     other = copied(vector)
     for step in range(20):  # through several ends: what is laid out anew is the same too
         actions = np.full(3, step % 3)
-        assert all(same(a, b) for a, b in zip(vector.step(actions)[:4], other.step(actions)[:4], strict=True))
+        assert all(
+            same_observation(a, b) for a, b in zip(vector.step(actions)[:4], other.step(actions)[:4], strict=True)
+        )
     vector.close()
     other.close()
 

@@ -4,23 +4,10 @@ import gymnasium
 import pytest
 
 import minihuman  # noqa: F401  # registers the worlds
-from minihuman.worlds.grid.missions import words_in
 from minihuman.worlds.grid.wrappers import Tokens
-from tests.machine import needs
-from tests.worlds.test_gymnasium import GRID, IDS, ROOMS, id_of
+from tests.worlds.test_gymnasium import GRID, ROOMS
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*out of date")  # v0 of worlds that have a v1
-
-
-@pytest.mark.parametrize("world", [id_of(world) for world in IDS if "MiniWorld" not in world])
-def test_a_grid_in_tokens_observes_numbers_alone(world):
-    env = Tokens(gymnasium.make(world))
-    observation, _ = env.reset(seed=3)
-    assert observation in env.observation_space
-    numbers = gymnasium.spaces.Box | gymnasium.spaces.Discrete
-    assert all(isinstance(space, numbers) for space in env.observation_space.values())
-    said = [env.words[number - 1] for number in observation["mission"] if number]
-    assert said == words_in(env.unwrapped.mission)
 
 
 @pytest.fixture

@@ -6,15 +6,15 @@ Two-sided and symmetric. Information is counted in participants; increments betw
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize, special, stats
 
 _POINTS = 801  # of the grid on which the score's density between two looks is followed
 
 
 def spend_alpha(fraction: float, alpha: float) -> float:
     """Alpha spent at a fraction of the information, like O'Brien and Fleming (Lan & DeMets, 1983, Biometrika 70)."""
-    return float(4 * special.ndtr(special.ndtri(alpha / 4) / np.sqrt(fraction)))
+    return float(4 * scipy.special.ndtr(scipy.special.ndtri(alpha / 4) / np.sqrt(fraction)))
 
 
 def find_boundaries(fractions: Sequence[float], alpha: float = 0.05) -> tuple[float, ...]:
@@ -23,7 +23,7 @@ def find_boundaries(fractions: Sequence[float], alpha: float = 0.05) -> tuple[fl
     walk, found = _Walk(), list[float]()
     for at, fraction in enumerate(fractions):
         due = spent[at + 1] - spent[at]
-        found.append(float(optimize.brentq(lambda z, t=fraction, due=due: walk.exit(z, t) - due, 0.5, 12.0)))
+        found.append(float(scipy.optimize.brentq(lambda z, t=fraction, due=due: walk.exit(z, t) - due, 0.5, 12.0)))
         walk.advance(found[-1], fraction)
     return tuple(found)
 
@@ -53,8 +53,8 @@ class _Walk:
     def exit(self, z: float, fraction: float) -> float:
         """The chance to be at |z| or beyond at a fraction of the information, and not to have stopped before."""
         spread, bound = np.sqrt(fraction - self._fraction), z * np.sqrt(fraction)
-        upper = special.ndtr((self._scores - bound) / spread)
-        return float(self._weights @ (upper + special.ndtr((-self._scores - bound) / spread)))
+        upper = scipy.special.ndtr((self._scores - bound) / spread)
+        return float(self._weights @ (upper + scipy.special.ndtr((-self._scores - bound) / spread)))
 
     def advance(self, boundary: float, fraction: float) -> None:
         """Follow those who are inside the boundary."""
@@ -74,4 +74,4 @@ def compute_welch_z(first: Sequence[float], second: Sequence[float]) -> float:
     squares = variance / n, spread / m
     t = (mean - other) / np.sqrt(sum(squares))
     freedom = sum(squares) ** 2 / (squares[0] ** 2 / (n - 1) + squares[1] ** 2 / (m - 1))
-    return float(-np.sign(t) * special.ndtri(stats.t.sf(abs(t), freedom)))
+    return float(-np.sign(t) * scipy.special.ndtri(scipy.stats.t.sf(abs(t), freedom)))

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 from PIL import Image
 
 from minihuman.errors import WorldError
@@ -31,6 +30,8 @@ class Room(FirstPersonEnv):
 
 @pytest.fixture
 def folder(tmp_path):
+    import trimesh
+
     (tmp_path / "meshes").mkdir()
     (tmp_path / "textures").mkdir()
     Image.new("RGB", (32, 32), MINT).save(tmp_path / "textures" / "mint.png")
@@ -74,6 +75,8 @@ def test_a_world_that_names_its_folder_is_saved_restored_and_pickled_with_it(fol
 
 
 def test_a_texture_inside_a_glb_file_is_drawn(folder):
+    import trimesh
+
     square = trimesh.Trimesh([[0, 0, 0], [0, 2, 0], [0, 2, 1], [0, 0, 1]], [[0, 2, 1], [0, 3, 2]])
     image = Image.new("RGB", (8, 8), (255, 0, 0))
     square.visual = trimesh.visual.TextureVisuals([[0, 0], [0, 1], [1, 1], [1, 0]], image=image)
@@ -102,6 +105,8 @@ def test_a_folder_without_either_is_refused(tmp_path):
 
 
 def test_obj_and_glb_of_one_shape_are_one_mesh(tmp_path):
+    import trimesh
+
     shape = trimesh.creation.icosphere(1)
     shape.export(tmp_path / "one.glb")
     (tmp_path / "one.obj").write_text(trimesh.exchange.obj.export_obj(shape, include_normals=True))
@@ -114,6 +119,8 @@ def test_obj_and_glb_of_one_shape_are_one_mesh(tmp_path):
 @pytest.mark.filterwarnings("ignore::RuntimeWarning:trimesh", "ignore:All-NaN")  # its own, over missing texture places
 def test_every_mesh_of_miniworld_has_the_triangles_that_trimesh_reads():
     """OBJ files keep a reader of our own: shapes agree, but trimesh loses colours that stand in an .mtl file."""
+    import trimesh
+
     meshes = Path(find_spec("miniworld").origin).parent / "meshes"
     for file in sorted(meshes.glob("*.obj")):
         ours = FolderAssets(meshes.parent).mesh(file.stem).corners

@@ -6,11 +6,9 @@ from copy import deepcopy
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 import minihuman
 from minihuman.errors import WorldError
-from minihuman.worlds.catalogue import GRID_WORLDS
 from minihuman.worlds.grid.env import GridEnv, GridWorld
 from minihuman.worlds.grid.layout import from_text
 from minihuman.worlds.grid.object_kinds import Item, ball, box, door, key
@@ -18,12 +16,6 @@ from minihuman.worlds.pose import Pose
 
 OBSTRUCTED = "minihuman/MiniGrid-ObstructedMaze-1Dlhb-v0"
 DYNAMIC = "minihuman/MiniGrid-Dynamic-Obstacles-6x6-v0"
-
-
-@pytest.mark.filterwarnings("ignore:.*out of date", "ignore:.*For Box action spaces", "ignore:.*A Box observation")
-@pytest.mark.parametrize("world", [entry.id for entry in GRID_WORLDS])
-def test_gymnasium_finds_nothing_to_complain_about(world):
-    check_env(gymnasium.make(world, render_mode="rgb_array").unwrapped)
 
 
 def after(world, steps, seed=0):
