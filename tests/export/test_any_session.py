@@ -90,7 +90,7 @@ UNFINISHED_TOO = Selection(with_=("unfinished",))
 @pytest.mark.parametrize(
     "case",
     [
-        case if case in REPRESENTATIVE_CASES else pytest.param(case, marks=pytest.mark.long)
+        case if case in REPRESENTATIVE_CASES else pytest.param(case, marks=pytest.mark.nightly(sample=True))
         for case in (*CASES, "from-docs", "from-one")
     ],
 )

@@ -35,7 +35,7 @@ REPRESENTATIVES = choose_representatives(WORLDS)
 def world_parameters(world_ids: Iterable[str]) -> list[Any]:
     """Return the ids as parameters, those that represent no layout function marked long."""
     return [
-        world_id if world_id in REPRESENTATIVES else pytest.param(world_id, marks=pytest.mark.long)
+        world_id if world_id in REPRESENTATIVES else pytest.param(world_id, marks=pytest.mark.nightly(sample=True))
         for world_id in world_ids
     ]
 
