@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from minihuman.display.text import select_typefaces
+from minihuman.display.typefaces import select_typefaces
 from minihuman.experiment import words
 
 

@@ -7,7 +7,8 @@ import msgspec
 
 from minihuman.display.drawing.questions import question_fits
 from minihuman.display.drawing.text_screens import text_fits
-from minihuman.display.text import TypefaceSet, find_installed_typeface, measure_width_px, select_typefaces
+from minihuman.display.shaping import measure_width_px
+from minihuman.display.typefaces import TypefaceSet, find_installed_typeface, select_typefaces
 from minihuman.errors import ProtocolError
 from minihuman.experiment.activities.block_plans import PlayPlan
 from minihuman.experiment.activities.pages import PagePlan
