@@ -8,6 +8,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from tests.built_worlds import build_worlds
+from tests.typefaces import use_test_faces
 from tests.xserver import xvfb
 
 # How fast this machine is just now is no property of the code. Examples are the same each time in CI, as Hypothesis has
@@ -21,6 +22,7 @@ settings.load_profile("minihuman")
 def pytest_configure(config: pytest.Config) -> None:
     """Before any world is imported, in each process that runs tests."""
     build_worlds()
+    use_test_faces()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -14,11 +14,18 @@ from itertools import groupby
 import bidi
 import uharfbuzz as harfbuzz
 
-from minihuman.display.typefaces import Typeface, TypefaceSet, list_characters, open_face, shipped_typeface
+from minihuman.display.typefaces import (
+    SHARED_SCRIPT,
+    Typeface,
+    TypefaceSet,
+    can_set,
+    find_script,
+    open_face,
+    shipped_typeface,
+)
 
 SUBPIXELS = 64  # of a pixel: the unit of FreeType's and HarfBuzz's positions
 _FIRST_RTL = 0x590  # no character below has a direction other than left to right, none asks for one
-_COMMON = "Zyyy"  # the script of signs, blanks and marks, which go with the text around them
 _LEVELS_HEADING = "\n    levels: [\n"  # a line break inside the text itself is escaped
 _LEVEL = re.compile(r"Level\(\s*(\d+)")
 _SURROGATE = re.compile("[\ud800-\udfff]")
@@ -142,27 +149,18 @@ def select_faces(text: str, faces: TypefaceSet) -> list[Typeface]:
 def _can_follow(character: str, face: Typeface | None, before: Typeface) -> bool:
     """Tell whether the face of the character before draws this one too, although another would be asked first."""
     follows = face is not None and unicodedata.category(character)[0] in _FOLLOWS
-    return follows and ord(character) in list_characters(before)
+    return follows and can_set(before, character)
 
 
 def _resolve_scripts(text: str) -> list[str]:
     """Find each character's script; what belongs to none has that of the text before, at the beginning of the first."""
     scripts = [find_script(character) for character in text]
-    current = next((script for script in scripts if script != _COMMON), _COMMON)
+    current = next((script for script in scripts if script != SHARED_SCRIPT), SHARED_SCRIPT)
     for place, script in enumerate(scripts):
-        if script != _COMMON:
+        if script != SHARED_SCRIPT:
             current = script
         scripts[place] = current
     return scripts
-
-
-@lru_cache(maxsize=4096)
-def find_script(character: str) -> str:
-    """Find a character's script by its ISO 15924 code, "Zyyy" for what several scripts share."""
-    buffer = harfbuzz.Buffer()
-    buffer.add_codepoints([ord(character)])
-    buffer.guess_segment_properties()
-    return buffer.script or _COMMON
 
 
 def _find_levels(text: str, *, rtl: bool) -> Sequence[int]:

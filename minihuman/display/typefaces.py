@@ -4,17 +4,17 @@ Every plan is measured in the shipped faces alone; installed ones are only drawn
 """
 
 import os
+import re
 import sys
 import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import uharfbuzz as harfbuzz
 
 # Noto faces by the scripts they are for, in the order in which they are asked; then what systems bring themselves.
-# Debian and Ubuntu: apt install fonts-noto-core fonts-noto-cjk. Elsewhere: https://fonts.google.com/noto
 _NOTO = (
     "NotoSansCJK-Regular.ttc",
     "NotoSans-Regular.ttf",
@@ -45,8 +45,53 @@ _SYSTEM = (
     "Thonburi.ttc",
     "Kohinoor.ttc",
 )
+SHARED_SCRIPT = "Zyyy"  # of signs, blanks and marks, which go with the text around them
 _UNSEEN = frozenset({"Cc", "Cf", "Zs", "Zl", "Zp"})  # blanks, line breaks, marks of direction
 _CJK_FACE = {"ja": 0, "ko": 1, "zh": 2, "zh-tw": 3, "zh-hk": 4}  # of the collection: the same character, drawn as there
+_CJK_SUFFIX = {"ja": "JP", "ko": "KR", "zh": "SC", "zh-tw": "TC", "zh-hk": "HK"}  # of the same faces in single files
+_OTHERS = re.compile(r"(NotoSans|SourceHanSans)\w*-Regular\.(ttf|otf)")
+# Scripts whose letters change or move by what stands beside them: a face needs rules for them (GSUB, or Apple's morx).
+_JOINING_SCRIPTS = frozenset(
+    re.findall(
+        r"\w+",
+        "Adlm Arab Bali Beng Cakm Deva Gujr Guru Java Khmr Knda Lana Mlym Mong Mymr Nkoo Orya Phag Rohg Sinh Syrc Taml "
+        "Telu Tibt",
+    )
+)
+SHARED_SCRIPT = "Zyyy"  # of signs, blanks and marks, which go with the text around them
+_UNSEEN = frozenset({"Cc", "Cf", "Zs", "Zl", "Zp"})  # blanks, line breaks, marks of direction
+_CJK_FACE = {"ja": 0, "ko": 1, "zh": 2, "zh-tw": 3, "zh-hk": 4}  # of the collection: the same character, drawn as there
+_CJK_SUFFIX = {"ja": "JP", "ko": "KR", "zh": "SC", "zh-tw": "TC", "zh-hk": "HK"}  # of the same faces in single files
+_OTHERS = re.compile(r"(NotoSans|SourceHanSans)\w*-Regular\.(ttf|otf)")
+# Scripts whose letters change or move by what stands beside them: a face needs rules for them (GSUB, or Apple's morx).
+_JOINING_SCRIPTS = frozenset(
+    [
+        "Adlm",
+        "Arab",
+        "Bali",
+        "Beng",
+        "Cakm",
+        "Deva",
+        "Gujr",
+        "Guru",
+        "Java",
+        "Khmr",
+        "Knda",
+        "Lana",
+        "Mlym",
+        "Mong",
+        "Mymr",
+        "Nkoo",
+        "Orya",
+        "Phag",
+        "Rohg",
+        "Sinh",
+        "Syrc",
+        "Taml",
+        "Telu",
+        "Tibt",
+    ]
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +120,32 @@ def list_characters(face: Typeface) -> frozenset[int]:
 
 
 @cache
+def list_joined_scripts(face: Typeface) -> frozenset[str]:
+    """List the scripts, by their ISO 15924 codes, whose letters a face joins and places by rules of its own."""
+    opened = open_face(face)
+    if "morx" in opened.table_tags:  # Apple's rules have no scripts
+        return _JOINING_SCRIPTS
+    return frozenset(harfbuzz.ot_tag_to_script(tag) for tag in opened.get_table_script_tags("GSUB"))
+
+
+@lru_cache(maxsize=4096)
+def find_script(character: str) -> str:
+    """Find a character's script by its ISO 15924 code, "Zyyy" for what several scripts share."""
+    buffer = harfbuzz.Buffer()
+    buffer.add_codepoints([ord(character)])
+    buffer.guess_segment_properties()
+    return buffer.script or SHARED_SCRIPT
+
+
+def can_set(face: Typeface, character: str) -> bool:
+    """Tell whether a face has a character and, where letters of its script join, the rules for it."""
+    if ord(character) not in list_characters(face):
+        return False
+    script = find_script(character)
+    return script not in _JOINING_SCRIPTS or script in list_joined_scripts(face)
+
+
+@cache
 def shipped_typeface(*, bold: bool = False) -> Typeface:
     """DejaVu Sans 2.37, in the folder `fonts`: Latin, Greek, Cyrillic, Arabic, Hebrew and many signs."""
     return Typeface(str(Path(__file__).parent / "fonts" / f"DejaVuSans{'-Bold' if bold else ''}.ttf"))
@@ -97,15 +168,14 @@ class TypefaceSet:
         )
 
     def of(self, character: str) -> Typeface | None:
-        """The first face that has a character; None if none has."""
-        code = ord(character)
+        """Return the first face that can set a character; None if none can."""
         for face in self._first:
-            if code in list_characters(face):
+            if can_set(face, character):
                 return face
-        return next((face for face in _installed_typefaces(self.language) if code in list_characters(face)), None)
+        return next((face for face in _installed_typefaces(self.language) if can_set(face, character)), None)
 
     def missing(self, text: str) -> str:
-        """The first character of a text that no face has; "" if there is none."""
+        """Return the first character of a text that no face can set; "" if there is none."""
         for character in dict.fromkeys(text):
             if unicodedata.category(character) not in _UNSEEN and self.of(character) is None:
                 return character
@@ -127,14 +197,17 @@ def find_installed_typeface(name: str) -> Typeface | None:
 @cache
 def _installed_typefaces(language: str) -> tuple[Typeface, ...]:
     paths = _files()
-    index = _CJK_FACE.get(language.lower(), 2)
+    language = language.lower()
+    index = _CJK_FACE.get(language, _CJK_FACE["zh"])
     faces = [
         Typeface(paths[name], index if name == "NotoSansCJK-Regular.ttc" else 0)
         for name in (*_NOTO, *_SYSTEM)
         if name in paths
     ]
-    more = sorted(name for name in paths if name.startswith("NotoSans") and name.endswith("-Regular.ttf"))
-    return tuple(faces + [Typeface(paths[name]) for name in more if name not in _NOTO])
+    suffix = _CJK_SUFFIX.get(language, "SC")
+    others = sorted(name for name in paths if _OTHERS.fullmatch(name) and name not in _NOTO)
+    others.sort(key=lambda name: not name.removesuffix(name[-4:]).removesuffix("-Regular").upper().endswith(suffix))
+    return tuple(faces + [Typeface(paths[name]) for name in others])
 
 
 @cache
@@ -150,12 +223,20 @@ def _files() -> dict[str, str]:
     return paths
 
 
+def user_font_folder() -> Path:
+    """Return the folder in which a user can put a font file without being an administrator."""
+    return next(_folders())
+
+
 def _folders() -> Iterator[Path]:
     home = Path.home()
     if sys.platform == "darwin":
         yield from (home / "Library/Fonts", Path("/Library/Fonts"), Path("/System/Library/Fonts"))
     elif sys.platform == "win32":
+        yield Path(os.environ.get("LOCALAPPDATA", home / "AppData/Local")) / "Microsoft/Windows/Fonts"
         yield Path(os.environ.get("WINDIR", r"C:\Windows")) / "Fonts"
-    else:
-        yield from (home / ".local/share/fonts", home / ".fonts", Path("/usr/local/share/fonts"))
-        yield Path("/usr/share/fonts")
+    else:  # the XDG Base Directory Specification
+        yield Path(os.environ.get("XDG_DATA_HOME") or home / ".local/share") / "fonts"
+        yield home / ".fonts"
+        for folder in (os.environ.get("XDG_DATA_DIRS") or "/usr/local/share:/usr/share").split(":"):
+            yield Path(folder) / "fonts"
