@@ -218,7 +218,7 @@ def is_division(pages: Sequence[str], text: str, *, pictures: int = 0) -> bool:
         gap = text[place : max(start, place)]
         if start < 0 or gap.strip() or not gap.endswith(before) or not text.startswith(after, stop):
             return False
-        place = stop
+        place = stop + len(after)
     return len(pages) >= pictures and not text[place:].strip()
 
 

@@ -158,11 +158,15 @@ class TypefaceSet:
         language: decides how characters that Chinese, Japanese and Korean share are drawn.
         bold: whether the one that comes with us is bold; the others are as they are.
         fonts: files of faces to ask before ours, by their names; one that is not installed is passed over.
+        first: a face to ask before all.
     """
 
-    def __init__(self, language: str = "en", *, bold: bool = False, fonts: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, language: str = "en", *, bold: bool = False, fonts: tuple[str, ...] = (), first: Typeface | None = None
+    ) -> None:
         self.language = language
         self._first = (
+            *([first] if first else []),
             *(face for name in fonts if (face := find_installed_typeface(name)) is not None),
             shipped_typeface(bold=bold),
         )
