@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, settings
 
 from tests import machine, meter, nightly, processes
 from tests.built_worlds import build_worlds
+from tests.typefaces import use_test_faces
 from tests.xserver import xvfb
 
 # How fast this machine is just now is no property of the code. Examples are the same each time in CI, as Hypothesis has
@@ -33,6 +34,7 @@ def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(processes)
     config.pluginmanager.register(machine)
     build_worlds()
+    use_test_faces()
 
 
 IMPORTED = pytest.StashKey[frozenset[str]]()

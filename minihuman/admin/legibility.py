@@ -7,7 +7,8 @@ import msgspec
 
 from minihuman.display.drawing.questions import question_fits
 from minihuman.display.drawing.text_screens import text_fits
-from minihuman.display.text import TypefaceSet, find_installed_typeface, measure_width_px, select_typefaces
+from minihuman.display.shaping import measure_width_px
+from minihuman.display.typefaces import TypefaceSet, find_installed_typeface, select_typefaces, user_font_folder
 from minihuman.errors import ProtocolError
 from minihuman.experiment.activities.block_plans import PlayPlan
 from minihuman.experiment.activities.pages import PagePlan
@@ -19,7 +20,7 @@ from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.plan.expansion import assign_slot, expand_protocol, format_participant_code
 from minihuman.experiment.plan.session_plan import Participant, PlannedPart, SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
-from minihuman.experiment.words import ENGLISH, InterfaceWords
+from minihuman.experiment.words import ENGLISH, LANGUAGES, InterfaceWords, load_words
 from minihuman.worlds.adapters.world import World
 
 NARROWEST_SCREEN_PX = (1024, 768)  # the narrowest screen that a study is likely to meet
@@ -61,15 +62,29 @@ def find_illegible_in_plan(plan: SessionPlan) -> Iterator[str]:
 
 
 def _without_typeface(plan: SessionPlan, faces: TypefaceSet) -> Iterator[str]:
-    """The first text with a character that no face has, and how many more there are: one font helps all of a script."""
-    found = [(where, missing) for where, text in _texts(plan) if (missing := faces.missing(text))]
-    if found:
-        where, missing = found[0]
-        more = f" (and {len(found) - 1} more texts have such characters)" if len(found) > 1 else ""
-        yield (
-            f"{where}: no face on this machine has {missing!r} (U+{ord(missing):04X}){more}; install a Noto font that "
-            "has it (Debian: fonts-noto-core, fonts-noto-cjk) or use another character"
-        )
+    """Name the first text with a character that no face can set, and how many more there are: one font helps all."""
+    unset = [(where, missing) for where, text in _texts(plan) if (missing := faces.missing(text))]
+    if unset:
+        where, missing = unset[0]
+        more = f" (and {len(unset) - 1} more texts have such characters)" if len(unset) > 1 else ""
+        yield f"{where}: {describe_missing_face(missing, more)} or use another character"
+
+
+def describe_missing_face(character: str, more: str = "") -> str:
+    """Say that no face can set a character, and how to have one that can."""
+    return (
+        f"no face on this machine can set {character!r} (U+{ord(character):04X}){more}; install a Noto font that can "
+        f"(Debian: fonts-noto-core, fonts-noto-cjk; or put its file, such as NotoSansSC-Regular.otf for Chinese, into "
+        f"{user_font_folder()})"
+    )
+
+
+def list_undrawable_languages() -> dict[str, str]:
+    """List the shipped languages whose own words cannot be set on this machine, each with a character that cannot."""
+    missing = {
+        language: select_typefaces(language).missing("".join(load_words(language).values())) for language in LANGUAGES
+    }
+    return {language: character for language, character in missing.items() if character}
 
 
 def _texts(plan: SessionPlan) -> Iterator[tuple[str, str]]:

@@ -21,7 +21,8 @@ _DISTRIBUTIONS = {  # by module
     "rerun": "rerun-sdk",
     "pygame": "pygame-ce",
     "PIL": "pillow",
-    "fontTools": "fonttools",
+    "bidi": "python-bidi",
+    "freetype": "freetype-py",
     "google": "protobuf",
 }
 _INTERRUPTED = 130  # as shells say it of a program that Ctrl-C ended

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageColor, ImageDraw
 
-from minihuman.display.text import draw_line, is_rtl, select_typefaces
+from minihuman.display.shaping import is_rtl
+from minihuman.display.text import draw_line
+from minihuman.display.typefaces import select_typefaces
 from minihuman.errors import WorldError
 
 NO_RESPONSE = "none"

@@ -5,14 +5,18 @@ reaction time.
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib import font_manager
+from matplotlib import get_data_path
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageColor, ImageDraw
 
 from minihuman.dataset.measures import response_ms
+from minihuman.display.shaping import is_rtl, measure_width_px
+from minihuman.display.text import draw_line
+from minihuman.display.typefaces import Typeface, TypefaceSet, select_typefaces
 from minihuman.display.video import VideoWriter
 from minihuman.errors import LogError
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
@@ -30,14 +34,36 @@ _SHEET = 6  # pictures of an episode on a contact sheet
 _THUMB_PX = (200, 150)
 
 
-def load_font(size_px: int, *, mono: bool = False, bold: bool = False) -> ImageFont.FreeTypeFont:
-    """A face that Matplotlib brings."""
-    family = "DejaVu Sans Mono" if mono else "DejaVu Sans"
-    found = font_manager.findfont(font_manager.FontProperties(family=family, weight="bold" if bold else "normal"))
-    return ImageFont.truetype(found, size_px)
+@dataclass(frozen=True, slots=True)
+class Lettering:
+    """How words of a film are set."""
+
+    faces: TypefaceSet
+    size_px: int
 
 
-TITLE, TEXT, MONO, KEY = load_font(19, bold=True), load_font(14), load_font(12, mono=True), load_font(22, bold=True)
+PLAIN, BOLD = select_typefaces("en"), select_typefaces("en", bold=True)
+MONOSPACED = TypefaceSet(first=Typeface(str(Path(get_data_path(), "fonts", "ttf", "DejaVuSansMono.ttf"))))
+TITLE, TEXT, MONO, KEY = Lettering(BOLD, 19), Lettering(PLAIN, 14), Lettering(MONOSPACED, 12), Lettering(BOLD, 22)
+_MIDDLE = 0.58  # of a line's type size, from its top
+
+
+def write_words(
+    draw: ImageDraw.ImageDraw,
+    place: tuple[float, float],
+    words: str,
+    colour: str,
+    lettering: Lettering,
+    *,
+    centred: bool = False,
+) -> None:
+    """Set a line from its upper left corner, or around its middle."""
+    faces, size_px = lettering.faces, lettering.size_px
+    x, y = place
+    middle = (x, y if centred else y + _MIDDLE * size_px)
+    ink = ImageColor.getrgb(colour)[:3]
+    anchor = "m" if centred else "l"
+    draw_line(draw, middle, words, faces=faces, size_px=size_px, colour=ink, anchor=anchor, rtl=is_rtl(words))
 
 
 def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Path:
@@ -109,21 +135,21 @@ def _compose(
     draw = ImageDraw.Draw(image)
     image.paste(view, (0, 0))
     left, right = VIEW_PX[0] + 20, SIZE_PX[0] - 20
-    draw.text((left, 14), episode.plan.world.rpartition("/")[2].rpartition(":")[2][:32], INK, TITLE)
+    write_words(draw, (left, 14), episode.plan.world.rpartition("/")[2].rpartition(":")[2][:32], INK, TITLE)
     who = f"{log.plan.participant.id}, episode {episode.number}, {episode.plan.block_name}"
-    draw.text((left, 40), who[:48], FAINT, TEXT)
+    write_words(draw, (left, 40), who[:48], FAINT, TEXT)
     pressed = episode.step_keys[step - 1] if step else ""
     for place, (key, action) in enumerate(sorted(episode.plan.key_map.keys.items())[:_MOST_KEYS]):
         x, y = left + place % 3 * 62, 74 + place // 3 * 78
         down = pressed == key
         draw.rounded_rectangle((x, y, x + 44, y + 44), 7, fill=BLUE if down else PANEL, outline=FAINT)
         name = key if len(key) < 3 else key[:5]
-        draw.text((x + 22, y + 22), name, PAPER if down else INK, KEY if len(key) < 3 else MONO, anchor="mm")
-        draw.text((x + 22, y + 55), action.rpartition("_")[2][:8], INK, MONO, anchor="mm")
+        write_words(draw, (x + 22, y + 22), name, PAPER if down else INK, KEY if len(key) < 3 else MONO, centred=True)
+        write_words(draw, (x + 22, y + 55), action.rpartition("_")[2][:8], INK, MONO, centred=True)
     _draw_map(draw, episode, step, (right - 160, 70, right, 230))
     seconds = (episode.t_ns[step] - episode.t_ns[0]) / 1e9
     end = f": {episode.outcome_word}" if step == len(episode.actions) else ""
-    draw.text((left, 250), f"step {step} of {len(episode.actions)}, {seconds:.1f} s{end}", INK, TEXT)
+    write_words(draw, (left, 250), f"step {step} of {len(episode.actions)}, {seconds:.1f} s{end}", INK, TEXT)
     for line, one in enumerate(range(max(0, step - _LINES), step)):
         waited = times_ms[one]
         text = (
@@ -131,7 +157,7 @@ def _compose(
             f"{episode.start.action_names[episode.actions[one]].rpartition('_')[2][:10]:<10}"
             f"{'' if np.isnan(waited) else f'{waited:6.0f} ms'}"
         )
-        draw.text((left, 278 + 19 * line), text, INK if one == step - 1 else FAINT, MONO)
+        write_words(draw, (left, 278 + 19 * line), text, INK if one == step - 1 else FAINT, MONO)
     return image
 
 
@@ -168,7 +194,7 @@ def draw_contact_sheet(log: SessionLog, episodes: Sequence[EpisodeLog]) -> Image
     left = 190
     sheet = Image.new("RGB", (left + (_SHEET + 1) * (width + 6), 40 + len(rows) * (height + 8)), PAPER)
     draw = ImageDraw.Draw(sheet)
-    draw.text((10, 10), f"{log.plan.study}: {log.plan.participant.id}, session {log.plan.session}", INK, TITLE)
+    write_words(draw, (10, 10), f"{log.plan.study}: {log.plan.participant.id}, session {log.plan.session}", INK, TITLE)
     for row, episode in enumerate(rows):
         y, views = 40 + row * (height + 8), render_frames(episode, _THUMB_PX)
         words = (
@@ -176,11 +202,13 @@ def draw_contact_sheet(log: SessionLog, episodes: Sequence[EpisodeLog]) -> Image
             f"{episode.outcome_word}, {episode.return_:.2f}",
         )  # fmt: skip
         for line, text in enumerate(words):
-            draw.text((10, y + 10 + 22 * line), text, FAINT if line else INK, TEXT)
+            write_words(draw, (10, y + 10 + 22 * line), text, FAINT if line else INK, TEXT)
         _draw_map(draw, episode, len(episode.actions), (left + 20, y + 4, left + width - 20, y + height - 4))
         for place, step in enumerate(np.linspace(0, len(views) - 1, _SHEET).round().astype(int).tolist()):
             picture = Image.fromarray(fit_picture(views[step], _THUMB_PX))
             x = left + (place + 1) * (width + 6)
             sheet.paste(picture, (x, y))
-            draw.text((x + 6, y + 4), f"step {step}", PAPER, MONO, stroke_width=2, stroke_fill=BACKGROUND)
+            label = f"step {step}"
+            draw.rectangle((x, y, x + 10 + measure_width_px(label, MONO.faces, MONO.size_px), y + 20), fill=BACKGROUND)
+            write_words(draw, (x + 5, y + 4), label, PAPER, MONO)
     return sheet

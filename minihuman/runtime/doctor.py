@@ -19,11 +19,13 @@ from pathlib import Path
 import numpy as np
 
 from minihuman import __version__
+from minihuman.admin.legibility import describe_missing_face, find_illegible_in_study, list_undrawable_languages
 from minihuman.display.windows.blocking_window import BlockingWindow, open_window
 from minihuman.errors import WindowError
 from minihuman.experiment.machine.inputs import KeyDown
 from minihuman.experiment.machine.screens import PlayScreen, Screen
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
+from minihuman.experiment.words import LANGUAGES
 from minihuman.operating_system import sync_file
 from minihuman.worlds.adapters.world import World
 
@@ -55,7 +57,17 @@ _SLOWEST_FRAME_MS = 50.0  # 99 of 100 frames; longer is seen as a stutter
 _SLOWEST_SYNC_MS = 250.0  # 99 of 100; the writer's queue rides out less
 _LEAST_FREE_BYTES = 2 * 10**9
 _UNKNOWN_PERIOD_MS = 1000 / 60  # where no display refreshes
-_PACKAGES = ("numpy", "gymnasium", "mcap", "pygame-ce", "pyglet", "rerun-sdk")
+_PACKAGES = (
+    "numpy",
+    "gymnasium",
+    "mcap",
+    "pygame-ce",
+    "pyglet",
+    "rerun-sdk",
+    "uharfbuzz",
+    "python-bidi",
+    "freetype-py",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +97,9 @@ def examine_machine(
     """
     yield _versions()
     yield _clock_resolution()
+    yield _languages()
+    if protocol is not None:
+        yield _texts(protocol)
     yield from _display(window, protocol, fullscreen=fullscreen)
     yield from _disk(data)
 
@@ -112,6 +127,23 @@ def _clock_resolution() -> Finding:
     resolution_ns = time.get_clock_info("perf_counter").resolution * 1e9
     coarse = "its clock ticks slower than once a millisecond" if resolution_ns > 1e6 else ""
     return Finding("clock", f"monotonic, {resolution_ns:.0f} ns", coarse)
+
+
+def _languages() -> Finding:
+    """Name the languages that screens can be drawn in here, and what to do for the others."""
+    undrawable = list_undrawable_languages()
+    drawable = ", ".join(language for language in LANGUAGES if language not in undrawable)
+    without_face = [f"not {language}: {describe_missing_face(character)}" for language, character in undrawable.items()]
+    return Finding("languages", "; ".join([drawable, *without_face]))
+
+
+def _texts(protocol: Protocol) -> Finding:
+    """Tell whether every text of a study can be read on this machine's screens."""
+    problems = list(dict.fromkeys(find_illegible_in_study(protocol)))
+    if not problems:
+        return Finding("texts", f"every text of the study can be read, in {protocol.study.language!r}")
+    others = f" (and {len(problems) - 1} more; minihuman check names all)" if len(problems) > 1 else ""
+    return Finding("texts", problems[0] + others, "a text of the study cannot be read here")
 
 
 def _display(name: str, protocol: Protocol | None, *, fullscreen: bool) -> Iterator[Finding]:

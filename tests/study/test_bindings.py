@@ -8,7 +8,7 @@ import pytest
 from minihuman.admin.verify.log import verify_session
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
-from minihuman.display.text import select_typefaces
+from minihuman.display.typefaces import select_typefaces
 from minihuman.errors import ProtocolError
 from minihuman.experiment.keys import PAD_AXES, PAD_BUTTONS, PadAxes
 from minihuman.experiment.machine.events import Noted, PointerUsed, Stepped

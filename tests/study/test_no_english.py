@@ -10,7 +10,7 @@ import pytest
 from minihuman.admin.legibility import find_illegible_in_study
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.display.drawing.screen import compose_screen
-from minihuman.display.text import TypefaceSet
+from minihuman.display.typefaces import TypefaceSet
 from minihuman.display.windows.window import VirtualClock
 from minihuman.experiment import words
 from minihuman.experiment.machine import screen_texts

@@ -5,7 +5,8 @@ import pytest
 
 from minihuman.display.drawing import sheet
 from minihuman.display.drawing.screen import compose_screen, find_spot
-from minihuman.display.text import break_page_lines, count_page_lines, paginate_text, select_typefaces, wrap_text
+from minihuman.display.text import break_page_lines, count_page_lines, paginate_text, wrap_text
+from minihuman.display.typefaces import select_typefaces
 from minihuman.experiment import words
 from minihuman.experiment.machine.events import Noted, PageShown, SessionEnded
 from minihuman.experiment.machine.inputs import PointerPressed
@@ -38,16 +39,16 @@ def inked(text: str) -> str:
 def test_every_character_is_on_some_page_and_has_a_face(language, length):
     need_faces(language)
     text, faces = text_of(language, length), select_typefaces(language)
-    found = paginate_text(text, faces)
+    found = paginate_text(text)
     assert inked("".join(found)) == inked(text)
     assert faces.missing(text) == ""
-    assert all(len(break_page_lines(page, faces)) <= count_page_lines(picture=False) for page in found)
+    assert all(len(break_page_lines(page)) <= count_page_lines(picture=False) for page in found)
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("size_px", [(1280, 720), (1024, 768), (1920, 1080)][: count(1, 3)])
 def test_a_full_page_leaves_its_margins_clear(language, size_px):
-    [first, *_] = paginate_text(text_of(language, 700), select_typefaces(language))
+    [first, *_] = paginate_text(text_of(language, 700))
     locale = TextLocale(language, language in ("ar", "he"))
     shown = compose_screen(PageScreen("", first, 2, 3, "", (), locale=locale), size_px)
     ink = (shown != np.array(sheet.BACKGROUND)).any(axis=2)
@@ -63,10 +64,9 @@ def test_a_full_page_leaves_its_margins_clear(language, size_px):
 
 
 def test_lines_follow_each_other_wherever_a_page_began():
-    faces = select_typefaces("en")
     text = " ".join(["Taking part is voluntary, and you may stop at any time."] * 90)
-    whole = break_page_lines(text, faces)
-    assert [line for page in paginate_text(text, faces) for line in break_page_lines(page, faces)] == whole
+    whole = break_page_lines(text)
+    assert [line for page in paginate_text(text) for line in break_page_lines(page)] == whole
 
 
 def test_chinese_signs_begin_no_line():
@@ -79,10 +79,9 @@ def test_chinese_signs_begin_no_line():
 
 
 def test_a_heading_does_not_stand_alone_at_the_end_of_a_page():
-    faces = select_typefaces("en")
     for fill in range(1, count_page_lines(picture=False) + 1):
         text = "\n".join(["A line of its own."] * fill + ["", "What we ask of you", "word " * 120])
-        for page in paginate_text(text, faces)[:-1]:
+        for page in paginate_text(text)[:-1]:
             assert not page.endswith("What we ask of you")
 
 

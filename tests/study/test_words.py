@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.display.text import select_typefaces
+from minihuman.display.typefaces import select_typefaces
 from minihuman.errors import ProtocolError
 from minihuman.experiment import words
 from minihuman.experiment.machine import screen_texts

@@ -8,7 +8,7 @@ import pytest
 from minihuman.display.drawing import sheet
 from minihuman.display.drawing.screen import compose_screen
 from minihuman.display.drawing.sheet import Sheet
-from minihuman.display.text import EMPHASIS_MARK, break_page_lines, select_typefaces, style_lines
+from minihuman.display.text import EMPHASIS_MARK, break_page_lines, style_lines
 from minihuman.experiment.machine.screens import PageScreen, TextLocale
 from tests.machine import needs
 from tests.web.browser import browsing
@@ -74,9 +74,8 @@ def test_emphasised_words_are_bold_and_in_the_accent_colour_and_the_line_is_as_l
 
 
 def test_lines_are_broken_as_if_there_were_no_emphasis_but_its_marks():
-    faces = select_typefaces("en")
     text = "An *emphasised part of a sentence that is long enough to be broken* " * 4
-    lines = style_lines(break_page_lines(text.strip(), faces))
+    lines = style_lines(break_page_lines(text.strip()))
     assert [line.replace(M, "").count("*") for line in lines] == [0] * len(lines)
     assert all(line.count(M) % 2 == 0 for line in lines)
 

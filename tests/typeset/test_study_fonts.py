@@ -8,9 +8,9 @@ import matplotlib
 import numpy as np
 import pytest
 
-from minihuman.display import text
+from minihuman.display import typefaces
 from minihuman.display.drawing.screen import compose_screen
-from minihuman.display.text import find_installed_typeface, select_typefaces, shipped_typeface
+from minihuman.display.typefaces import find_installed_typeface, select_typefaces, shipped_typeface
 from minihuman.experiment.machine.screens import TextScreen
 from minihuman.experiment.words import InterfaceWords
 
@@ -30,7 +30,7 @@ def its_face(tmp_path, monkeypatch):
 
 
 def _forget():
-    for remembered in (text._files, text._installed_typefaces, text.select_typefaces):
+    for remembered in (typefaces._files, typefaces._installed_typefaces, typefaces.select_typefaces):
         remembered.cache_clear()
 
 

@@ -34,6 +34,7 @@ from minihuman.admin.manifest import find_changed_files
 from minihuman.admin.policies import verify_advice
 from minihuman.admin.session_index import find_double_sessions
 from minihuman.admin.verify.episodes import describe_other_rules, verify_episodes
+from minihuman.display.text import is_division
 from minihuman.errors import LogError, MinihumanError
 from minihuman.experiment.activities.activity import WorldFactory
 from minihuman.experiment.activities.block_plans import PlayPlan
@@ -49,7 +50,7 @@ from minihuman.experiment.machine.events import (
     find_violations,
 )
 from minihuman.experiment.plan.allocation import build_allocation_list
-from minihuman.experiment.plan.expansion import expand_protocol, parse_participant_code
+from minihuman.experiment.plan.expansion import expand_protocol, find_paged_text, parse_participant_code
 from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart, SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
 from minihuman.experiment.protocol.strata import build_strata
@@ -67,6 +68,7 @@ from minihuman.log.paths import (
     study_folder,
 )
 from minihuman.log.preview import PreviewEncoder
+from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.log.read.session_reader import list_session_files, read_log
 from minihuman.log.record.live_log import build_attachments, build_segment_metadata
 from minihuman.log.salvage.records import ChunkMessages, LogMessage
@@ -114,7 +116,7 @@ class MessageVerifier:
             return None, [f"{where} says nothing"]
         wrong = []
         again, encoded = encode_event(event)
-        if again != topic or encoded.SerializeToString(deterministic=True) != message.data:
+        if again != topic or not _is_as_written(encoded, message.data):
             wrong.append(f"{where} is not as it is written")
         if message.log_time != self._started_ns + event.t_ns:
             wrong.append(f"{where}: log time {message.log_time}, by its own time {self._started_ns + event.t_ns}")
@@ -144,6 +146,25 @@ class MessageVerifier:
             if not same or not _bytes_match(topic, again.SerializeToString(deterministic=True), other.data):
                 wrong.append(f"{where}: its copy for viewers on {topic} is another")
         return wrong
+
+
+def _is_as_written(again: Message, logged: bytes) -> bool:
+    """Tell whether a message is as minihuman writes it, or wrote it: a plan may lack fields that parts got since."""
+    if again.SerializeToString(deterministic=True) == logged:
+        return True
+    if not isinstance(again, v1.SessionPlan):
+        return False
+    for part, logged_part in zip(again.parts, v1.SessionPlan.FromString(logged).parts, strict=False):
+        part.plan_json = _without_later_defaults(part.plan_json, logged_part.plan_json)
+    return again.SerializeToString(deterministic=True) == logged
+
+
+def _without_later_defaults(plan_json: str, logged_json: str) -> str:
+    """Return a part's plan, as read from the logged one, without the fields that reading added with their defaults."""
+    plan, logged = msgspec.json.decode(plan_json), msgspec.json.decode(logged_json)
+    if not isinstance(plan, dict) or not isinstance(logged, dict):
+        return plan_json
+    return msgspec.json.encode({name: value for name, value in plan.items() if name in logged}).decode()
 
 
 def _bytes_match(topic: str, again: bytes, found: bytes) -> bool:
@@ -440,7 +461,7 @@ def _plan(segment: _LogSegment) -> Iterator[str]:
     for name in SessionPlan.__struct_fields__:
         logged, now = getattr(plan, name), getattr(again, name)
         if name == "parts":
-            now = tuple(_without_later_fields(part, before) for part, before in zip_longest(now, logged))
+            now = tuple(_as_part_before(protocol, plan, *parts) for parts in zip_longest(now, logged))
         if name == "words":  # a language has got more of them since
             now = {key: text for key, text in now.items() if key in logged}
         if name == "episodes":
@@ -461,9 +482,37 @@ def _page_pictures(protocol: Protocol, plan: SessionPlan) -> dict[str, bytes]:
     }
 
 
-def _without_later_fields(part: PlannedPart | None, logged: PlannedPart | None) -> PlannedPart | None:
-    """A planned part without what plans did not say yet when the logged one was made."""
-    if part is None or logged is None or not isinstance(part.plan, PlayPlan) or not isinstance(logged.plan, PlayPlan):
+def _as_part_before(
+    protocol: Protocol, plan: SessionPlan, part: PlannedPart | None, logged: PlannedPart | None
+) -> PlannedPart | None:
+    """Return a planned part as it was planned when the logged one was: divided into those pages, with those fields."""
+    if part is None or logged is None or part.name != logged.name:
+        return part
+    return _without_later_fields(_divided_as_before(protocol, plan, part, logged), logged)
+
+
+def _divided_as_before(protocol: Protocol, plan: SessionPlan, part: PlannedPart, logged: PlannedPart) -> PlannedPart:
+    """Take over the logged pages of a plan from before there were rules of pagination, if they are the whole text.
+
+    Pages were measured by the fonts and the libraries of the machine then, so no other machine can find them again.
+    """
+    match part.plan, logged.plan:
+        case PagePlan(), PagePlan(pages=pages, pagination=msgspec.UNSET) as page:
+            pictures = len(page.pictures) or bool(page.example)
+            divided = {"pages": pages, "pagination": msgspec.UNSET}
+        case PlayPlan(), PlayPlan(instruction=pages, pagination=msgspec.UNSET) if pages:
+            pictures = 0
+            divided = {"instruction": pages, "pagination": msgspec.UNSET}
+        case _:
+            return part
+    if not is_division(pages, find_paged_text(protocol, part.name, plan.participant.group), pictures=pictures):
+        return part
+    return msgspec.structs.replace(part, plan=msgspec.structs.replace(part.plan, **divided))
+
+
+def _without_later_fields(part: PlannedPart, logged: PlannedPart) -> PlannedPart:
+    """Return a planned part without what plans did not say yet when the logged one was made."""
+    if not isinstance(part.plan, PlayPlan) or not isinstance(logged.plan, PlayPlan):
         return part
     if logged.plan.computed == "page":
         return part

@@ -13,7 +13,9 @@ from PIL import Image, ImageDraw
 
 from minihuman.display.drawing import sheet, sheet as theme
 from minihuman.display.drawing.sheet import MARGIN, MIN_TYPE_SIZE, Sheet, Size, draw_keycap
-from minihuman.display.text import draw_line, measure_width_px, select_typefaces
+from minihuman.display.shaping import measure_width_px
+from minihuman.display.text import draw_line
+from minihuman.display.typefaces import select_typefaces
 from minihuman.experiment.keys import key_label
 from minihuman.experiment.machine.screens import FilmScreen, PairScreen, PlayScreen, TextLocale
 

@@ -9,14 +9,9 @@ from typing import Any
 
 from PIL import Image, ImageDraw
 
-from minihuman.display.text import (
-    EMPHASIS_MARK,
-    TypefaceSet,
-    draw_line,
-    measure_width_px,
-    select_typefaces,
-    wrap_text,
-)
+from minihuman.display.shaping import measure_width_px
+from minihuman.display.text import EMPHASIS_MARK, draw_line, wrap_text
+from minihuman.display.typefaces import TypefaceSet, select_typefaces
 from minihuman.experiment.machine.screens import Button, TextLocale
 
 Colour = tuple[int, int, int]
@@ -70,7 +65,7 @@ def _draw_light(draw: Callable[..., None]) -> Callable[..., None]:
     return drawn
 
 
-for _name in ("ellipse", "line", "rectangle", "rounded_rectangle", "text"):
+for _name in ("bitmap", "ellipse", "line", "rectangle", "rounded_rectangle"):
     setattr(LightDraw, _name, _draw_light(getattr(ImageDraw.ImageDraw, _name)))
 
 

@@ -116,7 +116,7 @@ def draw_page(screen: PageScreen, size_px: Size) -> Sheet:
         _picture(sheet, screen.picture, screen.marks, (left, y, right, y + tall))
         y += high * text.PAGE_PICTURE_HEIGHT
         room -= high * text.PAGE_PICTURE_HEIGHT
-    lines = text.style_lines(text.break_page_lines(screen.body, sheet.faces)) if screen.body else []
+    lines = text.style_lines(text.break_page_lines(screen.body)) if screen.body else []
     type_px = _type_px(sheet, lines, wide)
     if screen.pages == 1:  # a short text stands in the middle
         y += max(0.0, (room - len(lines) * type_px * LINE_HEIGHT) / 2)

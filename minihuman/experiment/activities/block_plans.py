@@ -93,6 +93,7 @@ class PlayPlan(msgspec.Struct, frozen=True):
     bindings: Bindings | msgspec.UnsetType = msgspec.UNSET  # unset where keys alone act
     motion_ms: float | msgspec.UnsetType = msgspec.UNSET  # from a step's picture to the next; unset: at once
     design: DesignSpec | msgspec.UnsetType = msgspec.UNSET  # that resolves each episode; unset where none does
+    pagination: int | msgspec.UnsetType = msgspec.UNSET  # of the instruction: as PagePlan's
 
 
 LATEST_POLICY = "latest"  # the policy that an earlier part of the session ended with

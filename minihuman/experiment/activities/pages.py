@@ -31,7 +31,7 @@ class ExampleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PagePlan(msgspec.Struct, frozen=True):
-    """A text in pages, broken by measured height when the plan was made."""
+    """A text in pages, divided by measured height when the plan was made."""
 
     title: str
     pages: tuple[str, ...]
@@ -40,6 +40,7 @@ class PagePlan(msgspec.Struct, frozen=True):
     closing: bool = False  # the session's last words
     pictures: tuple[bytes, ...] = ()  # PNG, one a page from the first; more pages than pictures have none
     example: ExampleSpec | None = None  # drawn on the first page
+    pagination: int | msgspec.UnsetType = msgspec.UNSET  # by which rules; unset for a single page, and in older logs
 
 
 class PageReader:

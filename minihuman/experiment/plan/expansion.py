@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from minihuman.display.text import TypefaceSet, paginate_text, select_typefaces
+from minihuman.display.text import PAGINATION_RULES, paginate_text
 from minihuman.errors import AllocationError, ProtocolError
 from minihuman.experiment.activities.activity import ActivityKind, find_kind
 from minihuman.experiment.activities.block_plans import Bindings, ComputedBy, PlayPlan, TeamPlayPlan
@@ -132,18 +132,17 @@ def plan_parts(
 ) -> Iterator[PlannedPart]:
     """A plan for each part of a session, in order."""
     words, group = load_study_words(protocol), participant.group
-    faces = select_typefaces(protocol.study.language, fonts=protocol.study.fonts)
     number = 0
     for name in names:
         page = protocol.page_for(name, group)
         asked = next((apply_overrides(asked, group) for asked in protocol.questions if asked.name == name), None)
         if page is not None:
-            yield PlannedPart("page", name, _plan_page(protocol, page, words, faces))
+            yield PlannedPart("page", name, _plan_page(protocol, page, words))
         elif asked is not None:
             yield PlannedPart("questions", name, _plan_questionnaire(protocol, participant, session, asked, names))
         elif any(block.name == name for block in protocol.blocks):
             kind = find_kind(blocks[number].kind)
-            play = _plan_block(kind, protocol, blocks, number, episodes, words, faces)
+            play = _plan_block(kind, protocol, blocks, number, episodes, words)
             purpose = f"{name}-session-{session}"
             trial = trials.plan_rules(blocks[number], protocol.study.seed, purpose, participant.index)
             bound = Bindings(blocks[number].axes, blocks[number].spot)
@@ -161,9 +160,7 @@ def plan_parts(
         elif name == KEYBOARD:
             yield PlannedPart("keyboard_check", name, KeyboardCheckPlan(protocol.keys.pool))
         else:
-            yield PlannedPart(
-                "page", name, _plan_page(protocol, _build_default_page(protocol, name, words), words, faces)
-            )
+            yield PlannedPart("page", name, _plan_page(protocol, _build_default_page(protocol, name, words), words))
 
 
 def _list_images(protocol: Protocol, page: PageSpec) -> tuple[str, ...]:
@@ -181,7 +178,7 @@ def _build_default_page(protocol: Protocol, name: str, words: InterfaceWords) ->
     return PageSpec(CLOSING, words["closing.text"] if study.closing is None else study.closing, closing=True)
 
 
-def _plan_page(protocol: Protocol, page: PageSpec, words: InterfaceWords, faces: TypefaceSet) -> PagePlan:
+def _plan_page(protocol: Protocol, page: PageSpec, words: InterfaceWords) -> PagePlan:
     title = page.title
     if not title and (page.asks_consent or page.closing):
         title = words["consent.title" if page.asks_consent else "closing.title"]
@@ -191,16 +188,30 @@ def _plan_page(protocol: Protocol, page: PageSpec, words: InterfaceWords, faces:
         raise ProtocolError(
             f"page {page.name!r} uses the picture {missing[0]!r}, which is not in the protocol's folder; copy it there"
         )
-    pictures = len(images) or bool(page.example)
+    pages = paginate_text(page.text, pictures=len(images) or bool(page.example))
     return PagePlan(
         title=title,
-        pages=paginate_text(page.text, faces, pictures=pictures),
+        pages=pages,
         agree=page.asks_consent,
         sha256=hashlib.sha256(page.text.encode()).hexdigest() if page.asks_consent else "",
         closing=page.closing,
         pictures=tuple(protocol.files[name] for name in images),
         example=page.example,
+        pagination=_pagination_of(pages),
     )
+
+
+def _pagination_of(pages: Sequence[str]) -> int | msgspec.UnsetType:
+    """Return the rules by which a text was divided; unset where there was nothing to divide."""
+    return PAGINATION_RULES if len(pages) > 1 else msgspec.UNSET
+
+
+def find_paged_text(protocol: Protocol, name: str, group: str) -> str:
+    """Return the whole text that a page or a block's instructions show in pages."""
+    if _is_block(protocol, name):
+        return protocol.block_for(name, group).instructions
+    page = protocol.page_for(name, group)
+    return (page or _build_default_page(protocol, name, load_study_words(protocol))).text
 
 
 def _plan_questionnaire(
@@ -236,10 +247,9 @@ def _plan_block(
     number: int,
     episodes: Sequence[EpisodePlan],
     words: InterfaceWords,
-    faces: TypefaceSet,
 ) -> PlayPlan:
     """A block's plan as its kind has it."""
-    play = _plan_play(protocol, blocks, number, episodes, words, faces)
+    play = _plan_play(protocol, blocks, number, episodes, words)
     if kind.plan is PlayPlan:
         return play
     fields = {name: getattr(play, name) for name in play.__struct_fields__}
@@ -259,20 +269,20 @@ def _plan_play(
     number: int,
     episodes: Sequence[EpisodePlan],
     words: InterfaceWords,
-    faces: TypefaceSet,
 ) -> PlayPlan:
     block, count = blocks[number], len(blocks)
     its = [episode for episode in episodes if episode.block == number]
     last = number + 1 == count
     title = words.fill("progress.part", part=number + 1, parts=count) if count > 1 else ""
     feedback = dict.fromkeys(OUTCOMES, block.feedback) if isinstance(block.feedback, str) else dict(block.feedback)
+    instruction = paginate_text(block.instructions) if block.instructions else ()
     return PlayPlan(
         block=number,
         blocks=count,
         first=its[0].episode,
         count=len(its),
         title=block.title or title,
-        instruction=paginate_text(block.instructions, faces) if block.instructions else (),
+        instruction=instruction,
         feedback={outcome: text for outcome, text in feedback.items() if text},
         rest="" if last else block.rest_text,
         rest_s=0.0 if last else protocol.study.min_rest_s,
@@ -288,6 +298,7 @@ def _plan_play(
         mission=block.mission,
         computed=_computed_by(block),
         motion_ms=block.motion_ms or msgspec.UNSET,
+        pagination=_pagination_of(instruction),
     )
 
 

@@ -1,0 +1,202 @@
+"""Shape a line of text: the glyphs of each face and where they stand, in both directions. Knows no pixels.
+
+HarfBuzz chooses and places glyphs, python-bidi finds the direction of each character. Both come with the package, and
+both are told the language, so that neither the machine's libraries nor its locale decide what a line looks like.
+"""
+
+import re
+import unicodedata
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import groupby
+
+import bidi
+import uharfbuzz as harfbuzz
+
+from minihuman.display.typefaces import (
+    SHARED_SCRIPT,
+    Typeface,
+    TypefaceSet,
+    can_set,
+    find_script,
+    open_face,
+    shipped_typeface,
+)
+
+SUBPIXELS = 64  # of a pixel: the unit of FreeType's and HarfBuzz's positions
+_FIRST_RTL = 0x590  # no character below has a direction other than left to right, none asks for one
+_LEVELS_HEADING = "\n    levels: [\n"  # a line break inside the text itself is escaped
+_LEVEL = re.compile(r"Level\(\s*(\d+)")
+_SURROGATE = re.compile("[\ud800-\udfff]")
+_FOLLOWS = frozenset("PSZNM")  # signs, blanks, numbers and marks: the categories that stay in the face before them
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedGlyph:
+    """A glyph, and its origin from the left end of the baseline, to the right and up."""
+
+    face: Typeface
+    glyph: int
+    x_64: int
+    y_64: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)  # equal if the same: comparing glyphs would cost more than shaping
+class ShapedLine:
+    """The glyphs of a line from left to right, as they are drawn."""
+
+    glyphs: tuple[PlacedGlyph, ...]
+    width_64: int
+
+    @property
+    def width_px(self) -> float:
+        """How long the line is."""
+        return self.width_64 / SUBPIXELS
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """Neighbouring characters with one face, script and embedding level; odd levels run from right to left."""
+
+    start: int
+    stop: int
+    face: Typeface
+    script: str
+    level: int
+
+
+def is_rtl(text: str) -> bool:
+    """Tell whether the first character with a direction runs from right to left."""
+    return not _is_plainly_ltr(text) and bool(bidi.get_base_level(_without_surrogates(text)))
+
+
+def _is_plainly_ltr(text: str) -> bool:
+    return all(ord(character) < _FIRST_RTL for character in text)
+
+
+def _without_surrogates(text: str) -> str:
+    """Replace halves of characters, which a page can send and UTF-8 cannot hold."""
+    return _SURROGATE.sub("\ufffd", text)
+
+
+@lru_cache(maxsize=16384)
+def shape_line(text: str, faces: TypefaceSet, size_px: int, *, rtl: bool) -> ShapedLine:
+    """Shape a line whose text as a whole runs from right to left or not; parts in the other direction keep theirs."""
+    codepoints = [ord(character) for character in text]
+    glyphs: list[PlacedGlyph] = []
+    x_64 = 0
+    for run in _order_runs(_split_runs(text, faces, rtl=rtl)):
+        buffer = _shape_run(codepoints, run, size_px, faces.language)
+        for info, position in zip(buffer.glyph_infos, buffer.glyph_positions, strict=True):
+            glyphs.append(PlacedGlyph(run.face, info.codepoint, x_64 + position.x_offset, position.y_offset))
+            x_64 += position.x_advance
+    return ShapedLine(tuple(glyphs), x_64)
+
+
+@lru_cache(maxsize=16384)
+def measure_width_px(text: str, faces: TypefaceSet, size_px: int) -> float:
+    """Measure how long a line is."""
+    return shape_line(text, faces, size_px, rtl=is_rtl(text)).width_px
+
+
+def _shape_run(codepoints: list[int], run: _Run, size_px: int, language: str) -> harfbuzz.Buffer:
+    buffer = harfbuzz.Buffer()
+    buffer.add_codepoints(codepoints, run.start, run.stop - run.start)  # with what stands around it: letters join
+    buffer.direction = "rtl" if run.level % 2 else "ltr"
+    buffer.script = run.script
+    buffer.language = language
+    harfbuzz.shape(_load_font(run.face, size_px), buffer)
+    return buffer
+
+
+@lru_cache(maxsize=256)
+def _load_font(face: Typeface, size_px: int) -> harfbuzz.Font:
+    """Open a face in a size; advances are the face's own, not rounded to pixels, so that widths grow with the size."""
+    font = harfbuzz.Font(open_face(face))
+    font.scale = (size_px * SUBPIXELS, size_px * SUBPIXELS)
+    font.ppem = (size_px, size_px)
+    return font
+
+
+def _split_runs(text: str, faces: TypefaceSet, *, rtl: bool) -> Iterator[_Run]:
+    attributes = zip(select_faces(text, faces), _resolve_scripts(text), _find_levels(text, rtl=rtl), strict=True)
+    start = 0
+    for (face, script, level), members in groupby(attributes):
+        stop = start + sum(1 for _ in members)
+        yield _Run(start, stop, face, script, level)
+        start = stop
+
+
+def select_faces(text: str, faces: TypefaceSet) -> list[Typeface]:
+    """Choose each character's face; a face that has all of a text draws all of it, so that it is shaped as one.
+
+    Signs, blanks and marks go with what they follow. A character that no face has is drawn as the shipped face's box.
+    """
+    wanted = {character: faces.of(character) for character in dict.fromkeys(text) if not character.isspace()}
+    used = set(wanted.values())
+    if len(used) == 1 and (face := used.pop()) is not None:
+        return [face] * len(text)
+    chosen: list[Typeface] = []
+    for character in text:
+        face = wanted.get(character)
+        if chosen and (character not in wanted or _can_follow(character, face, chosen[-1])):
+            face = chosen[-1]
+        chosen.append(face or shipped_typeface())
+    return chosen
+
+
+def _can_follow(character: str, face: Typeface | None, before: Typeface) -> bool:
+    """Tell whether the face of the character before draws this one too, although another would be asked first."""
+    follows = face is not None and unicodedata.category(character)[0] in _FOLLOWS
+    return follows and can_set(before, character)
+
+
+def _resolve_scripts(text: str) -> list[str]:
+    """Find each character's script; what belongs to none has that of the text before, at the beginning of the first."""
+    scripts = [find_script(character) for character in text]
+    current = next((script for script in scripts if script != SHARED_SCRIPT), SHARED_SCRIPT)
+    for place, script in enumerate(scripts):
+        if script != SHARED_SCRIPT:
+            current = script
+        scripts[place] = current
+    return scripts
+
+
+def _find_levels(text: str, *, rtl: bool) -> Sequence[int]:
+    """Find each character's embedding level by the Unicode Bidirectional Algorithm (UAX #9), rule L1 included."""
+    if not rtl and _is_plainly_ltr(text):
+        return [0] * len(text)
+    return _apply_line_end_rule(text, _query_levels(_without_surrogates(text), rtl=rtl), base=int(rtl))
+
+
+def _query_levels(text: str, *, rtl: bool) -> list[int]:
+    """Ask python-bidi for levels; it tells them in its report for debugging alone, one a byte of UTF-8."""
+    report = str(bidi.get_display(text, base_dir="R" if rtl else "L", debug=True))
+    levels = [int(level) for level in _LEVEL.findall(report.partition(_LEVELS_HEADING)[2].partition("\n    ]")[0])]
+    lengths = [len(character.encode()) for character in text]
+    if len(levels) != sum(lengths):
+        raise RuntimeError(
+            f"python-bidi reports {len(levels)} levels for {sum(lengths)} bytes; install another release"
+        )
+    starts = [sum(lengths[:place]) for place in range(len(text))]
+    return [levels[start] for start in starts]
+
+
+def _apply_line_end_rule(text: str, levels: list[int], *, base: int) -> list[int]:
+    """Give blanks at a line's end the direction of the whole text (rule L1)."""
+    n_ending = len(text) - len(text.rstrip())
+    return [*levels[: len(levels) - n_ending], *[base] * n_ending]
+
+
+def _order_runs(runs: Iterator[_Run]) -> list[_Run]:
+    """Put runs into the order in which they stand from left to right (rule L2)."""
+    ordered = list(runs)
+    highest = max((run.level for run in ordered), default=0)
+    for level in range(highest, 0, -1):
+        ordered = [
+            run
+            for reverse, members in groupby(ordered, lambda run: run.level >= level)  # noqa: B023 - used at once
+            for run in (reversed(list(members)) if reverse else members)
+        ]
+    return ordered

@@ -1,0 +1,246 @@
+"""Typefaces: which face has which character, the faces that ship with the package and those installed here.
+
+Every plan is measured in the shipped faces alone; installed ones are only drawn with.
+"""
+
+import os
+import re
+import sys
+import unicodedata
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from pathlib import Path
+
+import uharfbuzz as harfbuzz
+
+# Noto faces by the scripts they are for, in the order in which they are asked; then what systems bring themselves.
+_NOTO = (
+    "NotoSansCJK-Regular.ttc",
+    "NotoSans-Regular.ttf",
+    "NotoSansArabic-Regular.ttf",
+    "NotoSansHebrew-Regular.ttf",
+    "NotoSansDevanagari-Regular.ttf",
+    "NotoSansBengali-Regular.ttf",
+    "NotoSansTamil-Regular.ttf",
+    "NotoSansThai-Regular.ttf",
+    "NotoSansGeorgian-Regular.ttf",
+    "NotoSansArmenian-Regular.ttf",
+    "NotoSansEthiopic-Regular.ttf",
+    "NotoSansKhmer-Regular.ttf",
+    "NotoSansSymbols2-Regular.ttf",
+    "NotoSansMath-Regular.ttf",
+)
+_SYSTEM = (
+    "msyh.ttc",
+    "YuGothR.ttc",
+    "malgun.ttf",
+    "Nirmala.ttf",
+    "LeelawUI.ttf",
+    "PingFang.ttc",
+    "Hiragino Sans GB.ttc",
+    "ヒラギノ角ゴシック W3.ttc",
+    "AppleSDGothicNeo.ttc",
+    "Arial Unicode.ttf",
+    "Thonburi.ttc",
+    "Kohinoor.ttc",
+)
+SHARED_SCRIPT = "Zyyy"  # of signs, blanks and marks, which go with the text around them
+_UNSEEN = frozenset({"Cc", "Cf", "Zs", "Zl", "Zp"})  # blanks, line breaks, marks of direction
+_CJK_FACE = {"ja": 0, "ko": 1, "zh": 2, "zh-tw": 3, "zh-hk": 4}  # of the collection: the same character, drawn as there
+_CJK_SUFFIX = {"ja": "JP", "ko": "KR", "zh": "SC", "zh-tw": "TC", "zh-hk": "HK"}  # of the same faces in single files
+_OTHERS = re.compile(r"(NotoSans|SourceHanSans)\w*-Regular\.(ttf|otf)")
+# Scripts whose letters change or move by what stands beside them: a face needs rules for them (GSUB, or Apple's morx).
+_JOINING_SCRIPTS = frozenset(
+    re.findall(
+        r"\w+",
+        "Adlm Arab Bali Beng Cakm Deva Gujr Guru Java Khmr Knda Lana Mlym Mong Mymr Nkoo Orya Phag Rohg Sinh Syrc Taml "
+        "Telu Tibt",
+    )
+)
+SHARED_SCRIPT = "Zyyy"  # of signs, blanks and marks, which go with the text around them
+_UNSEEN = frozenset({"Cc", "Cf", "Zs", "Zl", "Zp"})  # blanks, line breaks, marks of direction
+_CJK_FACE = {"ja": 0, "ko": 1, "zh": 2, "zh-tw": 3, "zh-hk": 4}  # of the collection: the same character, drawn as there
+_CJK_SUFFIX = {"ja": "JP", "ko": "KR", "zh": "SC", "zh-tw": "TC", "zh-hk": "HK"}  # of the same faces in single files
+_OTHERS = re.compile(r"(NotoSans|SourceHanSans)\w*-Regular\.(ttf|otf)")
+# Scripts whose letters change or move by what stands beside them: a face needs rules for them (GSUB, or Apple's morx).
+_JOINING_SCRIPTS = frozenset(
+    [
+        "Adlm",
+        "Arab",
+        "Bali",
+        "Beng",
+        "Cakm",
+        "Deva",
+        "Gujr",
+        "Guru",
+        "Java",
+        "Khmr",
+        "Knda",
+        "Lana",
+        "Mlym",
+        "Mong",
+        "Mymr",
+        "Nkoo",
+        "Orya",
+        "Phag",
+        "Rohg",
+        "Sinh",
+        "Syrc",
+        "Taml",
+        "Telu",
+        "Tibt",
+    ]
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Typeface:
+    """One face in one file."""
+
+    path: str
+    index: int = 0  # in a collection
+
+    @property
+    def name(self) -> str:
+        """The file's name, to say which it was."""
+        return Path(self.path).name
+
+
+@cache
+def open_face(face: Typeface) -> harfbuzz.Face:
+    """Open a face's file."""
+    return harfbuzz.Face(harfbuzz.Blob.from_file_path(face.path), face.index)
+
+
+@cache
+def list_characters(face: Typeface) -> frozenset[int]:
+    """List every character that a face has."""
+    return frozenset(open_face(face).unicodes)
+
+
+@cache
+def list_joined_scripts(face: Typeface) -> frozenset[str]:
+    """List the scripts, by their ISO 15924 codes, whose letters a face joins and places by rules of its own."""
+    opened = open_face(face)
+    if "morx" in opened.table_tags:  # Apple's rules have no scripts
+        return _JOINING_SCRIPTS
+    return frozenset(harfbuzz.ot_tag_to_script(tag) for tag in opened.get_table_script_tags("GSUB"))
+
+
+@lru_cache(maxsize=4096)
+def find_script(character: str) -> str:
+    """Find a character's script by its ISO 15924 code, "Zyyy" for what several scripts share."""
+    buffer = harfbuzz.Buffer()
+    buffer.add_codepoints([ord(character)])
+    buffer.guess_segment_properties()
+    return buffer.script or SHARED_SCRIPT
+
+
+def can_set(face: Typeface, character: str) -> bool:
+    """Tell whether a face has a character and, where letters of its script join, the rules for it."""
+    if ord(character) not in list_characters(face):
+        return False
+    script = find_script(character)
+    return script not in _JOINING_SCRIPTS or script in list_joined_scripts(face)
+
+
+@cache
+def shipped_typeface(*, bold: bool = False) -> Typeface:
+    """DejaVu Sans 2.37, in the folder `fonts`: Latin, Greek, Cyrillic, Arabic, Hebrew and many signs."""
+    return Typeface(str(Path(__file__).parent / "fonts" / f"DejaVuSans{'-Bold' if bold else ''}.ttf"))
+
+
+class TypefaceSet:
+    """Faces in the order in which they are asked for a character.
+
+    Args:
+        language: decides how characters that Chinese, Japanese and Korean share are drawn.
+        bold: whether the one that comes with us is bold; the others are as they are.
+        fonts: files of faces to ask before ours, by their names; one that is not installed is passed over.
+        first: a face to ask before all.
+    """
+
+    def __init__(
+        self, language: str = "en", *, bold: bool = False, fonts: tuple[str, ...] = (), first: Typeface | None = None
+    ) -> None:
+        self.language = language
+        self._first = (
+            *([first] if first else []),
+            *(face for name in fonts if (face := find_installed_typeface(name)) is not None),
+            shipped_typeface(bold=bold),
+        )
+
+    def of(self, character: str) -> Typeface | None:
+        """Return the first face that can set a character; None if none can."""
+        for face in self._first:
+            if can_set(face, character):
+                return face
+        return next((face for face in _installed_typefaces(self.language) if can_set(face, character)), None)
+
+    def missing(self, text: str) -> str:
+        """Return the first character of a text that no face can set; "" if there is none."""
+        for character in dict.fromkeys(text):
+            if unicodedata.category(character) not in _UNSEEN and self.of(character) is None:
+                return character
+        return ""
+
+
+@cache
+def select_typefaces(language: str, *, bold: bool = False, fonts: tuple[str, ...] = ()) -> TypefaceSet:
+    """The faces of a language, and those to be asked before them."""
+    return TypefaceSet(language, bold=bold, fonts=fonts)
+
+
+def find_installed_typeface(name: str) -> Typeface | None:
+    """The face in the font file of that name; None where this machine has none."""
+    path = _files().get(name)
+    return None if path is None else Typeface(path)
+
+
+@cache
+def _installed_typefaces(language: str) -> tuple[Typeface, ...]:
+    paths = _files()
+    language = language.lower()
+    index = _CJK_FACE.get(language, _CJK_FACE["zh"])
+    faces = [
+        Typeface(paths[name], index if name == "NotoSansCJK-Regular.ttc" else 0)
+        for name in (*_NOTO, *_SYSTEM)
+        if name in paths
+    ]
+    suffix = _CJK_SUFFIX.get(language, "SC")
+    others = sorted(name for name in paths if _OTHERS.fullmatch(name) and name not in _NOTO)
+    others.sort(key=lambda name: not name.removesuffix(name[-4:]).removesuffix("-Regular").upper().endswith(suffix))
+    return tuple(faces + [Typeface(paths[name]) for name in others])
+
+
+@cache
+def _files() -> dict[str, str]:
+    """Font files of this machine by name."""
+    paths: dict[str, str] = {}
+    for folder in _folders():
+        for root, inner_folders, names in os.walk(folder):
+            inner_folders.sort()  # of two files with one name the same everywhere: file systems list them as they like
+            for name in names:
+                if name.endswith((".ttf", ".ttc", ".otf")):
+                    paths.setdefault(name, os.path.join(root, name))
+    return paths
+
+
+def user_font_folder() -> Path:
+    """Return the folder in which a user can put a font file without being an administrator."""
+    return next(_folders())
+
+
+def _folders() -> Iterator[Path]:
+    home = Path.home()
+    if sys.platform == "darwin":
+        yield from (home / "Library/Fonts", Path("/Library/Fonts"), Path("/System/Library/Fonts"))
+    elif sys.platform == "win32":
+        yield Path(os.environ.get("LOCALAPPDATA", home / "AppData/Local")) / "Microsoft/Windows/Fonts"
+        yield Path(os.environ.get("WINDIR", r"C:\Windows")) / "Fonts"
+    else:  # the XDG Base Directory Specification
+        yield Path(os.environ.get("XDG_DATA_HOME") or home / ".local/share") / "fonts"
+        yield home / ".fonts"
+        for folder in (os.environ.get("XDG_DATA_DIRS") or "/usr/local/share:/usr/share").split(":"):
+            yield Path(folder) / "fonts"
