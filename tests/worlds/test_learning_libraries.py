@@ -5,6 +5,7 @@ import pytest
 
 import minihuman  # noqa: F401  # registers the worlds
 from minihuman.worlds.grid.wrappers import Tokens
+from tests.machine import needs
 from tests.worlds.test_gymnasium import GRID, ROOMS
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*out of date")  # v0 of worlds that have a v1
