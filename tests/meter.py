@@ -1,7 +1,8 @@
 """Counts what each test costs: the CPU time of its process and of all that it started, browsers and servers too.
 
-``pytest --meter`` prints the total, the cost of collecting, and the dearest tests; ``--meter-file FILE`` writes a line of
-JSON for each test as well. Times are CPU seconds, because a busy machine changes how long a test takes and not what it costs.
+``pytest --meter`` prints the total, the cost of collecting, and the dearest tests; ``--meter-file FILE`` writes a line
+of JSON for each test as well. Times are CPU seconds, because a busy machine changes how long a test takes and not what
+it costs.
 """
 
 import json
@@ -21,7 +22,7 @@ _PROPERTY = "cost"  # by which a worker tells the controller
 
 
 def measure_cpu_s() -> float:
-    """Return the CPU seconds of this process, of its descendants that run, and of those that ended and were waited for."""
+    """Return the CPU seconds of this process, its living descendants, and those that ended and were waited for."""
     times = os.times()
     total_s = times.user + times.system + times.children_user + times.children_system
     waiting = _list_children(os.getpid())

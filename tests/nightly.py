@@ -64,6 +64,5 @@ def _check_parameters(items: list[pytest.Item]) -> None:
     for function, parameters in wanted.items():
         unknown = parameters - existing[function]
         if unknown:
-            raise pytest.UsageError(
-                f"{function}: nightly(by_day=...) names {sorted(unknown)}; its parameters are {sorted(existing[function])}"
-            )
+            known = sorted(existing[function])
+            raise pytest.UsageError(f"{function}: nightly(by_day=...) names {sorted(unknown)}; there are {known}")

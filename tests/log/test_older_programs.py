@@ -19,7 +19,6 @@ import pytest
 from minihuman.log.names import SCHEMA_VERSION
 from minihuman.log.read.reader import LogReader
 from tests.golden.make import segment, study as frozen_study
-from tests.machine import needs
 
 ROOT = Path(__file__).parents[2]
 FIRST, SECOND, NEW = "22b4c34", "e7fb9c2", "new"

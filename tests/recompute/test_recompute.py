@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.machine import needs
 from tests.recompute.play import OUTPUTS, PROTOCOLS, play_study, recompute_outputs, write_outputs
 
 pytestmark = pytest.mark.program  # whole studies are simulated

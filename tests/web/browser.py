@@ -31,7 +31,9 @@ _CODES = {
 @contextmanager
 def browsing(*, size: tuple[int, int] | None = (1366, 768)) -> Iterator[Any]:
     """A browser without a history; yields a maker of participants, each with a profile of their own."""
-    view: dict[str, Any] = {"no_viewport": True} if size is None else {"viewport": {"width": size[0], "height": size[1]}}
+    view: dict[str, Any] = (
+        {"no_viewport": True} if size is None else {"viewport": {"width": size[0], "height": size[1]}}
+    )
     contexts = []
 
     def sit_down(url: str, **options: Any) -> Somebody:

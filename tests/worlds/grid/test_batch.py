@@ -136,7 +136,9 @@ def test_a_mission_is_set_in_a_batch_until_the_next_reset():
         make_both("FourRooms-v0", AutoresetMode.NEXT_STEP)[0].reset(options=options)
 
 
-@pytest.mark.nightly(by_day=["MiniGrid-FourRooms-v0-AutoresetMode.SAME_STEP", "BabyAI-GoToLocal-v0-AutoresetMode.NEXT_STEP"])
+@pytest.mark.nightly(
+    by_day=["MiniGrid-FourRooms-v0-AutoresetMode.SAME_STEP", "BabyAI-GoToLocal-v0-AutoresetMode.NEXT_STEP"]
+)
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 @pytest.mark.parametrize("name", ["MiniGrid-FourRooms-v0", "BabyAI-GoToLocal-v0"])
 def test_threads_step_what_one_thread_does(name, mode):

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from tests.counts import count
-from tests.machine import needs
 from tests.worlds.first_person.render.stages import apart, digest, display_digest, threaded_digests, together
 
 pytestmark = pytest.mark.program
