@@ -530,7 +530,7 @@ def test_real_time_at_thirty_steps_a_second_is_stepped_in_the_page_over_a_long_l
 def test_keys_with_holds_and_chords_in_real_time_make_the_steps_that_they_make_at_the_desk(
     tmp_path: Path, world: tuple[str, tuple[str, ...]], noop: str
 ) -> None:
-    """At 30 steps a second over 300 ms: 5,000 keys under MINIHUMAN_NIGHTLY=1. The desk's session gets the log's inputs."""
+    """At 30 steps a second over 300 ms: 5,000 keys at night. The desk's session gets the log's inputs."""
     keys, pressed, chords = count(60, 5_000), 0, 0
     block = f'pace = "real_time"\nstep_period_ms = 33.3\noptions = {{ max_steps = 1000 }}\n{noop}\n'
     rng = random.Random(27)

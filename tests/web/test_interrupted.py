@@ -1,4 +1,4 @@
-"""Nothing that a person did is lost or doubled, whatever is cut or killed. MINIHUMAN_NIGHTLY=1 does it a hundred times."""
+"""Nothing that a person did is lost or doubled, whatever is cut or killed. The night does it a hundred times."""
 
 import time
 from pathlib import Path
