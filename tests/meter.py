@@ -1,8 +1,7 @@
 """Counts what each test costs: the CPU time of its process and of all that it started, browsers and servers too.
 
-``pytest --meter`` prints the total, the cost of collecting, and the dearest tests; ``--meter-file FILE`` writes a line
-of JSON for each test as well. Times are CPU seconds, because a busy machine changes how long a test takes and not what
-it costs.
+Every run prints its total and the cost of collecting; ``--meter`` names the dearest tests, ``--meter-file FILE`` writes
+a line of JSON for each test. Times are CPU seconds: a busy machine changes how long a test takes, not what it costs.
 """
 
 import json
@@ -53,41 +52,58 @@ def _read_cpu_s(process: int) -> float:
 
 
 @dataclass
-class Meter:
-    """The costs of a run: a plug-in of the controller, or of the only process."""
+class RunMeter:
+    """What a run cost: a plug-in of every process of it, of which the controller prints."""
 
     file: Path | None
+    names_dearest: bool
     tests: dict[str, tuple[float, float]] = field(default_factory=dict)  # CPU and wall seconds
     collecting_s: float = 0.0
     workers_s: float = 0.0
 
-    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Note what a test cost."""
-        costs = dict(report.user_properties).get(_PROPERTY)
-        if report.when == "teardown" and costs is not None:
-            self.tests[report.nodeid] = tuple(costs)
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_finish(self) -> None:
+        """Note what importing and collecting the tests cost."""
+        self.collecting_s = measure_cpu_s()
 
+    @pytest.hookimpl(trylast=True)
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        """Tell the controller what a worker cost."""
+        output = getattr(session.config, "workeroutput", None)
+        if output is not None:
+            output[_PROPERTY] = (self.collecting_s, measure_cpu_s())
+
+    @pytest.hookimpl(optionalhook=True)
     def pytest_testnodedown(self, node: Any) -> None:
         """Note what a worker cost."""
         collecting_s, total_s = getattr(node, "workeroutput", {}).get(_PROPERTY, (0.0, 0.0))
         self.collecting_s = max(self.collecting_s, collecting_s)
         self.workers_s += total_s
 
-    def pytest_terminal_summary(self, terminalreporter: Any) -> None:
-        """Print what the run cost, and the dearest tests."""
-        own_s = measure_cpu_s() if not self.workers_s else _measure_own_s()
-        total_s = own_s + self.workers_s
-        terminalreporter.section("CPU seconds")
-        terminalreporter.write_line(f"{total_s:8.1f}  in all, of {len(self.tests)} tests and their collection")
-        terminalreporter.write_line(f"{self.collecting_s:8.1f}  until the tests were collected, in one process")
-        dear = [(name, cost) for name, cost in self.tests.items() if cost[0] >= _DEAR_S]
-        dearest = sorted(dear, key=lambda test: -test[1][0])[:_DEAREST]
-        for name, (cpu_s, wall_s) in dearest:
-            terminalreporter.write_line(f"{cpu_s:8.1f}  {name} ({wall_s:.1f} s of wall time)")
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Note what a test cost, where each is measured."""
+        costs = dict(report.user_properties).get(_PROPERTY)
+        if report.when == "teardown" and costs is not None:
+            self.tests[report.nodeid] = tuple(costs)
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        """Print what the run cost, and the dearest tests where they are asked for."""
+        total_s = self.workers_s + _measure_own_s() if self.workers_s else measure_cpu_s()
+        terminalreporter.write_line(
+            f"{total_s:.0f} CPU seconds, {self.collecting_s:.1f} of them in each process until the tests were collected"
+        )
+        if self.names_dearest:
+            self._print_dearest(terminalreporter)
         if self.file is not None:
             with self.file.open("w", encoding="utf-8") as lines:
                 for name, (cpu_s, wall_s) in self.tests.items():
                     lines.write(json.dumps({"test": name, "cpu_s": round(cpu_s, 3), "wall_s": round(wall_s, 3)}) + "\n")
+
+    def _print_dearest(self, terminalreporter: pytest.TerminalReporter) -> None:
+        terminalreporter.section("CPU seconds of the dearest tests")
+        dear = [(name, cost) for name, cost in self.tests.items() if cost[0] >= _DEAR_S]
+        for name, (cpu_s, wall_s) in sorted(dear, key=lambda test: -test[1][0])[:_DEAREST]:
+            terminalreporter.write_line(f"{cpu_s:8.1f}  {name} ({wall_s:.1f} s of wall time)")
 
 
 def _measure_own_s() -> float:
@@ -96,20 +112,10 @@ def _measure_own_s() -> float:
     return times.user + times.system
 
 
-class WorkerMeter:
+class TestMeter:
     """Measures each test where it runs."""
 
-    def __init__(self, config: pytest.Config, meter: Meter | None) -> None:
-        self._config = config
-        self._meter = meter  # None in a worker
-        self._collecting_s = 0.0
-
-    @pytest.hookimpl(trylast=True)
-    def pytest_collection_finish(self) -> None:
-        """Note what importing and collecting the tests cost."""
-        self._collecting_s = measure_cpu_s()
-        if self._meter is not None:
-            self._meter.collecting_s = self._collecting_s
+    __test__ = False
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_runtest_setup(self, item: pytest.Item) -> Iterator[None]:
@@ -126,30 +132,19 @@ class WorkerMeter:
             start_cpu_s, start_s = item.stash[_START]
             item.user_properties.append((_PROPERTY, (measure_cpu_s() - start_cpu_s, time.monotonic() - start_s)))
 
-    @pytest.hookimpl(trylast=True)
-    def pytest_sessionfinish(self) -> None:
-        """Tell the controller what this worker cost."""
-        output = getattr(self._config, "workeroutput", None)
-        if output is not None:
-            output[_PROPERTY] = (self._collecting_s, measure_cpu_s())
-
 
 _START = pytest.StashKey[tuple[float, float]]()
 
 
 def add_option(parser: pytest.Parser) -> None:
     """Add ``--meter`` and ``--meter-file``."""
-    parser.addoption("--meter", action="store_true", help="print the CPU seconds of the run and of its dearest tests")
+    parser.addoption("--meter", action="store_true", help="print the CPU seconds of the dearest tests")
     parser.addoption("--meter-file", type=Path, help="write what every test cost to this file, a line of JSON each")
 
 
 def register(config: pytest.Config) -> None:
-    """Measure this run, if it is asked for."""
-    file = config.getoption("meter_file")
-    if not config.getoption("meter") and file is None:
-        return
-    meter = None
-    if not hasattr(config, "workerinput"):
-        meter = Meter(file)
-        config.pluginmanager.register(meter, "meter")
-    config.pluginmanager.register(WorkerMeter(config, meter), "worker-meter")
+    """Measure this run, and each test if that is asked for."""
+    file, names_dearest = config.getoption("meter_file"), config.getoption("meter")
+    config.pluginmanager.register(RunMeter(file, names_dearest), "run-meter")
+    if names_dearest or file is not None:
+        config.pluginmanager.register(TestMeter(), "test-meter")

@@ -4,7 +4,8 @@
 - ``nightly(by_day=[ID, ...])``: the plain run takes these parameters of it.
 - ``nightly(sample=True)``: the plain run takes a small sample of it, by the counts of `tests.counts`.
 
-A test that is named by its own address (``FILE::TEST``) runs whatever its mark.
+A test that is named by its own address (``FILE::TEST``) runs whatever its mark, and so do all where
+``MINIHUMAN_NIGHTLY=1`` asks for full counts.
 """
 
 import os
@@ -29,7 +30,7 @@ def deselect_nightly(config: pytest.Config, items: list[pytest.Item]) -> int:
         pytest.UsageError: if a mark names a parameter that its test does not have.
     """
     addressed = any("::" in argument for argument in config.args)
-    if config.option.markexpr or addressed:
+    if config.option.markexpr or addressed or os.environ.get(FULL_COUNTS) == "1":
         return 0
     _check_parameters(items)
     nightly = [item for item in items if is_only_nightly(item)]
