@@ -15,6 +15,7 @@ from tests.counts import PATIENCE_S
 from tests.xserver import Typist
 
 UNMAPPED = "z"
+AGAIN_S = 10.0  # a person who sees that nothing has happened presses again
 
 
 def type_session(typist: Typist, plan: SessionPlan, data: Path) -> None:
@@ -46,10 +47,19 @@ def begin(typist: Typist, plan: SessionPlan, data: Path) -> None:
 
 
 def enter_at(typist: Typist, data: Path, *phases: str) -> None:
-    """Press Enter once the session is in one of these phases, and its screen is there."""
+    """Press Enter in one of these phases until it is taken: it is not before the screen is there."""
     until(data, *phases)
+    entered = _count_phases(data)
+    deadline_s = time.monotonic() + PATIENCE_S
     time.sleep(0.2)  # written before it is shown
-    typist.tap("enter")
+    while True:
+        typist.tap("enter")
+        again_s = time.monotonic() + AGAIN_S
+        while time.monotonic() < again_s:
+            if _count_phases(data) != entered:
+                return
+            time.sleep(0.05)
+        assert time.monotonic() < deadline_s, f"no Enter leads on from {' or '.join(phases)}"
 
 
 def agree(typist: Typist, data: Path) -> None:
@@ -72,13 +82,18 @@ def until(data: Path, *phases: str) -> None:
         time.sleep(0.05)
 
 
+def _phases(data: Path) -> list[str]:
+    events = [event for part in data.rglob("*.part") for event in read_events(part)]
+    return [event.text for event in events if isinstance(event, Noted) and event.kind == "phase"]
+
+
 def _phase(data: Path) -> str:
-    said = ""
-    for part in data.rglob("*.part"):
-        for event in read_events(part):
-            if isinstance(event, Noted) and event.kind == "phase":
-                said = event.text
-    return said
+    return (_phases(data) or [""])[-1]
+
+
+def _count_phases(data: Path) -> int:
+    """How many the session has been in; none once it has ended."""
+    return len(_phases(data))
 
 
 def _play(typist: Typist, episode: EpisodePlan) -> None:

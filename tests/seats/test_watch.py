@@ -28,6 +28,7 @@ from minihuman.log.read.session_reader import read_log
 from minihuman.runtime.session_loop import CommandInbox, CommandRequest, inbox_path, send_command
 from minihuman.runtime.watch.dashboard import DashboardServer
 from tests.counts import PATIENCE_S
+from tests.seats.session_typist import enter_at
 from tests.seats.station import DEMO, demo_started
 from tests.study.sessions import corridor_plan
 from tests.xserver import Typist
@@ -94,13 +95,13 @@ def test_the_page_shows_a_session_takes_notes_pauses_dies_comes_back_and_aborts(
     plan = expand_protocol(demo, enrol_participant(demo, 0))
     station = demo_started("pygame", display, tmp_path)
     typist.focus(TITLE)
-    typist.tap(*plan.key_pool, "enter")
+    typist.tap(*plan.key_pool)
+    enter_at(typist, tmp_path, "instructions")
     study = tmp_path / demo.study.name
     pages.append(Page(study))
     page = pages[-1]
     page.until(lambda one: one["phase"] == "ready")
-    time.sleep(0.3)  # written before it is shown
-    typist.tap("enter")
+    enter_at(typist, tmp_path, "ready")
     told = page.until(lambda one: one["phase"] == "playing")
     assert (told["participant"], told["episode"], told["steps"]) == ("sub-01", 1, 0)
     name, _ = page.session()
