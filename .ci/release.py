@@ -26,6 +26,15 @@ SHIPPED = (  # what a wheel has beside Python files
     "minihuman/worlds/compiled/manifest.json",
 )
 
+NEEDED_TO_BUILD = (  # what an sdist has, to install from
+    "LICENSE",
+    "README.md",
+    "tests/conftest.py",
+    "hatch_build.py",
+    "kernel_build/bitcode/kernels.bc.xz",
+    "kernel_build/bitcode/manifest.json",
+)
+
 
 def find_problems(dist: Path, *, final: bool) -> list[str]:
     """What has to be put right before a release, one sentence each."""
@@ -44,8 +53,7 @@ def find_problems(dist: Path, *, final: bool) -> list[str]:
     if sdist.is_file():
         with tarfile.open(sdist) as archive:
             names = {name.partition("/")[2] for name in archive.getnames()}
-        found += [f"{sdist.name}: {name} is missing" for name in ("LICENSE", "README.md", "tests/conftest.py")
-                  if name not in names]  # fmt: skip
+        found += [f"{sdist.name}: {name} is missing" for name in NEEDED_TO_BUILD if name not in names]
     heading = re.search(r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
     said = heading[1] if heading else ""
     if not re.fullmatch(rf"{re.escape(version)}, \d{{4}}-\d\d-\d\d", said) and (final or said != "Unreleased"):

@@ -1,54 +1,53 @@
 """Build what the worlds are compiled to: the page's modules, or with ``--native`` the library that Python calls.
 
-``python -m kernel_build [--native [--all] [--stale]] [FOLDER]``; without a folder, where they are looked for.
+``python -m kernel_build [--native [--all | --stale | --requirements] | --bitcode] [FOLDER]``; without a folder, where
+they are looked for. ``--bitcode`` writes what the library is made of wherever minihuman is installed: after an edit of
+a kernel that is to be merged. See `kernel_build.bitcode`.
 """
 
 import argparse
-import json
-import os
-import subprocess
 import sys
 from pathlib import Path
 
-import llvmlite.binding as llvm
-
-import minihuman
-from kernel_build import compiler_digest
-from minihuman.worlds.kernels import HERE, LIBRARY_FOLDER, MANIFEST, load_library
-
-# Numba compiles for the oldest of the processors, and as any process with this seed
-_NUMBA = {"NUMBA_CPU_FEATURES": "", "PYTHONHASHSEED": "0", "MINIHUMAN_KERNELS": "jit", "MINIHUMAN_BUILDING": "1"}
+from kernel_build import bitcode, library_manifest
+from kernel_build.libraries import build_every_library, build_library, list_requirements
+from kernel_build.linking import BuildError
 
 
 def main() -> None:
-    """Build, each level of processors in a process of its own: Numba is told the level before it is imported."""
+    """Build what is asked for."""
     parser = argparse.ArgumentParser("python -m kernel_build", description="Compile the worlds.")
-    parser.add_argument("--native", action="store_true", help="The library that Python calls, for this machine.")
-    parser.add_argument("--all", action="store_true", help="With --native: for every machine it can be built for.")
-    parser.add_argument("--stale", action="store_true", help="With --native: only if what is there does not fit.")
+    products = parser.add_mutually_exclusive_group()
+    products.add_argument("--native", action="store_true", help="The library that Python calls, for this machine.")
+    products.add_argument("--bitcode", action="store_true", help="The LLVM module that every library is made of.")
+    ways = parser.add_mutually_exclusive_group()
+    ways.add_argument("--all", action="store_true", help="With --native: for every machine it can be built for.")
+    ways.add_argument("--stale", action="store_true", help="With --native: only if what is there does not fit.")
+    ways.add_argument("--requirements", action="store_true", help="With --native: print what it needs, a line each.")
     parser.add_argument("folder", nargs="?", type=Path, help="The folder to write to.")
-    read = parser.parse_args()
-    folder = read.folder or (LIBRARY_FOLDER if read.native else Path(minihuman.__file__).parent / "web/page/worlds")
-    if read.stale and _is_fresh(folder):
-        return
-    module = f"kernel_build.{'native_library' if read.native else 'page_modules'}"
-    features = llvm.get_host_cpu_features()
-    newer = all(features.get(name) for name in ("avx2", "bmi2", "fma", "movbe"))
-    levels = ["generic"]
-    if read.native and (read.all or HERE[1] == "x86_64"):
-        levels = ["x86-64-v3", "x86-64-v2", "generic"] if read.all else ["x86-64-v3" if newer else "x86-64-v2"]
-    for level in levels:
-        command = [sys.executable, "-m", module, str(folder), *(["--all"] if read.all else [])]
-        subprocess.run(command, env=os.environ | _NUMBA | {"NUMBA_CPU_NAME": level}, check=True)
+    arguments = parser.parse_args()
+    if not arguments.native and (arguments.all or arguments.stale or arguments.requirements):
+        parser.error("--all, --stale and --requirements are of --native")
+    try:
+        if arguments.native:
+            _build_native(arguments)
+        elif arguments.bitcode:
+            bitcode.run_numba("kernel_build.lowering", str(arguments.folder or bitcode.COMMITTED))
+        else:
+            folder = arguments.folder or library_manifest.PACKAGE / "web/page/worlds"
+            bitcode.run_numba("kernel_build.page_modules", str(folder))
+    except BuildError as error:
+        sys.exit(str(error))
 
 
-def _is_fresh(folder: Path) -> bool:
-    """Whether a library of all kernels as they are is there, by this version of what builds it."""
-    there = load_library(folder)
-    if there is None or not there.has_all:
-        return False
-    built_by: object = json.loads((folder / MANIFEST).read_bytes()).get("compiler")
-    return built_by == compiler_digest()
+def _build_native(arguments: argparse.Namespace) -> None:
+    folder = arguments.folder or library_manifest.LIBRARY_FOLDER
+    if arguments.requirements:
+        print(*list_requirements(folder), sep="\n")
+    elif arguments.all:
+        build_every_library(folder)
+    else:
+        build_library(folder, only_stale=arguments.stale)
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from numba.core import cgutils, sigutils, types
 from numba.core.registry import cpu_target
 from numba.np.arrayobj import populate_array
 
+from kernel_build.linking import Target
 from minihuman.worlds.kernels import API_FUNCTIONS, API_OBJECTS, KINDS, KernelSource
 
 _OBJECT, _WORD, _INT, _DOUBLE = cgutils.voidptr_t, ir.IntType(64), ir.IntType(32), ir.DoubleType()
@@ -45,6 +46,28 @@ _NONE, _TRUE, _FALSE, _ARRAY, _MAKE_ARRAY, _FIRST_KIND = range(len(API_FUNCTIONS
 _TYPE, _TUPLE = 8, 1 << 26  # where an object says its type, in bytes from its start; a type's flag of tuples
 _DATA, _DIMENSIONS, _EXTENTS, _KIND, _FLAGS = 16, 24, 32, 56, 64  # of arrays
 _USABLE = 0x501  # contiguous, aligned and writeable
+_RESHAPE = """
+define internal i32 @numba_attempt_nocopy_reshape(
+    i64, ptr, ptr, i64 %count, ptr %extents, ptr %strides, i64 %size, i32) {
+entry:
+  br label %test
+test:
+  %left = phi i64 [ %count, %entry ], [ %axis, %next ]
+  %stride = phi i64 [ %size, %entry ], [ %wider, %next ]
+  %more = icmp sgt i64 %left, 0
+  br i1 %more, label %next, label %end
+next:
+  %axis = sub i64 %left, 1
+  %to = getelementptr i64, ptr %strides, i64 %axis
+  store i64 %stride, ptr %to
+  %from = getelementptr i64, ptr %extents, i64 %axis
+  %extent = load i64, ptr %from
+  %wider = mul i64 %stride, %extent
+  br label %test
+end:
+  ret i32 1
+}
+"""  # of a contiguous array, as all in kernels are
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +98,14 @@ def compile_for(dispatcher: Any, written: KernelSource, text: str) -> Overload:
     counting = r"^define linkonce_odr void @(NRT_(?:inc|dec)ref)\([^)]*\)[^{]*\{.*?\n\}$"
     code = re.sub(counting, r"declare void @\1(ptr)", code, flags=re.M | re.S)
     return Overload(compiled.fndesc, code, arguments, compiled.signature.return_type)
+
+
+def retarget(code: str, target: Target, machine: Any) -> str:
+    """Return LLVM code of the machine that compiled it, for a target."""
+    code = re.sub(r'target datalayout = ".*"', f'target datalayout = "{machine.target_data}"', code)
+    code = re.sub(r'target triple = ".*"', f'target triple = "{target.triple}"', code)
+    code = re.sub(r'"(target-cpu|target-features|tune-cpu)"="[^"]*"', "", code)
+    return re.sub(r"^declare [^@]*@numba_attempt_nocopy_reshape\(.*$", lambda _: _RESHAPE, code, flags=re.M)
 
 
 class _Function:

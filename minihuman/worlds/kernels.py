@@ -10,12 +10,8 @@ In the package, only ``minihuman.worlds.build`` imports Numba and llvmlite; this
 """
 
 import ctypes
-import hashlib
-import json
 import logging
 import os
-import platform
-import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -27,11 +23,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import MinihumanError
+from minihuman.worlds.library_manifest import (
+    API_FUNCTIONS,
+    HERE,
+    KINDS,
+    LIBRARY_FOLDER,
+    number_fitting_kernels,
+    read_manifest,
+)
 
 LOG = logging.getLogger("minihuman")
-PACKAGE = Path(__file__).parents[1]
-LIBRARY_FOLDER = Path(__file__).parent / "compiled"
-MANIFEST = "manifest.json"
 COMPILE_NOTICE = (
     "the worlds are not compiled as they are now; each process compiles them anew until "
     "`python -m kernel_build --native`"
@@ -40,7 +41,6 @@ NO_COMPILER = (
     "kernels of {} are in no library that fits them, and Numba, which would compile them, is not installed: after an "
     "update run `pip install -e .` again in minihuman's folder; for kernels that you write, `pip install numba`"
 )
-HERE = [sys.platform, platform.machine().lower().replace("amd", "x86_").replace("arm64", "aarch64")]  # as LLVM has it
 
 int64: Any = np.int64  # for variables whose first values say too little, and constants that are to be as any number
 
@@ -198,21 +198,10 @@ class LateKernel:
         return _compiled(self.written)(*arguments)
 
 
-# What a library calls and compares with, in this order: functions of Python, then objects.
-API_FUNCTIONS = (
-    *("PyLong_AsLongLong", "PyLong_FromLongLong", "PyLong_FromUnsignedLongLong"),
-    *("PyFloat_AsDouble", "PyFloat_FromDouble", "PyTuple_New", "PyTuple_SetItem", "PyTuple_GetItem", "PyTuple_Size"),
-    *("PyType_GetFlags", "PyErr_Occurred", "PyErr_Clear", "PyObject_Vectorcall", "PyByteArray_FromStringAndSize"),
-    *("Py_IncRef", "Py_DecRef", "PyEval_SaveThread", "PyEval_RestoreThread", "PyMem_RawMalloc", "PyMem_RawFree"),
-)
-KINDS = ("bool", "int8", "uint8", "int16", "int32", "uint32", "int64", "uint64", "float32", "float64")  # of arrays
-
-
 def _make_array(data: bytearray, kind: int, *shape: int) -> NDArray[Any]:
     return np.ndarray(shape, KINDS[kind], data)
 
 
-API = [*API_FUNCTIONS, *KINDS]  # what a library has to agree on
 API_OBJECTS: tuple[Any, ...] = (
     *(None, True, False, np.ndarray, _make_array),
     *(np.dtype(kind) for kind in KINDS),
@@ -294,28 +283,13 @@ def _library() -> KernelLibrary | None:
 
 
 def load_library(folder: Path) -> KernelLibrary | None:
-    """The library in a folder, with the kernels whose sources are as they were; None without any for this machine."""
-    try:
-        manifest = json.loads((folder / MANIFEST).read_bytes())
-    except OSError:
+    """Return the library in a folder, with the kernels whose sources are as they were; None without any for here."""
+    manifest = read_manifest(folder)
+    numbers = {} if manifest is None else number_fitting_kernels(manifest)
+    if manifest is None or not numbers:
         return None
-    names, sources = (manifest["kernels"], manifest["sources"]) if manifest["api"] == API else ((), ())
-    changed = {number for number, (path, digest) in enumerate(sources) if source_digest(path) != digest}
-    fitting = {
-        name: number
-        for number, name in enumerate(names)
-        if changed.isdisjoint(manifest["modules"][name.rpartition(".")[0]])
-    }
-    for file in manifest["files"] if fitting else ():
+    for file in manifest["files"]:
         if file["runs on"] == HERE:
             with suppress(OSError):
-                return KernelLibrary(folder / file["file"], fitting, len(names))
+                return KernelLibrary(folder / file["file"], numbers, len(manifest["kernels"]))
     return None
-
-
-def source_digest(path: str) -> str:
-    """Of a source, by its path in the package, 16 hexadecimal digits; "" where there is none."""
-    try:
-        return hashlib.sha256((PACKAGE / path).read_bytes().replace(b"\r\n", b"\n")).hexdigest()[:16]
-    except OSError:
-        return ""

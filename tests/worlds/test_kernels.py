@@ -5,7 +5,6 @@ import inspect
 import os
 import pickle
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,11 +13,13 @@ import numpy as np
 import pytest
 
 from minihuman.errors import MinihumanError
-from minihuman.worlds import build, kernels
+from minihuman.worlds import build, kernels, library_manifest
 from minihuman.worlds.grid.core.rules import step
 from minihuman.worlds.grid.core.search import distances
 from minihuman.worlds.grid.core.state import HEIGHT, WIDTH, clear, row_length
-from minihuman.worlds.kernels import COMPILE_NOTICE, KERNELS, LIBRARY_FOLDER, PACKAGE, LateKernel, load_library
+from minihuman.worlds.kernels import COMPILE_NOTICE, KERNELS, LateKernel, load_library
+from minihuman.worlds.library_manifest import LIBRARY_FOLDER, PACKAGE
+from tests.worlds.build.checkouts import CELLS, copy_checkout, edit_kernel
 
 ROOT = Path(__file__).parents[2]
 native = pytest.mark.skipif(
@@ -46,10 +47,6 @@ class Blocked:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 sys.meta_path.insert(0, Blocked())
 """
-# by an edit in this one file, that the kernels of others are compiled from, a step down is two cells
-CELLS = "worlds/grid/core/cells.py"
-EDITED = f"minihuman/{CELLS}"
-BEFORE, AFTER = "y + (2 - direction) * (direction % 2)", "y + 2 * (2 - direction) * (direction % 2)"
 REWARDS = "0.955", "0.964"  # for the fifth and for the fourth step of 100
 
 
@@ -62,29 +59,14 @@ def run(code: str, *, python: str = sys.executable, path: Path = ROOT, **more: s
     return ran.stdout.strip(), ran.stderr
 
 
-def copied(folder: Path) -> Path:
-    folder.mkdir()
-    for name in ("minihuman", "protocols"):
-        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "hatch_build.py", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, folder)
-    return folder
-
-
-def edit(checkout: Path) -> None:
-    source = (checkout / EDITED).read_text()
-    assert source.count(BEFORE) == 1
-    (checkout / EDITED).write_text(source.replace(BEFORE, AFTER))
-
-
 @native
 @pytest.mark.program
 def test_worlds_follow_an_edit_in_a_checkout_and_somebody_who_waits_for_the_compiler_reads_why(tmp_path):
-    checkout = copied(tmp_path / "checkout")
+    checkout = copy_checkout(tmp_path / "checkout")
     before, said = run(PLAY, path=checkout)
     assert before.endswith("set()")
     assert said == ""
-    edit(checkout)
+    edit_kernel(checkout)
     after, said = run(PLAY, path=checkout)
     assert (before.split()[0], after.split()[0]) == REWARDS
     assert all(old != new for old, new in zip(before.split()[:3], after.split()[:3], strict=True))  # picture, hash too
@@ -102,7 +84,7 @@ def test_numba_computes_what_the_library_does():
 @native
 @pytest.mark.program
 def test_a_wheel_brings_the_library_and_needs_no_compiler(tmp_path):
-    checkout, wheels, venv = copied(tmp_path / "checkout"), tmp_path / "wheels", tmp_path / "venv"
+    checkout, wheels, venv = copy_checkout(tmp_path / "checkout"), tmp_path / "wheels", tmp_path / "venv"
     build = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "--no-index"]
     subprocess.run([*build, "-w", wheels, checkout], check=True)
     (wheel,) = wheels.glob("*.whl")
@@ -124,18 +106,18 @@ def test_what_an_edit_may_have_changed_is_not_taken_from_the_library(monkeypatch
     fitting = load_library(LIBRARY_FOLDER)
     assert fitting is not None
     assert fitting.has_all
-    known = kernels.source_digest
-    monkeypatch.setattr(kernels, "source_digest", lambda path: "" if path == CELLS else known(path))
+    known = library_manifest.source_digest
+    monkeypatch.setattr(library_manifest, "source_digest", lambda path: "" if path == CELLS else known(path))
     left = load_library(LIBRARY_FOLDER)
     assert left is not None
     assert not left.has_all
     gone = fitting.numbers.keys() - left.numbers.keys()
     assert "minihuman.worlds.grid.core.rules.step" in gone
     assert "minihuman.worlds.first_person.render.visibility.cover" in left.numbers
-    monkeypatch.setattr(kernels, "source_digest", lambda path: "")
+    monkeypatch.setattr(library_manifest, "source_digest", lambda path: "")
     assert load_library(LIBRARY_FOLDER) is None
     monkeypatch.undo()
-    monkeypatch.setattr(kernels, "API", ["another"])
+    monkeypatch.setattr(library_manifest, "API", ["another"])
     assert load_library(LIBRARY_FOLDER) is None
     monkeypatch.undo()
     monkeypatch.setattr(kernels, "HERE", ["linux", "riscv64"])
