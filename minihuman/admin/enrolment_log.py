@@ -39,8 +39,8 @@ from minihuman.experiment.plan.expansion import (
 )
 from minihuman.experiment.plan.session_plan import Participant
 from minihuman.experiment.protocol.protocol import Protocol
-from minihuman.log.system import wall_time
 from minihuman.operating_system import find_case_twin
+from minihuman.storage.system import wall_time
 
 
 def take_slot(

@@ -28,7 +28,7 @@ from minihuman.log.record.finalization import (
     put_aside,
     recover_log,
 )
-from minihuman.log.system import current_system, monotonic_s, sync_folder, write_durably
+from minihuman.storage.system import current_system, monotonic_s, sync_folder, write_durably
 
 TTL_S = 10.0
 RENEWAL_INTERVAL_S = 3.0

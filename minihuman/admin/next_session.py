@@ -31,7 +31,7 @@ from minihuman.log.paths import PART_SUFFIX, list_sessions, session_folder
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.file_lock import is_being_recorded
 from minihuman.log.record.finalization import find_leftovers, recover_log
-from minihuman.log.system import wall_time
+from minihuman.storage.system import wall_time
 
 
 def plan_next_session(

@@ -27,10 +27,10 @@ from minihuman.dataset.table_columns import TablePartition
 from minihuman.errors import LogError
 from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import LOG_SUFFIX, study_folder
-from minihuman.log.record.file_lock import lock_file
 from minihuman.log.record.finalization import put_aside
 from minihuman.log.salvage.summary_section import read_summary
 from minihuman.operating_system import hash_file, open_file, replace_durably, replace_file
+from minihuman.storage.locks import lock_file
 
 STORE_URL_FILE_NAME = "logs.url"
 TABLES_URL_FILE_NAME = "tables.url"

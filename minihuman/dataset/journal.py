@@ -21,9 +21,9 @@ from typing import Any, Generic, TypeVar, cast
 import msgspec
 
 from minihuman.errors import LogError, name_file_in_errors
-from minihuman.log.record.file_lock import is_file_at, lock_file
-from minihuman.log.system import current_system, sync_folder, write_again, write_durably
 from minihuman.operating_system import read_at
+from minihuman.storage.locks import is_file_at, lock_file
+from minihuman.storage.system import current_system, sync_folder, write_again, write_durably
 
 Line = TypeVar("Line")
 State = TypeVar("State")

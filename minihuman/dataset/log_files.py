@@ -27,8 +27,8 @@ from minihuman.errors import LogError, ProtocolError
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.paths import find_log_folders, group_sessions, raise_as_log_error
 from minihuman.log.salvage.summary_section import read_first_metadata
-from minihuman.log.system import current_system
 from minihuman.operating_system import count_processes
+from minihuman.storage.system import current_system
 
 _UP = 3  # from a session's folder to its study's: <study>/sub-07/ses-01
 

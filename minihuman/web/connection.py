@@ -36,10 +36,10 @@ from minihuman.log.record.file_lock import is_being_recorded, require_unclaimed
 from minihuman.log.record.finalization import put_aside
 from minihuman.log.record.mcap_recorder import McapRecorder, resume_segment
 from minihuman.log.record.recorder import DeferredRecorder, Recorder
-from minihuman.log.system import current_system, monotonic_s
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.session_loop import CommandInbox, inbox_path
 from minihuman.runtime.team_host import TeamTable
+from minihuman.storage.system import current_system, monotonic_s
 from minihuman.trust import SOURCE_FACT
 from minihuman.web import messages
 from minihuman.web.arrivals import Admission, Arrival, Arrivals, Rejection, identify_visitor, is_token

@@ -12,7 +12,7 @@ from minihuman.admin.enrolment_log import now_text
 from minihuman.admin.lease import Lease, LeaseGrant, LeaseRenewal, SessionLeases
 from minihuman.log.paths import study_folder
 from minihuman.log.record.finalization import FinalizedLog, NotPublishedError, recover_log
-from minihuman.log.system import current_system
+from minihuman.storage.system import current_system
 from minihuman.web.connection import Connection
 from tests.fault_simulation.database import Database, DatabaseError, LeaseDatabase
 from tests.fault_simulation.page import Press, Tab

@@ -35,7 +35,7 @@ from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record import live_log
 from minihuman.log.record.disk import GATHER_S, FileWriter, GroupCommit
 from minihuman.log.record.finalization import find_leftovers, recover_log
-from minihuman.log.system import System, use_system
+from minihuman.storage.system import System, use_system
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.connection import ConnectionFactory
 from minihuman.web.server.app import WebServer

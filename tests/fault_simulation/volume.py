@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from minihuman.log.system import FileSystem
+from minihuman.storage.system import FileSystem
 from tests.fault_simulation.schedule import MachineClock, ProcessKilled, Schedule
 
 _SECTOR_BYTES = 512
