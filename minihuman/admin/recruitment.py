@@ -18,7 +18,8 @@ from typing import Any
 import msgspec
 
 from minihuman.admin.enrolment_log import now_text
-from minihuman.dataset.journal import (
+from minihuman.operating_system import open_file, sync_file
+from minihuman.storage.journal import (
     ARRIVALS_FILE_NAME,
     Journal,
     JournalState,
@@ -26,7 +27,6 @@ from minihuman.dataset.journal import (
     find_database_url,
     open_journal,
 )
-from minihuman.operating_system import open_file, sync_file
 
 IDS_FILE_NAME = "platform-ids.jsonl"
 SECRET_FILE_NAME = "arrivals.secret"

@@ -14,7 +14,6 @@ from typing import Literal
 
 from minihuman.admin.enrolment_entries import NO_NOTE, AuditNote, ParticipantReplaced, ParticipantWithdrawn
 from minihuman.admin.enrolment_log import now_text, record_departure
-from minihuman.admin.lease import open_lease_table
 from minihuman.admin.recruitment import Recruitment
 from minihuman.admin.remote_store import RemoteStoreError, delete_remote_logs, delete_remote_tables
 from minihuman.dataset.caches import list_caches
@@ -24,6 +23,7 @@ from minihuman.experiment.plan.expansion import parse_participant_code
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.record.file_lock import is_being_recorded
 from minihuman.operating_system import hash_file, sync_file, sync_folder
+from minihuman.storage.lease import open_lease_table
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,6 @@ from ipaddress import ip_address
 from pathlib import Path
 from weakref import WeakValueDictionary
 
-from minihuman.admin.lease import SUPERSEDED, SessionLeases
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.remote_store import STORE_URL_FILE_NAME, RemoteStoreError
 from minihuman.errors import AllocationError, LogError, MinihumanError
@@ -36,6 +35,7 @@ from minihuman.log.record.file_lock import is_being_recorded, require_unclaimed
 from minihuman.log.record.finalization import put_aside
 from minihuman.log.record.mcap_recorder import McapRecorder, resume_segment
 from minihuman.log.record.recorder import DeferredRecorder, Recorder
+from minihuman.log.record.session_leases import SUPERSEDED, SessionLeases
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.session_loop import CommandInbox, inbox_path
 from minihuman.runtime.team_host import TeamTable

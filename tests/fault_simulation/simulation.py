@@ -19,13 +19,10 @@ from typing import Any
 from unittest.mock import patch
 
 from minihuman.admin.enrolment_entries import SlotTaken, list_taken_slots, read_enrolment_log
-from minihuman.admin.lease import TTL_S, SessionLeases
 from minihuman.admin.manifest import record_missing_heads
 from minihuman.admin.recruitment import Recruitment, hash_link_token
 from minihuman.admin.remote_store import STORE_URL_FILE_NAME
 from minihuman.admin.verify.log import verify_enrolment, verify_session
-from minihuman.dataset import journal
-from minihuman.dataset.journal import URL_FILE_NAME
 from minihuman.errors import MinihumanError
 from minihuman.experiment.machine.events import KeyPressed, Noted, Stepped
 from minihuman.experiment.plan.allocation import build_allocation_list
@@ -35,6 +32,10 @@ from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record import live_log
 from minihuman.log.record.disk import GATHER_S, FileWriter, GroupCommit
 from minihuman.log.record.finalization import find_leftovers, recover_log
+from minihuman.log.record.session_leases import SessionLeases
+from minihuman.storage import journal
+from minihuman.storage.journal import URL_FILE_NAME
+from minihuman.storage.lease import TTL_S
 from minihuman.storage.system import System, use_system
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.connection import ConnectionFactory

@@ -34,7 +34,6 @@ from minihuman.admin.withdrawal import withdraw_participant
 from minihuman.dataset import store as the_store
 from minihuman.dataset.annotations import Annotation, add_annotation, read_annotations
 from minihuman.dataset.caches import list_caches
-from minihuman.dataset.journal import ENROLMENT_FILE_NAME
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
@@ -42,6 +41,7 @@ from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, TABLES, Table
 from minihuman.errors import LogError
 from minihuman.exporters.exporter import export_study
 from minihuman.log.read.session_reader import read_log
+from minihuman.storage.journal import ENROLMENT_FILE_NAME
 from tests.builders import session, write_log
 from tests.lab.object_store import object_store
 from tests.lab.test_next_session import PROTOCOL, play

@@ -20,12 +20,12 @@ from minihuman.admin.remote_store import (
 from minihuman.admin.status import list_problems
 from minihuman.admin.verify.log import find_log_differences, verify_enrolment
 from minihuman.admin.withdrawal import withdraw_participant
-from minihuman.dataset.journal import ENROLMENT_FILE_NAME
 from minihuman.experiment.machine.inputs import Stop
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.record.disk import GroupCommit
 from minihuman.log.salvage.summary_section import LogSummary, read_summary
 from minihuman.runtime.simulated_session import simulate
+from minihuman.storage.journal import ENROLMENT_FILE_NAME
 from minihuman.web.arrivals import Arrival, Arrivals, Rejection
 from minihuman.web.connection import HostStorage, start_host
 from minihuman.web.outbox import PageSettings

@@ -11,11 +11,11 @@ from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.status import format_status
 from minihuman.admin.withdrawal import replace_participant, withdraw_participant
 from minihuman.dataset.caches import list_caches
-from minihuman.dataset.journal import ENROLMENT_FILE_NAME
 from minihuman.dataset.selection import Selection
 from minihuman.errors import AllocationError, LogError
 from minihuman.exporters.exporter import export_study
 from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.storage.journal import ENROLMENT_FILE_NAME
 from tests.disks import fill, small_disk
 from tests.lab.test_next_session import PROTOCOL, play
 

@@ -425,6 +425,6 @@ def _in_file(path: Path, decode: Callable[..., Any], mode: int, chained: bool, d
 def _in_database(url: str, name: str, decode: Callable[..., Any], chained: bool, declaration: Any) -> Journal[Any]:
     if (open_journal := current_system().open_database_journal) is not None:
         return open_journal(url, name, decode, chained=chained, declaration=declaration)  # type: ignore[no-any-return]
-    from minihuman.dataset.journal_postgres import PostgresJournal
+    from minihuman.storage.postgres_journal import PostgresJournal
 
     return PostgresJournal(url, name, decode, chained=chained, declaration=declaration)
