@@ -27,8 +27,8 @@ from minihuman.experiment.plan.allocation import allocation_sha256, build_alloca
 from minihuman.experiment.plan.expansion import format_participant_code
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.log.record.session_leases import Lease, SessionLeases
-from minihuman.storage.journal import URL_FILE_NAME
 from minihuman.storage.lease import RENEWAL_INTERVAL_S, open_lease_table
+from minihuman.storage.study_journals import URL_FILE_NAME
 from minihuman.web.arrivals import Admission, Arrival, Arrivals
 from tests.lab.database import database, fresh
 

@@ -39,7 +39,8 @@ from minihuman.experiment.plan.expansion import (
 from minihuman.experiment.plan.session_plan import Participant
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.operating_system import find_case_twin
-from minihuman.storage.journal import ENROLMENT_FILE_NAME, Journal, JournalState
+from minihuman.storage.journal import Journal, JournalState
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from minihuman.storage.system import wall_time
 
 

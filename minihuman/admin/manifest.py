@@ -13,7 +13,7 @@ import msgspec
 
 from minihuman.admin.enrolment_entries import ChainHeadRecorded, open_enrolment_log
 from minihuman.admin.enrolment_log import record_chain_heads
-from minihuman.admin.remote_store import upload_log
+from minihuman.admin.remote_logs import upload_log
 from minihuman.dataset.caches import is_cache
 from minihuman.errors import LogError, name_file_in_errors
 from minihuman.log.names import CHAIN_KEY

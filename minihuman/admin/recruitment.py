@@ -19,14 +19,8 @@ import msgspec
 
 from minihuman.admin.enrolment_log import now_text
 from minihuman.operating_system import open_file, sync_file
-from minihuman.storage.journal import (
-    ARRIVALS_FILE_NAME,
-    Journal,
-    JournalState,
-    LockedJournal,
-    find_database_url,
-    open_journal,
-)
+from minihuman.storage.journal import Journal, JournalState, LockedJournal
+from minihuman.storage.study_journals import ARRIVALS_FILE_NAME, find_database_url, open_journal
 
 IDS_FILE_NAME = "platform-ids.jsonl"
 SECRET_FILE_NAME = "arrivals.secret"

@@ -15,15 +15,17 @@ from typing import Literal
 from minihuman.admin.enrolment_entries import NO_NOTE, AuditNote, ParticipantReplaced, ParticipantWithdrawn
 from minihuman.admin.enrolment_log import now_text, record_departure
 from minihuman.admin.recruitment import Recruitment
-from minihuman.admin.remote_store import RemoteStoreError, delete_remote_logs, delete_remote_tables
+from minihuman.admin.remote_logs import delete_remote_logs
 from minihuman.dataset.caches import list_caches
 from minihuman.dataset.log_files import read_withdrawn_codes
+from minihuman.dataset.remote_tables import delete_remote_tables
 from minihuman.errors import AllocationError, name_output_when_full
 from minihuman.experiment.plan.expansion import parse_participant_code
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.record.file_lock import is_being_recorded
 from minihuman.operating_system import hash_file, sync_file, sync_folder
 from minihuman.storage.lease import open_lease_table
+from minihuman.storage.remote_store import RemoteStoreError
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ import msgspec
 
 from minihuman.errors import LogError
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
-from minihuman.storage.journal import FileJournal
+from minihuman.storage.file_journal import FileJournal
 
 ANNOTATIONS_SUFFIX = ".marks.jsonl"
 KNOWN_TAGS = ("exclude",)  # those that an output acts on by itself

@@ -27,7 +27,7 @@ from minihuman.log.model.session_log import SessionLog
 from minihuman.log.paths import find_log_folders, group_sessions, raise_as_log_error
 from minihuman.log.salvage.summary_section import read_first_metadata
 from minihuman.operating_system import count_processes
-from minihuman.storage.journal import ENROLMENT_FILE_NAME, URL_FILE_NAME, find_database_url, open_journal
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME, URL_FILE_NAME, find_database_url, open_journal
 from minihuman.storage.system import current_system
 
 _UP = 3  # from a session's folder to its study's: <study>/sub-07/ses-01

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from minihuman.errors import LogError
-from minihuman.storage.journal import find_database_url
+from minihuman.storage.study_journals import find_database_url
 
 TTL_S = 10.0
 RENEWAL_INTERVAL_S = 3.0

@@ -9,7 +9,7 @@ import pytest
 from minihuman.errors import LogError
 from minihuman.log.record.disk import RecorderSettings
 from minihuman.log.record.mcap_recorder import McapRecorder, resume_segment
-from minihuman.storage.journal import FileJournal
+from minihuman.storage.file_journal import FileJournal
 from minihuman.storage.system import System, use_system
 from tests.fault_simulation.schedule import MachineClock, ProcessKilled, Schedule
 from tests.fault_simulation.volume import ProcessDisk, Volume

@@ -13,7 +13,7 @@ from minihuman.admin.verify.log import verify_enrolment
 from minihuman.admin.withdrawal import replace_participant, withdraw_participant
 from minihuman.cli.command_line import make_command_line
 from minihuman.dataset.log_files import list_readable_logs
-from minihuman.storage.journal import ENROLMENT_FILE_NAME
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from tests.lab.test_next_session import PROTOCOL, play
 
 

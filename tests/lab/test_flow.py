@@ -13,7 +13,7 @@ from minihuman.experiment.machine.inputs import PointerPressed, PointerReleased
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.reporting.sections import FlowSection, flow_section
 from minihuman.runtime.simulated_session import simulate
-from minihuman.storage.journal import ENROLMENT_FILE_NAME
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from tests.lab.test_due import TWO_DAYS
 from tests.seats import test_consent_first
 from tests.study.sessions import MS

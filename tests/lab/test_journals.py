@@ -15,14 +15,9 @@ from minihuman.admin.recruitment import PlatformId, Recruitment, hash_link_token
 from minihuman.dataset.log_files import list_readable_logs
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.runtime.simulated_session import simulate
-from minihuman.storage.journal import (
-    ENROLMENT_FILE_NAME,
-    URL_FILE_NAME,
-    FileJournal,
-    Journal,
-    find_database_url,
-    open_journal,
-)
+from minihuman.storage.file_journal import FileJournal
+from minihuman.storage.journal import Journal
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME, URL_FILE_NAME, find_database_url, open_journal
 from minihuman.web.arrivals import Admission, Arrival, Arrivals
 from tests.counts import count
 from tests.lab.database import database, fresh

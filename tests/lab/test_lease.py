@@ -12,7 +12,6 @@ from minihuman.admin.enrolment_log import now_text
 from minihuman.admin.manifest import find_unrecorded_logs
 from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.recruitment import ParticipantArrived, Recruitment, hash_link_token
-from minihuman.admin.remote_store import STORE_URL_FILE_NAME
 from minihuman.experiment.machine.inputs import Stop
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.paths import session_folder
@@ -29,6 +28,7 @@ from minihuman.storage.lease import (
     LeaseTable,
     LogPiece,
 )
+from minihuman.storage.remote_store import STORE_URL_FILE_NAME
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.connection import Connection, ConnectionFactory, HostStorage, start_host
 from minihuman.web.messages import MESSAGE_VERSION, Hello, Refusal

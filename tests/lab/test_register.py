@@ -15,7 +15,7 @@ from minihuman.admin.withdrawal import replace_participant, withdraw_participant
 from minihuman.errors import AllocationError
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.protocol.protocol import decode_protocol
-from minihuman.storage.journal import ENROLMENT_FILE_NAME
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from tests.counts import count
 
 PATH = Path(__file__).parents[2] / "protocols" / "fourrooms-transfer.toml"

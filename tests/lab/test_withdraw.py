@@ -15,7 +15,7 @@ from minihuman.dataset.selection import Selection
 from minihuman.errors import AllocationError, LogError
 from minihuman.exporters.exporter import export_study
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.storage.journal import ENROLMENT_FILE_NAME
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from tests.disks import fill, small_disk
 from tests.lab.test_next_session import PROTOCOL, play
 

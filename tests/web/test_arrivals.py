@@ -15,7 +15,7 @@ from minihuman.errors import AllocationError
 from minihuman.experiment.machine.events import SessionStarted
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.storage.journal import ARRIVALS_FILE_NAME
+from minihuman.storage.study_journals import ARRIVALS_FILE_NAME
 from minihuman.web.arrivals import (
     Admission,
     Arrival,

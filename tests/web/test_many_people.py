@@ -12,7 +12,7 @@ from minihuman.admin.verify.log import find_log_differences
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.disk import GroupCommit
-from minihuman.storage.journal import URL_FILE_NAME
+from minihuman.storage.study_journals import URL_FILE_NAME
 from minihuman.web.arrivals import Admission, Arrival, Arrivals
 from minihuman.web.connection import HostStorage, start_host
 from minihuman.web.outbox import PageSettings

@@ -38,7 +38,7 @@ from minihuman.errors import MinihumanError
 from minihuman.experiment.machine.events import FINAL_END_REASONS
 from minihuman.log.paths import PART_SUFFIX, require_folder
 from minihuman.log.record.file_lock import is_being_recorded
-from minihuman.storage.journal import ENROLMENT_FILE_NAME
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from minihuman.web.server.app import HeaderMiddleware
 from minihuman.web.server.process import HOST, open_listening_socket
 

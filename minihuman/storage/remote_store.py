@@ -1,0 +1,258 @@
+"""Remote stores, which every machine of a study reaches: the port, and stores in a folder and in S3.
+
+The file ``logs.url`` of the data folder names the store of finished logs, ``tables.url`` that of tables:
+``s3://bucket/prefix``, or a folder such as a network share.
+"""
+
+import abc
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path, PurePosixPath
+
+from minihuman.errors import LogError
+from minihuman.operating_system import hash_file, open_file, replace_durably, replace_file
+from minihuman.storage.locks import lock_file
+
+STORE_URL_FILE_NAME = "logs.url"
+TABLES_URL_FILE_NAME = "tables.url"
+_S3 = "s3://"
+
+
+class RemoteStoreError(LogError):
+    """The remote store cannot be reached."""
+
+
+class RemoteStoreConflictError(RemoteStoreError):
+    """A file was put there by another machine meanwhile."""
+
+
+class RemoteStore(abc.ABC):
+    """Files by name, each whole or not at all."""
+
+    @abc.abstractmethod
+    def put(self, name: str, path: Path, *, over: str = "") -> None:
+        """Put a file there.
+
+        Args:
+            name: of the file in the store.
+            path: the file.
+            over: the version that it replaces; "" where there is none.
+
+        Raises:
+            RemoteStoreConflictError: if there is another version; nothing is changed.
+            RemoteStoreError: if that cannot be.
+        """
+
+    @abc.abstractmethod
+    def fetch(self, name: str, path: Path) -> None:
+        """Bring a file here; its folder is made.
+
+        Raises:
+            RemoteStoreError: if that cannot be.
+        """
+
+    @abc.abstractmethod
+    def versions(self, prefix: str) -> dict[str, str]:
+        """The version of each file whose name begins so: its MD5, hexadecimal, where the store has that.
+
+        Raises:
+            RemoteStoreError: if that cannot be.
+        """
+
+    def names(self, prefix: str) -> list[str]:
+        """The names of the files that begin so.
+
+        Raises:
+            RemoteStoreError: if that cannot be.
+        """
+        return list(self.versions(prefix))
+
+    @abc.abstractmethod
+    def remove(self, name: str) -> None:
+        """Take a file away, if it is there.
+
+        Raises:
+            RemoteStoreError: if that cannot be.
+        """
+
+
+class FolderStore(RemoteStore):
+    """A folder that all machines have."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._unfinished = folder / ".unfinished"  # one for all, so that what a crash leaves does not stay
+
+    def put(self, name: str, path: Path, *, over: str = "") -> None:
+        """Copy it, durable before it has its name; a lock keeps the other machines out."""
+        try:
+            with self._locked():
+                if compute_md5(self._folder / name) != over:
+                    raise RemoteStoreConflictError(
+                        f"another machine has just stored {name} in {self._folder}; run the command again"
+                    )
+                copy_durably(path, self._folder / name, self._unfinished)
+        except OSError as error:
+            raise RemoteStoreError(
+                f"{path} cannot be stored in {self._folder}: {error.strerror}; make the folder writable"
+            ) from error
+
+    def fetch(self, name: str, path: Path) -> None:
+        """Copy it."""
+        try:
+            copy_durably(self._folder / name, path)
+        except OSError as error:
+            raise RemoteStoreError(
+                f"{name} cannot be fetched from {self._folder}: {error.strerror}; make it readable"
+            ) from error
+
+    def versions(self, prefix: str) -> dict[str, str]:
+        """The files below, each read for its MD5."""
+        return {name: compute_md5(self._folder / name) for name in self.names(prefix)}
+
+    def names(self, prefix: str) -> list[str]:
+        """The files below, unread."""
+        return list_files(self._folder, prefix)
+
+    def remove(self, name: str) -> None:
+        """Delete it, and the folders that are empty then: some are named after a participant."""
+        try:
+            with self._locked():
+                (self._folder / name).unlink(missing_ok=True)
+                with suppress(OSError):  # not empty
+                    for folder in PurePosixPath(name).parents[:-1]:
+                        (self._folder / folder).rmdir()
+        except OSError as error:
+            raise RemoteStoreError(
+                f"{name} cannot be removed from {self._folder}: {error.strerror}; make the folder writable"
+            ) from error
+
+    @contextmanager
+    def _locked(self) -> Iterator[None]:
+        self._folder.mkdir(parents=True, exist_ok=True)
+        path = self._folder / ".lock"
+        fd = open_file(path, os.O_CREAT | os.O_RDWR, 0o666)
+        try:
+            lock_file(fd, path)
+            self._unfinished.unlink(missing_ok=True)
+            yield
+        finally:
+            os.close(fd)
+
+
+def open_remote_store(data: Path) -> RemoteStore | None:
+    """The remote store that a data folder names for logs; None where it names none."""
+    path = data / STORE_URL_FILE_NAME
+    return open_store_url(path.read_text(encoding="utf-8").strip()) if path.is_file() else None
+
+
+def open_store_url(url: str, *, may_be_new: bool = True) -> RemoteStore:
+    """Open the store at an address.
+
+    Args:
+        url: as ``logs.url`` has it.
+        may_be_new: a folder that does not exist is made; else it is refused, as a share may not be mounted.
+
+    Raises:
+        RemoteStoreError: if it is refused.
+    """
+    if url.startswith(_S3):
+        return S3Store(url.removeprefix(_S3))
+    if not (may_be_new or (url and Path(url).is_dir())):
+        raise RemoteStoreError(f"{url!r} cannot be used as a store of tables: it is not a folder; mount or create it")
+    return FolderStore(Path(url))
+
+
+@contextmanager
+def fetch_temporarily(store: RemoteStore, name: str) -> Iterator[Path]:
+    """Bring a file of the store to a folder that goes away again."""
+    with tempfile.TemporaryDirectory(prefix="minihuman-") as folder:
+        path = Path(folder, PurePosixPath(name).name)
+        store.fetch(name, path)
+        yield path
+
+
+def list_files(folder: Path, prefix: str) -> list[str]:
+    """List the files in a folder whose paths from there begin so, but for hidden ones."""
+    below = folder / prefix.rpartition("/")[0]
+    files = (path for path in below.rglob("*") if path.is_file() and not path.name.startswith("."))
+    return [name for path in sorted(files) if (name := path.relative_to(folder).as_posix()).startswith(prefix)]
+
+
+def compute_md5(path: Path) -> str:
+    """Return a file's MD5, hexadecimal; "" where there is no file."""
+    try:
+        return hash_file(path, "md5")
+    except FileNotFoundError:
+        return ""
+
+
+def copy_durably(path: Path, to: Path, unfinished: Path | None = None) -> None:
+    """Copy a file so that its place has the old content or all of the new one."""
+    with path.open("rb") as source, replace_durably(to, unfinished) as target:
+        shutil.copyfileobj(source, target)
+
+
+_CONFLICTS = ("PreconditionFailed", "ConditionalRequestConflict", "412", "409")
+
+
+class S3Store(RemoteStore):
+    """Objects of a bucket. The store's address, keys and region are boto3's to find: ``AWS_ENDPOINT_URL`` and the like.
+
+    Args:
+        where: the bucket, and what all names begin with: "bucket/prefix".
+    """
+
+    def __init__(self, where: str) -> None:
+        import boto3  # an extra
+
+        self._bucket, _, prefix = where.partition("/")
+        self._prefix = f"{prefix.rstrip('/')}/" if prefix else ""
+        self._client = boto3.client("s3")
+
+    def put(self, name: str, path: Path, *, over: str = "") -> None:
+        """Send it, on the condition that the store has that version; the store shows it when all of it is there."""
+        condition = {"IfMatch": f'"{over}"'} if over else {"IfNoneMatch": "*"}
+        with self._said(f"{path} cannot be put into"), path.open("rb") as file:
+            self._client.put_object(Bucket=self._bucket, Key=self._prefix + name, Body=file, **condition)
+
+    def fetch(self, name: str, path: Path) -> None:
+        """Get it, beside its place first."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        beside = path.with_name(f".{path.name}.{os.getpid()}")
+        with self._said(f"{name} cannot be fetched from"):
+            try:
+                self._client.download_file(self._bucket, self._prefix + name, str(beside))
+                replace_file(beside, path)
+            finally:
+                beside.unlink(missing_ok=True)
+
+    def versions(self, prefix: str) -> dict[str, str]:
+        """The objects' entity tags, page by page."""
+        with self._said("nothing can be listed of"):
+            pages = self._client.get_paginator("list_objects_v2").paginate(
+                Bucket=self._bucket, Prefix=self._prefix + prefix
+            )
+            found = [one for page in pages for one in page.get("Contents", ())]
+        return {one["Key"].removeprefix(self._prefix): one["ETag"].strip('"') for one in found}
+
+    def remove(self, name: str) -> None:
+        """Delete it."""
+        with self._said(f"{name} cannot be removed from"):
+            self._client.delete_object(Bucket=self._bucket, Key=self._prefix + name)
+
+    @contextmanager
+    def _said(self, what: str) -> Iterator[None]:
+        from botocore.exceptions import BotoCoreError, ClientError
+
+        try:
+            yield
+        except (BotoCoreError, ClientError) as error:
+            if isinstance(error, ClientError) and error.response["Error"].get("Code") in _CONFLICTS:
+                raise RemoteStoreConflictError(
+                    f"{what} {self._bucket}, as another machine has just changed it; run the command again"
+                ) from error
+            raise RemoteStoreError(f"{what} {self._bucket}: {error}") from error
