@@ -15,11 +15,11 @@ from minihuman.admin.enrolment_entries import ChainHeadRecorded, open_enrolment_
 from minihuman.admin.enrolment_log import record_chain_heads
 from minihuman.admin.remote_logs import upload_log
 from minihuman.dataset.caches import is_cache
-from minihuman.errors import LogError, name_file_in_errors
+from minihuman.errors import LogError
 from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import find_log_folders, group_sessions, require_folder, study_folder
 from minihuman.log.salvage.summary_section import read_summary
-from minihuman.operating_system import hash_file, replace_durably
+from minihuman.storage.files import hash_file, replace_durably
 
 MANIFEST_FILE_NAME = "seal.json"
 _UNFINISHED = f"{MANIFEST_FILE_NAME}.part"
@@ -89,8 +89,7 @@ def write_manifest(study: Path) -> StudyManifest:
     if not files:
         raise LogError(f"{study} is not a folder that contains files; name a study's folder")
     made = StudyManifest(_digest(files), files)
-    unfinished = study / _UNFINISHED
-    with name_file_in_errors(unfinished), replace_durably(study / MANIFEST_FILE_NAME, unfinished) as file:
+    with replace_durably(study / MANIFEST_FILE_NAME, study / _UNFINISHED) as file:
         file.write(msgspec.json.format(msgspec.json.encode(made), indent=1) + b"\n")
     return made
 

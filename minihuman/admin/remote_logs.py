@@ -13,11 +13,11 @@ from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import LOG_SUFFIX, study_folder
 from minihuman.log.record.finalization import put_aside
 from minihuman.log.salvage.summary_section import read_summary
+from minihuman.storage.files import copy_durably
 from minihuman.storage.remote_store import (
     RemoteStore,
     RemoteStoreConflictError,
     compute_md5,
-    copy_durably,
     fetch_temporarily,
     list_files,
     open_remote_store,
@@ -145,16 +145,16 @@ def _other_name(log: Path) -> str:
     return f"{log.name.removesuffix(LOG_SUFFIX)}_other-{compute_md5(log)[:8]}{LOG_SUFFIX}"
 
 
-def delete_remote_logs(data: Path, prefix: str) -> None:
-    """Delete the logs whose names begin so from the remote store.
+def delete_remote_logs(study_dir: Path, code: str) -> None:
+    """Delete a participant's logs from the store that ``logs.url`` names.
 
     Raises:
         RemoteStoreError: if that cannot be.
     """
-    store = open_remote_store(data)
+    study_dir = study_dir.absolute()
+    store = open_remote_store(study_dir.parent, may_be_new=False)  # a share that is not mounted has them still
     if store is not None:
-        for name in store.names(prefix):
-            store.remove(name)
+        store.erase(code, store.names(f"{study_dir.name}/{code}/"))
 
 
 def _without_withdrawn(data: Path, found: dict[str, str]) -> dict[str, str]:

@@ -108,8 +108,7 @@ def delete_remote_tables(study_dir: Path, code: str) -> int | None:
     if store is None:
         return None
     theirs = [one for one in _list_partitions(store, study_dir.absolute().name) if one.participant == code]
-    for one in theirs:
-        store.remove(one.name)
+    store.erase(code, [one.name for one in theirs])
     return len(theirs)
 
 

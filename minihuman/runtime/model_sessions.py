@@ -58,7 +58,7 @@ from minihuman.simulation.model_conversation import (
     find_answer_rule,
     find_picture_size,
 )
-from minihuman.storage.locks import lock_file
+from minihuman.storage.locks import hold_lock
 from minihuman.worlds.adapters.world import World
 
 PLAYER_PREFIX = "model:"
@@ -439,9 +439,7 @@ def _find_cut_off(study_dir: Path, player: str) -> Iterator[Path | str]:
 @contextmanager
 def _hold_slots(data: Path) -> Iterator[None]:
     """Let one session at a time, of all threads and processes, choose its slot and make its live file."""
-    data.mkdir(parents=True, exist_ok=True)
-    with (data / ".slots.lock").open("ab") as file:
-        lock_file(file.fileno(), data)
+    with hold_lock(data / ".slots.lock"):
         yield
 
 

@@ -10,9 +10,10 @@ import msgspec
 
 from minihuman.errors import name_file_in_errors
 from minihuman.operating_system import read_at
+from minihuman.storage.files import replace_durably, write_again
 from minihuman.storage.journal import TAIL, Journal, Line, LineChain, LineDecoder, LinesRead, LockedJournal
 from minihuman.storage.locks import is_file_at, lock_file
-from minihuman.storage.system import current_system, sync_folder, write_again, write_durably
+from minihuman.storage.system import current_system
 
 
 class FileJournal(Journal[Line]):
@@ -90,11 +91,9 @@ class FileJournal(Journal[Line]):
             return
         with self.hold():
             kept = [line for line in self._path.read_bytes().splitlines() if wanted(line)]
-            beside = self._path.with_name(f"{self._path.name}.new")
-            with write_durably(beside, self._mode) as file:
+            unfinished = self._path.with_name(f"{self._path.name}.new")
+            with replace_durably(self._path, unfinished, mode=self._mode) as file:
                 file.write(b"".join(line + b"\n" for line in kept))
-            current_system().disk.rename(beside, self._path)
-            sync_folder(self._path.parent)
 
     def _forget(self) -> None:
         self._lines: list[Line] = []

@@ -5,20 +5,20 @@ The file ``logs.url`` of the data folder names the store of finished logs, ``tab
 """
 
 import abc
-import os
-import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 
 from minihuman.errors import LogError
-from minihuman.operating_system import hash_file, open_file, replace_durably, replace_file
-from minihuman.storage.locks import lock_file
+from minihuman.storage.files import copy_durably, hash_file, replace_durably, sync_folder
+from minihuman.storage.locks import hold_lock
+from minihuman.storage.system import current_system
 
 STORE_URL_FILE_NAME = "logs.url"
 TABLES_URL_FILE_NAME = "tables.url"
 _S3 = "s3://"
+_LOG_DEPTH = 3  # folders above a log: session, participant and study
 
 
 class RemoteStoreError(LogError):
@@ -72,11 +72,24 @@ class RemoteStore(abc.ABC):
 
     @abc.abstractmethod
     def remove(self, name: str) -> None:
-        """Take a file away, if it is there.
+        """Take a file away, if it is there, so that it stays away.
 
         Raises:
             RemoteStoreError: if that cannot be.
         """
+
+    def erase(self, owner: str, names: Iterable[str]) -> None:
+        """Take a participant's files away, and whatever a crash left of them.
+
+        Args:
+            owner: the participant's code.
+            names: of the files.
+
+        Raises:
+            RemoteStoreError: if that cannot be.
+        """
+        for name in names:
+            self.remove(name)
 
 
 class FolderStore(RemoteStore):
@@ -94,7 +107,7 @@ class FolderStore(RemoteStore):
                     raise RemoteStoreConflictError(
                         f"another machine has just stored {name} in {self._folder}; run the command again"
                     )
-                copy_durably(path, self._folder / name, self._unfinished)
+                copy_durably(path, self._folder / name, self._unfinished, new_folders=_LOG_DEPTH)
         except OSError as error:
             raise RemoteStoreError(
                 f"{path} cannot be stored in {self._folder}: {error.strerror}; make the folder writable"
@@ -103,7 +116,7 @@ class FolderStore(RemoteStore):
     def fetch(self, name: str, path: Path) -> None:
         """Copy it."""
         try:
-            copy_durably(self._folder / name, path)
+            copy_durably(self._folder / name, path, new_folders=_LOG_DEPTH)
         except OSError as error:
             raise RemoteStoreError(
                 f"{name} cannot be fetched from {self._folder}: {error.strerror}; make it readable"
@@ -119,34 +132,64 @@ class FolderStore(RemoteStore):
 
     def remove(self, name: str) -> None:
         """Delete it, and the folders that are empty then: some are named after a participant."""
+        with self._raise_as_store_error(name), self._locked():
+            self._remove(name)
+
+    def erase(self, owner: str, names: Iterable[str]) -> None:
+        """Delete them, folders of theirs that an erasure left empty, and what a crash left of any file being stored."""
+        with self._raise_as_store_error(f"all of {owner}"), self._locked():
+            sync_folder(self._folder)  # the unfinished file may have been theirs
+            for name in names:
+                self._remove(name)
+            for folder in [path for path in self._folder.rglob("*") if path.is_dir() and not any(path.iterdir())]:
+                if owner in {part.rpartition("=")[2] for part in folder.relative_to(self._folder).parts}:
+                    self._remove_empty_folders(folder)
+
+    def _remove(self, name: str) -> None:
+        path = self._folder / name
+        if path.exists():
+            current_system().disk.unlink(path)
+        if path.parent.is_dir():
+            self._remove_empty_folders(path.parent)
+
+    def _remove_empty_folders(self, folder: Path) -> None:
+        """Make what was taken out of a folder durable, and remove it and those above that are empty then."""
+        sync_folder(folder)  # first: once the folder is gone, nothing says that its files may come back
+        with suppress(OSError):  # not empty
+            while folder != self._folder:
+                current_system().disk.remove_folder(folder)
+                folder = folder.parent
+        sync_folder(folder)
+
+    @contextmanager
+    def _raise_as_store_error(self, what: str) -> Iterator[None]:
         try:
-            with self._locked():
-                (self._folder / name).unlink(missing_ok=True)
-                with suppress(OSError):  # not empty
-                    for folder in PurePosixPath(name).parents[:-1]:
-                        (self._folder / folder).rmdir()
+            yield
         except OSError as error:
             raise RemoteStoreError(
-                f"{name} cannot be removed from {self._folder}: {error.strerror}; make the folder writable"
+                f"{what} cannot be removed from {self._folder}: {error.strerror}; make the folder writable"
             ) from error
 
     @contextmanager
     def _locked(self) -> Iterator[None]:
-        self._folder.mkdir(parents=True, exist_ok=True)
-        path = self._folder / ".lock"
-        fd = open_file(path, os.O_CREAT | os.O_RDWR, 0o666)
-        try:
-            lock_file(fd, path)
-            self._unfinished.unlink(missing_ok=True)
+        with hold_lock(self._folder / ".lock", 0o666):
+            if self._unfinished.exists():
+                current_system().disk.unlink(self._unfinished)
             yield
-        finally:
-            os.close(fd)
 
 
-def open_remote_store(data: Path) -> RemoteStore | None:
-    """The remote store that a data folder names for logs; None where it names none."""
+def open_remote_store(data: Path, *, may_be_new: bool = True) -> RemoteStore | None:
+    """Open the remote store that a data folder names for logs; None where it names none.
+
+    Args:
+        data: the data folder.
+        may_be_new: as in ``open_store_url``.
+
+    Raises:
+        RemoteStoreError: if it is a folder that has to be there and is not.
+    """
     path = data / STORE_URL_FILE_NAME
-    return open_store_url(path.read_text(encoding="utf-8").strip()) if path.is_file() else None
+    return open_store_url(path.read_text(encoding="utf-8").strip(), may_be_new=may_be_new) if path.is_file() else None
 
 
 def open_store_url(url: str, *, may_be_new: bool = True) -> RemoteStore:
@@ -162,7 +205,7 @@ def open_store_url(url: str, *, may_be_new: bool = True) -> RemoteStore:
     if url.startswith(_S3):
         return S3Store(url.removeprefix(_S3))
     if not (may_be_new or (url and Path(url).is_dir())):
-        raise RemoteStoreError(f"{url!r} cannot be used as a store of tables: it is not a folder; mount or create it")
+        raise RemoteStoreError(f"{url!r} cannot be used as a remote store: it is not a folder; mount or create it")
     return FolderStore(Path(url))
 
 
@@ -190,12 +233,6 @@ def compute_md5(path: Path) -> str:
         return ""
 
 
-def copy_durably(path: Path, to: Path, unfinished: Path | None = None) -> None:
-    """Copy a file so that its place has the old content or all of the new one."""
-    with path.open("rb") as source, replace_durably(to, unfinished) as target:
-        shutil.copyfileobj(source, target)
-
-
 _CONFLICTS = ("PreconditionFailed", "ConditionalRequestConflict", "412", "409")
 
 
@@ -221,14 +258,8 @@ class S3Store(RemoteStore):
 
     def fetch(self, name: str, path: Path) -> None:
         """Get it, beside its place first."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        beside = path.with_name(f".{path.name}.{os.getpid()}")
-        with self._said(f"{name} cannot be fetched from"):
-            try:
-                self._client.download_file(self._bucket, self._prefix + name, str(beside))
-                replace_file(beside, path)
-            finally:
-                beside.unlink(missing_ok=True)
+        with self._said(f"{name} cannot be fetched from"), replace_durably(path, new_folders=_LOG_DEPTH) as file:
+            self._client.download_fileobj(self._bucket, self._prefix + name, file)
 
     def versions(self, prefix: str) -> dict[str, str]:
         """The objects' entity tags, page by page."""

@@ -21,6 +21,7 @@ from minihuman.log.record.finalization import (
     put_aside,
     recover_log,
 )
+from minihuman.storage.files import replace_durably
 from minihuman.storage.lease import (
     TTL_S,
     LeaseGrant,
@@ -30,7 +31,7 @@ from minihuman.storage.lease import (
     LeaseTable,
     LogPiece,
 )
-from minihuman.storage.system import current_system, monotonic_s, sync_folder, write_durably
+from minihuman.storage.system import current_system, monotonic_s
 
 SAFETY_MARGIN_S = 2.0  # before the lease runs out: from here on nothing is acknowledged
 SUPERSEDED = "superseded"  # in the name of a file that is another server's now
@@ -134,13 +135,8 @@ class SessionLeases:
             if here is None or not (here.startswith(data) if grows else here == data):
                 if here is not None:
                     put_aside(path, SUPERSEDED)
-                folder.mkdir(parents=True, exist_ok=True)
-                unfinished = path.with_name(f".{name}.restored")
-                with write_durably(unfinished) as file:
+                with replace_durably(path, path.with_name(f".{name}.restored"), new_folders=3) as file:
                     file.write(data)
-                current_system().disk.rename(unfinished, path)
-                for above in path.parents[:4]:
-                    sync_folder(above)
                 os.utime(path, ns=2 * (current_system().clock.wall_ns() - round(lease.grant.idle_s * 1e9),))
 
     def recover(self, part: Path, *, only_ended: bool = False) -> FinalizedLog | None:
