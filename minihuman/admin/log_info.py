@@ -15,7 +15,7 @@ import numpy as np
 from minihuman.admin.enrolment_entries import NO_NOTE, AuditNote, LogRecovered
 from minihuman.admin.enrolment_log import now_text, record_intervention
 from minihuman.admin.manifest import record_log_end, record_missing_heads
-from minihuman.admin.session_index import SessionSummary
+from minihuman.admin.session_summary import SessionSummary
 from minihuman.dataset.measures import playing_s, response_ms
 from minihuman.errors import LogError, MinihumanError
 from minihuman.experiment.machine import events

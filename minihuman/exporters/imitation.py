@@ -16,7 +16,7 @@ import numpy as np
 from datasets.arrow_writer import ArrowWriter
 from numpy.typing import NDArray
 
-from minihuman.dataset.sessions import IncludedEpisode, IncludedEpisodes
+from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisodes
 from minihuman.experiment.activities.preferences import EpisodeClip, PairAnswer
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 from rerun.experimental import LeRobotReader
 
-from minihuman.dataset.sessions import IncludedEpisode
+from minihuman.dataset.included_episodes import IncludedEpisode
 from minihuman.display.video import pad_to_even
 from minihuman.errors import ExportError
 from minihuman.exporters import imitation, lerobot, minari as minari_export
