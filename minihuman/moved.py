@@ -26,7 +26,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         "minihuman.storage.study_journals",
     ),
     "minihuman.dataset.journal_postgres": ("minihuman.storage.postgres_journal", "minihuman.storage.database"),
-    "minihuman.log.system": ("minihuman.storage.system", "minihuman.storage.files"),
+    "minihuman.log.system": ("minihuman.storage.system", "minihuman.storage.durable_files"),
 }
 MOVED_NAMES: dict[str, dict[str, str]] = {  # a module that is still there -> a name that it had -> where that is now
     "minihuman.agents.goal_search": {
@@ -38,9 +38,9 @@ MOVED_NAMES: dict[str, dict[str, str]] = {  # a module that is still there -> a 
         "IncludedEpisodes": "minihuman.dataset.included_episodes",
     },
     "minihuman.operating_system": {
-        "hash_file": "minihuman.storage.files",
-        "replace_durably": "minihuman.storage.files",
-        "write_atomically": "minihuman.storage.files",
+        "hash_file": "minihuman.storage.durable_files",
+        "replace_durably": "minihuman.storage.durable_files",
+        "write_atomically": "minihuman.storage.durable_files",
     },
 }
 

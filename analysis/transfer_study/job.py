@@ -23,7 +23,7 @@ from minihuman.learn.policy.observation import ObservationEncoder
 from minihuman.learn.ppo import LeanPpo, make_ppo
 from minihuman.operating_system import lock_descriptor
 from minihuman.statistics.paired import paired_test
-from minihuman.storage.files import write_atomically
+from minihuman.storage.durable_files import write_atomically
 from transfer_study.plan import SOURCE, ProtocolName, TransferJob
 from transfer_study.training import ResumableEnv, TrainingHistory, TrainingPoint, train_resumably
 

@@ -19,7 +19,7 @@ from minihuman.errors import LogError
 from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import find_log_folders, group_sessions, require_folder, study_folder
 from minihuman.log.salvage.summary_section import read_summary
-from minihuman.storage.files import hash_file, replace_durably
+from minihuman.storage.durable_files import hash_file, replace_durably
 
 MANIFEST_FILE_NAME = "seal.json"
 _UNFINISHED = f"{MANIFEST_FILE_NAME}.part"

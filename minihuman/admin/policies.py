@@ -19,7 +19,7 @@ from minihuman.log.model.session_log import EpisodeLog, SessionLog
 from minihuman.log.model.teaching_events import NO_ADVICE, TeachingRecord
 from minihuman.log.paths import study_folder
 from minihuman.log.read.session_reader import list_session_files
-from minihuman.storage.files import replace_durably, sync_folder
+from minihuman.storage.durable_files import replace_durably, sync_folder
 from minihuman.worlds.adapters.world import World
 
 POLICIES_FOLDER = "policies"

@@ -13,7 +13,7 @@ from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import LOG_SUFFIX, study_folder
 from minihuman.log.record.finalization import put_aside
 from minihuman.log.salvage.summary_section import read_summary
-from minihuman.storage.files import copy_durably
+from minihuman.storage.durable_files import copy_durably
 from minihuman.storage.remote_store import (
     RemoteStore,
     RemoteStoreConflictError,

@@ -23,8 +23,8 @@ from minihuman.errors import AllocationError, LogError, MinihumanError, name_out
 from minihuman.experiment.plan.expansion import parse_participant_code
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.record.file_lock import is_being_recorded
+from minihuman.storage.durable_files import UNFINISHED_SUFFIX, hash_file, replace_durably, sync_folder
 from minihuman.storage.erasure import erase
-from minihuman.storage.files import UNFINISHED_SUFFIX, hash_file, replace_durably, sync_folder
 from minihuman.storage.lease import open_lease_table
 from minihuman.storage.remote_store import RemoteStoreError
 from minihuman.storage.system import current_system

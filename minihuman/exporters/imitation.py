@@ -27,7 +27,7 @@ from minihuman.exporters.flat_observations import (
     is_picture,
 )
 from minihuman.log.model.session_log import SessionLog
-from minihuman.storage.files import hash_file
+from minihuman.storage.durable_files import hash_file
 
 # How much the left fragment is preferred; "cannot tell" says nothing.
 PREFERENCES: dict[PairAnswer, float] = {"left": 1.0, "equal": 0.5, "right": 0.0}

@@ -21,7 +21,7 @@ from minihuman.learn.policy.observation import Observation, ObservationEncoder, 
 from minihuman.learn.ppo import episode_seed
 from minihuman.statistics.comparison import find_units
 from minihuman.statistics.scores import wilson_interval
-from minihuman.storage.files import write_atomically
+from minihuman.storage.durable_files import write_atomically
 from minihuman.worlds.adapters.world import World
 
 ChooseAction = Callable[[Observation], int]  # an action from what is seen

@@ -24,7 +24,7 @@ from minihuman.experiment.machine.session import SessionMachine
 from minihuman.log.paths import LOG_SUFFIX
 from minihuman.log.record.recorder import Recorder
 from minihuman.operating_system import receive_end_signals
-from minihuman.storage.files import append_durably
+from minihuman.storage.durable_files import append_durably
 
 CommandKind = Literal["pause", "go_on", "abort", "note"]
 

@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from minihuman.storage.files import sync_folder
+from minihuman.storage.durable_files import sync_folder
 from minihuman.storage.system import current_system
 
 

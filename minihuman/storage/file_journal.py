@@ -10,7 +10,7 @@ import msgspec
 
 from minihuman.errors import name_file_in_errors
 from minihuman.operating_system import read_at
-from minihuman.storage.files import replace_durably, write_again
+from minihuman.storage.durable_files import replace_durably, write_again
 from minihuman.storage.journal import TAIL, Journal, Line, LineChain, LineDecoder, LinesRead, LockedJournal
 from minihuman.storage.locks import is_file_at, lock_file
 from minihuman.storage.system import current_system

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 
 from minihuman.errors import LogError
-from minihuman.storage.files import copy_durably, hash_file, replace_durably, sync_folder
+from minihuman.storage.durable_files import copy_durably, hash_file, replace_durably, sync_folder
 from minihuman.storage.locks import hold_lock
 from minihuman.storage.system import current_system
 

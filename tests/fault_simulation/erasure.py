@@ -24,7 +24,7 @@ from minihuman.admin.withdrawal import find_unfinished_withdrawals, withdraw_par
 from minihuman.dataset.log_files import read_withdrawn_codes
 from minihuman.errors import MinihumanError
 from minihuman.storage import study_journals
-from minihuman.storage.files import write_atomically
+from minihuman.storage.durable_files import write_atomically
 from minihuman.storage.remote_store import STORE_URL_FILE_NAME, TABLES_URL_FILE_NAME
 from minihuman.storage.study_journals import ARRIVALS_FILE_NAME, ENROLMENT_FILE_NAME
 from minihuman.storage.system import System, use_system

@@ -10,8 +10,8 @@ from minihuman.admin import withdrawal
 from minihuman.admin.manifest import write_manifest
 from minihuman.admin.policies import PolicyStore
 from minihuman.admin.withdrawal import withdraw_participant
+from minihuman.storage.durable_files import write_durably
 from minihuman.storage.erasure import erase
-from minihuman.storage.files import write_durably
 from minihuman.storage.remote_store import FolderStore
 from tests.counts import count
 from tests.fault_simulation.erasure import Commands, FailingDisk, simulate_erasure

@@ -29,7 +29,7 @@ from minihuman.operating_system import (
     retry_when_shared,
     windows_disposition,
 )
-from minihuman.storage.files import write_atomically
+from minihuman.storage.durable_files import write_atomically
 from tests.counts import PATIENCE_S
 from tests.disks import fill, small_disk
 from tests.log.samples import STARTED_NS, session_plan

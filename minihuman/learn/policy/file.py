@@ -26,7 +26,7 @@ from minihuman.learn.policy.network import (
     build_policy,
 )
 from minihuman.learn.policy.observation import ObservationEncoder
-from minihuman.storage.files import UNFINISHED_SUFFIX, replace_durably
+from minihuman.storage.durable_files import UNFINISHED_SUFFIX, replace_durably
 
 FORMAT = 1
 MAX_FILE_BYTES = 2**25

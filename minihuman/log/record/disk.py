@@ -25,7 +25,7 @@ from minihuman.errors import LogError
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.log.record.live_log import AppendBlock
 from minihuman.operating_system import lock_descriptor, open_file, read_at, sync_file, sync_file_system
-from minihuman.storage.files import sync_folder
+from minihuman.storage.durable_files import sync_folder
 from minihuman.storage.locks import is_file_at
 from minihuman.storage.system import current_system
 

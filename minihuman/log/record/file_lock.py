@@ -10,7 +10,7 @@ from pathlib import Path
 
 from minihuman.errors import LogError
 from minihuman.log.paths import SegmentPath
-from minihuman.storage.files import sync_folder
+from minihuman.storage.durable_files import sync_folder
 from minihuman.storage.locks import is_file_at, lock_file
 from minihuman.storage.system import current_system
 

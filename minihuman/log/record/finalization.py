@@ -31,7 +31,7 @@ from minihuman.log.record.file_lock import hold_leftover, is_being_recorded
 from minihuman.log.record.live_log import LIBRARY_NAME
 from minihuman.log.salvage.records import LogMessage
 from minihuman.log.salvage.scan import LogScanner, MissingMessages
-from minihuman.storage.files import sync_folder, write_durably
+from minihuman.storage.durable_files import sync_folder, write_durably
 from minihuman.storage.system import current_system
 
 UNNUMBERED = 0  # the sequence of a preview

@@ -28,7 +28,7 @@ from minihuman.log.record.recorder import Recorder
 from minihuman.log.salvage.records import LogMessage
 from minihuman.log.salvage.scan import LogScanner
 from minihuman.log.topics import RARE_TOPICS
-from minihuman.storage.files import write_again
+from minihuman.storage.durable_files import write_again
 from minihuman.storage.system import current_system
 
 _SETTINGS = RecorderSettings()

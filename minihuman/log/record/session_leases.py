@@ -21,7 +21,7 @@ from minihuman.log.record.finalization import (
     put_aside,
     recover_log,
 )
-from minihuman.storage.files import replace_durably
+from minihuman.storage.durable_files import replace_durably
 from minihuman.storage.lease import (
     TTL_S,
     LeaseGrant,
