@@ -22,6 +22,7 @@ from minihuman.storage.remote_store import (
     list_files,
     open_remote_store,
 )
+from minihuman.storage.system import current_system
 
 
 def upload_log(log: Path) -> None:
@@ -35,18 +36,19 @@ def upload_log(log: Path) -> None:
         RemoteStoreError: if it cannot be put there; the log stays here in any case.
     """
     study = study_folder(log)
-    store, name = open_remote_store(study.parent), log.absolute().relative_to(study.parent)
+    store = open_remote_store(study.parent)
+    name = log.absolute().relative_to(study.parent)
     if store is None or name.parts[1] in read_withdrawn_codes(study):
         return
     try:
         store.put(str(name), log)
     except RemoteStoreConflictError:
-        there = store.versions(str(name))[str(name)]
-        if there == compute_md5(log):
+        stored_version = store.versions(str(name))[str(name)]
+        if stored_version == compute_md5(log):
             return
         with fetch_temporarily(store, str(name)) as other:
             if _continues(log, other):
-                store.put(str(name), log, over=there)
+                store.put(str(name), log, over=stored_version)
             elif not _continues(other, log):
                 store.put(str(name.with_name(_other_name(log))), log)
 
@@ -70,37 +72,51 @@ def sync_logs(data: Path, prefix: str) -> tuple[int, int]:
     store = open_remote_store(data)
     if store is None:
         return 0, 0
-    came = went = 0
-    there = _without_withdrawn(data, store.versions(prefix))
-    names = _without_withdrawn(data, {**there, **dict.fromkeys(list_files(data, prefix), "")})
-    for name in sorted(name for name in names if name.endswith((LOG_SUFFIX, ANNOTATIONS_SUFFIX))):
-        log = data / name
+    fetched = 0
+    stored = 0
+    versions = _without_withdrawn(data, store.versions(prefix))
+    local_names = dict.fromkeys(list_files(data, prefix), "")
+    for name in sorted(_without_withdrawn(data, {**local_names, **versions})):
         if name.endswith(ANNOTATIONS_SUFFIX):
-            _sync_annotations(store, name, log, there.get(name, ""))
-        elif not log.exists():
-            store.fetch(name, log)
-            came += 1
-        elif name not in there:
-            upload_log(log)
-            went += 1
-        elif there[name] != compute_md5(log):
-            with fetch_temporarily(store, name) as other:
-                if compute_md5(other) == compute_md5(log):
-                    continue
-                if read_summary(log) is not None and _continues(log, other):
-                    store.put(name, log, over=there[name])
-                    went += 1
-                    continue
-                if read_summary(log) is None:
-                    put_aside(log, "as-found")
-                elif not _continues(other, log):
-                    beside = log.with_name(_other_name(log))
-                    log.rename(beside)
-                    upload_log(beside)
-                    went += 1
-                copy_durably(other, log)
-                came += 1
-    return came, went
+            _sync_annotations(store, name, data / name, versions.get(name, ""))
+        elif name.endswith(LOG_SUFFIX):
+            was_fetched, was_stored = _sync_log(store, name, data / name, versions.get(name, ""))
+            fetched += was_fetched
+            stored += was_stored
+    return fetched, stored
+
+
+def _sync_log(store: RemoteStore, name: str, log: Path, version: str) -> tuple[bool, bool]:
+    """Have the same log here and in the store; whether one was fetched, and whether one was stored."""
+    if not log.exists():
+        store.fetch(name, log)
+        return True, False
+    if not version:
+        upload_log(log)
+        return False, True
+    if version == compute_md5(log):
+        return False, False
+    with fetch_temporarily(store, name) as other:
+        return _merge_log(store, name, log, other, version)
+
+
+def _merge_log(store: RemoteStore, name: str, log: Path, other: Path, version: str) -> tuple[bool, bool]:
+    """Keep the one of two logs that continues the other; where neither does, this machine's gets another name."""
+    if compute_md5(other) == compute_md5(log):
+        return False, False
+    is_readable = read_summary(log) is not None
+    if is_readable and _continues(log, other):
+        store.put(name, log, over=version)
+        return False, True
+    is_another = is_readable and not _continues(other, log)
+    if not is_readable:
+        put_aside(log, "as-found")
+    elif is_another:
+        renamed = log.with_name(_other_name(log))
+        current_system().disk.rename(log, renamed)
+        upload_log(renamed)
+    copy_durably(other, log)
+    return True, is_another
 
 
 def _sync_annotations(store: RemoteStore, name: str, path: Path, version: str) -> None:
@@ -110,35 +126,39 @@ def _sync_annotations(store: RemoteStore, name: str, path: Path, version: str) -
     elif not path.exists():
         store.fetch(name, path)
     elif version != compute_md5(path):
-        with fetch_temporarily(store, name) as other, open_annotations(path).hold() as here:
-            theirs = read_annotation_file(other)
-            if added := [mark for mark in here.lines if mark not in theirs]:
-                if tuple(here.lines[: len(theirs)]) != theirs:
-                    with open_annotations(other).hold() as merged:
-                        merged.append(*added)
-                    copy_durably(other, path)
-                store.put(name, path, over=version)
-            else:
+        with fetch_temporarily(store, name) as other, open_annotations(path).hold() as local:
+            stored = read_annotation_file(other)
+            added = [annotation for annotation in local.lines if annotation not in stored]
+            if not added:
                 copy_durably(other, path)
+                return
+            if tuple(local.lines[: len(stored)]) != stored:
+                with open_annotations(other).hold() as merged:
+                    merged.append(*added)
+                copy_durably(other, path)
+            store.put(name, path, over=version)
 
 
 def _continues(log: Path, other: Path) -> bool:
-    """Whether a log holds all segments of another, the same ones; what cannot be read holds none."""
-    mine, theirs = _read_segments(log), _read_segments(other)
-    same = (
-        number == its_number and started == its_start and (not head or not its_head or head == its_head)
-        for (number, started, head), (its_number, its_start, its_head) in zip(mine, theirs, strict=False)
-    )
-    return len(mine) >= len(theirs) and all(same)
+    """Say whether a log holds all segments of another, the same ones; what cannot be read holds none."""
+    segments = _read_segments(log)
+    other_segments = _read_segments(other)
+    return len(segments) >= len(other_segments) and all(map(_is_same_segment, segments, other_segments))
+
+
+def _is_same_segment(segment: tuple[str, str, str], other: tuple[str, str, str]) -> bool:
+    *identity, head = segment
+    *other_identity, other_head = other
+    return identity == other_identity and (not head or not other_head or head == other_head)
 
 
 def _read_segments(log: Path) -> list[tuple[str, str, str]]:
-    """The number, start and chain head of each segment; "" for a head that there is not."""
-    found = read_summary(log)
-    if found is None:
+    """Read the number, start and chain head of each segment; "" for a head that there is not."""
+    summary = read_summary(log)
+    if summary is None:
         return []
-    heads = {end["segment"]: end.get(CHAIN_KEY, "") for end in found.ends}
-    return [(start["segment"], start["started_unix_ns"], heads.get(start["segment"], "")) for start in found.starts]
+    heads = {end["segment"]: end.get(CHAIN_KEY, "") for end in summary.ends}
+    return [(start["segment"], start["started_unix_ns"], heads.get(start["segment"], "")) for start in summary.starts]
 
 
 def _other_name(log: Path) -> str:
@@ -157,8 +177,9 @@ def delete_remote_logs(study_dir: Path, code: str) -> None:
         store.erase(code, store.names(f"{study_dir.name}/{code}/"))
 
 
-def _without_withdrawn(data: Path, found: dict[str, str]) -> dict[str, str]:
-    """What is not of participants who withdrew; a name is study, participant, session and log."""
-    parts = {name: name.split("/") for name in found}
-    gone = {study: read_withdrawn_codes(data / study) for study in {its[0] for its in parts.values()}}
-    return {name: each for name, each in found.items() if not gone[parts[name][0]].intersection(parts[name][1:2])}
+def _without_withdrawn(data_folder: Path, versions: dict[str, str]) -> dict[str, str]:
+    """Leave out files of participants who withdrew; a name is study, participant, session and log."""
+    parts = {name: name.split("/") for name in versions}
+    studies = {study for study, *_ in parts.values()}
+    withdrawn = {study: read_withdrawn_codes(data_folder / study) for study in studies}
+    return {name: version for name, version in versions.items() if not withdrawn[parts[name][0]] & {*parts[name][1:2]}}

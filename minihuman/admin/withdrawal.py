@@ -49,10 +49,10 @@ class WithdrawalResult:
 
     def line(self) -> str:
         """Say so, naming nobody."""
-        what = f"{self.files} files, {self.bytes / 1e6:.1f} MB"
-        what = f"{what} sealed in {self.sealed}, SHA-256 {self.sha256}" if self.sealed else f"{what} erased"
+        end = f"sealed in {self.sealed}, SHA-256 {self.sha256}" if self.sealed else "erased"
+        local = f"{self.files} files, {self.bytes / 1e6:.1f} MB {end}"
         stored = f"{self.partitions} files of tables removed from the remote store"
-        return what if self.partitions is None else f"{what}; {stored}"
+        return local if self.partitions is None else f"{local}; {stored}"
 
 
 def withdraw_participant(
@@ -84,9 +84,11 @@ def withdraw_participant(
     if seal is not None:
         _check_archive(seal, study_dir, code, files)
     with _mark_as_begun(study_dir, code), _archive_files(files, seal, study_dir) as sha256:
-        kept: Literal["erased", "sealed"] = "erased" if seal is None else "sealed"
+        data_end: Literal["erased", "sealed"] = "erased" if seal is None else "sealed"
         if code not in read_withdrawn_codes(study_dir):  # else the rest of an earlier withdrawal
-            record_departure(study_dir, ParticipantWithdrawn(code, now_text(), kept, note.reason, note.experimenter))
+            record_departure(
+                study_dir, ParticipantWithdrawn(code, now_text(), data_end, note.reason, note.experimenter)
+            )
     partitions = _erase_everywhere(study_dir, code)
     _remove_mark(study_dir, code)
     return WithdrawalResult(len(files), size_bytes, seal, sha256, partitions)

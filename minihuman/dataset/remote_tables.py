@@ -5,7 +5,7 @@ so a list of names tells what is stored already, and machines that store tables 
 """
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Set
 from contextlib import suppress
 from pathlib import Path
 
@@ -49,24 +49,40 @@ def store_tables(study_dir: Path, *, say: Callable[[str], None] = lambda line: N
     if store is None:
         return None
     study_dir = study_dir.absolute()
-    there, sessions = _list_partitions(store, study_dir.name), StudySessions(study_dir, say=say)
+    stored = _list_partitions(store, study_dir.name)
+    sessions = StudySessions(study_dir, say=say)
     with StudyStore(sessions, with_shortest=False) as tables, tempfile.TemporaryDirectory() as folder:
-        wanted = list_partitions(tables)
-        if others := {one.study for one in wanted} - {study_dir.name}:
-            raise LogError(
-                f"{study_dir} holds sessions of the study {min(others)!r}; name the folder like the study, so that "
-                "`minihuman withdraw` finds a participant's tables"
-            )
-        new = {one: number for one, number in wanted.items() if one not in there}
+        partitions = list_partitions(tables)
+        _require_study(study_dir, partitions)
+        new = {partition: number for partition, number in partitions.items() if partition not in stored}
         for partition, path in write_partitions(tables, new, Path(folder)):
             with suppress(RemoteStoreConflictError):  # another machine has just stored the same rows
                 store.put(partition.name, path)
             path.unlink()
-    gone, here = read_withdrawn_codes(study_dir), {one.of_session for one in wanted}
-    stale = [one for one in (*there, *new) if one.participant in gone or (one.of_session in here and one not in wanted)]
-    for one in stale:
-        store.remove(one.name)
+    stale = list(_find_stale(stored | new.keys(), partitions.keys(), read_withdrawn_codes(study_dir)))
+    for partition in stale:
+        store.remove(partition.name)
     return len(new), len(stale)
+
+
+def _require_study(study_dir: Path, partitions: Iterable[TablePartition]) -> None:
+    other_studies = {partition.study for partition in partitions} - {study_dir.name}
+    if other_studies:
+        raise LogError(
+            f"{study_dir} holds sessions of the study {min(other_studies)!r}; name the folder like the study, so that "
+            "`minihuman withdraw` finds a participant's tables"
+        )
+
+
+def _find_stale(
+    stored: Set[TablePartition], local: Set[TablePartition], withdrawn: Set[str]
+) -> Iterator[TablePartition]:
+    """Yield what is stored of participants who withdrew, and of sessions that have other rows here."""
+    local_sessions = {partition.of_session for partition in local}
+    for partition in stored:
+        is_replaced = partition.of_session in local_sessions and partition not in local
+        if partition.participant in withdrawn or is_replaced:
+            yield partition
 
 
 def fetch_tables(source: str, folder: Path) -> tuple[int, int]:
@@ -79,20 +95,25 @@ def fetch_tables(source: str, folder: Path) -> tuple[int, int]:
     Raises:
         RemoteStoreError: if the store cannot be reached.
     """
-    named, local = _open_tables(Path(source)), FolderStore(folder)
-    store, wanted = (named, Path(source).absolute().name) if named else (open_store_url(source, may_be_new=False), "")
-    here, there = _list_partitions(local, wanted), _list_partitions(store, wanted)
-    if not there:  # a wrong address would empty the folder
+    local_store = FolderStore(folder)
+    store = _open_tables(Path(source))
+    study = Path(source).absolute().name
+    if store is None:
+        store = open_store_url(source, may_be_new=False)
+        study = ""
+    local = _list_partitions(local_store, study)
+    stored = _list_partitions(store, study)
+    if not stored:  # a wrong address would empty the folder
         raise RemoteStoreError(
             f"{source} has no tables; give another address, run `minihuman gather` where the logs are, or, if all "
             f"participants withdrew, delete the tables in {folder}"
         )
-    for one in there - here:
-        with fetch_temporarily(store, one.name) as path:
-            local.put(one.name, path)
-    for one in here - there:
-        local.remove(one.name)
-    return len(there - here), len(here - there)
+    for partition in stored - local:
+        with fetch_temporarily(store, partition.name) as path:
+            local_store.put(partition.name, path)
+    for partition in local - stored:
+        local_store.remove(partition.name)
+    return len(stored - local), len(local - stored)
 
 
 def delete_remote_tables(study_dir: Path, code: str) -> int | None:
@@ -107,9 +128,10 @@ def delete_remote_tables(study_dir: Path, code: str) -> int | None:
     store = _open_tables(study_dir)
     if store is None:
         return None
-    theirs = [one for one in _list_partitions(store, study_dir.absolute().name) if one.participant == code]
-    store.erase(code, [one.name for one in theirs])
-    return len(theirs)
+    stored = _list_partitions(store, study_dir.absolute().name)
+    names = [partition.name for partition in stored if partition.participant == code]
+    store.erase(code, names)
+    return len(names)
 
 
 def _open_tables(study_dir: Path) -> RemoteStore | None:
@@ -121,5 +143,5 @@ def _open_tables(study_dir: Path) -> RemoteStore | None:
 
 def _list_partitions(store: RemoteStore, study: str) -> set[TablePartition]:
     """The partitions in a store, of one study or, for "", of all; whatever version of minihuman made them."""
-    found = map(TablePartition.parse, store.names(""))
-    return {one for one in found if one is not None and study in ("", one.study)}
+    partitions = map(TablePartition.parse, store.names(""))
+    return {partition for partition in partitions if partition is not None and study in ("", partition.study)}

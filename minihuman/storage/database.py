@@ -21,7 +21,7 @@ class Database:
     """A connection to a database, made when it is needed, and made again after it was lost.
 
     A network that swallows what is sent breaks no connection by itself. So a transaction that takes too long is cut
-    off: here, where somebody waits for the answer, and in the database, where others wait for its locks.
+    off: here, where the caller waits for the answer, and in the database, where others wait for its locks.
 
     Args:
         url: as libpq has it: postgresql://user@host/database.
@@ -31,7 +31,10 @@ class Database:
     """
 
     def __init__(self, url: str, tables: str, purpose: str, *, timeout_s: float) -> None:
-        self._url, self._tables, self._purpose, self._timeout_s = url, tables, purpose, timeout_s
+        self._url = url
+        self._tables = tables
+        self._purpose = purpose
+        self._timeout_s = timeout_s
         self._guard = threading.RLock()
         self._connection: psycopg.Connection[Any] | None = None
 
@@ -59,9 +62,10 @@ class Database:
                     yield cursor
             except psycopg.Error as error:
                 self.close()
-                said = " ".join(str(error).split())  # in lines
+                reason = " ".join(str(error).split())  # in lines
                 raise JournalDatabaseError(
-                    f"the database of {self._purpose} cannot be queried: {said}; check that it is running and reachable"
+                    f"the database of {self._purpose} cannot be queried: {reason}; check that it is running and "
+                    "reachable"
                 ) from error
 
     def close(self) -> None:
@@ -73,9 +77,9 @@ class Database:
 
     def _connected(self) -> "psycopg.Connection[Any]":
         if self._connection is None or self._connection.closed:
-            made = psycopg.connect(self._url, autocommit=True, connect_timeout=_CONNECT_TIMEOUT_S)
-            self._connection = made
-            with self._cut_off_late(made), made.transaction(), made.cursor() as cursor:
+            connection = psycopg.connect(self._url, autocommit=True, connect_timeout=_CONNECT_TIMEOUT_S)
+            self._connection = connection
+            with self._cut_off_late(connection), connection.transaction(), connection.cursor() as cursor:
                 limit_ms = str(round(self._timeout_s * 1000))
                 cursor.execute("select set_config('idle_in_transaction_session_timeout', %s, false)", [limit_ms])
                 cursor.execute("select pg_advisory_xact_lock(%s)", [_CREATE_TABLES_LOCK])

@@ -38,7 +38,10 @@ class FileJournal(Journal[Line]):
         chained: bool = False,
         declaration: Line | None = None,
     ) -> None:
-        self._path, self._decode, self._mode, self._chained = path, decode, mode, chained
+        self._path = path
+        self._decode = decode
+        self._mode = mode
+        self._chained = chained
         self._declaration = declaration
         self._guard = threading.Lock()
         self._forget()
@@ -71,29 +74,28 @@ class FileJournal(Journal[Line]):
                 fd = disk.open(self._path, os.O_CREAT | os.O_RDWR | os.O_APPEND, self._mode)
                 try:
                     lock_file(fd, self._path)
-                    if is_file_at(
-                        fd, self._path
-                    ):  # else a participant was removed from it meanwhile, which writes it anew
-                        lines = self._read_on(fd)
-                        chain = self._chain.copy() if self._chained else None
-                        held = _LockedFile(fd, self._path, lines, self._declaration, chain, durable=self._durable)
-                        try:
-                            yield held
-                        finally:
-                            self._durable = held.durable
-                        return
+                    if not is_file_at(fd, self._path):
+                        continue  # a participant was removed from it meanwhile, which writes it anew
+                    lines = self._read_on(fd)
+                    chain = self._chain.copy() if self._chained else None
+                    journal = _LockedFile(fd, self._path, lines, self._declaration, chain, durable=self._durable)
+                    try:
+                        yield journal
+                    finally:
+                        self._durable = journal.durable
+                    return
                 finally:
                     os.close(fd)
 
-    def keep(self, wanted: Callable[[bytes], bool]) -> None:
+    def keep(self, is_kept: Callable[[bytes], bool]) -> None:
         """Put a file without the others in this one's place, whole and durable."""
         if not self.begun:
             return
         with self.hold():
-            kept = [line for line in self._path.read_bytes().splitlines() if wanted(line)]
+            lines = [line for line in self._path.read_bytes().splitlines() if is_kept(line)]
             unfinished = self._path.with_name(f"{self._path.name}.new")
             with replace_durably(self._path, unfinished, mode=self._mode) as file:
-                file.write(b"".join(line + b"\n" for line in kept))
+                file.write(b"".join(line + b"\n" for line in lines))
 
     def _forget(self) -> None:
         self._lines: list[Line] = []
@@ -102,33 +104,33 @@ class FileJournal(Journal[Line]):
         self._last = b""  # the end of them
         self._which = (-1, -1)
         self._durable = 0  # bytes that this process made durable
-        self._seen = (-1, -1)  # size and time of last change
+        self._size_and_mtime_ns = (-1, -1)  # when it was read last
         self._chain: LineChain = LineChain(str(self._path))
 
     def _read_on(self, fd: int) -> Sequence[Line]:
         """What is there, of an open file; another file, or one that was changed, is read from its start."""
         with self._guard:
             now = os.fstat(fd)
-            size, mtime_ns = self._seen
+            size, mtime_ns = self._size_and_mtime_ns
             rewritten = now.st_size == size and now.st_mtime_ns != mtime_ns
             another = (now.st_dev, now.st_ino) != self._which
-            if rewritten or another or read_at(fd, len(self._last), self._seen_from) != self._last:
+            if rewritten or another or read_at(fd, len(self._last), self._last_begin) != self._last:
                 self._forget()
                 self._which = now.st_dev, now.st_ino
-            self._seen = now.st_size, now.st_mtime_ns
-            data = b""
-            while piece := read_at(fd, 1 << 20, self._at + len(data)):
-                data += piece
-            whole, _, rest = data.rpartition(b"\n") if b"\n" in data else (b"", b"", data)
-            found = whole.split(b"\n") if b"\n" in data else []
+            self._size_and_mtime_ns = now.st_size, now.st_mtime_ns
+            content = b""
+            while piece := read_at(fd, 1 << 20, self._at + len(content)):
+                content += piece
+            *new_lines, unfinished = content.split(b"\n")
+            finished = content[: len(content) - len(unfinished)]
             chain = self._chain.copy()
-            lines = [self._open(chain, line, self._count + number) for number, line in enumerate(found, 1)]
-            half = self._open(chain.copy(), rest, self._count + len(found) + 1) if rest else None
+            lines = [self._open(chain, line, self._count + number) for number, line in enumerate(new_lines, 1)]
+            half = self._open(chain.copy(), unfinished, self._count + len(new_lines) + 1) if unfinished else None
             self._chain = chain
             self._lines += [line for line in lines if line is not None]
-            self._count += len(found)
-            self._at += len(data) - len(rest)
-            self._last = (self._last + data[: len(data) - len(rest)])[-_REMEMBERED:]
+            self._count += len(new_lines)
+            self._at += len(finished)
+            self._last = (self._last + finished)[-_REMEMBERED:]
             return LinesRead(self._lines) if half is None else (*self._lines, half)
 
     def _open(self, chain: LineChain, line: bytes, number: int) -> Line | None:
@@ -137,7 +139,7 @@ class FileJournal(Journal[Line]):
         return self._decode(line, number)
 
     @property
-    def _seen_from(self) -> int:
+    def _last_begin(self) -> int:
         return self._at - len(self._last)
 
 
@@ -157,7 +159,9 @@ class _LockedFile(LockedJournal[Line]):
     ) -> None:
         super().__init__(lines, declaration)
         self.durable = durable
-        self._fd, self._path, self._chain = fd, path, chain
+        self._fd = fd
+        self._path = path
+        self._chain = chain
 
     def _write(self, lines: tuple[Line, ...]) -> None:
         """Write them; a line that a crash cut off is finished first."""
@@ -173,13 +177,13 @@ class _LockedFile(LockedJournal[Line]):
         encoded = [msgspec.json.encode(line) for line in lines]
         if self._chain is not None:
             encoded = [self._chain.seal(line) for line in encoded]
-        data = end + b"".join(line + b"\n" for line in encoded)
+        content = end + b"".join(line + b"\n" for line in encoded)
         disk = current_system().disk
         try:
             if size != self.durable:  # another process wrote here, and may have ended because an fsync failed
                 write_again(self._path, begin=tail)
-            while data:
-                data = data[disk.write(self._fd, data) :]
+            while content:
+                content = content[disk.write(self._fd, content) :]
             disk.sync(self._fd)
             self.durable = os.fstat(self._fd).st_size
         except OSError:

@@ -38,10 +38,11 @@ class LineChain:
         self._journal = journal  # its name in errors
 
     def copy(self) -> "LineChain":
-        """The chain as it is now."""
-        made = LineChain(self._journal)
-        made.head, made.unchained = self.head, self.unchained
-        return made
+        """Return the chain as it is now."""
+        chain = LineChain(self._journal)
+        chain.head = self.head
+        chain.unchained = self.unchained
+        return chain
 
     def seal(self, encoded: bytes) -> bytes:
         """Add checksum and chain to a JSON object, and take the line in."""
@@ -62,34 +63,35 @@ class LineChain:
         """
         head = self.head
         self.pass_over(line)
-        found = TAIL.search(line)
-        if found is None or found.end() == len(line):
+        tail = TAIL.search(line)
+        if tail is None or tail.end() == len(line):
             if line.endswith(b"}") and any(name in line for name in _TAIL_NAMES):
                 raise self._damaged(number, "it was changed")
             if not line.strip(b"\0 ") or (line.startswith(b"{") and not line.endswith(b"}")):
                 return b""  # a power cut may leave a line's size alone
             self.unchained += 1
             return line
-        body = line[: found.end(1) + 1]
-        if line[found.end() :] != b"}" or found[2].decode() != _digest(body):
+        body = line[: tail.end(1) + 1]
+        if line[tail.end() :] != b"}" or tail[2].decode() != _digest(body):
             raise self._damaged(number, "it was changed")
-        if found[1].decode() != head:
+        if tail[1].decode() != head:
             raise self._damaged(number, "a line before it was changed, added or removed")
-        return line[: found.start()] + b"}"
+        return line[: tail.start()] + b"}"
 
-    def _damaged(self, number: int, what: str) -> LogError:
-        return LogError(f"{self._journal}:{number}: cannot be believed: {what}; restore the file from a copy")
+    def _damaged(self, number: int, reason: str) -> LogError:
+        return LogError(f"{self._journal}:{number}: cannot be believed: {reason}; restore the file from a copy")
 
 
-def _digest(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()[:32]
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:32]
 
 
 class LinesRead(Sequence[Line]):
     """The lines of a list that only grows, as far as it goes now; no copy, which a long study pays at each join."""
 
     def __init__(self, lines: list[Line]) -> None:
-        self._lines, self._count = lines, len(lines)
+        self._lines = lines
+        self._count = len(lines)
 
     def __len__(self) -> int:
         return self._count
@@ -107,12 +109,13 @@ class LockedJournal(abc.ABC, Generic[Line]):
     """A journal while no other process can write to it."""
 
     def __init__(self, lines: Sequence[Line], declaration: Line | None = None) -> None:
-        self._before, self._added = lines, list[Line]()
+        self._before = lines
+        self._added: list[Line] = []
         self._declaration = declaration
 
     @property
     def lines(self) -> Sequence[Line]:
-        """All lines, with those that were added here."""
+        """Every line, with those that were added here."""
         return (*self._before, *self._added) if self._added else self._before
 
     def append(self, *lines: Line) -> None:
@@ -141,7 +144,7 @@ class Journal(abc.ABC, Generic[Line]):
 
     @abc.abstractmethod
     def read(self) -> Sequence[Line]:
-        """All lines.
+        """Read all lines.
 
         Raises:
             OSError: if they cannot be read.
@@ -161,8 +164,8 @@ class Journal(abc.ABC, Generic[Line]):
         """How many of the lines that were read have no checksum: earlier versions wrote them."""
 
     @abc.abstractmethod
-    def keep(self, wanted: Callable[[bytes], bool]) -> None:
-        """Take out for ever what is not wanted.
+    def keep(self, is_kept: Callable[[bytes], bool]) -> None:
+        """Take out for ever the lines that are not kept.
 
         Raises:
             OSError: if that cannot be.
@@ -178,15 +181,19 @@ class JournalState(Generic[Line, State]):
     """
 
     def __init__(self, make: Callable[[], State], take: Callable[[State, Line], object]) -> None:
-        self._make, self._take = make, take
+        self._make = make
+        self._take = take
         self._guard = threading.Lock()
-        self._state, self._count, self._last = make(), 0, cast(Line, None)
+        self._state = make()
+        self._count = 0
+        self._last = cast(Line, None)
 
     def after(self, lines: Sequence[Line]) -> State:
-        """The state after all lines of the journal, which its next call changes."""
+        """Return the state after all lines of the journal, which its next call changes."""
         with self._guard:
             if self._count > len(lines) or (self._count and lines[self._count - 1] is not self._last):  # read anew
-                self._state, self._count = self._make(), 0
+                self._state = self._make()
+                self._count = 0
             for line in lines[self._count :]:
                 self._take(self._state, line)
             self._count = len(lines)

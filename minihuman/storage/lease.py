@@ -154,7 +154,8 @@ class PostgresLeaseTable(LeaseTable):
     def renew(self, renewals: Sequence[LeaseRenewal]) -> dict[str, bool]:
         """Renew them in the order of their names, so that no two servers wait for each other."""
         ordered = sorted(renewals, key=lambda renewal: renewal.session)
-        names, fences = [each.session for each in ordered], [each.fence for each in ordered]
+        names = [renewal.session for renewal in ordered]
+        fences = [renewal.fence for renewal in ordered]
         lock = """
             select leases.session, wanted from minihuman_leases as leases
             join unnest(%s::text[], %s::bigint[]) as mine (session, fence)
@@ -162,13 +163,17 @@ class PostgresLeaseTable(LeaseTable):
             where ended = '' order by leases.session for update of leases
         """
         with self._renewals.transaction() as cursor:
-            held = dict(cursor.execute(lock, [names, fences]).fetchall())
+            wanted_by_session = dict(cursor.execute(lock, [names, fences]).fetchall())
             cursor.execute(
                 "update minihuman_leases set until = clock_timestamp() + make_interval(secs => %s)"
                 " where session = any(%s)",
-                [TTL_S, [*held]],
+                [TTL_S, [*wanted_by_session]],
             )
-            pieces = [(each.session, each.piece) for each in ordered if each.piece is not None and each.session in held]
+            pieces = [
+                (renewal.session, renewal.piece)
+                for renewal in ordered
+                if renewal.piece is not None and renewal.session in wanted_by_session
+            ]
             if pieces:
                 cursor.executemany(
                     "delete from minihuman_log_copies where session = %s and file = %s and start >= %s",
@@ -181,7 +186,7 @@ class PostgresLeaseTable(LeaseTable):
                     "update minihuman_leases set copied_at = clock_timestamp() where session = any(%s)",
                     [[session for session, _ in pieces]],
                 )
-            return held
+            return wanted_by_session
 
     def store(self, session: str, fence: int, files: Mapping[str, bytes]) -> bool:
         """Replace the copies."""
@@ -190,20 +195,20 @@ class PostgresLeaseTable(LeaseTable):
             if cursor.execute(mine, [session, fence]).rowcount != 1:
                 return False
             cursor.execute("delete from minihuman_log_copies where session = %s", [session])
-            for name, data in files.items():
-                cursor.execute(_INSERT, [session, name, 0, data])
+            for name, content in files.items():
+                cursor.execute(_INSERT, [session, name, 0, content])
             return True
 
     def read_files(self, session: str) -> dict[str, bytes]:
         """Put the pieces together."""
         ask = "select file, start, data from minihuman_log_copies where session = %s order by file, start"
-        found: dict[str, bytearray] = {}
+        copies: dict[str, bytearray] = {}
         with self._database.transaction() as cursor:
-            for name, start, data in cursor.execute(ask, [session]).fetchall():
-                copy = found.setdefault(name, bytearray())
+            for name, start, piece in cursor.execute(ask, [session]).fetchall():
+                copy = copies.setdefault(name, bytearray())
                 del copy[start:]
-                copy += data
-        return {name: bytes(data) for name, data in found.items()}
+                copy += piece
+        return {name: bytes(copy) for name, copy in copies.items()}
 
     def release(self, session: str, fence: int, *, ended: str = "") -> bool:
         """Let the lease run out now."""

@@ -49,7 +49,7 @@ def lock_file(fd: int, path: Path, *, wait: bool = True) -> None:
 def is_file_at(fd: int, path: Path) -> bool:
     """Say whether an open file is the one at a path."""
     try:
-        there = os.stat(path)
+        file_status = os.stat(path)
     except (FileNotFoundError, NotADirectoryError):
         return False
-    return os.path.samestat(os.fstat(fd), there)
+    return os.path.samestat(os.fstat(fd), file_status)

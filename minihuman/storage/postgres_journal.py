@@ -51,7 +51,9 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         chained: bool = False,
         declaration: Line | None = None,
     ) -> None:
-        self._name, self._decode, self._chained = name, decode, chained
+        self._name = name
+        self._decode = decode
+        self._chained = chained
         self._declaration = declaration
         self._chain = LineChain(name)
         self._database = Database(url, _TABLES, name, timeout_s=_HOLD_TIMEOUT_S)
@@ -83,14 +85,14 @@ class PostgresJournal(Journal[Line], Generic[Line]):
             chain = self._chain.copy() if self._chained else None
             yield _LockedRows(cursor, self._name, self._last, lines, self._declaration, chain)
 
-    def keep(self, wanted: Callable[[bytes], bool]) -> None:
+    def keep(self, is_kept: Callable[[bytes], bool]) -> None:
         """Delete the others; readers read everything again."""
         with self._asking(self._database.transaction) as cursor:
             self._locked(cursor)
             rows = cursor.execute(
                 "select number, line from minihuman_lines where journal = %s", [self._name]
             ).fetchall()
-            out = [number for number, line in rows if not wanted(bytes(line))]
+            out = [number for number, line in rows if not is_kept(bytes(line))]
             if out:
                 delete = "delete from minihuman_lines where journal = %s and number = any(%s)"
                 cursor.execute(delete, [self._name, out])
@@ -112,22 +114,25 @@ class PostgresJournal(Journal[Line], Generic[Line]):
 
     def _read_on(self, cursor: "psycopg.Cursor[Any]", generation: int) -> Sequence[Line]:
         if generation != self._generation:
-            self._generation, self._last, self._lines = generation, 0, []
+            self._generation = generation
+            self._last = 0
+            self._lines = []
             self._chain = LineChain(self._name)
         ask = "select number, line from minihuman_lines where journal = %s and number > %s order by number"
         for number, line in cursor.execute(ask, [self._name, self._last]).fetchall():
             chain = self._chain.copy()
-            whole = chain.open(bytes(line), number) if self._chained else bytes(line)
-            found = self._decode(whole, number) if whole else None
-            if found is not None:
-                self._lines.append(found)
-            self._last, self._chain = number, chain
+            content = chain.open(bytes(line), number) if self._chained else bytes(line)
+            decoded = self._decode(content, number) if content else None
+            if decoded is not None:
+                self._lines.append(decoded)
+            self._last = number
+            self._chain = chain
         return LinesRead(self._lines)
 
     @contextmanager
-    def _asking(self, how: "_Asking") -> Iterator["psycopg.Cursor[Any]"]:
+    def _asking(self, ask: "_Asking") -> Iterator["psycopg.Cursor[Any]"]:
         try:
-            with how() as cursor:
+            with ask() as cursor:
                 yield cursor
         except JournalDatabaseError:
             self._generation = -1  # what was read may have been undone
@@ -145,7 +150,10 @@ class _LockedRows(LockedJournal[Line]):
         chain: LineChain | None,
     ) -> None:
         super().__init__(lines, declaration)
-        self._cursor, self._name, self._last, self._chain = cursor, name, last, chain
+        self._cursor = cursor
+        self._name = name
+        self._last = last
+        self._chain = chain
 
     def _write(self, lines: tuple[Line, ...]) -> None:
         """Insert them; they last when the transaction has ended."""

@@ -162,12 +162,12 @@ class FolderStore(RemoteStore):
         sync_folder(folder)
 
     @contextmanager
-    def _raise_as_store_error(self, what: str) -> Iterator[None]:
+    def _raise_as_store_error(self, name: str) -> Iterator[None]:
         try:
             yield
         except OSError as error:
             raise RemoteStoreError(
-                f"{what} cannot be removed from {self._folder}: {error.strerror}; make the folder writable"
+                f"{name} cannot be removed from {self._folder}: {error.strerror}; make the folder writable"
             ) from error
 
     @contextmanager
@@ -240,43 +240,46 @@ class S3Store(RemoteStore):
     """Objects of a bucket. The store's address, keys and region are boto3's to find: ``AWS_ENDPOINT_URL`` and the like.
 
     Args:
-        where: the bucket, and what all names begin with: "bucket/prefix".
+        address: the bucket, and what all names begin with: "bucket/prefix".
     """
 
-    def __init__(self, where: str) -> None:
+    def __init__(self, address: str) -> None:
         import boto3  # an extra
 
-        self._bucket, _, prefix = where.partition("/")
+        self._bucket, _, prefix = address.partition("/")
         self._prefix = f"{prefix.rstrip('/')}/" if prefix else ""
         self._client = boto3.client("s3")
 
     def put(self, name: str, path: Path, *, over: str = "") -> None:
         """Send it, on the condition that the store has that version; the store shows it when all of it is there."""
         condition = {"IfMatch": f'"{over}"'} if over else {"IfNoneMatch": "*"}
-        with self._said(f"{path} cannot be put into"), path.open("rb") as file:
+        with self._raise_as_store_error(f"{path} cannot be put into"), path.open("rb") as file:
             self._client.put_object(Bucket=self._bucket, Key=self._prefix + name, Body=file, **condition)
 
     def fetch(self, name: str, path: Path) -> None:
         """Get it, beside its place first."""
-        with self._said(f"{name} cannot be fetched from"), replace_durably(path, new_folders=_LOG_DEPTH) as file:
+        with (
+            self._raise_as_store_error(f"{name} cannot be fetched from"),
+            replace_durably(path, new_folders=_LOG_DEPTH) as file,
+        ):
             self._client.download_fileobj(self._bucket, self._prefix + name, file)
 
     def versions(self, prefix: str) -> dict[str, str]:
         """The objects' entity tags, page by page."""
-        with self._said("nothing can be listed of"):
+        with self._raise_as_store_error("nothing can be listed of"):
             pages = self._client.get_paginator("list_objects_v2").paginate(
                 Bucket=self._bucket, Prefix=self._prefix + prefix
             )
-            found = [one for page in pages for one in page.get("Contents", ())]
-        return {one["Key"].removeprefix(self._prefix): one["ETag"].strip('"') for one in found}
+            objects = [stored for page in pages for stored in page.get("Contents", ())]
+        return {stored["Key"].removeprefix(self._prefix): stored["ETag"].strip('"') for stored in objects}
 
     def remove(self, name: str) -> None:
         """Delete it."""
-        with self._said(f"{name} cannot be removed from"):
+        with self._raise_as_store_error(f"{name} cannot be removed from"):
             self._client.delete_object(Bucket=self._bucket, Key=self._prefix + name)
 
     @contextmanager
-    def _said(self, what: str) -> Iterator[None]:
+    def _raise_as_store_error(self, failure: str) -> Iterator[None]:
         from botocore.exceptions import BotoCoreError, ClientError
 
         try:
@@ -284,6 +287,6 @@ class S3Store(RemoteStore):
         except (BotoCoreError, ClientError) as error:
             if isinstance(error, ClientError) and error.response["Error"].get("Code") in _CONFLICTS:
                 raise RemoteStoreConflictError(
-                    f"{what} {self._bucket}, as another machine has just changed it; run the command again"
+                    f"{failure} {self._bucket}, as another machine has just changed it; run the command again"
                 ) from error
-            raise RemoteStoreError(f"{what} {self._bucket}: {error}") from error
+            raise RemoteStoreError(f"{failure} {self._bucket}: {error}") from error

@@ -29,12 +29,12 @@ def open_journal(
     """A study's journal of that name; the same object for every caller in this process."""
     study_dir = study_dir.absolute()
     url = find_database_url(study_dir)
-    made: Any = (
+    journal: Any = (
         _in_database(url, f"{study_dir.name}/{name}", decode, chained, declaration)
         if url
         else _in_file(study_dir / name, decode, mode, chained, declaration)
     )
-    return made  # type: ignore[no-any-return]
+    return journal  # type: ignore[no-any-return]
 
 
 def find_database_url(study_dir: Path) -> str:

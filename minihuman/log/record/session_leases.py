@@ -54,8 +54,8 @@ class Lease:
 
     def count_acknowledgeable(self, now_s: float) -> int:
         """How many of the recorder's writes may be acknowledged; -1: not even what was there before."""
-        held = not self.lost and now_s < self.renewed_s + TTL_S - SAFETY_MARGIN_S
-        return self.copied_writes if held else -1
+        is_held = not self.lost and now_s < self.renewed_s + TTL_S - SAFETY_MARGIN_S
+        return self.copied_writes if is_held else -1
 
     def follow(self, find_part: Callable[[], Path | None], count_writes: Callable[[], int]) -> None:
         """Copy a live log from now on.
@@ -64,7 +64,8 @@ class Lease:
             find_part: where it is; None before there is one.
             count_writes: how many of the recorder's writes are durable.
         """
-        self._find_part, self._count_writes = find_part, count_writes
+        self._find_part = find_part
+        self._count_writes = count_writes
         self._copied = {}  # all of it once more: a torn end was taken off, and there may be more since
 
     def _read(self) -> tuple[LogPiece | None, int]:
@@ -76,9 +77,9 @@ class Lease:
         copied = self._copied.get(part.name, 0)
         with suppress(FileNotFoundError), part.open("rb") as file:
             file.seek(copied)
-            data = file.read()
-            if data:
-                return LogPiece(part.name, copied, data), writes
+            recorded = file.read()
+            if recorded:
+                return LogPiece(part.name, copied, recorded), writes
         return None, writes
 
     def _confirm(self, piece: LogPiece | None, writes: int) -> None:
@@ -96,7 +97,8 @@ class SessionLeases:
     """
 
     def __init__(self, table: LeaseTable, *, clock: Callable[[], float] = monotonic_s) -> None:
-        self._table, self._clock = table, clock
+        self._table = table
+        self._clock = clock
         self._guard = threading.RLock()  # a copy grows at its end: one at a time
 
     def acquire(self, session: str) -> Lease:
@@ -126,18 +128,19 @@ class SessionLeases:
         for part in folder.glob(f"*{PART_SUFFIX}"):
             if part.name not in copies:
                 put_aside(part, SUPERSEDED)
-        for name, data in copies.items():
+        for name, copy in copies.items():
             path = folder / name
-            here = path.read_bytes() if path.exists() else None
-            grows = name.endswith(PART_SUFFIX)
-            if grows and (log := path.with_suffix("")).name not in copies and log.exists():
+            log = path.with_suffix("")
+            if name.endswith(PART_SUFFIX) and log.name not in copies and log.exists():
                 put_aside(log, SUPERSEDED)  # the first segment was finished here, and then another server went on
-            if here is None or not (here.startswith(data) if grows else here == data):
-                if here is not None:
-                    put_aside(path, SUPERSEDED)
-                with replace_durably(path, path.with_name(f".{name}.restored"), new_folders=3) as file:
-                    file.write(data)
-                os.utime(path, ns=2 * (current_system().clock.wall_ns() - round(lease.grant.idle_s * 1e9),))
+            if _holds_copy(path, copy):
+                continue
+            if path.exists():
+                put_aside(path, SUPERSEDED)
+            with replace_durably(path, path.with_name(f".{name}.restored"), new_folders=3) as file:
+                file.write(copy)
+            copied_ns = current_system().clock.wall_ns() - round(lease.grant.idle_s * 1e9)
+            os.utime(path, ns=(copied_ns, copied_ns))
 
     def recover(self, part: Path, *, only_ended: bool = False) -> FinalizedLog | None:
         """Finish a live file that a killed server left, under the session's lease and with all that was acknowledged.
@@ -181,13 +184,14 @@ class SessionLeases:
         """
         with self._guard:
             began_s = self._clock()
-            found = [(lease, *lease._read()) for lease in leases if not lease._ended]
-            renewals = [LeaseRenewal(lease.session, lease.grant.fence, piece) for lease, piece, _ in found]
-            held = self._table.renew(renewals)
-            for lease, piece, writes in found:
-                lease.lost = lease.session not in held
+            pieces = [(lease, *lease._read()) for lease in leases if not lease._ended]
+            renewals = [LeaseRenewal(lease.session, lease.grant.fence, piece) for lease, piece, _ in pieces]
+            wanted_by_session = self._table.renew(renewals)
+            for lease, piece, writes in pieces:
+                lease.lost = lease.session not in wanted_by_session
                 if not lease.lost:
-                    lease.renewed_s, lease.wanted = began_s, held[lease.session]
+                    lease.renewed_s = began_s
+                    lease.wanted = wanted_by_session[lease.session]
                     lease._confirm(piece, writes)
 
     def end(self, lease: Lease, reason: str) -> None:
@@ -244,6 +248,14 @@ class SessionLeases:
         return True
 
 
+def _holds_copy(path: Path, copy: bytes) -> bool:
+    """Say whether a file is here with all that was copied of it; a live one may have more."""
+    if not path.exists():
+        return False
+    content = path.read_bytes()
+    return content.startswith(copy) if path.name.endswith(PART_SUFFIX) else content == copy
+
+
 def name_session(study: str, participant: str, session: int) -> str:
-    """What a session is called in the database."""
+    """Name a session as the database does."""
     return f"{study}/{participant}/ses-{session:02d}"
