@@ -18,8 +18,8 @@ from minihuman.learn.behaviour_cloning import (
 )
 from minihuman.learn.demonstrations import Demonstrations
 from minihuman.learn.policy.network import EncoderName
-from minihuman.operating_system import write_atomically
 from minihuman.statistics.scores import wilson_interval
+from minihuman.storage.durable_files import write_atomically
 
 COLOURS = ("#1f4e79", "#c05010", "#4a7a3a", "#7a4a8a")
 

@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from minihuman.agents.agent import BaseAgent as BaseAgent
-    from minihuman.dataset.sessions import IncludedEpisode as IncludedEpisode, IncludedEpisodes as IncludedEpisodes
+    from minihuman.dataset.included_episodes import (
+        IncludedEpisode as IncludedEpisode,
+        IncludedEpisodes as IncludedEpisodes,
+    )
     from minihuman.display.windows.window import (
         Clock as Clock,
         ScriptedWindow as ScriptedWindow,
@@ -55,8 +58,8 @@ _MODULES = {
     "DeviceSample": "minihuman.runtime.devices.device",
     "EnrolledParticipant": "minihuman.experiment.plan.designs",
     "ExportResult": "minihuman.exporters.exporter",
-    "IncludedEpisode": "minihuman.dataset.sessions",
-    "IncludedEpisodes": "minihuman.dataset.sessions",
+    "IncludedEpisode": "minihuman.dataset.included_episodes",
+    "IncludedEpisodes": "minihuman.dataset.included_episodes",
     "Learner": "minihuman.learn.teaching.learner",
     "KeyPress": "minihuman.simulation.participant",
     "LearningRequest": "minihuman.learn.teaching.learner",

@@ -6,7 +6,6 @@ is the kernel's and ends with the process, however that ends. Linux is tested; W
 
 import contextlib
 import ctypes
-import hashlib
 import os
 import signal
 import socket
@@ -16,9 +15,10 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import FrameType
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 from minihuman.errors import name_file_in_errors
+from minihuman.moved import forward_moved_names
 
 if sys.platform == "win32":
     import _winapi
@@ -192,67 +192,6 @@ def replace_file(source: Path, target: Path) -> None:
         OSError: as ``os.replace``.
     """
     retry_when_shared(lambda: _replace_open_file(source, target))
-
-
-@contextlib.contextmanager
-def replace_when_written(path: Path) -> Iterator[Path]:
-    """Hand out the name of a file beside ``path``, and put what is written to it in that place, whole or not at all.
-
-    Raises:
-        OSError: if it cannot be written; it names ``path``.
-    """
-    unfinished = path.with_name(path.name + ".part")
-    try:
-        yield unfinished
-        replace_file(unfinished, path)
-    except OSError as error:
-        with contextlib.suppress(OSError):
-            remove_file(unfinished, missing_ok=True)
-        raise OSError(error.errno, error.strerror, str(path)) from error
-
-
-@contextlib.contextmanager
-def replace_durably(path: Path, unfinished: Path | None = None) -> Iterator[BinaryIO]:
-    """Write a file beside another, and put it in that place once it is durable: a crash leaves one of them, whole.
-
-    Args:
-        path: the place; its folder is made.
-        unfinished: the file's name until then; None is a hidden one of this process.
-
-    Raises:
-        OSError: if it cannot be written; then nothing of it is left.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = unfinished or path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with unfinished.open("wb") as file:
-            yield file
-            file.flush()
-            sync_file(file.fileno())
-        replace_file(unfinished, path)
-    finally:
-        unfinished.unlink(missing_ok=True)
-    sync_folder(path.parent)
-
-
-def hash_file(path: Path, algorithm: str = "sha256") -> str:
-    """A file's digest, hexadecimal.
-
-    Raises:
-        OSError: if it cannot be read.
-    """
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, algorithm).hexdigest()
-
-
-def write_atomically(text: str, path: Path) -> None:
-    """Write a text file so that a reader sees the old one or the new one, whole.
-
-    Raises:
-        OSError: if it cannot be written; it names ``path``.
-    """
-    with replace_when_written(path) as unfinished:
-        unfinished.write_text(text, encoding="utf-8", newline="\n")
 
 
 def remove_file(path: Path, *, missing_ok: bool = False) -> None:
@@ -433,3 +372,7 @@ def exit_when_terminated() -> None:
 
     sys.unraisablehook = leave_later
     signal.signal(signal.SIGTERM, leave)
+
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_moved_names(__name__)

@@ -13,7 +13,7 @@ import torch
 from scipy import stats
 
 from minihuman.learn.policy.file import get_versions
-from minihuman.operating_system import write_atomically
+from minihuman.storage.durable_files import write_atomically
 
 Trial = tuple[Callable[..., Sequence[Any]], tuple[Any, ...]]  # a module's function that gives rows, and its arguments
 

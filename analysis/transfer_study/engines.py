@@ -20,7 +20,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 
 from minihuman.errors import LearnError
 from minihuman.learn.ppo import PpoSettings
-from minihuman.operating_system import write_atomically
+from minihuman.storage.durable_files import write_atomically
 from transfer_study.job import Result, read_result, run_job, steps_so_far
 from transfer_study.plan import TransferJob, TransferStudy
 

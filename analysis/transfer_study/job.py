@@ -21,8 +21,9 @@ from minihuman.learn.policy.file import PolicyCard, get_versions, read_policy_fi
 from minihuman.learn.policy.network import ACTOR_HEAD, EncoderName
 from minihuman.learn.policy.observation import ObservationEncoder
 from minihuman.learn.ppo import LeanPpo, make_ppo
-from minihuman.operating_system import lock_descriptor, write_atomically
+from minihuman.operating_system import lock_descriptor
 from minihuman.statistics.paired import paired_test
+from minihuman.storage.durable_files import write_atomically
 from transfer_study.plan import SOURCE, ProtocolName, TransferJob
 from transfer_study.training import ResumableEnv, TrainingHistory, TrainingPoint, train_resumably
 

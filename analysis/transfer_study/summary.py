@@ -18,8 +18,8 @@ from scipy import stats
 
 from minihuman.errors import LearnError
 from minihuman.learn.policy.file import get_versions
-from minihuman.operating_system import write_atomically
 from minihuman.statistics.comparison import holm_correction
+from minihuman.storage.durable_files import write_atomically
 from transfer_study.job import Result, improvement, interquartile_mean
 from transfer_study.plan import BASELINE, COMMITS, DEFECTS, SOURCE, TransferJob, TransferStudy
 

@@ -21,7 +21,7 @@ from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.read.session_reader import read_log
-from minihuman.log.system import wall_time
+from minihuman.storage.system import wall_time
 
 _SESSION_FOLDER = re.compile(r"([^/]+)/ses-(\d+)")
 DueState = Literal["due", "later", "overdue", "unfinished", "unreadable", "never came"]

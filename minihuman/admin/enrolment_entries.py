@@ -11,9 +11,10 @@ from typing import Any, Literal
 
 import msgspec
 
-from minihuman.dataset.journal import ENROLMENT_FILE_NAME, Journal, open_journal
 from minihuman.errors import AllocationError
 from minihuman.experiment.plan.designs import GroupAssignment
+from minihuman.storage.journal import Journal
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME, open_journal
 
 
 class AuditNote(msgspec.Struct, frozen=True):

@@ -28,7 +28,6 @@ from minihuman.admin.enrolment_entries import (
     TeamRecorded,
     open_enrolment_log,
 )
-from minihuman.dataset.journal import ENROLMENT_FILE_NAME, Journal, JournalState
 from minihuman.errors import AllocationError
 from minihuman.experiment.plan.allocation import AllocationSlot, allocation_sha256, build_allocation_list, find_slot
 from minihuman.experiment.plan.expansion import (
@@ -39,8 +38,10 @@ from minihuman.experiment.plan.expansion import (
 )
 from minihuman.experiment.plan.session_plan import Participant
 from minihuman.experiment.protocol.protocol import Protocol
-from minihuman.log.system import wall_time
 from minihuman.operating_system import find_case_twin
+from minihuman.storage.journal import Journal, JournalState
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
+from minihuman.storage.system import wall_time
 
 
 def take_slot(

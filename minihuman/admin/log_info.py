@@ -14,9 +14,8 @@ import numpy as np
 
 from minihuman.admin.enrolment_entries import NO_NOTE, AuditNote, LogRecovered
 from minihuman.admin.enrolment_log import now_text, record_intervention
-from minihuman.admin.lease import SessionLeases, open_lease_table
 from minihuman.admin.manifest import record_log_end, record_missing_heads
-from minihuman.admin.session_index import SessionSummary
+from minihuman.admin.session_summary import SessionSummary
 from minihuman.dataset.measures import playing_s, response_ms
 from minihuman.errors import LogError, MinihumanError
 from minihuman.experiment.machine import events
@@ -26,7 +25,9 @@ from minihuman.log.model.session_log import CUT_OFF, EpisodeLog, Segment, Sessio
 from minihuman.log.paths import PART_SUFFIX, raise_as_log_error, study_folder
 from minihuman.log.read.reader import LogReader, read_segment_starts
 from minihuman.log.record.finalization import FinalizedLog, find_leftovers, recover_log, repair_log
+from minihuman.log.record.session_leases import SessionLeases
 from minihuman.log.salvage.summary_section import all_ended_cleanly
+from minihuman.storage.lease import open_lease_table
 
 _READ = frozenset({topics.PLAN, topics.EPISODE_END, topics.SKIP, topics.PART_END, topics.SESSION_END})
 

@@ -13,13 +13,13 @@ import msgspec
 
 from minihuman.admin.enrolment_entries import ChainHeadRecorded, open_enrolment_log
 from minihuman.admin.enrolment_log import record_chain_heads
-from minihuman.admin.remote_store import upload_log
+from minihuman.admin.remote_logs import upload_log
 from minihuman.dataset.caches import is_cache
-from minihuman.errors import LogError, name_file_in_errors
+from minihuman.errors import LogError
 from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import find_log_folders, group_sessions, require_folder, study_folder
 from minihuman.log.salvage.summary_section import read_summary
-from minihuman.operating_system import hash_file, replace_durably
+from minihuman.storage.durable_files import hash_file, replace_durably
 
 MANIFEST_FILE_NAME = "seal.json"
 _UNFINISHED = f"{MANIFEST_FILE_NAME}.part"
@@ -56,8 +56,9 @@ def record_missing_heads(log: Path) -> int:
         OSError: if the enrolment log cannot be written.
     """
     heads = _read_chain_heads(log)
-    begun = heads and open_enrolment_log(study_folder(log)).begun
-    return record_chain_heads(study_folder(log), heads, only_missing=True) if begun else 0
+    if not heads or not open_enrolment_log(study_folder(log)).begun:
+        return 0
+    return record_chain_heads(study_folder(log), heads, only_missing=True)
 
 
 def find_unrecorded_logs(study: Path) -> list[Path]:
@@ -65,16 +66,20 @@ def find_unrecorded_logs(study: Path) -> list[Path]:
     known = {
         (line.sealed, line.segment) for line in open_enrolment_log(study).read() if isinstance(line, ChainHeadRecorded)
     }
-    sessions = [one for folder, names in find_log_folders(study) for one in group_sessions(folder, names).items()]
-    logs = [log for log, files in sessions if log in files]
-    return [log for log in logs if any((one.sealed, one.segment) not in known for one in _read_chain_heads(log))]
+    logs = [
+        log
+        for folder, names in find_log_folders(study)
+        for log, files in group_sessions(folder, names).items()
+        if log in files
+    ]
+    return [log for log in logs if any((head.sealed, head.segment) not in known for head in _read_chain_heads(log))]
 
 
 def _read_chain_heads(log: Path) -> list[ChainHeadRecorded]:
-    found = read_summary(log)
-    if found is None or not found.ends or CHAIN_KEY not in found.ends[-1]:
+    summary = read_summary(log)
+    if summary is None or not summary.ends or CHAIN_KEY not in summary.ends[-1]:
         return []
-    return [ChainHeadRecorded(log.name, end["segment"], end[CHAIN_KEY]) for end in found.ends if CHAIN_KEY in end]
+    return [ChainHeadRecorded(log.name, end["segment"], end[CHAIN_KEY]) for end in summary.ends if CHAIN_KEY in end]
 
 
 def write_manifest(study: Path) -> StudyManifest:
@@ -88,11 +93,10 @@ def write_manifest(study: Path) -> StudyManifest:
     files = _digests(study)
     if not files:
         raise LogError(f"{study} is not a folder that contains files; name a study's folder")
-    made = StudyManifest(_digest(files), files)
-    unfinished = study / _UNFINISHED
-    with name_file_in_errors(unfinished), replace_durably(study / MANIFEST_FILE_NAME, unfinished) as file:
-        file.write(msgspec.json.format(msgspec.json.encode(made), indent=1) + b"\n")
-    return made
+    manifest = StudyManifest(_digest(files), files)
+    with replace_durably(study / MANIFEST_FILE_NAME, study / _UNFINISHED) as file:
+        file.write(msgspec.json.format(msgspec.json.encode(manifest), indent=1) + b"\n")
+    return manifest
 
 
 def find_changed_files(study: Path, given: str) -> Iterator[str]:
@@ -103,29 +107,38 @@ def find_changed_files(study: Path, given: str) -> Iterator[str]:
         OSError: if a file cannot be read.
     """
     file = Path(given)
-    kept = _read(file if file.is_file() else study / MANIFEST_FILE_NAME)
-    digest = given.lower()
     if not file.is_file():
-        if len(digest) != _DIGITS or not set(digest) <= set("0123456789abcdef"):
-            raise LogError(
-                f"{given!r} is neither a manifest file nor a digest; a digest has {_DIGITS} hexadecimal digits"
-            )
-        if kept is None or kept.digest != digest:
-            now = _digest(_digests(study))
-            if now != digest:
-                yield f"the study is not as it was sealed with {digest[:16]}: it is {now[:16]} now"
+        digest = _parse_digest(given)
+        file = study / MANIFEST_FILE_NAME
+        manifest = _read(file)
+        if manifest is None or manifest.digest != digest:
+            digest_now = _digest(_digests(study))
+            if digest_now != digest:
+                yield f"the study is not as it was sealed with {digest[:16]}: it is {digest_now[:16]} now"
             return
-    if kept is None or _digest(kept.files) != kept.digest:
-        yield f"{file if file.is_file() else study / MANIFEST_FILE_NAME} is not a manifest, or was changed"
+    manifest = _read(file)
+    if manifest is None or _digest(manifest.files) != manifest.digest:
+        yield f"{file} is not a manifest, or was changed"
         return
-    now_there = _digests(study)
-    sealed = {name for name in kept.files if not is_cache(Path(name))}  # earlier versions sealed one cache, too
-    for name in sorted({*sealed, *now_there}):
-        if name not in now_there:
+    yield from _compare_files(study, manifest)
+
+
+def _parse_digest(text: str) -> str:
+    digest = text.lower()
+    if len(digest) != _DIGITS or not set(digest) <= set("0123456789abcdef"):
+        raise LogError(f"{text!r} is neither a manifest file nor a digest; a digest has {_DIGITS} hexadecimal digits")
+    return digest
+
+
+def _compare_files(study: Path, manifest: StudyManifest) -> Iterator[str]:
+    digests = _digests(study)
+    sealed = {name for name in manifest.files if not is_cache(Path(name))}  # earlier versions sealed one cache, too
+    for name in sorted({*sealed, *digests}):
+        if name not in digests:
             yield f"{name} is gone"
-        elif name not in kept.files:
+        elif name not in manifest.files:
             yield f"{name} was not there"
-        elif kept.files[name] != now_there[name]:
+        elif manifest.files[name] != digests[name]:
             yield f"{name} was changed"
 
 
@@ -137,14 +150,15 @@ def _read(path: Path) -> StudyManifest | None:
 
 
 def _digests(study: Path) -> dict[str, str]:
-    found = {}
+    digests = {}
     for folder, _, names in os.walk(study):
         for name in names:
             path = Path(folder, name)
             within = path.relative_to(study)
-            if path.is_file() and within.as_posix() not in (MANIFEST_FILE_NAME, _UNFINISHED) and not is_cache(within):
-                found[within.as_posix()] = hash_file(path)
-    return dict(sorted(found.items()))
+            is_manifest = within.as_posix() in (MANIFEST_FILE_NAME, _UNFINISHED)
+            if path.is_file() and not is_manifest and not is_cache(within):
+                digests[within.as_posix()] = hash_file(path)
+    return dict(sorted(digests.items()))
 
 
 def _digest(files: dict[str, str]) -> str:

@@ -17,7 +17,8 @@ from minihuman.admin.enrolment_entries import (
 )
 from minihuman.admin.enrolment_log import draw_slot, now_text, record_intervention, take_slot
 from minihuman.admin.manifest import record_missing_heads
-from minihuman.admin.session_index import SessionSummary, read_session_index
+from minihuman.admin.session_index import read_session_index
+from minihuman.admin.session_summary import SessionSummary
 from minihuman.errors import AllocationError
 from minihuman.experiment.activities.block_plans import PlayPlan
 from minihuman.experiment.machine.events import FINAL_END_REASONS, Answered, EpisodesSkipped, PartEnded, Scored
@@ -31,7 +32,7 @@ from minihuman.log.paths import PART_SUFFIX, list_sessions, session_folder
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.file_lock import is_being_recorded
 from minihuman.log.record.finalization import find_leftovers, recover_log
-from minihuman.log.system import wall_time
+from minihuman.storage.system import wall_time
 
 
 def plan_next_session(

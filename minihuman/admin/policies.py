@@ -19,7 +19,7 @@ from minihuman.log.model.session_log import EpisodeLog, SessionLog
 from minihuman.log.model.teaching_events import NO_ADVICE, TeachingRecord
 from minihuman.log.paths import study_folder
 from minihuman.log.read.session_reader import list_session_files
-from minihuman.operating_system import replace_durably
+from minihuman.storage.durable_files import replace_durably, sync_folder
 from minihuman.worlds.adapters.world import World
 
 POLICIES_FOLDER = "policies"
@@ -41,8 +41,11 @@ class PolicyStore:
         sha256 = hashlib.sha256(content).hexdigest()
         path = self.path(sha256)
         if not path.exists():
-            with replace_durably(path) as file:
+            with replace_durably(path, new_folders=1) as file:
                 file.write(content)
+        else:  # whoever wrote it may have been stopped before its name was durable
+            sync_folder(self.folder)
+            sync_folder(self.folder.parent)
         return sha256
 
     def path(self, sha256: str) -> Path:

@@ -7,7 +7,6 @@ paying a bonus needs, is in the journal ``platform-ids.jsonl``, which only the o
 
 import hashlib
 import hmac
-import os
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -18,15 +17,10 @@ from typing import Any
 import msgspec
 
 from minihuman.admin.enrolment_log import now_text
-from minihuman.dataset.journal import (
-    ARRIVALS_FILE_NAME,
-    Journal,
-    JournalState,
-    LockedJournal,
-    find_database_url,
-    open_journal,
-)
-from minihuman.operating_system import open_file, sync_file
+from minihuman.storage.durable_files import sync_folder, write_durably
+from minihuman.storage.journal import Journal, JournalState, LockedJournal
+from minihuman.storage.study_journals import ARRIVALS_FILE_NAME, find_database_url, open_journal
+from minihuman.storage.system import current_system
 
 IDS_FILE_NAME = "platform-ids.jsonl"
 SECRET_FILE_NAME = "arrivals.secret"
@@ -220,17 +214,15 @@ def _platform_id(line: bytes, number: int) -> PlatformId | None:
 def _secret_in(path: Path) -> bytes:
     """The secret in a file; whoever makes it first makes it for all."""
     while not path.exists():
-        made = path.with_name(f"{SECRET_FILE_NAME}.{secrets.token_hex(4)}")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        fd = open_file(made, os.O_CREAT | os.O_EXCL | os.O_WRONLY, _OWNER_ONLY)
-        try:
-            os.write(fd, secrets.token_bytes(32))
-            sync_file(fd)
-        finally:
-            os.close(fd)
+        unnamed = path.with_name(f"{SECRET_FILE_NAME}.{secrets.token_hex(4)}")
+        disk = current_system().disk
+        disk.make_folder(path.parent)
+        with write_durably(unnamed, _OWNER_ONLY, new=True) as file:
+            file.write(secrets.token_bytes(32))
         with suppress(FileExistsError):
-            os.link(made, path)
-        made.unlink()
+            disk.link(unnamed, path)
+        disk.unlink(unnamed)
+        sync_folder(path.parent)
     return path.read_bytes()
 
 

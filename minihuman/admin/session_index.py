@@ -21,6 +21,7 @@ from typing import Any, Literal
 import msgspec
 
 import minihuman
+from minihuman.admin.session_summary import SessionSummary
 from minihuman.dataset.caches import (
     INDEX_SCHEMA,
     TABLE_CACHE,
@@ -45,27 +46,6 @@ from minihuman.log.paths import (
     raise_as_log_error,
     require_folder,
 )
-
-
-@dataclass(frozen=True, slots=True)
-class SessionSummary:
-    """A session in one row. Counts are of all its segments together."""
-
-    study: str
-    participant: str
-    group: str
-    session: int
-    player: str
-    started_at: str  # ISO 8601 UTC
-    segments: int
-    clean: bool
-    end_reason: str  # an EndReason, or "cut_off"
-    episodes_planned: int  # less those that were skipped
-    episodes_completed: int  # with an outcome other than abandoned
-    steps: int
-    duration_s: float  # from a segment's start to its last message, summed
-    complete: bool  # it said so, or nothing was left to do but to read last words
-
 
 LOGGER = logging.getLogger("minihuman")
 _SQL_TYPES: dict[Any, str] = {str: "TEXT", int: "BIGINT", bool: "BOOLEAN", float: "DOUBLE"}

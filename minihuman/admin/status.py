@@ -22,7 +22,9 @@ from minihuman.admin.enrolment_entries import (
     read_enrolled,
     read_enrolment_log,
 )
-from minihuman.admin.session_index import SessionRow, SessionSummary, find_double_sessions, read_session_index
+from minihuman.admin.session_index import SessionRow, find_double_sessions, read_session_index
+from minihuman.admin.session_summary import SessionSummary
+from minihuman.admin.withdrawal import find_unfinished_withdrawals
 from minihuman.log.paths import PART_SUFFIX, LogFolders, find_log_folders, group_sessions, require_folder
 from minihuman.log.record.file_lock import is_being_recorded
 
@@ -168,7 +170,8 @@ def count_all_interventions(study_dir: Path, folders: LogFolders | None = None) 
 def list_problems(
     study_dir: Path, rows: Iterable[SessionRow] | None = None, folders: LogFolders | None = None
 ) -> tuple[str, ...]:
-    """Name each session completed twice, each log that is gone, and each end that the enrolment log lacks.
+    """Name each session completed twice, each log that is gone, each end that the enrolment log lacks, each withdrawal
+    that is unfinished.
 
     Args:
         study_dir: the study's folder.
@@ -188,7 +191,8 @@ def list_problems(
         for log, files in group_sessions(folder, names).items()
         if log in files  # the others of a session are live segments
     }
-    return (*double, *(text for text, fine in find_incomplete_logs(lines, finished) if not fine))
+    incomplete = (text for text, fine in find_incomplete_logs(lines, finished) if not fine)
+    return (*double, *incomplete, *find_unfinished_withdrawals(study_dir))
 
 
 @dataclass(frozen=True, slots=True)

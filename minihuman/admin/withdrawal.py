@@ -1,29 +1,40 @@
 """Withdraw a participant: erase their data or move them to an archive, and leave a tombstone in the enrolment log.
 
 The archive is made first, then the tombstone, then the files are deleted: on a full disk nothing is changed, and from
-the tombstone on the participant is excluded, whatever happens to the files.
+the tombstone on the participant is excluded, whatever happens to the files. A mark in the study's folder stays until
+all is erased, so that ``status`` and ``verify`` tell of an erasure that was cut short.
 """
 
-import shutil
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from minihuman.admin.enrolment_entries import NO_NOTE, AuditNote, ParticipantReplaced, ParticipantWithdrawn
 from minihuman.admin.enrolment_log import now_text, record_departure
-from minihuman.admin.lease import open_lease_table
 from minihuman.admin.recruitment import Recruitment
-from minihuman.admin.remote_store import RemoteStoreError, delete_remote_logs, delete_remote_tables
+from minihuman.admin.remote_logs import delete_remote_logs
 from minihuman.dataset.caches import list_caches
 from minihuman.dataset.log_files import read_withdrawn_codes
-from minihuman.errors import AllocationError, name_output_when_full
+from minihuman.dataset.remote_tables import delete_remote_tables
+from minihuman.errors import AllocationError, LogError, MinihumanError, name_output_when_full
 from minihuman.experiment.plan.expansion import parse_participant_code
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.record.file_lock import is_being_recorded
-from minihuman.operating_system import hash_file, sync_file, sync_folder
+from minihuman.storage.durable_files import UNFINISHED_SUFFIX, hash_file, replace_durably, sync_folder
+from minihuman.storage.erasure import erase
+from minihuman.storage.lease import open_lease_table
+from minihuman.storage.remote_store import RemoteStoreError
+from minihuman.storage.system import current_system
+
+MAX_REASONS = 5  # that an error names
+MARK_SUFFIX = ".withdrawing"  # behind a participant's code: the name of a file that says that erasing them has begun
+
+
+class ErasureError(LogError):
+    """Data of a participant who withdrew could not be erased."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +49,10 @@ class WithdrawalResult:
 
     def line(self) -> str:
         """Say so, naming nobody."""
-        what = f"{self.files} files, {self.bytes / 1e6:.1f} MB"
-        what = f"{what} sealed in {self.sealed}, SHA-256 {self.sha256}" if self.sealed else f"{what} erased"
+        end = f"sealed in {self.sealed}, SHA-256 {self.sha256}" if self.sealed else "erased"
+        local = f"{self.files} files, {self.bytes / 1e6:.1f} MB {end}"
         stored = f"{self.partitions} files of tables removed from the remote store"
-        return what if self.partitions is None else f"{what}; {stored}"
+        return local if self.partitions is None else f"{local}; {stored}"
 
 
 def withdraw_participant(
@@ -54,44 +65,132 @@ def withdraw_participant(
 
     Args:
         study_dir: the study's folder.
-        code: "sub-07".
-        seal: a ZIP archive to be made, outside of the study's folder; None erases.
+        code: of the participant.
+        seal: the archive to be made, outside of the study's folder; None erases.
         note: why, and who does it, for the enrolment log.
 
     Raises:
         AllocationError: if that is no code or nobody's, a session of theirs is running, or the archive cannot be made.
+        OSError: if the archive, or the first word of the withdrawal, cannot be written; nothing is erased.
         RemoteStoreError: if logs or tables cannot be removed from a remote store; all else is done.
+        ErasureError: if something else cannot be erased; all that can be is.
     """
     parse_participant_code(code)  # nothing but a participant's folder is ever taken out
     folder = study_dir / code
     if any(is_being_recorded(part) for part in folder.rglob(f"*{PART_SUFFIX}")):
         raise AllocationError(f"a session of {code} is running; end it before withdrawing the participant")
-    if seal is not None:
-        _check_archive(seal, study_dir)
     files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
     size_bytes = sum(path.stat().st_size for path in files)
-    with _archive_files(files, seal, study_dir) as sha256:
-        kept: Literal["erased", "sealed"] = "erased" if seal is None else "sealed"
+    if seal is not None:
+        _check_archive(seal, study_dir, code, files)
+    with _mark_as_begun(study_dir, code), _archive_files(files, seal, study_dir) as sha256:
+        data_end: Literal["erased", "sealed"] = "erased" if seal is None else "sealed"
         if code not in read_withdrawn_codes(study_dir):  # else the rest of an earlier withdrawal
-            record_departure(study_dir, ParticipantWithdrawn(code, now_text(), kept, note.reason, note.experimenter))
-    if folder.is_dir():
-        shutil.rmtree(folder)
+            record_departure(
+                study_dir, ParticipantWithdrawn(code, now_text(), data_end, note.reason, note.experimenter)
+            )
+    partitions = _erase_everywhere(study_dir, code)
+    _remove_mark(study_dir, code)
+    return WithdrawalResult(len(files), size_bytes, seal, sha256, partitions)
+
+
+def find_unfinished_withdrawals(study_dir: Path) -> Iterator[str]:
+    """Say of whom data may be left, although they have withdrawn: an erasure was cut short, or done on another machine.
+
+    Raises:
+        OSError: if the enrolment log is in a database that cannot be asked.
+        LogError: if one of its lines is damaged.
+    """
+    for code in sorted(read_withdrawn_codes(study_dir)):
+        if _mark_of(study_dir, code).exists() or (study_dir / code).exists():
+            yield f"{code} has withdrawn, but data of theirs may be left; run `minihuman withdraw {code}` again"
+
+
+def _erase_everywhere(study_dir: Path, code: str) -> int | None:
+    """Erase a participant's data in each place that has any, whatever goes wrong in another.
+
+    Returns:
+        How many files of tables were removed from their remote store; None where there is none.
+    """
+    errors: list[Exception] = [*erase(study_dir / code)]
     for cache in list_caches(study_dir):  # free pages remember
-        shutil.rmtree(cache) if cache.is_dir() else cache.unlink()
+        errors += erase(cache)
+    for erase_elsewhere in (_forget_arrival, _forget_leases, delete_remote_logs):
+        try:
+            erase_elsewhere(study_dir, code)
+        except (OSError, MinihumanError) as error:
+            errors.append(error)
+    partitions = None
+    try:
+        partitions = delete_remote_tables(study_dir, code)
+    except (OSError, MinihumanError) as error:
+        errors.append(error)
+    if errors:
+        raise _explain_leftovers(study_dir, code, errors) from errors[0]
+    return partitions
+
+
+def _explain_leftovers(study_dir: Path, code: str, errors: list[Exception]) -> MinihumanError:
+    distinct = list(dict.fromkeys(map(str, errors)))
+    unnamed = len(distinct) - MAX_REASONS
+    reasons = "; ".join(distinct[:MAX_REASONS]) + (f"; and {unnamed} more" if unnamed > 0 else "")
+    if all(isinstance(error, RemoteStoreError) for error in errors):
+        return RemoteStoreError(
+            f"{code} has withdrawn, and their data are gone from {study_dir}, but {reasons}; run the command again "
+            "once the remote store can be reached, which removes the rest"
+        )
+    return ErasureError(
+        f"{code} has withdrawn, but not all of their data could be erased: {reasons}; run the command again, which "
+        "erases the rest"
+    )
+
+
+def _forget_arrival(study_dir: Path, code: str) -> None:
     Recruitment(study_dir).forget(code)
+
+
+def _forget_leases(study_dir: Path, code: str) -> None:
     leases = open_lease_table(study_dir)
     if leases is not None:
         leases.forget(f"{study_dir.name}/{code}/")
-    sync_folder(study_dir)
+
+
+def _mark_of(study_dir: Path, code: str) -> Path:
+    return study_dir / f"{code}{MARK_SUFFIX}"
+
+
+@contextmanager
+def _mark_as_begun(study_dir: Path, code: str) -> Iterator[None]:
+    """Leave a file that says that an erasure has begun, until all is erased; an error inside takes it away again.
+
+    If the program is killed, it stays, and ``status`` and ``verify`` know.
+    """
+    mark = _mark_of(study_dir, code)
+    if not study_dir.is_dir():  # no study, which whoever reads its enrolment log says
+        yield
+        return
     try:
-        delete_remote_logs(study_dir.absolute().parent, f"{study_dir.name}/{code}/")
-        partitions = delete_remote_tables(study_dir, code)
-    except RemoteStoreError as error:
-        raise RemoteStoreError(
-            f"{code} has withdrawn, and their data are gone from {study_dir}, but {error}; run the command again once "
-            "the remote store can be reached, which removes the rest"
-        ) from error
-    return WithdrawalResult(len(files), size_bytes, seal, sha256, partitions)
+        if mark.exists():
+            sync_folder(study_dir)  # whoever left it may have been stopped before
+        else:
+            _write_mark(mark, code)
+        yield
+    except BaseException:
+        with suppress(OSError, MinihumanError):
+            if code not in read_withdrawn_codes(study_dir):
+                _remove_mark(study_dir, code)
+        raise
+
+
+def _write_mark(mark: Path, code: str) -> None:
+    with replace_durably(mark, mark.with_name(f".{mark.name}")) as file:
+        file.write(f"If no `minihuman withdraw {code}` is running, run it again: it was cut short.\n".encode())
+
+
+def _remove_mark(study_dir: Path, code: str) -> None:
+    errors = erase(_mark_of(study_dir, code))
+    if errors:
+        raise _explain_leftovers(study_dir, code, [*errors]) from errors[0]
 
 
 def replace_participant(study_dir: Path, code: str, note: AuditNote = NO_NOTE) -> None:
@@ -103,30 +202,49 @@ def replace_participant(study_dir: Path, code: str, note: AuditNote = NO_NOTE) -
     record_departure(study_dir, ParticipantReplaced(code, now_text(), note.reason, note.experimenter))
 
 
-def _check_archive(seal: Path, study_dir: Path) -> None:
-    if seal.exists():
-        raise AllocationError(f"{seal} already exists; name another archive with --archive")
-    if seal.resolve().is_relative_to(study_dir.resolve()):
-        raise AllocationError(f"{seal} is inside the study's folder; choose a path outside it with --archive")
+def _check_archive(archive: Path, study_dir: Path, code: str, files: list[Path]) -> None:
+    if archive.resolve().is_relative_to(study_dir.resolve()):
+        raise AllocationError(f"{archive} is inside the study's folder; choose a path outside it with --archive")
+    if archive.exists() and not _is_archived(files, archive, study_dir, code):
+        raise AllocationError(f"{archive} already exists; name another archive with --archive")
+
+
+def _is_archived(files: list[Path], archive: Path, study_dir: Path, code: str) -> bool:
+    """Say whether an archive is of this participant alone and has these files as they are: a withdrawal made it."""
+    try:
+        with zipfile.ZipFile(archive) as sealed:
+            names = set(sealed.namelist())
+            return all(name.startswith(f"{code}/") for name in names) and all(
+                (name := path.relative_to(study_dir).as_posix()) in names and sealed.read(name) == path.read_bytes()
+                for path in files
+            )
+    except (OSError, zipfile.BadZipFile):
+        return False
 
 
 @contextmanager
 def _archive_files(files: list[Path], archive: Path | None, study_dir: Path) -> Iterator[str]:
-    """Put files into an archive, durable, and give its SHA-256; an error, here or inside, takes the archive away."""
+    """Put files into an archive, durable, and give its SHA-256; an error, here or inside, takes the archive away.
+
+    An archive that an earlier withdrawal made of them stays as it is.
+    """
     if archive is None:
         yield ""
         return
-    with name_output_when_full(archive):
-        file = archive.open("xb")  # one that another program made since stays
+    if archive.exists():
+        sync_folder(archive.parent)  # whoever made it may have been stopped before
+        yield hash_file(archive)
+        return
     try:
-        with name_output_when_full(archive), file:
-            with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as sealed:
-                for path in files:
-                    sealed.write(path, path.relative_to(study_dir))
-            file.flush()
-            sync_file(file.fileno())
-        sync_folder(archive.parent)
+        with (
+            name_output_when_full(archive),
+            replace_durably(archive, archive.with_name(archive.name + UNFINISHED_SUFFIX)) as file,
+            zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as sealed,
+        ):
+            for path in files:
+                sealed.write(path, path.relative_to(study_dir))
         yield hash_file(archive)
     except BaseException:
-        archive.unlink(missing_ok=True)
+        with suppress(OSError):
+            current_system().disk.unlink(archive)
         raise

@@ -4,16 +4,15 @@ full view.
 
 import abc
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import SimulationError
-from minihuman.worlds.adapters.seat import SeatEnv
+from minihuman.moved import forward_moved_names
 from minihuman.worlds.adapters.world import World
-from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.layouts.one_room import GoalEnv
-from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.inside.env import GridFromInside
 
 JudgementNoise = Callable[[int], NDArray[np.float64]]  # draws the errors of so many judgements, in actions
@@ -54,34 +53,6 @@ class GoalSearch(abc.ABC):
     @abc.abstractmethod
     def observe_action(self, action: str, *, no_effect: bool) -> None:
         """Take note of an action, and whether it had an effect."""
-
-
-def build_search(world: World, view: str, noise: JudgementNoise, rng: np.random.Generator) -> GoalSearch:
-    """Choose the kind of search for a world; with a full view nothing needs to be found.
-
-    Raises:
-        SimulationError: if no planner knows the world's goal.
-    """
-    env = world.unwrapped
-    if (kitchen := build_kitchen_search(world)) is not None:
-        return kitchen
-    if view == "full" and not world.subgoals():
-        return FullViewSearch(world)
-    if isinstance(env, GridEngine | GridFromInside):
-        return GridSearch(world, noise, rng)
-    if isinstance(env, FirstPersonEnv) and env.targets():
-        return RoomSearch(world, noise, rng)
-    return FullViewSearch(world)
-
-
-def build_kitchen_search(world: World) -> GoalSearch | None:
-    """Make the search for a cook's seat; None in a world that is no kitchen."""
-    if not isinstance(world.unwrapped, SeatEnv):
-        return None
-    from minihuman.agents.team_agents import KitchenSearch  # compiled: only where they are used
-    from minihuman.worlds.grid.kitchen import Kitchen
-
-    return KitchenSearch(world) if isinstance(world.unwrapped.team, Kitchen) else None
 
 
 class FullViewSearch(GoalSearch):
@@ -175,3 +146,7 @@ class RoomSearch(GoalSearch):
         self._shown.observe_action(action, no_effect=no_effect)
         if action == "move_forward":
             self._memory.bumped() if no_effect else self._memory.moved()
+
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_moved_names(__name__)

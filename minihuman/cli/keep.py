@@ -213,7 +213,8 @@ def gather(
 
     Example: minihuman gather sessions/fourrooms-transfer
     """
-    from minihuman.admin.remote_store import fetch_tables, store_tables, sync_logs
+    from minihuman.admin.remote_logs import sync_logs
+    from minihuman.dataset.remote_tables import fetch_tables, store_tables
 
     if tables is not None:
         came, removed = fetch_tables(study, tables)

@@ -70,7 +70,7 @@ def new(
     from minihuman.admin.protocol_file import SCHEMA_FILE, ProtocolDraft, make_study_name
     from minihuman.errors import ProtocolError
     from minihuman.experiment.protocol.protocol import build_json_schema
-    from minihuman.operating_system import write_atomically
+    from minihuman.storage.durable_files import write_atomically
     from minihuman.trust import Trust, list_foreign_modules
 
     chosen = tuple(one.strip() for one in template.split(",") if one.strip())

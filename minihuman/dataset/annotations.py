@@ -13,9 +13,9 @@ from pathlib import Path
 
 import msgspec
 
-from minihuman.dataset.journal import FileJournal
 from minihuman.errors import LogError
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
+from minihuman.storage.file_journal import FileJournal
 
 ANNOTATIONS_SUFFIX = ".marks.jsonl"
 KNOWN_TAGS = ("exclude",)  # those that an output acts on by itself

@@ -22,13 +22,13 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from minihuman.dataset.journal import ENROLMENT_FILE_NAME, URL_FILE_NAME, find_database_url, open_journal
 from minihuman.errors import LogError, ProtocolError
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.paths import find_log_folders, group_sessions, raise_as_log_error
 from minihuman.log.salvage.summary_section import read_first_metadata
-from minihuman.log.system import current_system
 from minihuman.operating_system import count_processes
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME, URL_FILE_NAME, find_database_url, open_journal
+from minihuman.storage.system import current_system
 
 _UP = 3  # from a session's folder to its study's: <study>/sub-07/ses-01
 
@@ -50,7 +50,7 @@ def read_withdrawn_codes(study_dir: Path) -> frozenset[str]:
         LogError: if one of its lines is damaged.
     """
     if url := find_database_url(study_dir):
-        from minihuman.dataset.journal_postgres import PostgresJournal
+        from minihuman.storage.postgres_journal import PostgresJournal
 
         open_one = current_system().open_database_journal or PostgresJournal  # not the one that is kept open
         with closing(open_one(url, f"{study_dir.name}/{ENROLMENT_FILE_NAME}", _code, chained=True)) as register:

@@ -1,8 +1,6 @@
-"""Read a study's sessions under a selection, in sequence or in parallel, with a summary of what is included;
-and what an exporter receives: the included episodes one by one, or rows session by session.
-"""
+"""Read a study's sessions under a selection, in sequence or in parallel, with a summary of what is included."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,10 +13,10 @@ from minihuman.dataset.session_measures import SessionMeasures
 from minihuman.errors import LogError
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
+from minihuman.moved import forward_moved_names
 
 if TYPE_CHECKING:
     from minihuman.dataset.rows import SessionTables
-    from minihuman.dataset.store import StudyStore
 
 
 def build_episode_facts(log: SessionLog, episode: EpisodeLog) -> dict[str, Any]:
@@ -199,88 +197,5 @@ def _account(counted: SelectedSession) -> SelectionSummary:
     return account
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class IncludedEpisode:
-    """One episode that counts, and the session it belongs to."""
-
-    log: SessionLog
-    episode: EpisodeLog
-    stored_frames: bool = False  # take the observations that the log holds, do not play them again
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """What travels with every exported episode: who, under which rule, with which keys, and how it ended.
-
-        ``session``, ``segment``, ``episode`` and ``attempt`` count from 1, as in the tables: they join with them.
-        """
-        return build_episode_facts(self.log, self.episode) | {"options": dict(self.episode.plan.options)}
-
-
-class IncludedEpisodes:
-    """The episodes that an export takes. To be gone through once, in one of two ways.
-
-    Args:
-        sessions: where they are, and what counts of them.
-        taken: called with each episode's log and facts as it is taken.
-        stored_frames: whether observations are those that the logs hold.
-    """
-
-    def __init__(
-        self,
-        sessions: StudySessions,
-        *,
-        taken: Callable[[Path, Mapping[str, Any]], None] = lambda path, facts: None,
-        stored_frames: bool = False,
-    ) -> None:
-        self.sessions = sessions
-        self._taken = taken
-        self._stored_frames = stored_frames
-
-    def __iter__(self) -> Iterator[IncludedEpisode]:
-        """One episode that counts after the other, one session in memory at a time.
-
-        Raises:
-            LogError: if the source does not exist, or is a single log that cannot be read.
-        """
-        for counted in self.sessions:
-            for episode in counted.episodes:
-                item = IncludedEpisode(counted.session, episode, self._stored_frames)
-                self._taken(counted.log.path, item.facts)
-                yield item
-
-    def counted(self) -> Iterator[SelectedSession]:
-        """Every session that is asked for, one in memory at a time, with what counts of it and what does not.
-
-        Raises:
-            LogError: if the source does not exist, or is a single log that cannot be read.
-        """
-        for counted in self.sessions:
-            if counted.wanted:
-                for episode in counted.episodes:
-                    self._taken(counted.log.path, build_episode_facts(counted.log, episode))
-                yield counted
-
-    def rows(self) -> Iterator[SessionRows]:
-        """Every session's rows of every table, several read side by side; what does not count has its reason there.
-
-        Raises:
-            LogError: if the source does not exist, or is a single log that cannot be read.
-            ReportError: if a protocol excludes by a measure that there is not.
-        """
-        for found in self.sessions.rows(with_shortest=False):
-            for facts in found.facts:
-                self._taken(found.path, facts)
-            yield found
-
-    def store(self) -> "StudyStore":
-        """The same rows kept in a file, those of many sessions together; to be used in a ``with``.
-
-        Raises:
-            LogError, ReportError: as ``rows``.
-        """
-        from minihuman.dataset.store import StudyStore  # which reads sessions
-
-        store = StudyStore(self.sessions, with_shortest=False)
-        for path, facts in store.facts():
-            self._taken(path, facts)
-        return store
+if not TYPE_CHECKING:
+    __getattr__ = forward_moved_names(__name__)

@@ -12,9 +12,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from minihuman import __version__
+import minihuman
+from minihuman.dataset.included_episodes import IncludedEpisodes
 from minihuman.dataset.selection import Selection, SelectionSummary
-from minihuman.dataset.sessions import IncludedEpisodes, StudySessions
+from minihuman.dataset.sessions import StudySessions
 from minihuman.errors import ExportError
 from minihuman.plugins import list_plugin_names, load_plugin
 
@@ -81,7 +82,7 @@ class ExportCard:
         lines = [
             f"# {self.format} export",
             "",
-            f"{written.episodes} episodes, {written.steps} steps, written by minihuman {__version__}.",
+            f"{written.episodes} episodes, {written.steps} steps, written by minihuman {minihuman.__version__}.",
             f"Observations, where the format holds them, were {source}, and each has the hash",
             "that was taken when it was made.",
             "",

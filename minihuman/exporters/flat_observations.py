@@ -23,7 +23,7 @@ from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
 from minihuman import __version__
-from minihuman.dataset.sessions import IncludedEpisode, IncludedEpisodes
+from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisodes
 from minihuman.errors import ExportError, LogError, WorldError
 from minihuman.experiment.replay import renders_same_images
 from minihuman.exporters.exporter import ExportResult

@@ -16,7 +16,7 @@ import numpy as np
 from datasets.arrow_writer import ArrowWriter
 from numpy.typing import NDArray
 
-from minihuman.dataset.sessions import IncludedEpisode, IncludedEpisodes
+from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisodes
 from minihuman.experiment.activities.preferences import EpisodeClip, PairAnswer
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (
@@ -27,7 +27,7 @@ from minihuman.exporters.flat_observations import (
     is_picture,
 )
 from minihuman.log.model.session_log import SessionLog
-from minihuman.operating_system import hash_file
+from minihuman.storage.durable_files import hash_file
 
 # How much the left fragment is preferred; "cannot tell" says nothing.
 PREFERENCES: dict[PairAnswer, float] = {"left": 1.0, "equal": 0.5, "right": 0.0}

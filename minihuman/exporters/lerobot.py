@@ -20,7 +20,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from minihuman import __version__
-from minihuman.dataset.sessions import IncludedEpisode, IncludedEpisodes
+from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisodes
 from minihuman.display.video import ENCODINGS, VideoWriter, pad_to_even
 from minihuman.experiment.protocol.specs import AboutSpec
 from minihuman.exporters.exporter import ExportResult

@@ -21,7 +21,7 @@ from minari.data_collector import EpisodeBuffer
 from minari.dataset.minari_storage import MinariStorage
 
 from minihuman import __version__
-from minihuman.dataset.sessions import IncludedEpisode, IncludedEpisodes
+from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisodes
 from minihuman.experiment.protocol.specs import AboutSpec
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (

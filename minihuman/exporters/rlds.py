@@ -17,7 +17,7 @@ from google.protobuf import message_factory, text_format
 from google.protobuf.descriptor_pb2 import FileDescriptorProto
 
 from minihuman import __version__
-from minihuman.dataset.sessions import IncludedEpisode, IncludedEpisodes
+from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisodes
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (
     PICTURE_PX,

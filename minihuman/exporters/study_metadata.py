@@ -9,7 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from minihuman.dataset.sessions import IncludedEpisode
+from minihuman.dataset.included_episodes import IncludedEpisode
 from minihuman.errors import ExportError, ProtocolError
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol, decode_logged_protocol

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from minihuman.dataset.sessions import IncludedEpisodes
+from minihuman.dataset.included_episodes import IncludedEpisodes
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, PRIMARY_KEYS, TABLES, TableColumn
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.specs import AboutSpec

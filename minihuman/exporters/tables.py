@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import pyarrow.compute as pc
 
-from minihuman.dataset.sessions import IncludedEpisodes
+from minihuman.dataset.included_episodes import IncludedEpisodes
 from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EVERY_MOMENT, TABLES, build_data_dictionary
 from minihuman.dataset.table_files import TableFormat, list_partitions, write_partitions, write_tables

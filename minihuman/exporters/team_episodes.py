@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from minihuman.dataset.sessions import IncludedEpisode, IncludedEpisodes
+from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisodes
 from minihuman.errors import ExportError, WorldError
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.study_metadata import describe_episode

@@ -10,8 +10,9 @@ from gymnasium import spaces
 from msgspec import structs
 from numpy.typing import NDArray
 
+from minihuman.dataset.included_episodes import IncludedEpisodes
 from minihuman.dataset.selection import Selection, SelectionSummary
-from minihuman.dataset.sessions import IncludedEpisodes, StudySessions
+from minihuman.dataset.sessions import StudySessions
 from minihuman.errors import LearnError
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.learn.policy.observation import EpisodeEncoder, Observation, ObservationEncoder

@@ -15,8 +15,8 @@ from minihuman.experiment.plan.allocation import allocation_sha256, build_alloca
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.experiment.protocol.strata import build_strata
-from minihuman.operating_system import write_atomically
 from minihuman.reporting.results import FORMULAS, MEASURES as MEANINGS, ONLY_IF_NAMED, label_measure
+from minihuman.storage.durable_files import write_atomically
 
 _POWER = {  # what the block table calls a measure, and what power does
     "log_excess_steps_mean": "log_excess_steps", "log_steps_ratio_mean": "log_steps_ratio", "spl_mean": "spl",

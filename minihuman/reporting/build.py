@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from minihuman import __version__
+import minihuman
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import CachedSession, StudyStore
@@ -111,7 +111,7 @@ def write_scripts(
     shown = {
         "study": study,
         "block": block.block,
-        "version": __version__,
+        "version": minihuman.__version__,
         "groups": groups,
         "reference": groups[-1],
         "label": label_measure(measure),

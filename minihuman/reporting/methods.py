@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 
-from minihuman import __version__
+import minihuman
 from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
@@ -57,8 +57,12 @@ def build_methods(
         *_blocks(plans, specs),
         _measures(plans),
         _software(plans, qualities),
-        f"This report: minihuman {__version__}, {', '.join(f'{name} {version(name)}' for name in _STATISTICS)}.",
+        f"This report: minihuman {minihuman.__version__}, {_name_statistics()}.",
     ]
+
+
+def _name_statistics() -> str:
+    return ", ".join(f"{name} {version(name)}" for name in _STATISTICS)
 
 
 def find_known_keys(plans: Sequence[PlanOutline], protocols: Sequence[Protocol] = ()) -> dict[str, list[str]]:

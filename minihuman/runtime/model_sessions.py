@@ -37,7 +37,7 @@ from minihuman.log.model.session_log import CUT_OFF
 from minihuman.log.paths import LOG_SUFFIX, MODELS_FOLDER, PART_SUFFIX
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.disk import GroupCommit, RecorderSettings
-from minihuman.log.record.file_lock import is_being_recorded, lock_file
+from minihuman.log.record.file_lock import is_being_recorded
 from minihuman.log.record.finalization import recover_log
 from minihuman.log.record.mcap_recorder import LeftoverSegment, McapRecorder, resume_segment
 from minihuman.log.record.recorder import WrappedRecorder
@@ -58,6 +58,7 @@ from minihuman.simulation.model_conversation import (
     find_answer_rule,
     find_picture_size,
 )
+from minihuman.storage.locks import hold_lock
 from minihuman.worlds.adapters.world import World
 
 PLAYER_PREFIX = "model:"
@@ -438,9 +439,7 @@ def _find_cut_off(study_dir: Path, player: str) -> Iterator[Path | str]:
 @contextmanager
 def _hold_slots(data: Path) -> Iterator[None]:
     """Let one session at a time, of all threads and processes, choose its slot and make its live file."""
-    data.mkdir(parents=True, exist_ok=True)
-    with (data / ".slots.lock").open("ab") as file:
-        lock_file(file.fileno(), data)
+    with hold_lock(data / ".slots.lock"):
         yield
 
 

@@ -23,7 +23,8 @@ from minihuman.experiment.machine.screens import Screen
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.log.paths import LOG_SUFFIX
 from minihuman.log.record.recorder import Recorder
-from minihuman.operating_system import receive_end_signals, sync_file
+from minihuman.operating_system import receive_end_signals
+from minihuman.storage.durable_files import append_durably
 
 CommandKind = Literal["pause", "go_on", "abort", "note"]
 
@@ -43,10 +44,7 @@ def inbox_path(log: Path) -> Path:
 
 def send_command(log: Path, request: CommandRequest) -> None:
     """Send a request to a log's session, which looks several times per second."""
-    with inbox_path(log).open("ab") as file:
-        file.write(msgspec.json.encode(request) + b"\n")
-        file.flush()
-        sync_file(file.fileno())
+    append_durably(inbox_path(log), msgspec.json.encode(request) + b"\n")
 
 
 class CommandInbox:

@@ -48,8 +48,8 @@ from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.log.paths import PART_SUFFIX, session_folder
 from minihuman.log.read.reader import read_segment_starts
 from minihuman.log.read.session_reader import read_events
-from minihuman.log.system import monotonic_s
 from minihuman.simulation.participant import make_participant
+from minihuman.storage.system import monotonic_s
 from minihuman.worlds.adapters.world import World
 
 PRESENCE_S = 3.0  # who waits in a lobby asks several times a second

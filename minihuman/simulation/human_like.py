@@ -14,7 +14,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.agents.goal_search import GoalSearch, build_search
+from minihuman.agents.goal_search import GoalSearch
+from minihuman.agents.search_choice import build_search
 from minihuman.errors import SimulationError, WorldError
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.plugins import read_settings

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from minihuman.agents.goal_search import GoalSearch, build_kitchen_search, find_shortest_path
+from minihuman.agents.goal_search import GoalSearch, find_shortest_path
+from minihuman.agents.search_choice import build_kitchen_search
 from minihuman.errors import SimulationError
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.plugins import read_settings

@@ -8,8 +8,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from minihuman.dataset.caches import is_cache
+from minihuman.dataset.included_episodes import IncludedEpisodes
 from minihuman.dataset.selection import Selection
-from minihuman.dataset.sessions import IncludedEpisodes, StudySessions
+from minihuman.dataset.sessions import StudySessions
 from minihuman.exporters.exporter import Exporter, ExportResult, find_exporter
 from minihuman.runtime.simulated_session import simulate
 from minihuman.testing.checks import build_short_study, require

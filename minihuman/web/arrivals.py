@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import Literal
 
 from minihuman.admin.enrolment_log import free_slot, now_text
-from minihuman.admin.lease import Lease, LeaseHeldError, SessionLeases, name_session
 from minihuman.admin.manifest import find_unrecorded_logs, record_log_end
 from minihuman.admin.next_session import is_session_complete, plan_next_session
 from minihuman.admin.recruitment import LinkIssued, ParticipantArrived, PlatformId, Recruitment, hash_link_token
-from minihuman.admin.remote_store import RemoteStoreError, sync_logs
+from minihuman.admin.remote_logs import sync_logs
 from minihuman.errors import AllocationError, LogError
 from minihuman.experiment.machine.events import FINAL_END_REASONS
 from minihuman.experiment.plan.allocation import allocation_sha256, build_allocation_list
@@ -27,6 +26,9 @@ from minihuman.experiment.protocol.specs import RecruitmentPlatform
 from minihuman.log.paths import PART_SUFFIX, list_sessions, session_folder
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.finalization import find_leftovers
+from minihuman.log.record.session_leases import Lease, SessionLeases, name_session
+from minihuman.storage.lease import LeaseHeldError
+from minihuman.storage.remote_store import RemoteStoreError
 
 LOG = logging.getLogger("minihuman")
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{22}")  # 16 random bytes, as secrets.token_urlsafe writes them

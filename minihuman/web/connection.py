@@ -19,9 +19,7 @@ from ipaddress import ip_address
 from pathlib import Path
 from weakref import WeakValueDictionary
 
-from minihuman.admin.lease import SUPERSEDED, SessionLeases
 from minihuman.admin.manifest import record_log_end
-from minihuman.admin.remote_store import STORE_URL_FILE_NAME, RemoteStoreError
 from minihuman.errors import AllocationError, LogError, MinihumanError
 from minihuman.experiment.machine.events import FINAL_END_REASONS, Event, SessionStarted
 from minihuman.experiment.machine.inputs import ExperimenterCommand, Stop
@@ -36,10 +34,12 @@ from minihuman.log.record.file_lock import is_being_recorded, require_unclaimed
 from minihuman.log.record.finalization import put_aside
 from minihuman.log.record.mcap_recorder import McapRecorder, resume_segment
 from minihuman.log.record.recorder import DeferredRecorder, Recorder
-from minihuman.log.system import current_system, monotonic_s
+from minihuman.log.record.session_leases import SUPERSEDED, SessionLeases
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.session_loop import CommandInbox, inbox_path
 from minihuman.runtime.team_host import TeamTable
+from minihuman.storage.remote_store import STORE_URL_FILE_NAME, RemoteStoreError
+from minihuman.storage.system import current_system, monotonic_s
 from minihuman.trust import SOURCE_FACT
 from minihuman.web import messages
 from minihuman.web.arrivals import Admission, Arrival, Arrivals, Rejection, identify_visitor, is_token

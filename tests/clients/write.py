@@ -7,12 +7,13 @@ import shutil
 import sys
 from pathlib import Path
 
-from minihuman.admin.remote_store import TABLES_URL_FILE_NAME, store_tables
+from minihuman.dataset.remote_tables import store_tables
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_columns import TABLES
 from minihuman.exporters.exporter import export_study
+from minihuman.storage.remote_store import TABLES_URL_FILE_NAME
 
 GOLDEN = Path(__file__).parents[1] / "golden/v1"
 STUDIES = ("plain", "mixed", "resumed", "real-time", "foreign", "taught")

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from minihuman.dataset.sessions import IncludedEpisode
+from minihuman.dataset.included_episodes import IncludedEpisode
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 from minihuman.worlds.adapters.world import World
 from tests.builders import made, plan, session_of

@@ -9,7 +9,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from minihuman.dataset.sessions import IncludedEpisode
+from minihuman.dataset.included_episodes import IncludedEpisode
 from minihuman.display.video import pad_to_even
 from minihuman.errors import ExportError
 from minihuman.exporters import lerobot

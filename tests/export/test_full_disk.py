@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.admin.remote_store import STORE_URL_FILE_NAME
 from minihuman.cli import main
+from minihuman.storage.remote_store import STORE_URL_FILE_NAME
 from tests.counts import PATIENCE_S, count
 from tests.disks import fill, small_disk
 

@@ -10,8 +10,9 @@ import pandas as pd
 import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
+from minihuman.dataset.included_episodes import IncludedEpisodes
 from minihuman.dataset.selection import Selection
-from minihuman.dataset.sessions import IncludedEpisodes, StudySessions
+from minihuman.dataset.sessions import StudySessions
 from minihuman.exporters.exporter import export_study
 from minihuman.worlds.adapters.world import World
 from tests.builders import session, write_log

@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from minihuman.admin.lease import LeaseGrant, LeaseRenewal
-from minihuman.dataset.journal import Journal, LineChain, LineDecoder, LockedJournal
+from minihuman.storage.journal import Journal, LineChain, LineDecoder, LockedJournal
+from minihuman.storage.lease import LeaseGrant, LeaseRenewal
 from tests.fault_simulation.schedule import ProcessKilled, Schedule
 from tests.fault_simulation.volume import ProcessDisk
 from tests.lab.lease_table import MemoryLeaseTable

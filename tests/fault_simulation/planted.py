@@ -9,10 +9,11 @@ from typing import Any
 
 from minihuman.admin.enrolment_entries import SlotFreed, open_enrolment_log
 from minihuman.admin.enrolment_log import now_text
-from minihuman.admin.lease import Lease, LeaseGrant, LeaseRenewal, SessionLeases
 from minihuman.log.paths import study_folder
 from minihuman.log.record.finalization import FinalizedLog, NotPublishedError, recover_log
-from minihuman.log.system import current_system
+from minihuman.log.record.session_leases import Lease, SessionLeases
+from minihuman.storage.lease import LeaseGrant, LeaseRenewal
+from minihuman.storage.system import current_system
 from minihuman.web.connection import Connection
 from tests.fault_simulation.database import Database, DatabaseError, LeaseDatabase
 from tests.fault_simulation.page import Press, Tab

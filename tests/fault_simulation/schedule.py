@@ -7,7 +7,7 @@ from collections.abc import Callable
 from itertools import count
 from typing import Any
 
-from minihuman.log.system import SystemClock
+from minihuman.storage.system import SystemClock
 
 STARTED_NS = 1_760_000_000_000_000_000
 _JOB_S = 0.002  # a job on another thread, at most

@@ -19,13 +19,9 @@ from typing import Any
 from unittest.mock import patch
 
 from minihuman.admin.enrolment_entries import SlotTaken, list_taken_slots, read_enrolment_log
-from minihuman.admin.lease import TTL_S, SessionLeases
 from minihuman.admin.manifest import record_missing_heads
 from minihuman.admin.recruitment import Recruitment, hash_link_token
-from minihuman.admin.remote_store import STORE_URL_FILE_NAME
 from minihuman.admin.verify.log import verify_enrolment, verify_session
-from minihuman.dataset import journal
-from minihuman.dataset.journal import URL_FILE_NAME
 from minihuman.errors import MinihumanError
 from minihuman.experiment.machine.events import KeyPressed, Noted, Stepped
 from minihuman.experiment.plan.allocation import build_allocation_list
@@ -35,7 +31,12 @@ from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record import live_log
 from minihuman.log.record.disk import GATHER_S, FileWriter, GroupCommit
 from minihuman.log.record.finalization import find_leftovers, recover_log
-from minihuman.log.system import System, use_system
+from minihuman.log.record.session_leases import SessionLeases
+from minihuman.storage import study_journals
+from minihuman.storage.lease import TTL_S
+from minihuman.storage.remote_store import STORE_URL_FILE_NAME
+from minihuman.storage.study_journals import URL_FILE_NAME
+from minihuman.storage.system import System, use_system
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.connection import ConnectionFactory
 from minihuman.web.server.app import WebServer
@@ -190,8 +191,8 @@ class Machine:
         if self.loop is not None:
             return
         rng, faults_over = self.schedule.rng, self._simulation.faults_over
-        journal._in_file.cache_clear()
-        journal._in_database.cache_clear()
+        study_journals._in_file.cache_clear()
+        study_journals._in_database.cache_clear()
         ops_left = None
         if not faults_over and self.schedule.chance(0.35):
             ops_left = rng.randint(0, 60)
@@ -520,8 +521,8 @@ class Simulation:
         for record in self.logged:
             if record.exc_info:
                 fail(f"traceback: {record.getMessage()}: {record.exc_info[1]!r}")
-        journal._in_file.cache_clear()
-        journal._in_database.cache_clear()
+        study_journals._in_file.cache_clear()
+        study_journals._in_database.cache_clear()
         with use_system(System(clock=self.machines[0].clock, open_database_journal=self.database.open_journal)):
             self._check_enrolment()
             for machine in self.machines:

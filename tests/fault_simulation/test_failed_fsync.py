@@ -6,11 +6,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from minihuman.dataset.journal import FileJournal
 from minihuman.errors import LogError
 from minihuman.log.record.disk import RecorderSettings
 from minihuman.log.record.mcap_recorder import McapRecorder, resume_segment
-from minihuman.log.system import System, use_system
+from minihuman.storage.file_journal import FileJournal
+from minihuman.storage.system import System, use_system
 from tests.fault_simulation.schedule import MachineClock, ProcessKilled, Schedule
 from tests.fault_simulation.volume import ProcessDisk, Volume
 from tests.log.samples import STARTED_NS, session_events, session_plan

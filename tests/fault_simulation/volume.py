@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from minihuman.log.system import FileSystem
+from minihuman.storage.system import FileSystem
 from tests.fault_simulation.schedule import MachineClock, ProcessKilled, Schedule
 
 _SECTOR_BYTES = 512
@@ -87,6 +87,9 @@ class Volume:
     def _rename(self, gone: Path | None, new: Path | None, content: _Content) -> None:
         if gone is not None:
             self._entries.pop(gone, None)
+            if gone in self._folders:  # with all that had been in it
+                self._folders = {folder for folder in self._folders if not folder.is_relative_to(gone)}
+                self._entries = {path: kept for path, kept in self._entries.items() if not path.is_relative_to(gone)}
         if new is not None:
             self._entries[new] = content
 
@@ -157,7 +160,12 @@ class ProcessDisk(FileSystem):
         self._open = {}
 
     def open(self, path: Path, flags: int, mode: int = 0o644) -> int:
-        """Open it."""
+        """Open it; what is not on this volume is another machine's, and does not fail."""
+        if not path.is_relative_to(self.volume.root):
+            self._require_alive()
+            fd = _OS.open(path, flags, mode)
+            self._open.pop(fd, None)
+            return fd
         self._operation(f"open {path.name}")
         new = not path.exists()
         if new and flags & os.O_CREAT:
@@ -176,6 +184,9 @@ class ProcessDisk(FileSystem):
 
     def write(self, fd: int, data: bytes | memoryview) -> int:
         """Write it, or a part of it."""
+        if fd not in self._open:
+            self._require_alive()
+            return _OS.write(fd, data)
         path = self._open[fd][0]
         dying = self._operation(f"write {path.name} {len(data)}", dies=False)
         self._refuse(path)
@@ -195,6 +206,10 @@ class ProcessDisk(FileSystem):
 
     def sync(self, fd: int) -> None:
         """Make it durable."""
+        if fd not in self._open:
+            self._require_alive()
+            _OS.sync(fd)
+            return
         path = self._open[fd][0]
         self._operation(f"sync {path.name}")
         if path.is_dir():
@@ -224,6 +239,10 @@ class ProcessDisk(FileSystem):
 
     def rename(self, source: Path, target: Path) -> None:
         """Rename it."""
+        if not target.is_relative_to(self.volume.root):
+            self._require_alive()
+            _OS.rename(source, target)
+            return
         self._operation(f"rename {source.name} {target.name}")
         self._refuse(source, errno.EIO)
         _OS.rename(source, target)
@@ -235,18 +254,49 @@ class ProcessDisk(FileSystem):
 
     def unlink(self, path: Path) -> None:
         """Remove it."""
+        if not path.is_relative_to(self.volume.root):
+            self._require_alive()
+            _OS.unlink(path)
+            return
         self._operation(f"unlink {path.name}")
         _OS.unlink(path)
         if path in self.volume.live:
             self.volume.changed(path, None, self.volume.live.pop(path))
 
+    def link(self, source: Path, target: Path) -> None:
+        """Give it a second name, of which a power cut leaves what it leaves of the first."""
+        self._operation(f"link {source.name} {target.name}")
+        self._refuse(target)
+        _OS.link(source, target)
+        self.volume.live[target] = self._content(source)
+        self.volume.changed(None, target, self.volume.live[target])
+
+    def make_folder(self, folder: Path) -> None:
+        """Make it; it lasts when the folder above it is synced."""
+        if not folder.is_dir():
+            self._refuse(folder)
+        _OS.make_folder(folder)
+
+    def remove_folder(self, folder: Path) -> None:
+        """Remove it; what was in it may come back as long as the folder above it is not synced."""
+        if not folder.is_relative_to(self.volume.root):
+            self._require_alive()
+            _OS.remove_folder(folder)
+            return
+        self._operation(f"rmdir {folder.name}")
+        _OS.remove_folder(folder)
+        self.volume.changed(folder, None, _Content())
+
     def _content(self, path: Path) -> _Content:
         return self.volume.live.setdefault(path, _Content())
 
-    def _operation(self, what: str, *, dies: bool = True) -> bool:
-        """Count it; whether the process dies in it."""
+    def _require_alive(self) -> None:
         if self.dead:
             raise ProcessKilled
+
+    def _operation(self, what: str, *, dies: bool = True) -> bool:
+        """Count it; whether the process dies in it."""
+        self._require_alive()
         self.volume.schedule.note(what)
         if self.ops_left is None:
             return False

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from minihuman.admin.lease import TTL_S, LeaseGrant, LeaseRenewal, LeaseTable
+from minihuman.storage.lease import TTL_S, LeaseGrant, LeaseRenewal, LeaseTable
 
 
 class Clock:

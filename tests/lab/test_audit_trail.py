@@ -10,7 +10,7 @@ from click.testing import CliRunner, Result
 from minihuman.admin.enrolment_entries import AuditNote, count_interventions, read_enrolment_log
 from minihuman.admin.next_session import plan_next_session
 from minihuman.cli.command_line import make_command_line
-from minihuman.dataset.journal import ENROLMENT_FILE_NAME
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from tests.lab.test_next_session import PROTOCOL, play
 from tests.lab.test_parts_resumed import GOAL, STUDY, sit
 

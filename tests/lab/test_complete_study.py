@@ -12,8 +12,8 @@ from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.verify.log import verify_enrolment
 from minihuman.admin.withdrawal import replace_participant, withdraw_participant
 from minihuman.cli.command_line import make_command_line
-from minihuman.dataset.journal import ENROLMENT_FILE_NAME
 from minihuman.dataset.log_files import list_readable_logs
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from tests.lab.test_next_session import PROTOCOL, play
 
 

@@ -12,17 +12,12 @@ import pytest
 from minihuman.admin.enrolment_entries import ParticipantWithdrawn, read_enrolled
 from minihuman.admin.enrolment_log import record_departure, take_slot
 from minihuman.admin.recruitment import PlatformId, Recruitment, hash_link_token
-from minihuman.dataset.journal import (
-    ENROLMENT_FILE_NAME,
-    URL_FILE_NAME,
-    FileJournal,
-    Journal,
-    find_database_url,
-    open_journal,
-)
 from minihuman.dataset.log_files import list_readable_logs
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.runtime.simulated_session import simulate
+from minihuman.storage.file_journal import FileJournal
+from minihuman.storage.journal import Journal
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME, URL_FILE_NAME, find_database_url, open_journal
 from minihuman.web.arrivals import Admission, Arrival, Arrivals
 from tests.counts import count
 from tests.lab.database import database, fresh
@@ -64,7 +59,7 @@ def two(data: Path) -> Iterator[tuple[Journal[Word], Journal[Word]]]:
     if isinstance(mine, FileJournal):
         yield mine, FileJournal(data / "talk" / "said.jsonl", words)
         return
-    from minihuman.dataset.journal_postgres import PostgresJournal
+    from minihuman.storage.postgres_journal import PostgresJournal
 
     assert isinstance(mine, PostgresJournal)
     with closing(mine), closing(PostgresJournal(find_database_url(data / "talk"), "talk/said.jsonl", words)) as yours:
@@ -244,7 +239,7 @@ def test_reading_on_after_the_last_answer_for_longer_than_a_call_may_take_costs_
     url: str,
 ) -> None:
     """As a server does that decodes 200,000 lines on a busy machine: the connection was cut off meanwhile."""
-    from minihuman.dataset.journal_postgres import Database
+    from minihuman.storage.database import Database
 
     slow = Database(fresh(url), "select 1", "a test", timeout_s=3.0)
     with slow.ask() as cursor:

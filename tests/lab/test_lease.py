@@ -9,28 +9,26 @@ import pytest
 
 from minihuman.admin.enrolment_entries import ChainHeadRecorded, read_chain_heads, read_enrolment_log
 from minihuman.admin.enrolment_log import now_text
-from minihuman.admin.lease import (
-    RENEWAL_INTERVAL_S,
-    TTL_S,
-    Lease,
-    LeaseHeldError,
-    LeaseLostError,
-    LeaseRenewal,
-    LeaseTable,
-    LogPiece,
-    SessionLeases,
-    name_session,
-)
 from minihuman.admin.manifest import find_unrecorded_logs
 from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.recruitment import ParticipantArrived, Recruitment, hash_link_token
-from minihuman.admin.remote_store import STORE_URL_FILE_NAME
 from minihuman.experiment.machine.inputs import Stop
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.paths import session_folder
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.disk import GroupCommit
 from minihuman.log.record.finalization import recover_log
+from minihuman.log.record.session_leases import Lease, SessionLeases, name_session
+from minihuman.storage.lease import (
+    RENEWAL_INTERVAL_S,
+    TTL_S,
+    LeaseHeldError,
+    LeaseLostError,
+    LeaseRenewal,
+    LeaseTable,
+    LogPiece,
+)
+from minihuman.storage.remote_store import STORE_URL_FILE_NAME
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.connection import Connection, ConnectionFactory, HostStorage, start_host
 from minihuman.web.messages import MESSAGE_VERSION, Hello, Refusal
@@ -577,7 +575,7 @@ def any_table(
         made = MemoryLeaseTable(clock)
         yield made, made, lambda s: clock.__setattr__("now_s", clock.now_s + s)
         return
-    from minihuman.admin.lease import PostgresLeaseTable
+    from minihuman.storage.lease import PostgresLeaseTable
 
     address = fresh(request.getfixturevalue("url"))
     one, other = PostgresLeaseTable(address), PostgresLeaseTable(address)

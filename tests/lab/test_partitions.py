@@ -18,22 +18,12 @@ from click.testing import CliRunner, Result
 
 import minihuman
 from minihuman.admin.next_session import plan_next_session
-from minihuman.admin.remote_store import (
-    STORE_URL_FILE_NAME,
-    TABLES_URL_FILE_NAME,
-    FolderStore,
-    RemoteStore,
-    RemoteStoreError,
-    S3Store,
-    fetch_tables,
-    store_tables,
-    sync_logs,
-)
+from minihuman.admin.remote_logs import sync_logs
 from minihuman.admin.withdrawal import withdraw_participant
 from minihuman.dataset import store as the_store
 from minihuman.dataset.annotations import Annotation, add_annotation, read_annotations
 from minihuman.dataset.caches import list_caches
-from minihuman.dataset.journal import ENROLMENT_FILE_NAME
+from minihuman.dataset.remote_tables import fetch_tables, store_tables
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
@@ -41,6 +31,15 @@ from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, TABLES, Table
 from minihuman.errors import LogError
 from minihuman.exporters.exporter import export_study
 from minihuman.log.read.session_reader import read_log
+from minihuman.storage.remote_store import (
+    STORE_URL_FILE_NAME,
+    TABLES_URL_FILE_NAME,
+    FolderStore,
+    RemoteStore,
+    RemoteStoreError,
+    S3Store,
+)
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from tests.builders import session, write_log
 from tests.lab.object_store import object_store
 from tests.lab.test_next_session import PROTOCOL, play
@@ -333,7 +332,7 @@ def test_an_interrupted_run_leaves_whole_files_and_the_next_does_the_rest(two_pe
     killed = (
         "import os, sys\n"
         "from pathlib import Path\n"
-        "from minihuman.admin.remote_store import store_tables\n"
+        "from minihuman.dataset.remote_tables import store_tables\n"
         "left = [5]\n"
         "def hook(event, arguments):\n"
         "    if event == 'os.rename' and str(arguments[1]).endswith('.parquet'):\n"

@@ -12,10 +12,10 @@ from minihuman.admin.enrolment_entries import read_enrolled
 from minihuman.admin.enrolment_log import _holders_of, free_slot, take_slot
 from minihuman.admin.status import format_status
 from minihuman.admin.withdrawal import replace_participant, withdraw_participant
-from minihuman.dataset.journal import ENROLMENT_FILE_NAME
 from minihuman.errors import AllocationError
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from tests.counts import count
 from tests.programs import running
 

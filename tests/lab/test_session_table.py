@@ -13,7 +13,8 @@ import duckdb
 import pytest
 
 from minihuman.admin import session_index
-from minihuman.admin.session_index import LOCK_WAIT_S, SessionSummary, read_session_index
+from minihuman.admin.session_index import LOCK_WAIT_S, read_session_index
+from minihuman.admin.session_summary import SessionSummary
 from minihuman.admin.status import format_status
 from minihuman.dataset import caches
 from minihuman.dataset.caches import TABLE_CACHE

@@ -9,23 +9,22 @@ from minihuman.admin.enrolment_log import now_text
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.recruitment import ParticipantArrived, hash_link_token
-from minihuman.admin.remote_store import (
-    STORE_URL_FILE_NAME,
-    RemoteStoreConflictError,
-    RemoteStoreError,
-    open_remote_store,
-    sync_logs,
-    upload_log,
-)
+from minihuman.admin.remote_logs import sync_logs, upload_log
 from minihuman.admin.status import list_problems
 from minihuman.admin.verify.log import find_log_differences, verify_enrolment
 from minihuman.admin.withdrawal import withdraw_participant
-from minihuman.dataset.journal import ENROLMENT_FILE_NAME
 from minihuman.experiment.machine.inputs import Stop
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.record.disk import GroupCommit
 from minihuman.log.salvage.summary_section import LogSummary, read_summary
 from minihuman.runtime.simulated_session import simulate
+from minihuman.storage.remote_store import (
+    STORE_URL_FILE_NAME,
+    RemoteStoreConflictError,
+    RemoteStoreError,
+    open_remote_store,
+)
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from minihuman.web.arrivals import Arrival, Arrivals, Rejection
 from minihuman.web.connection import HostStorage, start_host
 from minihuman.web.outbox import PageSettings

@@ -1,3 +1,4 @@
+import errno
 import os
 import shutil
 from pathlib import Path
@@ -9,13 +10,20 @@ from click.testing import CliRunner, Result
 from minihuman.admin.enrolment_entries import ParticipantWithdrawn, read_enrolled, read_enrolment_log
 from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.status import format_status
-from minihuman.admin.withdrawal import replace_participant, withdraw_participant
+from minihuman.admin.withdrawal import (
+    ErasureError,
+    find_unfinished_withdrawals,
+    replace_participant,
+    withdraw_participant,
+)
 from minihuman.dataset.caches import list_caches
-from minihuman.dataset.journal import ENROLMENT_FILE_NAME
 from minihuman.dataset.selection import Selection
 from minihuman.errors import AllocationError, LogError
 from minihuman.exporters.exporter import export_study
 from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.storage.remote_store import STORE_URL_FILE_NAME, RemoteStoreError
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
+from minihuman.storage.system import FileSystem, System, use_system
 from tests.disks import fill, small_disk
 from tests.lab.test_next_session import PROTOCOL, play
 
@@ -222,3 +230,50 @@ def test_a_damaged_enrolment_log_erases_nothing(data: Path) -> None:
     with pytest.raises(LogError, match="it was changed"):
         withdraw_participant(data / STUDY, "sub-02", seal=None)
     assert list((data / STUDY / "sub-02").rglob("*.mcap"))
+
+
+class _UnwritableFile(FileSystem):
+    """A disk that does not let go of one file."""
+
+    def unlink(self, path: Path) -> None:
+        if path.suffix == ".mcap":
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+        super().unlink(path)
+
+
+def test_what_cannot_be_erased_is_named_and_status_and_verify_name_the_participant_until_it_is(data: Path) -> None:
+    (data / STUDY / "sub-02" / "scan").write_bytes(b"the rest")
+    log = next((data / STUDY / "sub-02").rglob("*.mcap"))
+    with use_system(System(disk=_UnwritableFile())), pytest.raises(ErasureError) as refused:
+        withdraw_participant(data / STUDY, "sub-02", seal=None)
+    assert "sub-02 has withdrawn, but not all of their data could be erased" in str(refused.value)
+    assert str(log) in str(refused.value)
+    assert [path for path in (data / STUDY / "sub-02").rglob("*") if path.is_file()] == [log]
+    for command in ("status", "verify"):
+        words = typed(command, data / STUDY)
+        assert words.exit_code == 1
+        assert "run `minihuman withdraw sub-02` again" in words.output, command
+    withdraw_participant(data / STUDY, "sub-02", seal=None)
+    assert "sub-02" not in typed("status", data / STUDY).output
+    assert [path.name for path in (data / STUDY).iterdir() if "sub-02" in path.name] == []
+
+
+def test_the_same_archive_is_taken_again_if_it_has_all_of_the_participant(data: Path) -> None:
+    archive = data / "sealed.zip"
+    with use_system(System(disk=_UnwritableFile())), pytest.raises(ErasureError):
+        withdraw_participant(data / STUDY, "sub-02", seal=archive)
+    sealed = archive.read_bytes()
+    assert withdraw_participant(data / STUDY, "sub-02", seal=archive).sealed == archive
+    assert archive.read_bytes() == sealed
+    assert not (data / STUDY / "sub-02").exists()
+
+
+def test_a_store_of_logs_that_is_not_mounted_is_not_taken_for_an_empty_one(data: Path, tmp_path: Path) -> None:
+    (data / STORE_URL_FILE_NAME).write_text(f"{tmp_path / 'share'}\n")
+    with pytest.raises(RemoteStoreError, match="share' cannot be used as a remote store: it is not a folder; mount"):
+        withdraw_participant(data / STUDY, "sub-02", seal=None)
+    assert not (tmp_path / "share").exists()
+    assert list(find_unfinished_withdrawals(data / STUDY))
+    (tmp_path / "share").mkdir()
+    withdraw_participant(data / STUDY, "sub-02", seal=None)
+    assert not list(find_unfinished_withdrawals(data / STUDY))

@@ -13,7 +13,7 @@ from PIL import Image
 
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.log import verify_session
-from minihuman.dataset.sessions import IncludedEpisode
+from minihuman.dataset.included_episodes import IncludedEpisode
 from minihuman.display.windows.window import ScriptedWindow, VirtualClock
 from minihuman.errors import ProtocolError, WorldError
 from minihuman.experiment.activities.block_plans import StimuliSpec

@@ -30,6 +30,7 @@ from minihuman.operating_system import (
     retry_when_shared,
     windows_disposition,
 )
+from minihuman.storage.durable_files import write_atomically
 from tests.counts import PATIENCE_S
 from tests.disks import fill, small_disk
 from tests.log.samples import STARTED_NS, session_plan
@@ -267,11 +268,11 @@ def test_a_file_is_replaced_while_it_is_open_and_its_reader_keeps_the_old_one(tm
 def test_a_file_for_which_the_disk_has_no_room_is_as_it_was(tmp_path: Path) -> None:
     with small_disk(tmp_path, 1 << 16):
         kept, absent = tmp_path / "kept", tmp_path / "absent"
-        operating_system.write_atomically("old", kept)
+        write_atomically("old", kept)
         ballast = fill(tmp_path, but=0)
         for path in (kept, absent):
             with pytest.raises(OSError, match="No space left on device") as refused:
-                operating_system.write_atomically("new" * 10_000, path)
+                write_atomically("new" * 10_000, path)
             assert refused.value.filename == str(path)
         assert {path.name for path in tmp_path.iterdir()} == {"kept", ballast.name}
         assert kept.read_text() == "old"

@@ -11,11 +11,11 @@ import pytest
 from minihuman.admin.enrolment_entries import read_enrolled
 from minihuman.admin.recruitment import IDS_FILE_NAME, PlatformId, Recruitment
 from minihuman.admin.withdrawal import withdraw_participant
-from minihuman.dataset.journal import ARRIVALS_FILE_NAME
 from minihuman.errors import AllocationError
 from minihuman.experiment.machine.events import SessionStarted
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.storage.study_journals import ARRIVALS_FILE_NAME
 from minihuman.web.arrivals import (
     Admission,
     Arrival,

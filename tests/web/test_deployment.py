@@ -19,11 +19,11 @@ import yaml
 from starlette.testclient import TestClient
 from websockets.asyncio.server import serve
 
-from minihuman.admin.remote_store import STORE_URL_FILE_NAME
 from minihuman.cli.command_line import make_command_line
-from minihuman.dataset.journal import URL_FILE_NAME
 from minihuman.errors import ProtocolError
 from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.storage.remote_store import STORE_URL_FILE_NAME
+from minihuman.storage.study_journals import URL_FILE_NAME
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.deployment import Deployment, check, write_deployment
 from minihuman.web.deployment.check import CheckResult, DeploymentCheckError, check_deployment

@@ -9,10 +9,10 @@ import pytest
 from minihuman.admin.enrolment_entries import read_enrolled
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.verify.log import find_log_differences
-from minihuman.dataset.journal import URL_FILE_NAME
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.disk import GroupCommit
+from minihuman.storage.study_journals import URL_FILE_NAME
 from minihuman.web.arrivals import Admission, Arrival, Arrivals
 from minihuman.web.connection import HostStorage, start_host
 from minihuman.web.outbox import PageSettings

@@ -16,12 +16,13 @@ import pytest
 
 from minihuman.admin.enrolment_entries import read_enrolled
 from minihuman.admin.recruitment import Recruitment
-from minihuman.admin.remote_store import STORE_URL_FILE_NAME, sync_logs
+from minihuman.admin.remote_logs import sync_logs
 from minihuman.admin.status import list_problems
 from minihuman.admin.verify.log import find_log_differences, verify_enrolment
-from minihuman.dataset.journal import URL_FILE_NAME
 from minihuman.experiment.machine.events import KeyPressed
 from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.storage.remote_store import STORE_URL_FILE_NAME
+from minihuman.storage.study_journals import URL_FILE_NAME
 from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S, count
 from tests.lab.database import database, fresh

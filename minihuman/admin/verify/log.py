@@ -34,6 +34,7 @@ from minihuman.admin.manifest import find_changed_files
 from minihuman.admin.policies import verify_advice
 from minihuman.admin.session_index import find_double_sessions
 from minihuman.admin.verify.episodes import describe_other_rules, verify_episodes
+from minihuman.admin.withdrawal import find_unfinished_withdrawals
 from minihuman.display.text import is_division
 from minihuman.errors import LogError, MinihumanError
 from minihuman.experiment.activities.activity import WorldFactory
@@ -644,6 +645,8 @@ def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
     ends = {log.name: _read_ends(log) for log, files in sessions if log in files}
     yield from find_incomplete_logs(journal.read(), ends)
     yield from find_slots_without_log(journal.read(), {log.name.partition("_")[0] for log, _ in sessions})
+    for unfinished in find_unfinished_withdrawals(study):
+        yield unfinished, False
     if protocol := _read_protocol(log for log, files in sessions if log in files):
         yield from verify_design_decisions(study, protocol)
     if journal.unchained:

@@ -9,7 +9,7 @@ import tomllib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import Any, ClassVar, Literal, Protocol, TypeVar
 
 import msgspec
 
@@ -17,9 +17,6 @@ from minihuman.errors import ProtocolError
 from minihuman.experiment.activities.pages import ExampleSpec
 from minihuman.experiment.activities.questions.question import QuestionItemSpec
 from minihuman.experiment.protocol.validation_errors import FieldError, select_errors
-
-if TYPE_CHECKING:
-    from minihuman.experiment.protocol.protocol import BlockSpec, GroupSpec
 
 GroupOverrides = dict[str, dict[str, Any]]  # group -> fields that are others for it
 
@@ -82,7 +79,23 @@ class SessionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     completion_code: str = ""  # for who completes it in a browser; "": web.completion_codes.complete
 
 
-Overridable = TypeVar("Overridable", "BlockSpec", PageSpec, QuestionnaireSpec)
+class _Named(Protocol):
+    """What has a name in a protocol file."""
+
+    @property
+    def name(self) -> str: ...
+
+
+class _OverridablePart(Protocol):
+    """A part of a protocol file, some fields of which may be others for a group."""
+
+    __struct_fields__: ClassVar[tuple[str, ...]]
+
+    @property
+    def group_overrides(self) -> GroupOverrides: ...
+
+
+Overridable = TypeVar("Overridable", bound=_OverridablePart)
 
 
 def apply_overrides(part: Overridable, group: str) -> Overridable:
@@ -319,7 +332,7 @@ NAME_PATTERN = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 NAME_RULE = "use lower-case letters, digits, '-' and '_'"
 
 
-def check_names(field: str, named: Sequence["GroupSpec | BlockSpec | DeviceSpec"]) -> list[FieldError]:
+def check_names(field: str, named: Sequence[_Named]) -> list[FieldError]:
     """Every (path, complaint) about the names of what a field of the protocol holds."""
     names = [one.name for one in named]
     found = []

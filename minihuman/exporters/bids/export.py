@@ -10,8 +10,9 @@ from typing import Any
 
 from minihuman import __version__
 from minihuman.dataset.annotations import annotations_path
+from minihuman.dataset.included_episodes import IncludedEpisodes
 from minihuman.dataset.selection import SelectedSession
-from minihuman.dataset.sessions import IncludedEpisodes, StudySessions
+from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.table_files import write_tables

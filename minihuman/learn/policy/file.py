@@ -26,7 +26,7 @@ from minihuman.learn.policy.network import (
     build_policy,
 )
 from minihuman.learn.policy.observation import ObservationEncoder
-from minihuman.operating_system import replace_when_written, sync_file
+from minihuman.storage.durable_files import UNFINISHED_SUFFIX, replace_durably
 
 FORMAT = 1
 MAX_FILE_BYTES = 2**25
@@ -186,10 +186,8 @@ def save_atomically(value: Any, path: Path) -> None:
     """
     content = io.BytesIO()  # a disk that is full is a RuntimeError to torch
     torch.save(value, content)
-    with replace_when_written(path) as unfinished, unfinished.open("wb") as file:
+    with replace_durably(path, path.with_name(path.name + UNFINISHED_SUFFIX)) as file:
         file.write(content.getbuffer())
-        file.flush()
-        sync_file(file.fileno())
 
 
 def read_checkpoint(checkpoint: Path) -> dict[str, Any]:

@@ -32,7 +32,7 @@ from minihuman.learn.teaching.dataset import (
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 from minihuman.log.model.teaching_events import CorrectionRecord
 from minihuman.log.read.session_reader import read_log
-from minihuman.operating_system import hash_file
+from minihuman.storage.durable_files import hash_file
 from minihuman.worlds.adapters.world import World
 
 VIEW = ObservationEncoder(missions=False)

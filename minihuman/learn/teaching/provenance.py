@@ -19,7 +19,7 @@ from minihuman.learn.policy.network import Policy
 from minihuman.learn.policy.observation import get_image_shape
 from minihuman.learn.teaching.dataset import Dataset
 from minihuman.learn.teaching.learner import LearningRequest, LearningResult, choose_encoder, make_learner
-from minihuman.operating_system import hash_file
+from minihuman.storage.durable_files import hash_file
 
 UNLIMITED_S = float("inf")
 PACKAGE = Path(minihuman.__file__).parent

@@ -23,10 +23,11 @@ from pathlib import Path
 
 from minihuman.errors import LogError
 from minihuman.experiment.plan.session_plan import EpisodePlan
-from minihuman.log.record.file_lock import is_file_at
 from minihuman.log.record.live_log import AppendBlock
-from minihuman.log.system import current_system, sync_folder
 from minihuman.operating_system import lock_descriptor, open_file, read_at, sync_file, sync_file_system
+from minihuman.storage.durable_files import sync_folder
+from minihuman.storage.locks import is_file_at
+from minihuman.storage.system import current_system
 
 STEP_BYTES = 2_048  # a step with its key events, frame and pose takes about 900 bytes live; twice that, to be safe
 OBSERVATION_BYTES = 32_768  # a picture of 80 x 60 is in a live log twice, as PNG of up to 15,000 bytes

@@ -10,8 +10,9 @@ from pathlib import Path
 
 from minihuman.errors import LogError
 from minihuman.log.paths import SegmentPath
-from minihuman.log.system import current_system, sync_folder
-from minihuman.operating_system import lock_descriptor
+from minihuman.storage.durable_files import sync_folder
+from minihuman.storage.locks import is_file_at, lock_file
+from minihuman.storage.system import current_system
 
 
 def create_live_file(where: SegmentPath) -> int:
@@ -125,30 +126,3 @@ def is_being_recorded(part: Path) -> bool:
             return False
     except LogError:
         return part.exists()
-
-
-def lock_file(fd: int, path: Path, *, wait: bool = True) -> None:
-    """Lock an open file.
-
-    Raises:
-        BlockingIOError: if another process holds the lock, and ``wait`` is false.
-        LogError: if its file system has no locks.
-    """
-    try:
-        lock_descriptor(fd, wait=wait)
-    except BlockingIOError:
-        raise
-    except OSError as error:
-        raise LogError(
-            f"{path} cannot be locked ({error.strerror}), so two machines could write to it at the same time; "
-            "choose a data folder on a file system that supports locks, such as a local disk"
-        ) from error
-
-
-def is_file_at(fd: int, path: Path) -> bool:
-    """Say whether an open file is the one at a path."""
-    try:
-        there = os.stat(path)
-    except (FileNotFoundError, NotADirectoryError):
-        return False
-    return os.path.samestat(os.fstat(fd), there)

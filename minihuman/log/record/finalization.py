@@ -31,7 +31,8 @@ from minihuman.log.record.file_lock import hold_leftover, is_being_recorded
 from minihuman.log.record.live_log import LIBRARY_NAME
 from minihuman.log.salvage.records import LogMessage
 from minihuman.log.salvage.scan import LogScanner, MissingMessages
-from minihuman.log.system import current_system, sync_folder, write_durably
+from minihuman.storage.durable_files import sync_folder, write_durably
+from minihuman.storage.system import current_system
 
 UNNUMBERED = 0  # the sequence of a preview
 UNFINISHED_SUFFIX = ".finishing"  # of a log until it has its name

@@ -27,8 +27,9 @@ from minihuman.log.record.live_log import LiveLogEncoder
 from minihuman.log.record.recorder import Recorder
 from minihuman.log.salvage.records import LogMessage
 from minihuman.log.salvage.scan import LogScanner
-from minihuman.log.system import current_system, write_again
 from minihuman.log.topics import RARE_TOPICS
+from minihuman.storage.durable_files import write_again
+from minihuman.storage.system import current_system
 
 _SETTINGS = RecorderSettings()
 _TORN = re.compile(r"cut off at byte (\d+)")

@@ -26,12 +26,13 @@ from websockets.exceptions import WebSocketException
 from websockets.typing import Origin
 
 from minihuman.admin.recruitment import Recruitment, hash_link_token
-from minihuman.admin.remote_store import STORE_URL_FILE_NAME, sync_logs
+from minihuman.admin.remote_logs import sync_logs
 from minihuman.admin.verify.log import find_log_differences
-from minihuman.dataset.journal import URL_FILE_NAME
 from minihuman.errors import MinihumanError
 from minihuman.experiment.machine.events import KeyPressed
 from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.storage.remote_store import STORE_URL_FILE_NAME
+from minihuman.storage.study_journals import URL_FILE_NAME
 from minihuman.web.messages import MESSAGE_VERSION
 from minihuman.worlds.adapters.world import World
 

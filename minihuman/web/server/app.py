@@ -21,10 +21,10 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from minihuman.admin.lease import RENEWAL_INTERVAL_S, TTL_S, LeaseLostError
 from minihuman.errors import MinihumanError
-from minihuman.log.system import monotonic_s
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts
+from minihuman.storage.lease import RENEWAL_INTERVAL_S, TTL_S, LeaseLostError
+from minihuman.storage.system import monotonic_s
 from minihuman.web import messages
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.connection import Connection, ConnectionFactory

@@ -34,11 +34,11 @@ from starlette.routing import Mount, Route, Router
 from minihuman.admin.due import DueSession, list_due_sessions
 from minihuman.admin.session_index import SessionRow, read_session_index
 from minihuman.admin.status import list_problems
-from minihuman.dataset.journal import ENROLMENT_FILE_NAME
 from minihuman.errors import MinihumanError
 from minihuman.experiment.machine.events import FINAL_END_REASONS
 from minihuman.log.paths import PART_SUFFIX, require_folder
 from minihuman.log.record.file_lock import is_being_recorded
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from minihuman.web.server.app import HeaderMiddleware
 from minihuman.web.server.process import HOST, open_listening_socket
 

@@ -13,11 +13,12 @@ from pathlib import Path
 
 import uvicorn
 
-from minihuman.admin.lease import SessionLeases, open_lease_table
 from minihuman.errors import LogError, MinihumanError, ProtocolError
 from minihuman.experiment.activities.activity import find_kind
 from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.log.record.session_leases import SessionLeases
 from minihuman.operating_system import claim_address, exit_when_terminated
+from minihuman.storage.lease import open_lease_table
 from minihuman.web.arrivals import Arrivals, build_link, build_platform_link
 from minihuman.web.messages import MAX_MESSAGE_BYTES
 from minihuman.web.server.app import WebServer

@@ -1,16 +1,14 @@
-"""Journals in a PostgreSQL database, for stations and servers on several machines; and the connection to it."""
+"""Journals in a PostgreSQL database, for stations and servers on several machines."""
 
-import os
-import socket
-import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any, Generic, TypeVar
 
 import msgspec
 import psycopg
 
-from minihuman.dataset.journal import Journal, LineChain, LineDecoder, LinesRead, LockedJournal
+from minihuman.storage.database import Database, JournalDatabaseError
+from minihuman.storage.journal import Journal, LineChain, LineDecoder, LinesRead, LockedJournal
 
 Line = TypeVar("Line")
 _TABLES = """
@@ -29,97 +27,8 @@ _ADD = """
 insert into minihuman_lines (journal, number, line)
 select %s, number, line from unnest(%s::bigint[], %b::bytea[]) as added (number, line)
 """
-_CREATE_TABLES_LOCK = 0x6D68
-_CONNECT_TIMEOUT_S = 5
 _HOLD_TIMEOUT_S = 20.0  # so long a journal may be held: a slot is taken and a session planned meanwhile
 _Asking = Callable[[], AbstractContextManager["psycopg.Cursor[Any]"]]
-
-
-class JournalDatabaseError(OSError):
-    """The database that holds a study's journals cannot be asked."""
-
-
-class Database:
-    """A connection to a database, made when it is needed, and made again after it was lost.
-
-    A network that swallows what is sent breaks no connection by itself. So a transaction that takes too long is cut
-    off: here, where somebody waits for the answer, and in the database, where others wait for its locks.
-
-    Args:
-        url: as libpq has it: postgresql://user@host/database.
-        tables: SQL that makes the tables where there are none.
-        purpose: what it is for, in errors: "the database of ...".
-        timeout_s: how long a transaction may take.
-    """
-
-    def __init__(self, url: str, tables: str, purpose: str, *, timeout_s: float) -> None:
-        self._url, self._tables, self._purpose, self._timeout_s = url, tables, purpose, timeout_s
-        self._guard = threading.RLock()
-        self._connection: psycopg.Connection[Any] | None = None
-
-    @contextmanager
-    def transaction(self) -> Iterator["psycopg.Cursor[Any]"]:
-        """A transaction; other threads wait.
-
-        Raises:
-            JournalDatabaseError: if the database cannot be asked; whether it was committed is then unknown.
-        """
-        with self.ask() as cursor, cursor.connection.transaction():
-            yield cursor
-
-    @contextmanager
-    def ask(self) -> Iterator["psycopg.Cursor[Any]"]:
-        """A cursor on which every statement is committed by itself; other threads wait.
-
-        Raises:
-            JournalDatabaseError: if the database cannot be asked; whether it was committed is then unknown.
-        """
-        with self._guard:
-            try:
-                connection = self._connected()
-                with self._cut_off_late(connection), connection.cursor() as cursor:
-                    yield cursor
-            except psycopg.Error as error:
-                self.close()
-                said = " ".join(str(error).split())  # in lines
-                raise JournalDatabaseError(
-                    f"the database of {self._purpose} cannot be queried: {said}; check that it is running and reachable"
-                ) from error
-
-    def close(self) -> None:
-        """Let go of the connection; it is made again when it is needed."""
-        with self._guard:
-            if self._connection is not None:
-                self._connection.close()
-                self._connection = None
-
-    def _connected(self) -> "psycopg.Connection[Any]":
-        if self._connection is None or self._connection.closed:
-            made = psycopg.connect(self._url, autocommit=True, connect_timeout=_CONNECT_TIMEOUT_S)
-            self._connection = made
-            with self._cut_off_late(made), made.transaction(), made.cursor() as cursor:
-                limit_ms = str(round(self._timeout_s * 1000))
-                cursor.execute("select set_config('idle_in_transaction_session_timeout', %s, false)", [limit_ms])
-                cursor.execute("select pg_advisory_xact_lock(%s)", [_CREATE_TABLES_LOCK])
-                cursor.execute(self._tables)
-        return self._connection
-
-    @contextmanager
-    def _cut_off_late(self, connection: "psycopg.Connection[Any]") -> Iterator[None]:
-        timer = threading.Timer(self._timeout_s, _shut, [connection])
-        timer.daemon = True
-        timer.start()
-        try:
-            yield
-        finally:
-            if not timer.is_alive():  # it shut the connection, after the last answer: the next call makes another
-                self.close()
-            timer.cancel()
-
-
-def _shut(connection: "psycopg.Connection[Any]") -> None:
-    with suppress(OSError, psycopg.Error), socket.socket(fileno=os.dup(connection.fileno())) as line:
-        line.shutdown(socket.SHUT_RDWR)
 
 
 class PostgresJournal(Journal[Line], Generic[Line]):
@@ -142,7 +51,9 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         chained: bool = False,
         declaration: Line | None = None,
     ) -> None:
-        self._name, self._decode, self._chained = name, decode, chained
+        self._name = name
+        self._decode = decode
+        self._chained = chained
         self._declaration = declaration
         self._chain = LineChain(name)
         self._database = Database(url, _TABLES, name, timeout_s=_HOLD_TIMEOUT_S)
@@ -174,14 +85,14 @@ class PostgresJournal(Journal[Line], Generic[Line]):
             chain = self._chain.copy() if self._chained else None
             yield _LockedRows(cursor, self._name, self._last, lines, self._declaration, chain)
 
-    def keep(self, wanted: Callable[[bytes], bool]) -> None:
+    def keep(self, is_kept: Callable[[bytes], bool]) -> None:
         """Delete the others; readers read everything again."""
         with self._asking(self._database.transaction) as cursor:
             self._locked(cursor)
             rows = cursor.execute(
                 "select number, line from minihuman_lines where journal = %s", [self._name]
             ).fetchall()
-            out = [number for number, line in rows if not wanted(bytes(line))]
+            out = [number for number, line in rows if not is_kept(bytes(line))]
             if out:
                 delete = "delete from minihuman_lines where journal = %s and number = any(%s)"
                 cursor.execute(delete, [self._name, out])
@@ -203,22 +114,25 @@ class PostgresJournal(Journal[Line], Generic[Line]):
 
     def _read_on(self, cursor: "psycopg.Cursor[Any]", generation: int) -> Sequence[Line]:
         if generation != self._generation:
-            self._generation, self._last, self._lines = generation, 0, []
+            self._generation = generation
+            self._last = 0
+            self._lines = []
             self._chain = LineChain(self._name)
         ask = "select number, line from minihuman_lines where journal = %s and number > %s order by number"
         for number, line in cursor.execute(ask, [self._name, self._last]).fetchall():
             chain = self._chain.copy()
-            whole = chain.open(bytes(line), number) if self._chained else bytes(line)
-            found = self._decode(whole, number) if whole else None
-            if found is not None:
-                self._lines.append(found)
-            self._last, self._chain = number, chain
+            content = chain.open(bytes(line), number) if self._chained else bytes(line)
+            decoded = self._decode(content, number) if content else None
+            if decoded is not None:
+                self._lines.append(decoded)
+            self._last = number
+            self._chain = chain
         return LinesRead(self._lines)
 
     @contextmanager
-    def _asking(self, how: "_Asking") -> Iterator["psycopg.Cursor[Any]"]:
+    def _asking(self, ask: "_Asking") -> Iterator["psycopg.Cursor[Any]"]:
         try:
-            with how() as cursor:
+            with ask() as cursor:
                 yield cursor
         except JournalDatabaseError:
             self._generation = -1  # what was read may have been undone
@@ -236,7 +150,10 @@ class _LockedRows(LockedJournal[Line]):
         chain: LineChain | None,
     ) -> None:
         super().__init__(lines, declaration)
-        self._cursor, self._name, self._last, self._chain = cursor, name, last, chain
+        self._cursor = cursor
+        self._name = name
+        self._last = last
+        self._chain = chain
 
     def _write(self, lines: tuple[Line, ...]) -> None:
         """Insert them; they last when the transaction has ended."""

@@ -11,13 +11,10 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from io import BufferedWriter, RawIOBase
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from minihuman import operating_system
-from minihuman.errors import name_file_in_errors
-from minihuman.operating_system import read_at
 
 
 class FileSystem:
@@ -50,6 +47,18 @@ class FileSystem:
         """Remove a file."""
         operating_system.remove_file(path)
 
+    def link(self, source: Path, target: Path) -> None:
+        """Give a file a second name; FileExistsError where there is a file of that name."""
+        os.link(source, target)
+
+    def make_folder(self, folder: Path) -> None:
+        """Make a folder, and those above that are not there; one that is there stays."""
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def remove_folder(self, folder: Path) -> None:
+        """Remove an empty folder."""
+        folder.rmdir()
+
     def sync_folder(self, folder: Path) -> None:
         """Make a folder's entries durable, where the system can: a new or renamed file is safe only when they are."""
         operating_system.sync_folder(folder)
@@ -59,11 +68,11 @@ class SystemClock:
     """Both of a machine's clocks; a subclass may let the wall clock jump."""
 
     def wall_ns(self) -> int:
-        """The wall clock, ns since 1970; it is set now and then."""
+        """Read the wall clock, ns since 1970; it is set now and then."""
         return time.time_ns()
 
     def monotonic_ns(self) -> int:
-        """A clock that never goes back, from an arbitrary zero."""
+        """Read a clock that never goes back, from an arbitrary zero."""
         return time.perf_counter_ns()
 
 
@@ -86,7 +95,7 @@ _SYSTEM: ContextVar[System] = ContextVar("system", default=System())  # noqa: B0
 
 
 def current_system() -> System:
-    """The machine's, or what ``use_system`` put in its place."""
+    """Return the machine's system, or what ``use_system`` put in its place."""
     return _SYSTEM.get()
 
 
@@ -100,75 +109,11 @@ def use_system(system: System) -> Iterator[None]:
         _SYSTEM.reset(before)
 
 
-def sync_folder(folder: Path) -> None:
-    """Make a folder's entries durable.
-
-    Raises:
-        OSError: if it cannot be done; it names the folder.
-    """
-    with name_file_in_errors(folder):
-        current_system().disk.sync_folder(folder)
-
-
 def wall_time() -> datetime:
-    """The wall clock's time, UTC."""
+    """Return the wall clock's time, UTC."""
     return datetime.fromtimestamp(current_system().clock.wall_ns() / 1e9, UTC)
 
 
 def monotonic_s() -> float:
-    """The monotonic clock, seconds."""
+    """Read the monotonic clock, in seconds."""
     return current_system().clock.monotonic_ns() / 1e9
-
-
-class _RawFile(RawIOBase):
-    def __init__(self, fd: int, disk: FileSystem) -> None:
-        self._fd, self._disk = fd, disk
-
-    def writable(self) -> bool:
-        return True
-
-    def fileno(self) -> int:
-        return self._fd
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        return os.lseek(self._fd, offset, whence)
-
-    def write(self, data: Any) -> int:
-        return self._disk.write(self._fd, memoryview(data))
-
-    def close(self) -> None:
-        if not self.closed:
-            super().close()
-            os.close(self._fd)
-
-
-@contextmanager
-def write_durably(path: Path, mode: int = 0o644) -> Iterator[BufferedWriter]:
-    """Make or replace a file's content; all of it is durable on exit, but not yet its name in its folder."""
-    disk = current_system().disk
-    raw = _RawFile(disk.open(path, os.O_CREAT | os.O_TRUNC | os.O_WRONLY, mode), disk)
-    with BufferedWriter(cast(Any, raw)) as file:
-        yield file
-        file.flush()
-        disk.sync(raw.fileno())
-
-
-def write_again(path: Path, *, begin: int = 0) -> None:
-    """Write a file's bytes from ``begin`` on once more, as they are, and make them durable.
-
-    Where an fsync failed, the system may show bytes that the disk lacks, and later fsyncs pass them over: only what is
-    written anew reaches the disk. The caller holds the file's lock.
-
-    Raises:
-        OSError: if it cannot be done; it names the file.
-    """
-    disk = current_system().disk
-    with name_file_in_errors(path):
-        fd = disk.open(path, os.O_RDWR)
-        try:
-            os.lseek(fd, begin, os.SEEK_SET)
-            while piece := read_at(fd, 1 << 20, begin):
-                begin += disk.write(fd, piece)
-            disk.sync(fd)
-        finally:
-            os.close(fd)

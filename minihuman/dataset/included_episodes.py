@@ -1,0 +1,100 @@
+"""What an exporter receives: the included episodes one by one, rows session by session, or the rows in a store."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from minihuman.dataset.selection import SelectedSession
+from minihuman.dataset.sessions import SessionRows, StudySessions, build_episode_facts
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
+
+if TYPE_CHECKING:
+    from minihuman.dataset.store import StudyStore
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IncludedEpisode:
+    """One episode that counts, and the session it belongs to."""
+
+    log: SessionLog
+    episode: EpisodeLog
+    stored_frames: bool = False  # take the observations that the log holds, do not play them again
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What travels with every exported episode: who, under which rule, with which keys, and how it ended.
+
+        ``session``, ``segment``, ``episode`` and ``attempt`` count from 1, as in the tables: they join with them.
+        """
+        return build_episode_facts(self.log, self.episode) | {"options": dict(self.episode.plan.options)}
+
+
+class IncludedEpisodes:
+    """The episodes that an export takes. To be gone through once, in one of two ways.
+
+    Args:
+        sessions: where they are, and what counts of them.
+        taken: called with each episode's log and facts as it is taken.
+        stored_frames: whether observations are those that the logs hold.
+    """
+
+    def __init__(
+        self,
+        sessions: StudySessions,
+        *,
+        taken: Callable[[Path, Mapping[str, Any]], None] = lambda path, facts: None,
+        stored_frames: bool = False,
+    ) -> None:
+        self.sessions = sessions
+        self._taken = taken
+        self._stored_frames = stored_frames
+
+    def __iter__(self) -> Iterator[IncludedEpisode]:
+        """One episode that counts after the other, one session in memory at a time.
+
+        Raises:
+            LogError: if the source does not exist, or is a single log that cannot be read.
+        """
+        for counted in self.sessions:
+            for episode in counted.episodes:
+                item = IncludedEpisode(counted.session, episode, self._stored_frames)
+                self._taken(counted.log.path, item.facts)
+                yield item
+
+    def counted(self) -> Iterator[SelectedSession]:
+        """Every session that is asked for, one in memory at a time, with what counts of it and what does not.
+
+        Raises:
+            LogError: if the source does not exist, or is a single log that cannot be read.
+        """
+        for counted in self.sessions:
+            if counted.wanted:
+                for episode in counted.episodes:
+                    self._taken(counted.log.path, build_episode_facts(counted.log, episode))
+                yield counted
+
+    def rows(self) -> Iterator[SessionRows]:
+        """Every session's rows of every table, several read side by side; what does not count has its reason there.
+
+        Raises:
+            LogError: if the source does not exist, or is a single log that cannot be read.
+            ReportError: if a protocol excludes by a measure that there is not.
+        """
+        for found in self.sessions.rows(with_shortest=False):
+            for facts in found.facts:
+                self._taken(found.path, facts)
+            yield found
+
+    def store(self) -> "StudyStore":
+        """The same rows kept in a file, those of many sessions together; to be used in a ``with``.
+
+        Raises:
+            LogError, ReportError: as ``rows``.
+        """
+        from minihuman.dataset.store import StudyStore  # a station does without tables
+
+        store = StudyStore(self.sessions, with_shortest=False)
+        for path, facts in store.facts():
+            self._taken(path, facts)
+        return store

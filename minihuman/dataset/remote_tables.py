@@ -1,0 +1,147 @@
+"""Keep the tables of a study's sessions in the remote store that ``tables.url`` names, and bring them from there.
+
+Without such a file no tables are stored. A table's rows of a session are a Parquet file with their digest in its name,
+so a list of names tells what is stored already, and machines that store tables at the same time need no lock.
+"""
+
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Set
+from contextlib import suppress
+from pathlib import Path
+
+from minihuman.dataset.log_files import read_withdrawn_codes
+from minihuman.dataset.table_columns import TablePartition
+from minihuman.errors import LogError
+from minihuman.storage.remote_store import (
+    TABLES_URL_FILE_NAME,
+    FolderStore,
+    RemoteStore,
+    RemoteStoreConflictError,
+    RemoteStoreError,
+    fetch_temporarily,
+    open_store_url,
+)
+
+
+def store_tables(study_dir: Path, *, say: Callable[[str], None] = lambda line: None) -> tuple[int, int] | None:
+    """Put the tables of a study's sessions into the store that ``tables.url`` names, and remove the rows they replace.
+
+    What is stored already is neither written nor read. The rows of sessions that this machine does not have stay, but
+    those of participants who withdrew go. Cut short and done again, it does the rest.
+
+    Args:
+        study_dir: the study's folder.
+        say: called with a line about each log that cannot be read: its tables stay as they are.
+
+    Returns:
+        How many files were stored and how many removed; None where there is no ``tables.url``.
+
+    Raises:
+        OSError: if the enrolment log cannot be read.
+        LogError: if there is no such folder, or it holds sessions of another study.
+        RemoteStoreError: if the store cannot be reached.
+    """
+    from minihuman.dataset.sessions import StudySessions  # a station does without tables
+    from minihuman.dataset.store import StudyStore
+    from minihuman.dataset.table_files import list_partitions, write_partitions
+
+    store = _open_tables(study_dir)
+    if store is None:
+        return None
+    study_dir = study_dir.absolute()
+    stored = _list_partitions(store, study_dir.name)
+    sessions = StudySessions(study_dir, say=say)
+    with StudyStore(sessions, with_shortest=False) as tables, tempfile.TemporaryDirectory() as folder:
+        partitions = list_partitions(tables)
+        _require_study(study_dir, partitions)
+        new = {partition: number for partition, number in partitions.items() if partition not in stored}
+        for partition, path in write_partitions(tables, new, Path(folder)):
+            with suppress(RemoteStoreConflictError):  # another machine has just stored the same rows
+                store.put(partition.name, path)
+            path.unlink()
+    stale = list(_find_stale(stored | new.keys(), partitions.keys(), read_withdrawn_codes(study_dir)))
+    for partition in stale:
+        store.remove(partition.name)
+    return len(new), len(stale)
+
+
+def _require_study(study_dir: Path, partitions: Iterable[TablePartition]) -> None:
+    other_studies = {partition.study for partition in partitions} - {study_dir.name}
+    if other_studies:
+        raise LogError(
+            f"{study_dir} holds sessions of the study {min(other_studies)!r}; name the folder like the study, so that "
+            "`minihuman withdraw` finds a participant's tables"
+        )
+
+
+def _find_stale(
+    stored: Set[TablePartition], local: Set[TablePartition], withdrawn: Set[str]
+) -> Iterator[TablePartition]:
+    """Yield what is stored of participants who withdrew, and of sessions that have other rows here."""
+    local_sessions = {partition.of_session for partition in local}
+    for partition in stored:
+        is_replaced = partition.of_session in local_sessions and partition not in local
+        if partition.participant in withdrawn or is_replaced:
+            yield partition
+
+
+def fetch_tables(source: str, folder: Path) -> tuple[int, int]:
+    """Have the same tables in a folder as in the store; how many files came and how many were removed.
+
+    Args:
+        source: a study's folder, which need not exist, beside ``tables.url``; or a store, whose studies all come.
+        folder: the folder. Other files in it stay.
+
+    Raises:
+        RemoteStoreError: if the store cannot be reached.
+    """
+    local_store = FolderStore(folder)
+    store = _open_tables(Path(source))
+    study = Path(source).absolute().name
+    if store is None:
+        store = open_store_url(source, may_be_new=False)
+        study = ""
+    local = _list_partitions(local_store, study)
+    stored = _list_partitions(store, study)
+    if not stored:  # a wrong address would empty the folder
+        raise RemoteStoreError(
+            f"{source} has no tables; give another address, run `minihuman gather` where the logs are, or, if all "
+            f"participants withdrew, delete the tables in {folder}"
+        )
+    for partition in stored - local:
+        with fetch_temporarily(store, partition.name) as path:
+            local_store.put(partition.name, path)
+    for partition in local - stored:
+        local_store.remove(partition.name)
+    return len(stored - local), len(local - stored)
+
+
+def delete_remote_tables(study_dir: Path, code: str) -> int | None:
+    """Delete a participant's tables from the store that ``tables.url`` names.
+
+    Returns:
+        How many files; None where there is no ``tables.url``.
+
+    Raises:
+        RemoteStoreError: if that cannot be.
+    """
+    store = _open_tables(study_dir)
+    if store is None:
+        return None
+    stored = _list_partitions(store, study_dir.absolute().name)
+    names = [partition.name for partition in stored if partition.participant == code]
+    store.erase(code, names)
+    return len(names)
+
+
+def _open_tables(study_dir: Path) -> RemoteStore | None:
+    path = study_dir.absolute().parent / TABLES_URL_FILE_NAME
+    if not path.is_file():
+        return None
+    return open_store_url(path.read_text(encoding="utf-8").strip(), may_be_new=False)  # a share may not be mounted
+
+
+def _list_partitions(store: RemoteStore, study: str) -> set[TablePartition]:
+    """The partitions in a store, of one study or, for "", of all; whatever version of minihuman made them."""
+    partitions = map(TablePartition.parse, store.names(""))
+    return {partition for partition in partitions if partition is not None and study in ("", partition.study)}

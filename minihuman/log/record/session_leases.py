@@ -1,0 +1,261 @@
+"""Lease a session to the server that hosts it, and bring its live log to the state that the last holder acknowledged.
+
+The holder renews its lease, and with it copies what it has recorded to the database. It acknowledges no input that is
+not copied, and none once it has not renewed for a while. A server that finds a session leased waits until the holder
+hands it over, or the lease has run out; then it takes the copy, and the page sends it what was not acknowledged.
+"""
+
+import os
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from minihuman.log.paths import PART_SUFFIX, study_folder
+from minihuman.log.record.finalization import (
+    UNFINISHED_SUFFIX,
+    FinalizedLog,
+    NotPublishedError,
+    find_leftovers,
+    put_aside,
+    recover_log,
+)
+from minihuman.storage.durable_files import replace_durably
+from minihuman.storage.lease import (
+    TTL_S,
+    LeaseGrant,
+    LeaseHeldError,
+    LeaseLostError,
+    LeaseRenewal,
+    LeaseTable,
+    LogPiece,
+)
+from minihuman.storage.system import current_system, monotonic_s
+
+SAFETY_MARGIN_S = 2.0  # before the lease runs out: from here on nothing is acknowledged
+SUPERSEDED = "superseded"  # in the name of a file that is another server's now
+
+
+@dataclass(slots=True, eq=False)
+class Lease:
+    """A lease, as its holder knows it."""
+
+    session: str
+    grant: LeaseGrant
+    renewed_s: float  # on the holder's clock, before the database was asked
+    lost: bool = False
+    wanted: bool = False  # another server wants the session
+    copied_writes: int = -1  # of the recorder; -1: the copy may lack what an earlier holder recorded
+    _ended: bool = False  # its session has, and nobody may resume it
+    _copied: dict[str, int] = field(default_factory=dict)  # bytes, by file
+    _find_part: Callable[[], Path | None] = lambda: None
+    _count_writes: Callable[[], int] = lambda: 0
+
+    def count_acknowledgeable(self, now_s: float) -> int:
+        """How many of the recorder's writes may be acknowledged; -1: not even what was there before."""
+        is_held = not self.lost and now_s < self.renewed_s + TTL_S - SAFETY_MARGIN_S
+        return self.copied_writes if is_held else -1
+
+    def follow(self, find_part: Callable[[], Path | None], count_writes: Callable[[], int]) -> None:
+        """Copy a live log from now on.
+
+        Args:
+            find_part: where it is; None before there is one.
+            count_writes: how many of the recorder's writes are durable.
+        """
+        self._find_part = find_part
+        self._count_writes = count_writes
+        self._copied = {}  # all of it once more: a torn end was taken off, and there may be more since
+
+    def _read(self) -> tuple[LogPiece | None, int]:
+        """What is not copied yet, and how many writes are durable with it."""
+        writes = self._count_writes()  # first: these are in the file
+        part = self._find_part()
+        if part is None:
+            return None, writes
+        copied = self._copied.get(part.name, 0)
+        with suppress(FileNotFoundError), part.open("rb") as file:
+            file.seek(copied)
+            recorded = file.read()
+            if recorded:
+                return LogPiece(part.name, copied, recorded), writes
+        return None, writes
+
+    def _confirm(self, piece: LogPiece | None, writes: int) -> None:
+        self.copied_writes = writes
+        if piece is not None:
+            self._copied[piece.file] = piece.start + len(piece.data)
+
+
+class SessionLeases:
+    """The leases of one server. Every method but ``count_acknowledgeable`` may wait for the database or the disk.
+
+    Args:
+        table: the database's.
+        clock: monotonic, seconds.
+    """
+
+    def __init__(self, table: LeaseTable, *, clock: Callable[[], float] = monotonic_s) -> None:
+        self._table = table
+        self._clock = clock
+        self._guard = threading.RLock()  # a copy grows at its end: one at a time
+
+    def acquire(self, session: str) -> Lease:
+        """Lease a session: "study/sub-07/ses-01".
+
+        Raises:
+            LeaseHeldError: if another server has it, or did within ``TTL_S``.
+            OSError: if the database cannot be asked.
+        """
+        began_s = self._clock()
+        grant = self._table.acquire(session)
+        if grant is None:
+            raise LeaseHeldError(
+                f"{session} is running on another server, which has been asked to hand it over; try again in a moment"
+            )
+        return Lease(session, grant, began_s)
+
+    def restore(self, lease: Lease, folder: Path) -> None:
+        """Bring the files of a session to the state that the last holder acknowledged; what is here is kept aside.
+
+        Raises:
+            OSError: if the database cannot be asked, or the folder cannot be written.
+        """
+        if not lease.grant.copied:
+            return
+        copies = self._table.read_files(lease.session)
+        for part in folder.glob(f"*{PART_SUFFIX}"):
+            if part.name not in copies:
+                put_aside(part, SUPERSEDED)
+        for name, copy in copies.items():
+            path = folder / name
+            log = path.with_suffix("")
+            if name.endswith(PART_SUFFIX) and log.name not in copies and log.exists():
+                put_aside(log, SUPERSEDED)  # the first segment was finished here, and then another server went on
+            if _holds_copy(path, copy):
+                continue
+            if path.exists():
+                put_aside(path, SUPERSEDED)
+            with replace_durably(path, path.with_name(f".{name}.restored"), new_folders=3) as file:
+                file.write(copy)
+            copied_ns = current_system().clock.wall_ns() - round(lease.grant.idle_s * 1e9)
+            os.utime(path, ns=(copied_ns, copied_ns))
+
+    def recover(self, part: Path, *, only_ended: bool = False) -> FinalizedLog | None:
+        """Finish a live file that a killed server left, under the session's lease and with all that was acknowledged.
+
+        Args:
+            part: the file.
+            only_ended: leave a session that can be resumed as it is.
+
+        Returns:
+            The log; None where there is none to finish: another server has gone on, and the file was put aside.
+
+        Raises:
+            LeaseHeldError: if the session runs on another server.
+            OSError: if the database cannot be asked, or a file cannot be read or written; the file stays.
+            LogError: if the log cannot be finished.
+        """
+        lease = self.acquire(f"{study_folder(part).name}/{part.parent.parent.name}/{part.parent.name}")
+        try:
+            if not lease.grant.ended and not only_ended:
+                self.restore(lease, part.parent)
+            elif lease.grant.ended and self._table.read_files(lease.session).get(part.name) != part.read_bytes():
+                put_aside(part, SUPERSEDED)
+            if not part.exists() and not lease.grant.ended:  # finish what the other server left, as it is here now
+                part = next(iter(find_leftovers(part.parent)), part)
+            if not part.exists() or (only_ended and not lease.grant.ended):
+                return None
+            if not lease.grant.ended:
+                return recover_log(part, lambda log: self.publish(lease, log))
+            finished = recover_log(part)  # the copy stays until then: it says whose session it is
+            with suppress(OSError):
+                self.store(lease, None)
+            return finished
+        finally:
+            self.release(lease)
+
+    def renew(self, leases: Sequence[Lease]) -> None:
+        """Renew leases, and copy what was recorded since.
+
+        Raises:
+            OSError: if the database cannot be asked.
+        """
+        with self._guard:
+            began_s = self._clock()
+            pieces = [(lease, *lease._read()) for lease in leases if not lease._ended]
+            renewals = [LeaseRenewal(lease.session, lease.grant.fence, piece) for lease, piece, _ in pieces]
+            wanted_by_session = self._table.renew(renewals)
+            for lease, piece, writes in pieces:
+                lease.lost = lease.session not in wanted_by_session
+                if not lease.lost:
+                    lease.renewed_s = began_s
+                    lease.wanted = wanted_by_session[lease.session]
+                    lease._confirm(piece, writes)
+
+    def end(self, lease: Lease, reason: str) -> None:
+        """Copy the rest, and say that the session has ended; with a ``reason`` for good, so that no server resumes it.
+
+        Raises:
+            LeaseLostError: if another server has it: then this end is none.
+            OSError: if the database cannot be asked.
+        """
+        with self._guard:
+            self.renew([lease])
+            lease.follow(lambda: None, lambda: lease.copied_writes)
+            lease._ended = bool(reason) and not lease.lost  # before it is said: if the answer is lost, it is said again
+            if lease.lost or (reason and not self._table.release(lease.session, lease.grant.fence, ended=reason)):
+                lease.lost = True
+                raise LeaseLostError(f"{lease.session} now runs on another server")
+
+    def store(self, lease: Lease, log: Path | None) -> None:
+        """Keep a finished log in the place of the copies, or none where every server can have it from elsewhere.
+
+        Raises:
+            LeaseLostError: if another server has the session.
+            OSError: if the database cannot be asked, or the log cannot be read.
+        """
+        files = {log.name.removesuffix(UNFINISHED_SUFFIX): log.read_bytes()} if log is not None and log.exists() else {}
+        if not self._table.store(lease.session, lease.grant.fence, files):
+            lease.lost = True
+            raise LeaseLostError(f"{lease.session} now runs on another server")
+        lease._copied = {}
+
+    def publish(self, lease: Lease, log: Path) -> None:
+        """Keep a log in the place of the copies before it has its name: what could not be resumed is not there twice.
+
+        Raises:
+            NotPublishedError: if the database or the log cannot be read, or another server has the session.
+        """
+        try:
+            self.store(lease, log)
+        except (OSError, LeaseLostError) as error:
+            raise NotPublishedError(
+                f"{log.name.removesuffix(UNFINISHED_SUFFIX)} cannot be kept in the database yet: {error}"
+            ) from error
+
+    def release(self, lease: Lease) -> bool:
+        """Hand a session over, after copying the rest; False where the database cannot be asked: the lease runs out."""
+        try:
+            if not lease.lost and not lease._ended and not lease.grant.ended:
+                self.renew([lease])
+                self._table.release(lease.session, lease.grant.fence)
+        except OSError:
+            return False
+        finally:
+            lease.lost = True
+        return True
+
+
+def _holds_copy(path: Path, copy: bytes) -> bool:
+    """Say whether a file is here with all that was copied of it; a live one may have more."""
+    if not path.exists():
+        return False
+    content = path.read_bytes()
+    return content.startswith(copy) if path.name.endswith(PART_SUFFIX) else content == copy
+
+
+def name_session(study: str, participant: str, session: int) -> str:
+    """Name a session as the database does."""
+    return f"{study}/{participant}/ses-{session:02d}"

@@ -1,0 +1,104 @@
+"""A connection to a PostgreSQL database that is made when it is needed, and given up when it takes too long."""
+
+import os
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+import psycopg
+
+_CREATE_TABLES_LOCK = 0x6D68
+_CONNECT_TIMEOUT_S = 5
+
+
+class JournalDatabaseError(OSError):
+    """The database that holds a study's journals cannot be asked."""
+
+
+class Database:
+    """A connection to a database, made when it is needed, and made again after it was lost.
+
+    A network that swallows what is sent breaks no connection by itself. So a transaction that takes too long is cut
+    off: here, where the caller waits for the answer, and in the database, where others wait for its locks.
+
+    Args:
+        url: as libpq has it: postgresql://user@host/database.
+        tables: SQL that makes the tables where there are none.
+        purpose: what it is for, in errors: "the database of ...".
+        timeout_s: how long a transaction may take.
+    """
+
+    def __init__(self, url: str, tables: str, purpose: str, *, timeout_s: float) -> None:
+        self._url = url
+        self._tables = tables
+        self._purpose = purpose
+        self._timeout_s = timeout_s
+        self._guard = threading.RLock()
+        self._connection: psycopg.Connection[Any] | None = None
+
+    @contextmanager
+    def transaction(self) -> Iterator["psycopg.Cursor[Any]"]:
+        """A transaction; other threads wait.
+
+        Raises:
+            JournalDatabaseError: if the database cannot be asked; whether it was committed is then unknown.
+        """
+        with self.ask() as cursor, cursor.connection.transaction():
+            yield cursor
+
+    @contextmanager
+    def ask(self) -> Iterator["psycopg.Cursor[Any]"]:
+        """A cursor on which every statement is committed by itself; other threads wait.
+
+        Raises:
+            JournalDatabaseError: if the database cannot be asked; whether it was committed is then unknown.
+        """
+        with self._guard:
+            try:
+                connection = self._connected()
+                with self._cut_off_late(connection), connection.cursor() as cursor:
+                    yield cursor
+            except psycopg.Error as error:
+                self.close()
+                reason = " ".join(str(error).split())  # in lines
+                raise JournalDatabaseError(
+                    f"the database of {self._purpose} cannot be queried: {reason}; check that it is running and "
+                    "reachable"
+                ) from error
+
+    def close(self) -> None:
+        """Let go of the connection; it is made again when it is needed."""
+        with self._guard:
+            if self._connection is not None:
+                self._connection.close()
+                self._connection = None
+
+    def _connected(self) -> "psycopg.Connection[Any]":
+        if self._connection is None or self._connection.closed:
+            connection = psycopg.connect(self._url, autocommit=True, connect_timeout=_CONNECT_TIMEOUT_S)
+            self._connection = connection
+            with self._cut_off_late(connection), connection.transaction(), connection.cursor() as cursor:
+                limit_ms = str(round(self._timeout_s * 1000))
+                cursor.execute("select set_config('idle_in_transaction_session_timeout', %s, false)", [limit_ms])
+                cursor.execute("select pg_advisory_xact_lock(%s)", [_CREATE_TABLES_LOCK])
+                cursor.execute(self._tables)
+        return self._connection
+
+    @contextmanager
+    def _cut_off_late(self, connection: "psycopg.Connection[Any]") -> Iterator[None]:
+        timer = threading.Timer(self._timeout_s, _shut, [connection])
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            if not timer.is_alive():  # it shut the connection, after the last answer: the next call makes another
+                self.close()
+            timer.cancel()
+
+
+def _shut(connection: "psycopg.Connection[Any]") -> None:
+    with suppress(OSError, psycopg.Error), socket.socket(fileno=os.dup(connection.fileno())) as line:
+        line.shutdown(socket.SHUT_RDWR)

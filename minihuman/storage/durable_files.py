@@ -1,0 +1,183 @@
+"""Write files so that they last, and are whole: the one way in which minihuman does so, on the disk of ``system``.
+
+A file is durable when its bytes are (``write_durably``) and its name in its folder is (``sync_folder``). A file that
+readers may have is never changed in place but replaced (``replace_durably``).
+"""
+
+import hashlib
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from io import BufferedWriter, RawIOBase
+from pathlib import Path
+from typing import Any, cast
+
+from minihuman.errors import name_file_in_errors
+from minihuman.operating_system import read_at
+from minihuman.storage.system import FileSystem, current_system
+
+UNFINISHED_SUFFIX = ".part"
+_PIECE_BYTES = 1 << 20
+
+
+def sync_folder(folder: Path) -> None:
+    """Make a folder's entries durable.
+
+    Raises:
+        OSError: if it cannot be done; it names the folder.
+    """
+    with name_file_in_errors(folder):
+        current_system().disk.sync_folder(folder)
+
+
+class _RawFile(RawIOBase):
+    """An open file of a disk, as Python's buffers want it."""
+
+    def __init__(self, fd: int, disk: FileSystem) -> None:
+        self._fd = fd
+        self._disk = disk
+
+    def writable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def fileno(self) -> int:
+        return self._fd
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        return os.lseek(self._fd, offset, whence)
+
+    def write(self, data: Any) -> int:
+        return self._disk.write(self._fd, memoryview(data))
+
+    def close(self) -> None:
+        if not self.closed:
+            super().close()
+            os.close(self._fd)
+
+
+@contextmanager
+def write_durably(path: Path, mode: int = 0o644, *, new: bool = False) -> Iterator[BufferedWriter]:
+    """Make or replace a file's content; all of it is durable on exit, but not yet its name in its folder.
+
+    Args:
+        path: the file.
+        mode: who may read it, if it is made.
+        new: refuse to replace a file.
+
+    Raises:
+        FileExistsError: if the file has to be new and is there.
+        OSError: if it cannot be written; it names the file.
+    """
+    disk = current_system().disk
+    flags = os.O_CREAT | os.O_WRONLY | (os.O_EXCL if new else os.O_TRUNC)
+    with name_file_in_errors(path):
+        raw = _RawFile(disk.open(path, flags, mode), disk)
+        with BufferedWriter(cast(Any, raw)) as file:
+            yield file
+            file.flush()
+            disk.sync(raw.fileno())
+
+
+def write_again(path: Path, *, begin: int = 0) -> None:
+    """Write a file's bytes from ``begin`` on once more, as they are, and make them durable.
+
+    Where an fsync failed, the system may show bytes that the disk lacks, and later fsyncs pass them over: only what is
+    written anew reaches the disk. The caller holds the file's lock.
+
+    Raises:
+        OSError: if it cannot be done; it names the file.
+    """
+    disk = current_system().disk
+    with name_file_in_errors(path):
+        fd = disk.open(path, os.O_RDWR)
+        try:
+            os.lseek(fd, begin, os.SEEK_SET)
+            while piece := read_at(fd, _PIECE_BYTES, begin):
+                begin += disk.write(fd, piece)
+            disk.sync(fd)
+        finally:
+            os.close(fd)
+
+
+@contextmanager
+def replace_durably(
+    path: Path, unfinished: Path | None = None, *, mode: int = 0o644, new_folders: int = 0
+) -> Iterator[BufferedWriter]:
+    """Write a file beside another, and put it in that place once it is durable: a crash leaves one of them, whole.
+
+    Args:
+        path: the place; its folder is made.
+        unfinished: the file's name until then; None is a hidden one of this process.
+        mode: who may read it.
+        new_folders: how many of the folders above it an earlier call may have made and not made durable.
+
+    Raises:
+        OSError: if it cannot be written; it names ``path``, and nothing of the new content is left.
+    """
+    disk = current_system().disk
+    unfinished = unfinished or path.with_name(f".{path.name}.{os.getpid()}")
+    missing_folders = sum(not folder.exists() for folder in path.parents)
+    try:
+        disk.make_folder(path.parent)
+        with write_durably(unfinished, mode) as file:
+            yield file
+        disk.rename(unfinished, path)
+    except BaseException as error:
+        with suppress(OSError):
+            disk.unlink(unfinished)
+        if isinstance(error, OSError) and error.filename in (None, str(unfinished)):
+            error.filename = str(path)
+        raise
+    for folder in path.parents[: max(missing_folders, new_folders) + 1]:  # a folder's name is in the one above it
+        sync_folder(folder)
+
+
+def write_atomically(text: str, path: Path) -> None:
+    """Write a text file so that a reader sees the old one or the new one, whole, and so that it lasts.
+
+    Raises:
+        OSError: if it cannot be written; it names ``path``.
+    """
+    with replace_durably(path, path.with_name(path.name + UNFINISHED_SUFFIX)) as file:
+        file.write(text.encode())
+
+
+def append_durably(path: Path, content: bytes) -> None:
+    """Add bytes to a file's end, and make them durable; a file that is not there is made.
+
+    Raises:
+        OSError: if they cannot be written; it names the file.
+    """
+    disk = current_system().disk
+    with name_file_in_errors(path):
+        fd = disk.open(path, os.O_CREAT | os.O_APPEND | os.O_WRONLY)
+        try:
+            while content:
+                content = content[disk.write(fd, content) :]
+            disk.sync(fd)
+        finally:
+            os.close(fd)
+
+
+def copy_durably(source: Path, target: Path, unfinished: Path | None = None, *, new_folders: int = 0) -> None:
+    """Copy a file so that its place has the old content or all of the new one.
+
+    Raises:
+        OSError: if it cannot be copied.
+    """
+    with source.open("rb") as file, replace_durably(target, unfinished, new_folders=new_folders) as copy:
+        shutil.copyfileobj(file, copy)
+
+
+def hash_file(path: Path, algorithm: str = "sha256") -> str:
+    """Return a file's digest, hexadecimal.
+
+    Raises:
+        OSError: if it cannot be read.
+    """
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, algorithm).hexdigest()

@@ -1,0 +1,58 @@
+"""Erase files and folders so that they stay erased, as far as the disk lets it, and tell what could not be."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from minihuman.storage.durable_files import sync_folder
+from minihuman.storage.system import current_system
+
+
+def erase(path: Path) -> list[OSError]:
+    """Erase a file, or a folder with all that is below it; a power cut brings nothing back.
+
+    What cannot be erased does not keep the rest from it. A link is erased, not what it leads to.
+
+    Returns:
+        Why each file or folder that is left could not be erased; each error names it. None is left if it is empty.
+    """
+    errors = list(_erase_entry(path))
+    try:
+        sync_folder(path.parent)  # also where nothing is left: an erasure before this one may have been cut short
+    except OSError as error:
+        errors.append(error)
+    return errors
+
+
+def _erase_entry(path: Path) -> Iterator[OSError]:
+    disk = current_system().disk
+    is_folder = path.is_dir() and not path.is_symlink()
+    if is_folder:
+        errors = list(_erase_content(path))
+        yield from errors
+        if errors:
+            return
+    try:
+        if is_folder:
+            disk.remove_folder(path)
+        elif os.path.lexists(path):
+            disk.unlink(path)
+    except OSError as error:
+        error.filename = os.fspath(path)
+        yield error
+
+
+def _erase_content(folder: Path) -> Iterator[OSError]:
+    try:
+        paths = sorted(folder.iterdir())
+    except OSError as error:
+        error.filename = os.fspath(folder)
+        yield error
+        return
+    errors = [error for path in paths for error in _erase_entry(path)]
+    yield from errors
+    if errors:  # the folder stays, and so must what was taken out of it stay out
+        try:
+            sync_folder(folder)
+        except OSError as error:
+            yield error

@@ -1,0 +1,196 @@
+"""A journal in a file: lines of JSON under an exclusive lock, each fsynced."""
+
+import os
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import msgspec
+
+from minihuman.errors import name_file_in_errors
+from minihuman.operating_system import read_at
+from minihuman.storage.durable_files import replace_durably, write_again
+from minihuman.storage.journal import TAIL, Journal, Line, LineChain, LineDecoder, LinesRead, LockedJournal
+from minihuman.storage.locks import is_file_at, lock_file
+from minihuman.storage.system import current_system
+
+
+class FileJournal(Journal[Line]):
+    """Lines of JSON in a file under an exclusive lock, each fsynced.
+
+    Args:
+        path: the file; it and its folder are made when first written to.
+        decode: reads a line.
+        mode: who may read it.
+        chained: each line carries a checksum and the head of the chain before it; nothing is ever taken out.
+        declaration: written once, before the first line that is added; None: there is none.
+    """
+
+    _durable: int
+
+    def __init__(
+        self,
+        path: Path,
+        decode: LineDecoder[Line],
+        *,
+        mode: int = 0o644,
+        chained: bool = False,
+        declaration: Line | None = None,
+    ) -> None:
+        self._path = path
+        self._decode = decode
+        self._mode = mode
+        self._chained = chained
+        self._declaration = declaration
+        self._guard = threading.Lock()
+        self._forget()
+
+    @property
+    def begun(self) -> bool:
+        """Whether the file is there."""
+        return self._path.exists()
+
+    @property
+    def unchained(self) -> int:
+        """How many lines that were read have no checksum."""
+        return self._chain.unchained
+
+    def read(self) -> Sequence[Line]:
+        """All lines; of one that is being written, nothing."""
+        try:
+            with name_file_in_errors(self._path), self._path.open("rb") as file:
+                return self._read_on(file.fileno())
+        except FileNotFoundError:
+            return ()
+
+    @contextmanager
+    def hold(self) -> Iterator[LockedJournal[Line]]:
+        """Keep others out by a lock, which ends with the process."""
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        disk = current_system().disk
+        while True:
+            with name_file_in_errors(self._path):
+                fd = disk.open(self._path, os.O_CREAT | os.O_RDWR | os.O_APPEND, self._mode)
+                try:
+                    lock_file(fd, self._path)
+                    if not is_file_at(fd, self._path):
+                        continue  # a participant was removed from it meanwhile, which writes it anew
+                    lines = self._read_on(fd)
+                    chain = self._chain.copy() if self._chained else None
+                    journal = _LockedFile(fd, self._path, lines, self._declaration, chain, durable=self._durable)
+                    try:
+                        yield journal
+                    finally:
+                        self._durable = journal.durable
+                    return
+                finally:
+                    os.close(fd)
+
+    def keep(self, is_kept: Callable[[bytes], bool]) -> None:
+        """Put a file without the others in this one's place, whole and durable."""
+        if not self.begun:
+            return
+        with self.hold():
+            lines = [line for line in self._path.read_bytes().splitlines() if is_kept(line)]
+            unfinished = self._path.with_name(f"{self._path.name}.new")
+            with replace_durably(self._path, unfinished, mode=self._mode) as file:
+                file.write(b"".join(line + b"\n" for line in lines))
+
+    def _forget(self) -> None:
+        self._lines: list[Line] = []
+        self._count = 0  # lines, those that were passed over too
+        self._at = 0  # bytes that were read
+        self._last = b""  # the end of them
+        self._which = (-1, -1)
+        self._durable = 0  # bytes that this process made durable
+        self._size_and_mtime_ns = (-1, -1)  # when it was read last
+        self._chain: LineChain = LineChain(str(self._path))
+
+    def _read_on(self, fd: int) -> Sequence[Line]:
+        """What is there, of an open file; another file, or one that was changed, is read from its start."""
+        with self._guard:
+            now = os.fstat(fd)
+            size, mtime_ns = self._size_and_mtime_ns
+            rewritten = now.st_size == size and now.st_mtime_ns != mtime_ns
+            another = (now.st_dev, now.st_ino) != self._which
+            if rewritten or another or read_at(fd, len(self._last), self._last_begin) != self._last:
+                self._forget()
+                self._which = now.st_dev, now.st_ino
+            self._size_and_mtime_ns = now.st_size, now.st_mtime_ns
+            content = b""
+            while piece := read_at(fd, 1 << 20, self._at + len(content)):
+                content += piece
+            *new_lines, unfinished = content.split(b"\n")
+            finished = content[: len(content) - len(unfinished)]
+            chain = self._chain.copy()
+            lines = [self._open(chain, line, self._count + number) for number, line in enumerate(new_lines, 1)]
+            half = self._open(chain.copy(), unfinished, self._count + len(new_lines) + 1) if unfinished else None
+            self._chain = chain
+            self._lines += [line for line in lines if line is not None]
+            self._count += len(new_lines)
+            self._at += len(finished)
+            self._last = (self._last + finished)[-_REMEMBERED:]
+            return LinesRead(self._lines) if half is None else (*self._lines, half)
+
+    def _open(self, chain: LineChain, line: bytes, number: int) -> Line | None:
+        if self._chained and not (line := chain.open(line, number)):
+            return None
+        return self._decode(line, number)
+
+    @property
+    def _last_begin(self) -> int:
+        return self._at - len(self._last)
+
+
+_REMEMBERED = 256  # bytes by which a file that was changed is known
+
+
+class _LockedFile(LockedJournal[Line]):
+    def __init__(
+        self,
+        fd: int,
+        path: Path,
+        lines: Sequence[Line],
+        declaration: Line | None,
+        chain: LineChain | None,
+        *,
+        durable: int,
+    ) -> None:
+        super().__init__(lines, declaration)
+        self.durable = durable
+        self._fd = fd
+        self._path = path
+        self._chain = chain
+
+    def _write(self, lines: tuple[Line, ...]) -> None:
+        """Write them; a line that a crash cut off is finished first."""
+        size = os.fstat(self._fd).st_size
+        tail = max(0, size - _LONGEST)
+        start = read_at(self._fd, _LONGEST, tail).rpartition(b"\n")[2]
+        end = b"" if not start else b"\n"
+        if start and self._chain is not None:
+            end = (
+                b" \n" if start.endswith(b"}") and TAIL.search(start) is None else b"\n"
+            )  # else it would read as whole
+            self._chain.pass_over(start + end[:-1])
+        encoded = [msgspec.json.encode(line) for line in lines]
+        if self._chain is not None:
+            encoded = [self._chain.seal(line) for line in encoded]
+        content = end + b"".join(line + b"\n" for line in encoded)
+        disk = current_system().disk
+        try:
+            if size != self.durable:  # another process wrote here, and may have ended because an fsync failed
+                write_again(self._path, begin=tail)
+            while content:
+                content = content[disk.write(self._fd, content) :]
+            disk.sync(self._fd)
+            self.durable = os.fstat(self._fd).st_size
+        except OSError:
+            self.durable = -1
+            with suppress(OSError):
+                disk.truncate(self._fd, size)
+            raise
+
+
+_LONGEST = 1 << 20  # bytes of a line

@@ -1,0 +1,201 @@
+"""Journals: durable, append-only lines that many processes write in turn. The port, and the chain of its lines.
+
+A reader who asks again gets only the added lines. ``file_journal`` and ``postgres_journal`` have the two kinds that
+there are, and ``study_journals`` says which one a study has.
+"""
+
+import abc
+import hashlib
+import re
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from itertools import islice
+from typing import Any, Generic, TypeVar, cast
+
+from minihuman.errors import LogError
+
+Line = TypeVar("Line")
+State = TypeVar("State")
+LineDecoder = Callable[[bytes, int], Line | None]  # a line's bytes and its number; None for one that is passed over
+
+TAIL = re.compile(rb',"previous":"([0-9a-f]{32})","digest":"([0-9a-f]{32})"')
+_TAIL_NAMES = (b'"previous":"', b'"digest":"')
+_CHAIN_START = "0" * 32
+
+
+class LineChain:
+    """The hash chain of a journal's lines, as far as lines were taken in.
+
+    A chained line ends with ``"previous"``, the head of the chain over all lines before it, and ``"digest"``, the
+    checksum of the line up to there. Lines that earlier versions wrote have neither: they are read as they are, counted
+    as ``unchained``, and covered by the next chained line.
+    """
+
+    def __init__(self, journal: str) -> None:
+        self.head = _CHAIN_START
+        self.unchained = 0
+        self._journal = journal  # its name in errors
+
+    def copy(self) -> "LineChain":
+        """Return the chain as it is now."""
+        chain = LineChain(self._journal)
+        chain.head = self.head
+        chain.unchained = self.unchained
+        return chain
+
+    def seal(self, encoded: bytes) -> bytes:
+        """Add checksum and chain to a JSON object, and take the line in."""
+        body = encoded[:-1] + b',"previous":"' + self.head.encode() + b'"'
+        line = body + b',"digest":"' + _digest(body).encode() + b'"}'
+        self.pass_over(line)
+        return line
+
+    def pass_over(self, line: bytes) -> None:
+        """Take a line in as it is."""
+        self.head = _digest(self.head.encode() + line)
+
+    def open(self, line: bytes, number: int) -> bytes:
+        """Take a line in; return the JSON object in it, b"" for a line that a crash cut off.
+
+        Raises:
+            LogError: if the line was changed, or one before it was changed, added or removed.
+        """
+        head = self.head
+        self.pass_over(line)
+        tail = TAIL.search(line)
+        if tail is None or tail.end() == len(line):
+            if line.endswith(b"}") and any(name in line for name in _TAIL_NAMES):
+                raise self._damaged(number, "it was changed")
+            if not line.strip(b"\0 ") or (line.startswith(b"{") and not line.endswith(b"}")):
+                return b""  # a power cut may leave a line's size alone
+            self.unchained += 1
+            return line
+        body = line[: tail.end(1) + 1]
+        if line[tail.end() :] != b"}" or tail[2].decode() != _digest(body):
+            raise self._damaged(number, "it was changed")
+        if tail[1].decode() != head:
+            raise self._damaged(number, "a line before it was changed, added or removed")
+        return line[: tail.start()] + b"}"
+
+    def _damaged(self, number: int, reason: str) -> LogError:
+        return LogError(f"{self._journal}:{number}: cannot be believed: {reason}; restore the file from a copy")
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:32]
+
+
+class LinesRead(Sequence[Line]):
+    """The lines of a list that only grows, as far as it goes now; no copy, which a long study pays at each join."""
+
+    def __init__(self, lines: list[Line]) -> None:
+        self._lines = lines
+        self._count = len(lines)
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, at: Any) -> Any:
+        if isinstance(at, slice):
+            return self._lines[slice(*at.indices(self._count))]
+        return self._lines[range(self._count)[at]]
+
+    def __iter__(self) -> Iterator[Line]:
+        return islice(self._lines, self._count)
+
+
+class LockedJournal(abc.ABC, Generic[Line]):
+    """A journal while no other process can write to it."""
+
+    def __init__(self, lines: Sequence[Line], declaration: Line | None = None) -> None:
+        self._before = lines
+        self._added: list[Line] = []
+        self._declaration = declaration
+
+    @property
+    def lines(self) -> Sequence[Line]:
+        """Every line, with those that were added here."""
+        return (*self._before, *self._added) if self._added else self._before
+
+    def append(self, *lines: Line) -> None:
+        """Add lines, all or none; they last when the journal is let go of, at the latest.
+
+        Raises:
+            OSError: if they cannot be written.
+        """
+        if self._declaration is not None and self._declaration not in self.lines:
+            lines = (self._declaration, *lines)
+        self._write(lines)
+        self._added += lines
+
+    @abc.abstractmethod
+    def _write(self, lines: tuple[Line, ...]) -> None:
+        """Write lines behind the others."""
+
+
+class Journal(abc.ABC, Generic[Line]):
+    """Lines in the order in which they were added."""
+
+    @property
+    @abc.abstractmethod
+    def begun(self) -> bool:
+        """Whether there ever was a line."""
+
+    @abc.abstractmethod
+    def read(self) -> Sequence[Line]:
+        """Read all lines.
+
+        Raises:
+            OSError: if they cannot be read.
+        """
+
+    @abc.abstractmethod
+    def hold(self) -> AbstractContextManager[LockedJournal[Line]]:
+        """Keep every other process out for a while.
+
+        Raises:
+            OSError: if that cannot be.
+        """
+
+    @property
+    @abc.abstractmethod
+    def unchained(self) -> int:
+        """How many of the lines that were read have no checksum: earlier versions wrote them."""
+
+    @abc.abstractmethod
+    def keep(self, is_kept: Callable[[bytes], bool]) -> None:
+        """Take out for ever the lines that are not kept.
+
+        Raises:
+            OSError: if that cannot be.
+        """
+
+
+class JournalState(Generic[Line, State]):
+    """What a journal's lines amount to, kept from one time to the next: only lines that were added are taken in.
+
+    Args:
+        make: makes a state without lines.
+        take: takes a line into it.
+    """
+
+    def __init__(self, make: Callable[[], State], take: Callable[[State, Line], object]) -> None:
+        self._make = make
+        self._take = take
+        self._guard = threading.Lock()
+        self._state = make()
+        self._count = 0
+        self._last = cast(Line, None)
+
+    def after(self, lines: Sequence[Line]) -> State:
+        """Return the state after all lines of the journal, which its next call changes."""
+        with self._guard:
+            if self._count > len(lines) or (self._count and lines[self._count - 1] is not self._last):  # read anew
+                self._state = self._make()
+                self._count = 0
+            for line in lines[self._count :]:
+                self._take(self._state, line)
+            self._count = len(lines)
+            self._last = lines[-1] if lines else self._last
+            return self._state

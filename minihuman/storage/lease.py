@@ -1,0 +1,232 @@
+"""Leases of sessions in a database that several servers share: one hosts a session, and the next resumes where it was.
+
+A lease runs out unless its holder renews it. Each has a number (its fence) that grows: a holder with an older one can
+write nothing any more. With the leases lie copies of what their holders have recorded.
+
+Where a study's journals are files, all its servers are on one machine: the lock of the live log does instead.
+"""
+
+import abc
+import secrets
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from minihuman.errors import LogError
+from minihuman.storage.study_journals import find_database_url
+
+TTL_S = 10.0
+RENEWAL_INTERVAL_S = 3.0
+
+
+class LeaseHeldError(LogError):
+    """Another server hosts the session; it was asked to hand it over."""
+
+
+class LeaseLostError(LogError):
+    """Another server has the session now."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeaseGrant:
+    """What the database says to whoever asks for a lease."""
+
+    fence: int
+    name: str  # of the session, for its page: random, the same for every holder
+    ended: str = ""  # why the session ended for good; then nothing is leased
+    copied: bool = False  # whether any server has copied a log of it
+    idle_s: float = 0.0  # since that was done last
+
+
+@dataclass(frozen=True, slots=True)
+class LogPiece:
+    """What a live log has from a byte on."""
+
+    file: str
+    start: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class LeaseRenewal:
+    """A lease to be renewed, and what is to be added to the copy."""
+
+    session: str
+    fence: int
+    piece: LogPiece | None = None
+
+
+class LeaseTable(abc.ABC):
+    """The leases of a study's sessions, and copies of their logs, on the database's clock.
+
+    Every method raises OSError where the database cannot be asked; it may then have been done or not, and can be
+    repeated.
+    """
+
+    @abc.abstractmethod
+    def acquire(self, session: str) -> LeaseGrant | None:
+        """Lease a session for ``TTL_S``; None where it is leased, whose holder hears of it at its next renewal."""
+
+    @abc.abstractmethod
+    def renew(self, renewals: Sequence[LeaseRenewal]) -> dict[str, bool]:
+        """Renew leases and add pieces to copies, all or none; a piece replaces what the copy has from its start on.
+
+        Returns:
+            The sessions that are still held, and whether another server wants each.
+        """
+
+    @abc.abstractmethod
+    def store(self, session: str, fence: int, files: Mapping[str, bytes]) -> bool:
+        """Put files in the place of a session's copies; False, and nothing done, where the lease is another's."""
+
+    @abc.abstractmethod
+    def read_files(self, session: str) -> dict[str, bytes]:
+        """The copies of a session's files, by name."""
+
+    @abc.abstractmethod
+    def release(self, session: str, fence: int, *, ended: str = "") -> bool:
+        """End a lease; with why the session ended, if it did for good. False where the lease is another's."""
+
+    @abc.abstractmethod
+    def forget(self, prefix: str) -> None:
+        """Delete the copies of sessions whose names begin so, and take their leases from their holders."""
+
+
+def open_lease_table(study_dir: Path) -> LeaseTable | None:
+    """The leases of a study; None where its journals are files."""
+    return PostgresLeaseTable(url) if (url := find_database_url(study_dir)) else None
+
+
+_TABLES = """
+create table if not exists minihuman_leases (
+    session text primary key,
+    name text not null,
+    fence bigint not null default 0,
+    until timestamptz not null default '-infinity',
+    wanted boolean not null default false,
+    ended text not null default '',
+    copied_at timestamptz  -- null: never
+);
+create table if not exists minihuman_log_copies (
+    session text not null references minihuman_leases (session),
+    file text not null,
+    start bigint not null,  -- the byte at which it belongs
+    data bytea not null,
+    primary key (session, file, start)
+)
+"""
+_TIMEOUT_S = 5.0  # half a lease
+_INSERT = "insert into minihuman_log_copies (session, file, start, data) values (%s, %s, %s, %s)"
+
+
+class PostgresLeaseTable(LeaseTable):
+    """Rows of two tables; each method is a transaction that locks the session's row.
+
+    Args:
+        url: as libpq has it.
+    """
+
+    def __init__(self, url: str) -> None:
+        from minihuman.storage.database import Database  # psycopg: only where journals are in a database
+
+        purpose = "the session leases"
+        self._database = Database(url, _TABLES, purpose, timeout_s=_TIMEOUT_S)
+        self._renewals = Database(url, _TABLES, purpose, timeout_s=_TIMEOUT_S)  # wait for nobody who acquires
+
+    def acquire(self, session: str) -> LeaseGrant | None:
+        """Lease a session, or mark it as wanted; in one statement, on the clock of its start."""
+        ask = """
+            insert into minihuman_leases as had (session, name, fence, until)
+                values (%s, %s, 1, now() + make_interval(secs => %s))
+            on conflict (session) do update set
+                fence = had.fence + (had.ended = '' and had.until <= now())::int,
+                until = case when had.ended = '' and had.until <= now() then excluded.until else had.until end,
+                wanted = had.ended = '' and had.until > now()
+            returning fence, name, ended, wanted, copied_at is not null,
+                coalesce(extract(epoch from clock_timestamp() - copied_at), 0)
+        """
+        with self._database.ask() as cursor:
+            row = cursor.execute(ask, [session, secrets.token_hex(8), TTL_S]).fetchone()
+        assert row is not None
+        fence, name, ended, is_held, copied, idle_s = row
+        return None if is_held else LeaseGrant(fence, name, ended, copied, float(idle_s))
+
+    def renew(self, renewals: Sequence[LeaseRenewal]) -> dict[str, bool]:
+        """Renew them in the order of their names, so that no two servers wait for each other."""
+        ordered = sorted(renewals, key=lambda renewal: renewal.session)
+        names = [renewal.session for renewal in ordered]
+        fences = [renewal.fence for renewal in ordered]
+        lock = """
+            select leases.session, wanted from minihuman_leases as leases
+            join unnest(%s::text[], %s::bigint[]) as mine (session, fence)
+                on leases.session = mine.session and leases.fence = mine.fence
+            where ended = '' order by leases.session for update of leases
+        """
+        with self._renewals.transaction() as cursor:
+            wanted_by_session = dict(cursor.execute(lock, [names, fences]).fetchall())
+            cursor.execute(
+                "update minihuman_leases set until = clock_timestamp() + make_interval(secs => %s)"
+                " where session = any(%s)",
+                [TTL_S, [*wanted_by_session]],
+            )
+            pieces = [
+                (renewal.session, renewal.piece)
+                for renewal in ordered
+                if renewal.piece is not None and renewal.session in wanted_by_session
+            ]
+            if pieces:
+                cursor.executemany(
+                    "delete from minihuman_log_copies where session = %s and file = %s and start >= %s",
+                    [(session, piece.file, piece.start) for session, piece in pieces],
+                )
+                cursor.executemany(
+                    _INSERT, [(session, piece.file, piece.start, piece.data) for session, piece in pieces]
+                )
+                cursor.execute(
+                    "update minihuman_leases set copied_at = clock_timestamp() where session = any(%s)",
+                    [[session for session, _ in pieces]],
+                )
+            return wanted_by_session
+
+    def store(self, session: str, fence: int, files: Mapping[str, bytes]) -> bool:
+        """Replace the copies."""
+        mine = "update minihuman_leases set copied_at = clock_timestamp() where session = %s and fence = %s"
+        with self._database.transaction() as cursor:
+            if cursor.execute(mine, [session, fence]).rowcount != 1:
+                return False
+            cursor.execute("delete from minihuman_log_copies where session = %s", [session])
+            for name, content in files.items():
+                cursor.execute(_INSERT, [session, name, 0, content])
+            return True
+
+    def read_files(self, session: str) -> dict[str, bytes]:
+        """Put the pieces together."""
+        ask = "select file, start, data from minihuman_log_copies where session = %s order by file, start"
+        copies: dict[str, bytearray] = {}
+        with self._database.transaction() as cursor:
+            for name, start, piece in cursor.execute(ask, [session]).fetchall():
+                copy = copies.setdefault(name, bytearray())
+                del copy[start:]
+                copy += piece
+        return {name: bytes(copy) for name, copy in copies.items()}
+
+    def release(self, session: str, fence: int, *, ended: str = "") -> bool:
+        """Let the lease run out now."""
+        over = """
+            update minihuman_leases set until = '-infinity', wanted = false, ended = %s
+            where session = %s and fence = %s and ended in ('', %s)
+        """
+        with self._database.transaction() as cursor:
+            return bool(cursor.execute(over, [ended, session, fence, ended]).rowcount == 1)
+
+    def forget(self, prefix: str) -> None:
+        """Delete the copies; the numbers of leases go on."""
+        with self._database.transaction() as cursor:
+            cursor.execute(
+                """
+                update minihuman_leases set fence = fence + 1, until = '-infinity', ended = '', copied_at = null
+                where starts_with(session, %s)
+                """,
+                [prefix],
+            )
+            cursor.execute("delete from minihuman_log_copies where starts_with(session, %s)", [prefix])

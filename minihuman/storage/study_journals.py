@@ -1,0 +1,60 @@
+"""Where a study's journals are: files in its folder, or a database that ``register.url`` in the data folder names.
+
+A study that began in files stays in files: the database lacks its earlier lines, withdrawals among them.
+"""
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from minihuman.storage.file_journal import FileJournal
+from minihuman.storage.journal import Journal, Line, LineDecoder
+from minihuman.storage.system import current_system
+
+URL_FILE_NAME = "register.url"
+ENROLMENT_FILE_NAME = "register.jsonl"  # who took which slot, and who left it
+ARRIVALS_FILE_NAME = "arrivals.jsonl"  # who came by which link
+
+
+def open_journal(
+    study_dir: Path,
+    name: str,
+    decode: LineDecoder[Line],
+    *,
+    mode: int = 0o644,
+    chained: bool = False,
+    declaration: Line | None = None,
+) -> Journal[Line]:
+    """A study's journal of that name; the same object for every caller in this process."""
+    study_dir = study_dir.absolute()
+    url = find_database_url(study_dir)
+    journal: Any = (
+        _in_database(url, f"{study_dir.name}/{name}", decode, chained, declaration)
+        if url
+        else _in_file(study_dir / name, decode, mode, chained, declaration)
+    )
+    return journal  # type: ignore[no-any-return]
+
+
+def find_database_url(study_dir: Path) -> str:
+    """The address of the database that holds a study's journals; "" where they are files."""
+    study_dir = study_dir.absolute()
+    path = study_dir.parent / URL_FILE_NAME
+    if not path.is_file() or any((study_dir / name).exists() for name in (ENROLMENT_FILE_NAME, ARRIVALS_FILE_NAME)):
+        return ""
+    return path.read_text(encoding="utf-8").strip()
+
+
+@cache
+def _in_file(path: Path, decode: Callable[..., Any], mode: int, chained: bool, declaration: Any) -> Journal[Any]:
+    return FileJournal(path, decode, mode=mode, chained=chained, declaration=declaration)
+
+
+@cache
+def _in_database(url: str, name: str, decode: Callable[..., Any], chained: bool, declaration: Any) -> Journal[Any]:
+    if (open_journal := current_system().open_database_journal) is not None:
+        return open_journal(url, name, decode, chained=chained, declaration=declaration)  # type: ignore[no-any-return]
+    from minihuman.storage.postgres_journal import PostgresJournal
+
+    return PostgresJournal(url, name, decode, chained=chained, declaration=declaration)
