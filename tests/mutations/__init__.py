@@ -5,5 +5,5 @@
     python -m tests.mutations run FOLDER [NUMBER ...]   try mutants and write mutants.tsv
 
 Forty-five mutants: fifteen planted by hand and thirty drawn by a seed. For each only the tests that execute its line
-run, the cheapest first, until one fails. Needs coverage.py 7.10 or later in the environment of the tests.
+run, the cheapest first, until one fails. Needs coverage.py (`pip install -e ".[dev]"`).
 """

@@ -71,10 +71,16 @@ class RecordedTest:
 
 @dataclass(frozen=True)
 class FileRun:
-    """How the run of a test file ended: pytest's exit status, None after the time was over."""
+    """How the run of a test file ended: pytest's exit status, None after the time was over; and what it took."""
 
     status: int | None
     seconds: float
+    cpu_s: float = 0.0
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every test was tried: neither was pytest interrupted, nor could a file not be imported."""
+        return self.status is None or self.status in (0, 1, NO_TESTS)
 
 
 class Record:
@@ -141,7 +147,8 @@ class Record:
         _combine(place)
         for folder in ("raw", "cache"):
             shutil.rmtree(place / folder, ignore_errors=True)
-        (place / "ended.json").write_text(json.dumps(asdict(run)) + "\n", encoding="utf-8")
+        if run.is_whole:
+            (place / "ended.json").write_text(json.dumps(asdict(run)) + "\n", encoding="utf-8")
         return run
 
     def read_tests(self, kind: str) -> dict[str, RecordedTest]:
@@ -195,7 +202,7 @@ def record_all(record: Record, kind: str, files: Iterable[str], *, workers: int,
         runs = pool.map(lambda file: (file, record.measure(kind, file, most_s)), missing)
         for number, (file, run) in enumerate(runs, 1):
             status = "out of time" if run.status is None else f"exit status {run.status}"
-            yield f"{number}/{len(missing)} {file}: {status}, {run.seconds:.1f} s"
+            yield f"{number}/{len(missing)} {file}: {status}, {run.seconds:.1f} s, CPU {run.cpu_s:.1f} s"
 
 
 def run_pytest(
@@ -223,7 +230,7 @@ def run_pytest(
         finally:
             end_processes(f"{RESULTS}={marker}")
             process.wait()
-    return FileRun(status, round(time.perf_counter() - start, 2))
+    return FileRun(status, round(time.perf_counter() - start, 2), _read_cpu_s(place / "tests.jsonl"))
 
 
 def end_processes(variable: str) -> None:
@@ -241,6 +248,8 @@ def read_tests(path: Path) -> dict[str, RecordedTest]:
     tests: dict[str, RecordedTest] = {}
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
         row = json.loads(line)
+        if row["event"] == "cpu":
+            continue
         test = tests.setdefault(row["test"], RecordedTest(row["test"]))
         match row["event"]:
             case "start":
@@ -251,6 +260,12 @@ def read_tests(path: Path) -> dict[str, RecordedTest]:
             case "failed" | "skipped" as outcome:
                 test.outcome = outcome
     return tests
+
+
+def _read_cpu_s(path: Path) -> float:
+    """Return the CPU time that pytest wrote at its end; 0 if it was killed."""
+    rows = map(json.loads, path.read_text(encoding="utf-8").splitlines()) if path.exists() else ()
+    return sum(row["seconds"] for row in rows if row["event"] == "cpu")
 
 
 def copy_project(root: Path, target: Path) -> None:

@@ -71,6 +71,13 @@ def pytest_collectreport(report: pytest.CollectReport) -> None:
         _write(event="failed", test=report.nodeid)
 
 
+def pytest_unconfigure() -> None:
+    """Write the CPU time of the run: of this process and of all that it waited for."""
+    times = os.times()
+    cpu_s = times.user + times.system + times.children_user + times.children_system
+    _write(event="cpu", test="", seconds=round(cpu_s, 2))
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_fixture_setup(fixturedef: pytest.FixtureDef[object], request: pytest.FixtureRequest) -> Iterator[None]:
     """Let a fixture that several tests share have a context of its own."""

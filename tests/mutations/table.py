@@ -99,18 +99,22 @@ def write_table(rows: Iterable[Row], path: Path = TABLE) -> None:
 def judge(rows: Sequence[Row]) -> list[str]:
     """Return what is wrong: too much is left to the nightly tests, lost, or was never asked."""
     silent = [row for row in rows if row.killed_by != "default"]
-    lost = [row for row in silent if row.earlier == "killed"]
     errors = [
-        f"mutant {row.number} is killed by {row.earlier_test} of the earlier suite, and by no test of now"
-        for row in lost
-        if row.killed_by != "nightly"
+        f"mutant {row.number}: the earlier suite was not asked; add --against" for row in silent if not row.earlier
     ]
-    errors += [f"the earlier suite was not asked about mutant {row.number}" for row in silent if not row.earlier]
-    if len(lost) > MAY_SURVIVE:
+    left = [row for row in silent if row.earlier == "killed"]
+    errors += [_describe_loss(row) for row in left if row.killed_by != "nightly"]
+    if len(left) > MAY_SURVIVE:
         errors.append(
-            f"the default run leaves {len(lost)} mutants that the earlier suite kills; {MAY_SURVIVE} may be left"
+            f"the default run leaves {len(left)} mutants that the earlier suite kills, not {MAY_SURVIVE} at most"
         )
     return errors
+
+
+def _describe_loss(row: Row) -> str:
+    if row.killed_by == "not asked":
+        return f"mutant {row.number}: {row.earlier_test} killed it, and no executing nightly test is recorded"
+    return f"mutant {row.number}: {row.earlier_test} killed it, and no test of now does"
 
 
 def _killed_by(default: Verdict, nightly: Verdict | None) -> str:

@@ -18,7 +18,7 @@ from tests.mutations.mutant import PACKAGE, Mutant
 FIRST_FILES = 4  # of the first run of tests; each further one has twice as many files
 FILE_S = 3.0  # what a test file costs besides its tests
 PATIENCE = 20  # how many times as long as recorded tests may take
-LEAST_S = 120.0
+LEAST_S = 300.0
 
 
 @dataclass(frozen=True)
@@ -127,10 +127,12 @@ def ask_earlier(root: Path, mutant: Mutant, record: Record) -> Verdict:
         record: of the tests of now. Where the earlier ones were not recorded, the files that hold executing tests now
             run, and then those that are no more.
     """
-    if (root / "commit").exists():
-        return ask_record(Record(root), "default", mutant)
-    if not mutant.fits(_read(root / PACKAGE / mutant.file)):
+    recorded = (root / "commit").exists()
+    checkout = Record(root).project if recorded else root
+    if not mutant.fits(_read(checkout / PACKAGE / mutant.file)):
         return Verdict(None, "the earlier package has no such place", 0, 0.0)
+    if recorded:
+        return ask_record(Record(root), "default", mutant)
     executing = {test.file for kind in MARKS for test in record.executing(kind, mutant)} or set(mutant.tests)
     earlier = {path.relative_to(root).as_posix() for path in root.glob("tests/**/test_*.py")}
     gone = earlier - set(record.test_files())
