@@ -1,13 +1,14 @@
 """Commands of mutation testing: draw, record, run."""
 
 import argparse
+import signal
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from tests.mutations import drawing, table, trial
-from tests.mutations.execution import KINDS, Record, read_commit, record_all
+from tests.mutations.execution import KINDS, Record, read_commit, record_all, stop
 from tests.mutations.mutant import PACKAGE, ROOT, Mutant, MutationError
 from tests.mutations.planted import PLANTED
 
@@ -15,6 +16,8 @@ from tests.mutations.planted import PLANTED
 def main(words: Sequence[str] | None = None) -> int:
     """Run a command; return the exit status."""
     arguments = _make_parser().parse_args(words)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
     try:
         return arguments.command(arguments)
     except MutationError as error:

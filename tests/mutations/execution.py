@@ -17,6 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
+from threading import Event
 
 from tests.mutations import pytest_recorder
 from tests.mutations.mutant import PACKAGE, ROOT, Mutant, MutationError
@@ -26,6 +27,8 @@ KINDS = ("default", "nightly")
 MARKS = {"default": (), "nightly": ("-m", "nightly")}  # what pytest's own settings leave out of a default run
 COMPILED = "minihuman/worlds/compiled"  # made by the installation, and ignored by git
 OWN = "tests/mutations/"  # the tests of this folder say nothing about the package
+OWNER = "MINIHUMAN_MUTATION_OWNER"  # in the environment of what a run starts: the process that asked for it
+STOPPED = Event()
 NO_TESTS = 5  # pytest's exit status where a file has none of the kind
 
 # `core`: others know no contexts of tests. `patch`: processes that end without Python's end are measured, too.
@@ -211,12 +214,16 @@ def run_pytest(
     """Run pytest in a copy of a project, in one process, with outcomes in `place`/tests.jsonl.
 
     What the tests started and left running is ended, too.
+
+    Raises:
+        MutationError: if the command was stopped meanwhile.
     """
     plugin = place / "plugin"
     plugin.mkdir(exist_ok=True)
     shutil.copy(pytest_recorder.__file__, plugin / "minihuman_recorder.py")
     marker = str(place / "tests.jsonl")
-    variables = os.environ | {"PYTHONPATH": f"{project}{os.pathsep}{plugin}", RESULTS: marker} | (environment or {})
+    variables = os.environ | {"PYTHONPATH": f"{project}{os.pathsep}{plugin}", RESULTS: marker, OWNER: str(os.getpid())}
+    variables |= environment or {}
     command = [sys.executable, "-m", "pytest", "-n0", "-q", "-p", "minihuman_recorder", *arguments]
     start = time.perf_counter()
     with (place / "output.txt").open("wb") as output:
@@ -230,7 +237,15 @@ def run_pytest(
         finally:
             end_processes(f"{RESULTS}={marker}")
             process.wait()
+    if STOPPED.is_set():
+        raise MutationError("stopped; the same command goes on where it was")
     return FileRun(status, round(time.perf_counter() - start, 2), _read_cpu_s(place / "tests.jsonl"))
+
+
+def stop(*_: object) -> None:
+    """End all runs of this process: a signal's handler."""
+    STOPPED.set()
+    end_processes(f"{OWNER}={os.getpid()}")
 
 
 def end_processes(variable: str) -> None:
