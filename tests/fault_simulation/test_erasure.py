@@ -20,7 +20,7 @@ FAILED_ONCE = (58,)  # an archive of an earlier try was taken for durable: a pow
 SEEDS_UNTIL_FOUND = 200
 
 
-@pytest.mark.long
+@pytest.mark.nightly(sample=True)
 def test_nothing_is_half_erased_or_half_written_without_a_word() -> None:
     outcomes = [simulate_erasure(seed) for seed in range(count(60, 2_000))]
     failed = {outcome.seed: outcome.failures for outcome in outcomes if outcome.failures}
