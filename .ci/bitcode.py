@@ -1,7 +1,8 @@
-"""Prove that the committed bitcode is of the sources, and that every admitted llvmlite makes a working library of it.
+"""Prove that the committed bitcode is of the sources, and that libraries are made of it, or of edited kernels.
 
     python .ci/bitcode.py rebuild     # lower the kernels again with the tools that wrote it, and compare
     python .ci/bitcode.py llvmlite    # build with the oldest and the newest that pyproject.toml admits, and play
+    python .ci/bitcode.py edit        # edit a kernel and install: Numba compiles it, and the worlds do otherwise
 
 Run it in an environment that has minihuman; each build is in an environment of its own.
 """
@@ -18,6 +19,9 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+from tests.worlds.build.checkouts import copy_checkout, edit_kernel  # noqa: E402
+
 MANIFEST = "manifest.json"
 COMMITTED = ROOT / "kernel_build" / "bitcode"
 
@@ -62,25 +66,48 @@ def try_versions(scratch: Path) -> None:
         for name in ("minihuman", "protocols"):
             shutil.copytree(ROOT / name, checkout / name, ignore=shutil.ignore_patterns("compiled", "__pycache__"))
         build(python, "--native", checkout / "minihuman/worlds/compiled")
-        environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(checkout), str(ROOT)])}
-        command = [sys.executable, "-m", "tests.worlds.build.walks"]
-        walked = subprocess.run(command, env=environment, cwd=checkout, capture_output=True, text=True, check=False)
-        if walked.returncode or "compiled here by Numba: False" not in walked.stderr:
-            sys.exit(f"{requirement}: its library does not play: {walked.stderr}")
-        walks[requirement] = walked.stdout
+        walks[requirement] = walk(checkout)
         version = subprocess.run([python, "-m", "pip", "show", "llvmlite"], capture_output=True, text=True, check=True)
         print(requirement, version.stdout.splitlines()[1], f"{len(walks[requirement].splitlines())} worlds", flush=True)
     if len(set(walks.values())) != 1:
         sys.exit("worlds differ between libraries of the oldest and the newest llvmlite")
 
 
+def walk(checkout: Path) -> str:
+    """Return what a walk in every world shows and earns, by a checkout's library."""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(checkout), str(ROOT)])}
+    command = [sys.executable, "-m", "tests.worlds.build.walks"]
+    walked = subprocess.run(command, env=environment, cwd=checkout, capture_output=True, text=True, check=False)
+    if walked.returncode or "compiled here by Numba: False" not in walked.stderr:
+        sys.exit(f"{checkout}: its library does not play: {walked.stderr}")
+    return walked.stdout
+
+
+def install_edited(scratch: Path) -> None:
+    """Install a checkout with an edited kernel, in an environment that has nothing, and see its worlds differ."""
+    checkout = copy_checkout(scratch / "checkout")
+    shutil.rmtree(checkout / "minihuman/worlds/compiled", ignore_errors=True)
+    edit_kernel(checkout)
+    subprocess.run([sys.executable, "-m", "venv", scratch / "venv"], check=True)
+    command = [scratch / "venv" / "bin" / "python", "-m", "pip", "install", "-q", "--no-deps", "-e", checkout]
+    subprocess.run(command, env=os.environ | {"MINIHUMAN_BUILD_CACHE": ""}, check=True)
+    edited, ours = walk(checkout).splitlines(), walk(ROOT).splitlines()
+    different = [line.split()[0] for line, our_line in zip(edited, ours, strict=True) if line != our_line]
+    print(f"an edited kernel installs; {len(different)} of {len(ours)} worlds differ")
+    if not different or any("MiniWorld" in name for name in different):
+        sys.exit("it differs in no grid world, or in a world that the edit is not of")
+
+
+PROOFS = {"rebuild": rebuild, "llvmlite": try_versions, "edit": install_edited}
+
+
 def main() -> None:
     """Prove what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("proof", choices=["rebuild", "llvmlite"])
+    parser.add_argument("proof", choices=PROOFS)
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
-        {"rebuild": rebuild, "llvmlite": try_versions}[arguments.proof](Path(scratch))
+        PROOFS[arguments.proof](Path(scratch))
 
 
 if __name__ == "__main__":

@@ -49,7 +49,8 @@ for _ in range(100):
     env.step(0)
 """
 BUILD = """
-import subprocess, sys
+import os, subprocess, sys
+os.environ["MINIHUMAN_BUILD_CACHE"] = ""  # none: it is made both times
 subprocess.run([sys.executable, "-m", "kernel_build", "--native", "{folder}/library"], check=True)
 """
 DEMO = "protocols/demo.toml"

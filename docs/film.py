@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw
 
 import minihuman
 from minihuman.log.read.session_reader import read_log
-from minihuman.replay.film import MONOSPACED, PAPER, Lettering, compose_frames, write_words
+from minihuman.replay.film import MONOSPACED, PAPER, Lettering, compose_frames, draw_label
 
 ROOT = Path(__file__).parents[1]
 FRAME_MS = 75
@@ -53,7 +53,7 @@ def _verification(behind: Image.Image, log: str, text: str, shown: int) -> Image
         ("replayed from seeds and keys, bit for bit", "#3fb950"),
     ]
     for place, (line, colour) in enumerate(lines[:shown]):
-        write_words(draw, (134, 156 + 40 * place), line, colour, Lettering(MONOSPACED, 15))
+        draw_label(draw, (134, 156 + 40 * place), line, colour, Lettering(MONOSPACED, 15))
     return image
 
 

@@ -18,7 +18,8 @@ from numba.core.registry import cpu_target
 from numba.np.arrayobj import populate_array
 
 from kernel_build.linking import Target
-from minihuman.worlds.kernels import API_FUNCTIONS, API_OBJECTS, KINDS, KernelSource
+from minihuman.worlds.kernels import API_OBJECTS, KernelSource
+from minihuman.worlds.library_manifest import API_FUNCTIONS, KINDS
 
 _OBJECT, _WORD, _INT, _DOUBLE = cgutils.voidptr_t, ir.IntType(64), ir.IntType(32), ir.DoubleType()
 _NOTHING, _MANY = ir.VoidType(), _OBJECT.as_pointer()

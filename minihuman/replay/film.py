@@ -42,13 +42,13 @@ class Lettering:
     size_px: int
 
 
-PLAIN, BOLD = select_typefaces("en"), select_typefaces("en", bold=True)
+REGULAR, BOLD = select_typefaces("en"), select_typefaces("en", bold=True)
 MONOSPACED = TypefaceSet(first=Typeface(str(Path(get_data_path(), "fonts", "ttf", "DejaVuSansMono.ttf"))))
-TITLE, TEXT, MONO, KEY = Lettering(BOLD, 19), Lettering(PLAIN, 14), Lettering(MONOSPACED, 12), Lettering(BOLD, 22)
+TITLE, TEXT, MONO, KEY = Lettering(BOLD, 19), Lettering(REGULAR, 14), Lettering(MONOSPACED, 12), Lettering(BOLD, 22)
 _MIDDLE = 0.58  # of a line's type size, from its top
 
 
-def write_words(
+def draw_label(
     draw: ImageDraw.ImageDraw,
     place: tuple[float, float],
     words: str,
@@ -135,21 +135,21 @@ def _compose(
     draw = ImageDraw.Draw(image)
     image.paste(view, (0, 0))
     left, right = VIEW_PX[0] + 20, SIZE_PX[0] - 20
-    write_words(draw, (left, 14), episode.plan.world.rpartition("/")[2].rpartition(":")[2][:32], INK, TITLE)
+    draw_label(draw, (left, 14), episode.plan.world.rpartition("/")[2].rpartition(":")[2][:32], INK, TITLE)
     who = f"{log.plan.participant.id}, episode {episode.number}, {episode.plan.block_name}"
-    write_words(draw, (left, 40), who[:48], FAINT, TEXT)
+    draw_label(draw, (left, 40), who[:48], FAINT, TEXT)
     pressed = episode.step_keys[step - 1] if step else ""
     for place, (key, action) in enumerate(sorted(episode.plan.key_map.keys.items())[:_MOST_KEYS]):
         x, y = left + place % 3 * 62, 74 + place // 3 * 78
         down = pressed == key
         draw.rounded_rectangle((x, y, x + 44, y + 44), 7, fill=BLUE if down else PANEL, outline=FAINT)
         name = key if len(key) < 3 else key[:5]
-        write_words(draw, (x + 22, y + 22), name, PAPER if down else INK, KEY if len(key) < 3 else MONO, centred=True)
-        write_words(draw, (x + 22, y + 55), action.rpartition("_")[2][:8], INK, MONO, centred=True)
+        draw_label(draw, (x + 22, y + 22), name, PAPER if down else INK, KEY if len(key) < 3 else MONO, centred=True)
+        draw_label(draw, (x + 22, y + 55), action.rpartition("_")[2][:8], INK, MONO, centred=True)
     _draw_map(draw, episode, step, (right - 160, 70, right, 230))
     seconds = (episode.t_ns[step] - episode.t_ns[0]) / 1e9
     end = f": {episode.outcome_word}" if step == len(episode.actions) else ""
-    write_words(draw, (left, 250), f"step {step} of {len(episode.actions)}, {seconds:.1f} s{end}", INK, TEXT)
+    draw_label(draw, (left, 250), f"step {step} of {len(episode.actions)}, {seconds:.1f} s{end}", INK, TEXT)
     for line, one in enumerate(range(max(0, step - _LINES), step)):
         waited = times_ms[one]
         text = (
@@ -157,7 +157,7 @@ def _compose(
             f"{episode.start.action_names[episode.actions[one]].rpartition('_')[2][:10]:<10}"
             f"{'' if np.isnan(waited) else f'{waited:6.0f} ms'}"
         )
-        write_words(draw, (left, 278 + 19 * line), text, INK if one == step - 1 else FAINT, MONO)
+        draw_label(draw, (left, 278 + 19 * line), text, INK if one == step - 1 else FAINT, MONO)
     return image
 
 
@@ -194,7 +194,7 @@ def draw_contact_sheet(log: SessionLog, episodes: Sequence[EpisodeLog]) -> Image
     left = 190
     sheet = Image.new("RGB", (left + (_SHEET + 1) * (width + 6), 40 + len(rows) * (height + 8)), PAPER)
     draw = ImageDraw.Draw(sheet)
-    write_words(draw, (10, 10), f"{log.plan.study}: {log.plan.participant.id}, session {log.plan.session}", INK, TITLE)
+    draw_label(draw, (10, 10), f"{log.plan.study}: {log.plan.participant.id}, session {log.plan.session}", INK, TITLE)
     for row, episode in enumerate(rows):
         y, views = 40 + row * (height + 8), render_frames(episode, _THUMB_PX)
         words = (
@@ -202,7 +202,7 @@ def draw_contact_sheet(log: SessionLog, episodes: Sequence[EpisodeLog]) -> Image
             f"{episode.outcome_word}, {episode.return_:.2f}",
         )  # fmt: skip
         for line, text in enumerate(words):
-            write_words(draw, (10, y + 10 + 22 * line), text, FAINT if line else INK, TEXT)
+            draw_label(draw, (10, y + 10 + 22 * line), text, FAINT if line else INK, TEXT)
         _draw_map(draw, episode, len(episode.actions), (left + 20, y + 4, left + width - 20, y + height - 4))
         for place, step in enumerate(np.linspace(0, len(views) - 1, _SHEET).round().astype(int).tolist()):
             picture = Image.fromarray(fit_picture(views[step], _THUMB_PX))
@@ -210,5 +210,5 @@ def draw_contact_sheet(log: SessionLog, episodes: Sequence[EpisodeLog]) -> Image
             sheet.paste(picture, (x, y))
             label = f"step {step}"
             draw.rectangle((x, y, x + 10 + measure_width_px(label, MONO.faces, MONO.size_px), y + 20), fill=BACKGROUND)
-            write_words(draw, (x + 5, y + 4), label, PAPER, MONO)
+            draw_label(draw, (x + 5, y + 4), label, PAPER, MONO)
     return sheet

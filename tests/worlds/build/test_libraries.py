@@ -17,9 +17,16 @@ from minihuman.worlds.kernels import load_library
 from tests.worlds.build.checkouts import ROOT, copy_checkout, edit_kernel
 
 MACHINES_WITH_A_LIBRARY = {(platform.system, platform.machine) for platform in PLATFORMS}
-pytestmark = pytest.mark.skipif(
-    tuple(library_manifest.HERE) not in MACHINES_WITH_A_LIBRARY, reason="no library is known for this machine"
-)
+COMMITTED = library_manifest.read_manifest(bitcode.COMMITTED)
+pytestmark = [
+    pytest.mark.skipif(
+        tuple(library_manifest.HERE) not in MACHINES_WITH_A_LIBRARY, reason="no library is known for this machine"
+    ),
+    pytest.mark.skipif(
+        not bitcode.is_readable_here(COMMITTED),
+        reason=f"needs llvmlite>={COMMITTED['llvmlite from']}",
+    ),
+]
 MANIFEST = {"sha256": "of the bitcode", "api": [], "kernels": [], "sources": [], "modules": {}}
 OLD = b"of other kernels"
 # in a build's environment there is no NumPy, no Numba and no Gymnasium
@@ -160,6 +167,7 @@ def test_an_installation_wants_a_linker_only_where_there_is_none(build, tmp_path
     assert list_requirements(build[0] / "compiled") == [], "the library there is as new"
 
 
+@pytest.mark.program
 @pytest.mark.parametrize("with_new_kernels", [False, True])
 def test_an_installation_wants_numba_after_an_edit_and_for_a_new_module_of_kernels(tmp_path, with_new_kernels):
     checkout = copy_checkout(tmp_path / "checkout")
@@ -173,6 +181,7 @@ def test_an_installation_wants_numba_after_an_edit_and_for_a_new_module_of_kerne
     assert set(libraries.LOWERING_REQUIREMENTS) <= set(wanted.stdout.split()), wanted.stderr
 
 
+@pytest.mark.program
 def test_without_numba_an_edited_kernel_is_an_error_that_says_what_to_install(tmp_path):
     checkout = copy_checkout(tmp_path / "checkout")
     edit_kernel(checkout)
