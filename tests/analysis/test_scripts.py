@@ -94,6 +94,7 @@ def test_curves_of_trainings_are_compared_with_intervals_over_seeds(tmp_path, mo
     assert (tmp_path / "curves.svg").stat().st_size > 5_000
 
 
+@pytest.mark.nightly
 def test_the_papers_design_is_put_to_simulated_people(tmp_path, monkeypatch, capsys):
     run(monkeypatch, "ten_people.py", tmp_path, "--people", 4, "--studies", 2, "--processes", 1)
     rows = pd.read_csv(tmp_path / "ten_people.csv")
@@ -117,6 +118,7 @@ def test_the_scorecard_is_one_command_and_a_second_run_plays_nothing_again(tmp_p
     assert sorted((tmp_path / "bench").rglob("*.mcap")) == played
 
 
+@pytest.mark.nightly
 def test_what_new_readers_judge_is_drawn_again_by_its_seed(tmp_path, monkeypatch):
     for folder in ("first", "again"):
         run(monkeypatch, "readers/draw.py", tmp_path / folder, "--seed", 3)
@@ -151,7 +153,7 @@ def test_the_study_of_partners_trains_plays_and_proves_its_four_conditions(tmp_p
     assert (tmp_path / "clone.pt").stat() == before, "what is there is not made again"
 
 
-@pytest.mark.nightly(by_day=["change between two days"])
+@pytest.mark.nightly
 @pytest.mark.parametrize("design", ["teams of two", "change between two days", "exclusions by the protocol's rules"])
 def test_power_is_held_against_reports_and_whole_reports_against_the_quick_way(tmp_path, monkeypatch, capsys, design):
     run(monkeypatch, "power_against_reports.py", "--only", design, "--studies", 1, "--reports", 1, "--out", tmp_path)

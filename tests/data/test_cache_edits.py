@@ -290,6 +290,7 @@ def test_verify_recomputes_a_report_and_exports_and_names_a_cell_that_differs(si
     assert (line.ok, line.text) == (False, f"{outputs[2] / 'keys.parquet'} is missing")
 
 
+@pytest.mark.nightly
 def test_nothing_written_names_a_folder_outside_the_study(simulated: Path, tmp_path: Path) -> None:
     """A login name stands in most paths; in a private folder, of a name that nothing else is written with."""
     home = tmp_path / "home-of-jane-doe"

@@ -192,7 +192,7 @@ def test_what_became_of_frozen_cells_is_said(monkeypatch):
     ]
 
 
-@pytest.mark.nightly(by_day=["plain", "resumed"])
+@pytest.mark.nightly(by_day=["plain"])
 @pytest.mark.program
 @pytest.mark.parametrize("study", ["plain", "resumed", "every-part", "every-lesson"])
 def test_a_frozen_study_is_reported(study, tmp_path):

@@ -6,6 +6,7 @@ import io
 import json
 import os
 import sys
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -72,7 +73,7 @@ def test_a_client_of_the_protocol_plays_a_session_that_verifies(tmp_path: Path) 
     assert all(line.ok for line in verify(tmp_path / "data"))
 
 
-def test_mistakes_are_answered_and_cost_nothing(tmp_path: Path) -> None:
+def test_mistakes_are_answered_and_cost_nothing(tmp_path: Path, stays_away: threading.Event) -> None:
     from mcp import Client
 
     (tmp_path / "study.toml").write_text(study(model="timeout_s = 1.0"))

@@ -165,6 +165,7 @@ def test_a_second_report_is_the_same_to_the_byte_and_no_figure_of_it_is_drawn(bu
     assert contents(built[0][0].parent) == first
 
 
+@pytest.mark.nightly(by_day=["a mark"])
 @pytest.mark.parametrize("became", ["a mark", "another selection"])
 def test_a_report_of_what_changed_is_as_if_nothing_had_been_kept(built, study, tmp_path, became):
     changed = shutil.copytree(study, tmp_path / "study", ignore=shutil.ignore_patterns("bad", "sub-09"))
@@ -183,6 +184,7 @@ def test_a_report_of_what_changed_is_as_if_nothing_had_been_kept(built, study, t
     assert contents(tmp_path / "kept") != contents(built[0][0].parent)
 
 
+@pytest.mark.nightly
 def test_the_published_study_stands_beside_its_own_protocol_alone(tmp_path):
     shipped = find_shipped_protocol("fourrooms-transfer").read_bytes()
     changed = shipped.replace(b"seed = 20230623", b"seed = 20230624")
@@ -254,6 +256,7 @@ TINY = {
 }
 
 
+@pytest.mark.nightly(by_day=["one participant"])
 @pytest.mark.parametrize("people", TINY.values(), ids=TINY)
 def test_a_tiny_study_has_a_report_and_nobody_is_warned_of_arithmetic(people, tmp_path, capfd):
     for one in people:

@@ -17,6 +17,7 @@ from tests.xserver import Typist
 pytestmark = pytest.mark.program
 
 
+@pytest.mark.nightly(by_day=["pygame"])
 @pytest.mark.parametrize("window", ["pygame", "pyglet"])
 def test_a_whole_demo_session_keeps_every_stroke_and_verifies(
     window: str, typist_and_display: tuple[Typist, str], tmp_path: Path

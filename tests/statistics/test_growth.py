@@ -113,6 +113,7 @@ def test_too_few_people_have_no_mixed_model_and_a_constant_none_that_converges()
     assert fit_mixed_model(constant, "value", ["a", "b"]).terms == ()
 
 
+@pytest.mark.nightly
 def test_a_second_program_finds_the_same_model_in_small_studies():
     rng, kept = np.random.default_rng(11), Counter()
     for number in range(count(9, 200)):

@@ -64,7 +64,7 @@ def test_it_steps_as_it_does_by_itself() -> None:
             world.step([0, 0])
 
 
-@pytest.mark.nightly(by_day=["True"])
+@pytest.mark.nightly
 @pytest.mark.parametrize("in_turns", [False, True])
 def test_a_study_in_it_is_proven_and_reported(tmp_path: Path, in_turns: bool) -> None:
     protocol = read_protocol(pong_study(tmp_path, in_turns=in_turns), trust=True)

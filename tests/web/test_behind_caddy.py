@@ -83,6 +83,7 @@ def until_secure(port: int) -> None:
             time.sleep(0.1)
 
 
+@pytest.mark.nightly
 def test_people_come_by_tls_to_two_workers_and_each_stays_with_theirs(tmp_path: Path) -> None:
     port = free_port(in_a_row=1)
     address = f"https://localhost:{port}"

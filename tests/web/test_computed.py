@@ -473,7 +473,7 @@ def list_received(somebody: Somebody) -> list[bytes]:
     return told
 
 
-@pytest.mark.nightly(by_day=["3d"])
+@pytest.mark.nightly
 @pytest.mark.program
 @pytest.mark.parametrize(
     ("world", "noop"), [(GRID, 'noop_action = "done"'), (FIRST_PERSON_WORLD, "")], ids=["grid", "3d"]

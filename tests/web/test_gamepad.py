@@ -98,6 +98,7 @@ def test_a_pad_and_the_mouse_play_in_the_page_and_the_log_is_proven(tmp_path: Pa
         for number, (x, y) in enumerate(((0.25, 0.75), (0.5, 0.5))):
             page.mouse.click(box["x"] + x * box["width"], box["y"] + y * box["height"])
             person.until(f"s.confirmed === {number + 1}")
+        box = page.locator("canvas").bounding_box()
         page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] + 8)  # beside it
         page.screenshot(path=str(tmp_path / "board.png"))
         press(SOUTH, "s.finished")

@@ -30,6 +30,7 @@ SETTINGS = PageSettings(picture_px=(96, 96))
 WEB = "image_size_px = [96, 96]\nopen_access = true"
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("register", ["files", pytest.param("database", marks=needs("postgresql"))][count(1, 0) :])
 def test_everybody_plays_a_slot_of_their_own_at_one_of_several_servers(tmp_path: Path, register: str) -> None:
     if register == "files":

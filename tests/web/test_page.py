@@ -19,6 +19,7 @@ from tests.web.serving import line, serving
 pytestmark = [pytest.mark.program, needs("chromium")]
 
 
+@pytest.mark.nightly(by_day=["grid", "sent-ahead"])
 @pytest.mark.parametrize(
     ("world", "computed"),
     [(GRID, "page"), (GRID, "server"), (FIRST_PERSON, "server")],
@@ -239,6 +240,7 @@ def test_where_a_browser_blocks_site_data_the_study_is_played_all_the_same(tmp_p
         assert set(somebody.errors) == {"blocked"}  # of what counts the keys here
 
 
+@pytest.mark.nightly(by_day=["False"])
 @pytest.mark.parametrize("was_welcomed", [False, True])
 def test_another_link_in_a_tab_that_waits_for_its_welcome_lets_the_next_participant_in(
     tmp_path: Path, was_welcomed: bool

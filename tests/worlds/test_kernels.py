@@ -73,6 +73,7 @@ def test_worlds_follow_an_edit_in_a_checkout_and_somebody_who_waits_for_the_comp
     assert said.splitlines() == [COMPILE_NOTICE]
 
 
+@pytest.mark.nightly
 @native
 @pytest.mark.program
 def test_numba_computes_what_the_library_does():

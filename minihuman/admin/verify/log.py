@@ -506,7 +506,8 @@ def _divided_as_before(protocol: Protocol, plan: SessionPlan, part: PlannedPart,
             divided = {"instruction": pages, "pagination": msgspec.UNSET}
         case _:
             return part
-    if not is_division(pages, find_paged_text(protocol, part.name, plan.participant.group), pictures=pictures):
+    text = find_paged_text(protocol, part.name, plan.participant.group)
+    if text is None or not is_division(pages, text, pictures=pictures):
         return part
     return msgspec.structs.replace(part, plan=msgspec.structs.replace(part.plan, **divided))
 

@@ -206,8 +206,10 @@ def _pagination_of(pages: Sequence[str]) -> int | msgspec.UnsetType:
     return PAGINATION_RULES if len(pages) > 1 else msgspec.UNSET
 
 
-def find_paged_text(protocol: Protocol, name: str, group: str) -> str:
-    """Return the whole text that a page or a block's instructions show in pages."""
+def find_paged_text(protocol: Protocol, name: str, group: str) -> str | None:
+    """Return the whole text that a page or a block's instructions show in pages; None for an activity with its own."""
+    if any(activity.name == name for activity in protocol.activities):
+        return None
     if _is_block(protocol, name):
         return protocol.block_for(name, group).instructions
     page = protocol.page_for(name, group)

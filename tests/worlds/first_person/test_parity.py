@@ -79,8 +79,8 @@ def episodes(name: str):
     return [played(name, seed, policy, options) for policy, options in pairs for seed in range(seeds)]
 
 
+@pytest.mark.nightly
 @needs("opengl")
-@pytest.mark.nightly(sample=True)
 @pytest.mark.parametrize("names", GROUPS, ids=lambda names: names[0] if len(names) == 1 else "all")
 def test_worlds_play_as_miniworlds_do(names):
     ours = [episode for name in names for episode in episodes(name)]

@@ -53,6 +53,7 @@ def test_the_kernels_run_as_plain_python_draw_the_same_pictures_alone_and_togeth
     assert in_plain_python[:2] == [digest(12, 8), apart(12, 8, pictures=2)]
 
 
+@pytest.mark.nightly
 def test_the_kernels_run_as_plain_python_draw_the_same_display(in_plain_python: list[str]) -> None:
     assert in_plain_python[2:] == [display_digest(12, 8)]
 
