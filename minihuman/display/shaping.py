@@ -28,6 +28,7 @@ SUBPIXELS = 64  # of a pixel: the unit of FreeType's and HarfBuzz's positions
 _FIRST_RTL = 0x590  # no character below has a direction other than left to right, none asks for one
 _LEVELS_HEADING = "\n    levels: [\n"  # a line break inside the text itself is escaped
 _LEVEL = re.compile(r"Level\(\s*(\d+)")
+_LINE_END = re.compile(r"[\s\u202a-\u202e\u2066-\u2069]+\Z")
 _SURROGATE = re.compile("[\ud800-\udfff]")
 _FOLLOWS = frozenset("PSZNM")  # signs, blanks, numbers and marks: the categories that stay in the face before them
 
@@ -184,8 +185,9 @@ def _query_levels(text: str, *, rtl: bool) -> list[int]:
 
 
 def _apply_line_end_rule(text: str, levels: list[int], *, base: int) -> list[int]:
-    """Give blanks at a line's end the direction of the whole text (rule L1)."""
-    n_ending = len(text) - len(text.rstrip())
+    """Give blanks at a line's end, and marks of direction among them, the direction of the whole text (rule L1)."""
+    ending = _LINE_END.search(text)
+    n_ending = len(ending[0]) if ending else 0
     return [*levels[: len(levels) - n_ending], *[base] * n_ending]
 
 
