@@ -1,6 +1,6 @@
 """Speed of this checkout's compiled worlds beside another checkout's: CPU-seconds of the same play, in turn.
 
-    python -m benchmarks.library_speed OTHER_CHECKOUT [--rounds 15] [--short]
+    python -m benchmarks.library_speed OTHER_CHECKOUT [--only PART] [--rounds 15] [--short]
 
 Each checkout plays in a process of its own, with the library in its ``minihuman/worlds/compiled``, so a library of
 older processors is measured where that folder holds it alone. Each line is the median over rounds in which first the
@@ -121,6 +121,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("other", type=Path, metavar="OTHER_CHECKOUT")
     parser.add_argument("--ours", type=Path, default=HERE, help="instead of this checkout")
+    parser.add_argument("--only", default="", help="parts with this in their name")
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--short", action="store_true", help="one round of few steps: it shows that everything runs")
     arguments = parser.parse_args()
@@ -133,6 +134,8 @@ def main() -> None:
     ours, other = (Player(checkout) for checkout in checkouts.values())
     print(f"{'':44}{'ours: CPU s':>12}{'other':>10}{'ratio':>8}")
     for name, part in PARTS.items():
+        if arguments.only not in name:
+            continue
         pairs = [(ours.cpu_s(part.format(count)), other.cpu_s(part.format(count))) for _ in range(rounds)]
         ours_s, other_s = (statistics.median(column) for column in zip(*pairs, strict=True))
         ratio = statistics.median(other_cpu_s / ours_cpu_s for ours_cpu_s, other_cpu_s in pairs)
