@@ -186,9 +186,9 @@ def _query_levels(text: str, *, rtl: bool) -> list[int]:
 
 def _apply_line_end_rule(text: str, levels: list[int], *, base: int) -> list[int]:
     """Give blanks at a line's end, and marks of direction among them, the direction of the whole text (rule L1)."""
-    ending = _LINE_END.search(text)
-    n_ending = len(ending[0]) if ending else 0
-    return [*levels[: len(levels) - n_ending], *[base] * n_ending]
+    trailing = _LINE_END.search(text)
+    n_trailing = len(trailing[0]) if trailing else 0
+    return [*levels[: len(levels) - n_trailing], *[base] * n_trailing]
 
 
 def _order_runs(runs: Iterator[_Run]) -> list[_Run]:
