@@ -19,6 +19,7 @@ do; on the command line: `minihuman --help`.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from minihuman.moved import support_old_names as _support_old_names
 from minihuman.worlds.registration import register_with_gymnasium as _register
 
 if TYPE_CHECKING:
@@ -86,3 +87,4 @@ def __dir__() -> list[str]:
 
 
 _register()
+_support_old_names()

@@ -7,6 +7,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from minihuman.activities.questions.question import (
+        AnswerDraft as AnswerDraft,
+        QuestionKind as QuestionKind,
+    )
     from minihuman.agents.agent import BaseAgent as BaseAgent
     from minihuman.dataset.sessions import IncludedEpisode as IncludedEpisode, IncludedEpisodes as IncludedEpisodes
     from minihuman.display.windows.window import (
@@ -15,14 +19,10 @@ if TYPE_CHECKING:
         VirtualClock as VirtualClock,
         Window as Window,
     )
-    from minihuman.experiment.activities.activity import (
+    from minihuman.experiment.machine.activity import (
         Activity as Activity,
         ActivityKind as ActivityKind,
         RequestHandler as RequestHandler,
-    )
-    from minihuman.experiment.activities.questions.question import (
-        AnswerDraft as AnswerDraft,
-        QuestionKind as QuestionKind,
     )
     from minihuman.experiment.plan.designs import (
         Design as Design,
@@ -44,9 +44,9 @@ if TYPE_CHECKING:
     from minihuman.worlds.contract import NativeWorld as NativeWorld
 
 _MODULES = {
-    "Activity": "minihuman.experiment.activities.activity",
-    "ActivityKind": "minihuman.experiment.activities.activity",
-    "AnswerDraft": "minihuman.experiment.activities.questions.question",
+    "Activity": "minihuman.experiment.machine.activity",
+    "ActivityKind": "minihuman.experiment.machine.activity",
+    "AnswerDraft": "minihuman.activities.questions.question",
     "BaseAgent": "minihuman.agents.agent",
     "Clock": "minihuman.display.windows.window",
     "Design": "minihuman.experiment.plan.designs",
@@ -63,8 +63,8 @@ _MODULES = {
     "LearningResult": "minihuman.learn.teaching.learner",
     "NativeWorld": "minihuman.worlds.contract",
     "PlayedEpisode": "minihuman.experiment.plan.designs",
-    "QuestionKind": "minihuman.experiment.activities.questions.question",
-    "RequestHandler": "minihuman.experiment.activities.activity",
+    "QuestionKind": "minihuman.activities.questions.question",
+    "RequestHandler": "minihuman.experiment.machine.activity",
     "ScriptedWindow": "minihuman.display.windows.window",
     "SimulatedParticipant": "minihuman.simulation.participant",
     "EnrolmentDecision": "minihuman.experiment.plan.designs",

@@ -46,13 +46,16 @@ SAME_CLASS = {
     "PutNext": "a first-person world and a BabyAI instruction: both names are written into hashes and exports"
 }
 SAME_FILE = {  # a name that several packages share, for the same role in each
+    "activity": "the activity of a kind, and what every activity is",
     "batch": "many worlds of a kind in one call",
     "belief_state": "what an agent has seen of a kind of world",
+    "draft": "the answer in progress to a question of a kind",
     "drawing": "the pictures of a kind of world",
     "env": "the Gymnasium environment of a kind of world",
     "machine": "commands about this machine, and what a log says of it",
     "go_to_obj": "GoToObj: its grid world, its 3D world, and what the two share",
     "imitation": "a library of that name, and learning of that name",
+    "messages": "what a team's people write to each other, and what the page and the server do",
     "options": "options of commands, and of worlds",
     "make": "where older data sets look for a kind of world",
     "paths": "where logs lie, and paths over a floor plan",

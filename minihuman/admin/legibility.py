@@ -5,14 +5,14 @@ from typing import Any
 
 import msgspec
 
+from minihuman.activities.pages.activity import PagePlan
+from minihuman.activities.play.plan import PlayPlan
+from minihuman.activities.questions.activity import QuestionsPlan
+from minihuman.activities.questions.question import build_draft
 from minihuman.display.drawing.questions import question_fits
 from minihuman.display.drawing.text_screens import text_fits
 from minihuman.display.text import TypefaceSet, find_installed_typeface, measure_width_px, select_typefaces
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.block_plans import PlayPlan
-from minihuman.experiment.activities.pages import PagePlan
-from minihuman.experiment.activities.questions.question import build_draft
-from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
 from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.screens import TextScreen
 from minihuman.experiment.plan.allocation import build_allocation_list

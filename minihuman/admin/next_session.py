@@ -6,6 +6,7 @@ from pathlib import Path
 
 import msgspec
 
+from minihuman.activities.play.plan import PlayPlan
 from minihuman.admin.enrolment_entries import (
     NO_NOTE,
     AuditNote,
@@ -19,7 +20,6 @@ from minihuman.admin.enrolment_log import draw_slot, now_text, record_interventi
 from minihuman.admin.manifest import record_missing_heads
 from minihuman.admin.session_index import SessionSummary, read_session_index
 from minihuman.errors import AllocationError
-from minihuman.experiment.activities.block_plans import PlayPlan
 from minihuman.experiment.machine.events import FINAL_END_REASONS, Answered, EpisodesSkipped, PartEnded, Scored
 from minihuman.experiment.machine.part_sequence import is_only_closing_left
 from minihuman.experiment.plan.designs import PlayedEpisode

@@ -11,16 +11,16 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from minihuman.activities.agent_blocks.activity import Advised, ControlChanged, LearnerAsked, PolicyGiven, Rated
+from minihuman.activities.correction.activity import CorrectionBegun
+from minihuman.activities.preferences.activity import Preferred
+from minihuman.activities.team.activity import JointStepped
 from minihuman.dataset.annotations import Annotation
 from minihuman.dataset.measures import KeyTally, response_ms, summarize_key_use, visible_effect
 from minihuman.dataset.rows import RowBatch, SessionTables
 from minihuman.dataset.selection import SelectedSession, find_practice_blocks, format_version, summarize_session
 from minihuman.dataset.session_measures import MeasureRow, SessionMeasures, locate_episode
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.agent_blocks import Advised, ControlChanged, LearnerAsked, PolicyGiven, Rated
-from minihuman.experiment.activities.correction import CorrectionBegun
-from minihuman.experiment.activities.preferences import Preferred
-from minihuman.experiment.activities.team_play import JointStepped
 from minihuman.experiment.machine.events import (
     AnswerChanged,
     Answered,

@@ -16,8 +16,8 @@ import numpy as np
 from datasets.arrow_writer import ArrowWriter
 from numpy.typing import NDArray
 
+from minihuman.activities.preferences.activity import EpisodeClip, PairAnswer
 from minihuman.dataset.sessions import IncludedEpisode, IncludedEpisodes
-from minihuman.experiment.activities.preferences import EpisodeClip, PairAnswer
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (
     ReplayedEpisode,

@@ -1,6 +1,9 @@
 """Topics that our activity kinds add to a log: agents and ratings, pairs of clips, corrections, teams."""
 
-from minihuman.experiment.activities import agent_blocks, correction, preferences, team_messages, team_play
+from minihuman.activities.agent_blocks import activity as agent_blocks
+from minihuman.activities.correction import activity as correction
+from minihuman.activities.preferences import activity as preferences
+from minihuman.activities.team import activity as team_play, messages as team_messages
 from minihuman.log.codec import EventRow
 from minihuman.log.proto import minihuman_agent_v1_pb2 as agent_v1
 from minihuman.log.topics import Topic

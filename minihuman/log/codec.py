@@ -19,8 +19,8 @@ import msgspec
 from google.protobuf.message import Message
 
 from minihuman.errors import LogError, NewerLogError, ProtocolError
-from minihuman.experiment.activities.activity import GROUP, ActivityKind, find_kind, list_built_in_kinds
 from minihuman.experiment.machine import events
+from minihuman.experiment.machine.activity import GROUP, ActivityKind, find_kind, list_built_in_kinds
 from minihuman.experiment.plan.designs import GroupAssignment
 from minihuman.experiment.plan.session_plan import (
     BlockText,

@@ -13,6 +13,10 @@ from pathlib import Path
 
 import msgspec
 
+from minihuman.activities.agent_blocks.activity import Advice, AdviceRequest, NewPolicy, PolicyGiven, PolicyRequest
+from minihuman.activities.correction.activity import CorrectionPlan, EpisodeRequest
+from minihuman.activities.play.plan import LATEST_POLICY, AgentPlayPlan, TeamPlayPlan
+from minihuman.activities.preferences.activity import ClipOffered, ClipRequest, EpisodeClip, PreferencesPlan
 from minihuman.admin.next_session import plan_drawn_session
 from minihuman.admin.policies import PolicyStore
 from minihuman.agents.agent import (
@@ -24,11 +28,7 @@ from minihuman.agents.agent import (
     make_policy_agent,
 )
 from minihuman.errors import MinihumanError
-from minihuman.experiment.activities.activity import ActivityRequest, RequestHandler
-from minihuman.experiment.activities.agent_blocks import Advice, AdviceRequest, NewPolicy, PolicyGiven, PolicyRequest
-from minihuman.experiment.activities.block_plans import LATEST_POLICY, AgentPlayPlan, TeamPlayPlan
-from minihuman.experiment.activities.correction import CorrectionPlan, EpisodeRequest
-from minihuman.experiment.activities.preferences import ClipOffered, ClipRequest, EpisodeClip, PreferencesPlan
+from minihuman.experiment.machine.activity import ActivityRequest, RequestHandler
 from minihuman.experiment.machine.events import Event
 from minihuman.experiment.machine.inputs import ActivityInput
 from minihuman.experiment.machine.running_episode import RunningEpisode

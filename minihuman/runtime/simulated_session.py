@@ -14,19 +14,19 @@ from typing import Any, get_args
 
 import numpy as np
 
+from minihuman.activities.agent_blocks.activity import AgentPlayActivity, RatingActivity
+from minihuman.activities.correction.activity import CorrectionActivity, CorrectionPlan
+from minihuman.activities.preferences.activity import PairAnswer, PreferencesActivity, PreferencesPlan
+from minihuman.activities.questions.activity import QuestionsActivity
+from minihuman.activities.questions.question import Click
 from minihuman.admin.enrolment_entries import ParticipantReplaced
 from minihuman.admin.enrolment_log import free_slot, now_text, record_departure, require_free_slots
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import plan_next_session
 from minihuman.display.windows.window import VirtualClock, Window
 from minihuman.errors import MinihumanError, PlayerFailedError
-from minihuman.experiment.activities.activity import Activity
-from minihuman.experiment.activities.agent_blocks import AgentPlayActivity, RatingActivity
-from minihuman.experiment.activities.correction import CorrectionActivity, CorrectionPlan
-from minihuman.experiment.activities.preferences import PairAnswer, PreferencesActivity, PreferencesPlan
-from minihuman.experiment.activities.questions.question import Click
-from minihuman.experiment.activities.questions.questionnaire import QuestionsActivity
 from minihuman.experiment.keys import BUTTON_NAMES
+from minihuman.experiment.machine.activity import Activity
 from minihuman.experiment.machine.inputs import (
     Input,
     KeyDown,

@@ -10,8 +10,8 @@ from typing import Literal
 
 import numpy as np
 
+from minihuman.activities.preferences.activity import EpisodeClip, PairAnswer
 from minihuman.errors import SimulationError
-from minihuman.experiment.activities.preferences import EpisodeClip, PairAnswer
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.plugins import make_plugin
 from minihuman.worlds.adapters.world import World

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import MinihumanError, WorldError
-from minihuman.experiment.activities.activity import WorldFactory
+from minihuman.experiment.machine.activity import WorldFactory
 from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, ScreenShown, Tick
 from minihuman.experiment.machine.running_episode import WorldFailedError, catch_world_errors
 from minihuman.experiment.machine.screens import (

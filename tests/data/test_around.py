@@ -16,7 +16,7 @@ from minihuman.dataset.session_tables import TABLES_OF_TOPIC
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_columns import EPISODE_TABLES, PRIMARY_KEYS, TABLES, table_key_name
-from minihuman.experiment.activities.activity import list_built_in_kinds
+from minihuman.experiment.machine.activity import list_built_in_kinds
 from minihuman.exporters.exporter import export_study
 from minihuman.log import activity_topics, topics
 from minihuman.log.codec import list_activity_topics

@@ -8,12 +8,15 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from minihuman.experiment.activities import agent_blocks, correction, preferences, team_messages, team_play
-from minihuman.experiment.activities.block_plans import CriterionSpec, PlayPlan
-from minihuman.experiment.activities.keyboard_check import KeyboardCheckPlan
-from minihuman.experiment.activities.pages import PagePlan
-from minihuman.experiment.activities.questions.question import QuestionItemSpec
-from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
+from minihuman.activities.agent_blocks import activity as agent_blocks
+from minihuman.activities.correction import activity as correction
+from minihuman.activities.keyboard_check.activity import KeyboardCheckPlan
+from minihuman.activities.pages.activity import PagePlan
+from minihuman.activities.play.plan import CriterionSpec, PlayPlan
+from minihuman.activities.preferences import activity as preferences
+from minihuman.activities.questions.activity import QuestionsPlan
+from minihuman.activities.questions.question import QuestionItemSpec
+from minihuman.activities.team import activity as team_play, messages as team_messages
 from minihuman.experiment.machine import events
 from minihuman.experiment.plan.designs import GroupAssignment, PlayedEpisode
 from minihuman.experiment.plan.session_plan import (

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
+from minihuman.activities.pages.activity import PagePlan
+from minihuman.activities.play.plan import PlayPlan
+from minihuman.activities.questions.activity import QuestionsPlan
+from minihuman.activities.questions.question import QuestionItemSpec, build_draft
 from minihuman.agents.goal_search import find_shortest_path
 from minihuman.display.drawing.screen import find_spot
 from minihuman.display.windows.blocking_window import TITLE
-from minihuman.experiment.activities.block_plans import PlayPlan
-from minihuman.experiment.activities.pages import PagePlan
-from minihuman.experiment.activities.questions.question import QuestionItemSpec, build_draft
-from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
 from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.events import (
     Answered,

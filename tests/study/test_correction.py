@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from minihuman.experiment.activities.correction import (
+from minihuman.activities.correction.activity import (
     CorrectionBegun,
     CorrectionEnded,
     CorrectionSeen,
@@ -11,7 +11,7 @@ from minihuman.experiment.activities.correction import (
     EpisodeRequest,
     NothingToCorrect,
 )
-from minihuman.experiment.activities.preferences import ClipOffered, EpisodeClip
+from minihuman.activities.preferences.activity import ClipOffered, EpisodeClip
 from minihuman.experiment.machine.events import PartEnded, SessionEnded, find_violations
 from minihuman.experiment.machine.inputs import FocusChanged
 from minihuman.experiment.machine.screens import FilmScreen, PlayScreen

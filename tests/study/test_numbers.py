@@ -2,8 +2,8 @@
 
 import pytest
 
-from minihuman.experiment.activities.questions.number import parse_number
-from minihuman.experiment.activities.questions.question import QuestionItemSpec, build_draft
+from minihuman.activities.questions.number.draft import parse_number
+from minihuman.activities.questions.question import QuestionItemSpec, build_draft
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 import pytest
 
-from minihuman.experiment.activities.preferences import (
+from minihuman.activities.preferences.activity import (
     ClipOffered,
     ClipRequest,
     EpisodeClip,

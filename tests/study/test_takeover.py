@@ -4,7 +4,7 @@ from types import MappingProxyType
 
 import pytest
 
-from minihuman.experiment.activities.agent_blocks import (
+from minihuman.activities.agent_blocks.activity import (
     AGENT_RULES,
     Advice,
     AdviceRequest,

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from minihuman.activities.play.plan import StimuliSpec
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.log import verify_session
 from minihuman.dataset.sessions import IncludedEpisode
 from minihuman.display.windows.window import ScriptedWindow, VirtualClock
 from minihuman.errors import ProtocolError, WorldError
-from minihuman.experiment.activities.block_plans import StimuliSpec
 from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, FrameShown, KeyPressed, Noted, Stepped
 from minihuman.experiment.machine.inputs import KeyDown, KeyUp, ScreenShown
 from minihuman.experiment.machine.session import SessionMachine

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
+from minihuman.activities.team.activity import InputLate, JointStepped, SeatTaken
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.admin.verify.log import find_log_differences
-from minihuman.experiment.activities.team_play import InputLate, JointStepped, SeatTaken
 from minihuman.experiment.machine.events import KeyPressed, Noted, Stepped
 from minihuman.experiment.replay import BROWSER_NOTE
 from minihuman.log.read.session_reader import read_events

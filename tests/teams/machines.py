@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Any
 
+from minihuman.activities.team.activity import JointStepped, TeamPlayActivity
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.protocol_file import read_protocol
-from minihuman.experiment.activities.team_play import JointStepped, TeamPlayActivity
 from minihuman.experiment.machine.events import Event
 from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown, Stop, Tick
 from minihuman.experiment.machine.session import SessionMachine

@@ -15,9 +15,9 @@ from contextlib import closing
 from pathlib import Path
 
 import minihuman
+from minihuman.activities.team.activity import JointStepped, TeamFormed
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.agents.team_agents import KitchenView
-from minihuman.experiment.activities.team_play import JointStepped, TeamFormed
 from minihuman.experiment.machine.events import EpisodeStarted
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.worlds.adapters.world import World

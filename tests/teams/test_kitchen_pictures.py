@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from minihuman.activities.team.activity import JointStepped, TeamFormed
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.admin.verify.log import find_log_differences
 from minihuman.agents.team_agents import KitchenView
-from minihuman.experiment.activities.team_play import JointStepped, TeamFormed
 from minihuman.experiment.machine.events import FrameShown
 from minihuman.log.read.session_reader import read_events
 from minihuman.worlds.adapters.world import World

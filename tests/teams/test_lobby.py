@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from minihuman.activities.team.activity import TeamEnded, TeamFormed
 from minihuman.admin.payments import compute_payments
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.status import count_participant_flow
 from minihuman.admin.verify.episodes import verify_teams
-from minihuman.experiment.activities.team_play import TeamEnded, TeamFormed
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.runtime.team_host import TeamTable

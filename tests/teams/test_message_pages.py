@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
+from minihuman.activities.team.activity import JointStepped, TeamFormed
+from minihuman.activities.team.messages import MessageShown, MessageTyped
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.admin.verify.log import find_log_differences
-from minihuman.experiment.activities.team_messages import MessageShown, MessageTyped
-from minihuman.experiment.activities.team_play import JointStepped, TeamFormed
 from minihuman.experiment.machine.events import EpisodeStarted, Event, KeyPressed, Noted, TextTyped
 from minihuman.log.read.session_reader import read_events
 from minihuman.worlds.adapters.world import World

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
+from minihuman.activities.team.messages import MESSAGE_LETTERS, MessageShown
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.admin.withdrawal import withdraw_participant
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.team_messages import MESSAGE_LETTERS, MessageShown
 from minihuman.experiment.machine.events import Noted
 from minihuman.experiment.machine.inputs import TextInput
 from minihuman.experiment.plan.dry_run import check_worlds

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from minihuman.activities.team.activity import JointStepped, TeamFormed
 from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.admin.verify.log import find_log_differences
 from minihuman.display.windows.window import Window
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.team_play import JointStepped, TeamFormed
 from minihuman.experiment.machine.events import FrameShown, KeyPressed, SessionEnded
 from minihuman.experiment.machine.inputs import Input, KeyDown, KeyUp, ScreenShown
 from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen

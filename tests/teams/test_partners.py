@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from minihuman.activities.team.activity import InputLate, JointStepped, SeatTaken, TeamEnded, TeamFormed
 from minihuman.admin.payments import compute_payments
-from minihuman.experiment.activities.team_play import InputLate, JointStepped, SeatTaken, TeamEnded, TeamFormed
 from minihuman.experiment.machine.events import EpisodeEnded, EpisodesSkipped, KeyPressed
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.plan.dry_run import describe_plan

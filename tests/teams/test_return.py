@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
+from minihuman.activities.team.activity import JointStepped, SeatTaken, TeamEnded
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.agents.agent import RandomAgent
-from minihuman.experiment.activities.team_play import JointStepped, SeatTaken, TeamEnded
 from minihuman.experiment.machine.events import EpisodeEnded, KeyPressed
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.replay import compare_replay

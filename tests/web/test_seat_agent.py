@@ -6,10 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.agents.agent import BaseAgent, make_agent
-from minihuman.display.windows.window import ScriptedWindow, VirtualClock
-from minihuman.experiment.activities.activity import ActivityRequest, RequestHandler
-from minihuman.experiment.activities.agent_blocks import (
+from minihuman.activities.agent_blocks.activity import (
     Advice,
     AdviceRequest,
     Advised,
@@ -19,8 +16,11 @@ from minihuman.experiment.activities.agent_blocks import (
     PolicyRequest,
     Rated,
 )
-from minihuman.experiment.activities.correction import CorrectionSeen, EpisodeRequest
-from minihuman.experiment.activities.preferences import ClipOffered, ClipRequest, EpisodeClip, PairSeen, Preferred
+from minihuman.activities.correction.activity import CorrectionSeen, EpisodeRequest
+from minihuman.activities.preferences.activity import ClipOffered, ClipRequest, EpisodeClip, PairSeen, Preferred
+from minihuman.agents.agent import BaseAgent, make_agent
+from minihuman.display.windows.window import ScriptedWindow, VirtualClock
+from minihuman.experiment.machine.activity import ActivityRequest, RequestHandler
 from minihuman.experiment.machine.events import Event, Stepped, find_violations
 from minihuman.experiment.machine.inputs import ActivityInput, KeyDown, KeyUp, Stop
 from minihuman.experiment.machine.running_episode import RunningEpisode

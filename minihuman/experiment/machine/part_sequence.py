@@ -5,11 +5,11 @@ Plans recorded before there were parts are read as consent, keyboard check, bloc
 
 from collections.abc import Sequence
 
+from minihuman.activities.keyboard_check.activity import KeyboardCheckPlan
+from minihuman.activities.pages.activity import PagePlan
+from minihuman.activities.play.plan import PlayPlan
 from minihuman.errors import AllocationError
-from minihuman.experiment.activities.activity import Activity, PartEnding, SessionContext, build_activity
-from minihuman.experiment.activities.block_plans import PlayPlan
-from minihuman.experiment.activities.keyboard_check import KeyboardCheckPlan
-from minihuman.experiment.activities.pages import PagePlan
+from minihuman.experiment.machine.activity import Activity, PartEnding, SessionContext, build_activity
 from minihuman.experiment.machine.events import PartEnded, PartStarted
 from minihuman.experiment.plan.session_plan import PlannedPart, SessionPlan
 from minihuman.experiment.words import InterfaceWords

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.experiment.activities.block_plans import PlayPlan
-from minihuman.experiment.activities.questions.question import AnswerDraft, find_question_kind
+from minihuman.activities.play.plan import PlayPlan
+from minihuman.activities.questions.question import AnswerDraft, find_question_kind
 from minihuman.experiment.machine.events import EndReason, Outcome
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import (
@@ -24,7 +24,7 @@ from minihuman.experiment.plan.session_plan import BonusSpec, EpisodePlan
 from minihuman.experiment.words import InterfaceWords
 
 if TYPE_CHECKING:
-    from minihuman.experiment.activities.activity import SessionContext
+    from minihuman.experiment.machine.activity import SessionContext
 
 ABORT_REASONS = (
     "the participant asked to stop",

@@ -15,8 +15,8 @@ from enum import StrEnum
 from functools import partial
 from typing import Literal
 
-from minihuman.experiment.activities.activity import ENTER_KEYS, Activity, ActivityRequest, SessionContext, WorldFactory
 from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityRequest, SessionContext, WorldFactory
 from minihuman.experiment.machine.events import (
     Answered,
     AxisMoved,

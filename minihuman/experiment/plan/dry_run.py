@@ -8,10 +8,10 @@ from contextlib import closing, suppress
 
 import msgspec
 
+from minihuman.activities.pages.activity import PagePlan
+from minihuman.activities.play.plan import Bindings, PlayPlan, TeamPlayPlan
+from minihuman.activities.questions.activity import QuestionsPlan
 from minihuman.errors import ProtocolError, WorldError
-from minihuman.experiment.activities.block_plans import Bindings, PlayPlan, TeamPlayPlan
-from minihuman.experiment.activities.pages import PagePlan
-from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
 from minihuman.experiment.machine.running_episode import check_bindings
 from minihuman.experiment.machine.screen_texts import compute_bonus
 from minihuman.experiment.plan.allocation import build_allocation_list

@@ -10,14 +10,14 @@ from typing import Any
 
 import msgspec
 
+from minihuman.activities.keyboard_check.activity import KeyboardCheckPlan
+from minihuman.activities.pages.activity import PagePlan
+from minihuman.activities.play.plan import Bindings, ComputedBy, PlayPlan, TeamPlayPlan
+from minihuman.activities.questions.activity import QuestionsPlan
+from minihuman.activities.team.activity import DebriefPlan
 from minihuman.display.text import TypefaceSet, paginate_text, select_typefaces
 from minihuman.errors import AllocationError, ProtocolError
-from minihuman.experiment.activities.activity import ActivityKind, find_kind
-from minihuman.experiment.activities.block_plans import Bindings, ComputedBy, PlayPlan, TeamPlayPlan
-from minihuman.experiment.activities.keyboard_check import KeyboardCheckPlan
-from minihuman.experiment.activities.pages import PagePlan
-from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
-from minihuman.experiment.activities.team_play import DebriefPlan
+from minihuman.experiment.machine.activity import ActivityKind, find_kind
 from minihuman.experiment.plan import trials
 from minihuman.experiment.plan.allocation import AllocationSlot, allocation_sha256, build_allocation_list, find_slot
 from minihuman.experiment.plan.random_streams import draw_permutation, draw_seeds

@@ -6,9 +6,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.activity import find_kind
-from minihuman.experiment.activities.block_plans import (
+from minihuman.activities.play.plan import (
     AgentPlan,
     AgentPlayPlan,
     PlayPlan,
@@ -16,7 +14,9 @@ from minihuman.experiment.activities.block_plans import (
     check_agent as agent_complaints,
     check_team as team_complaints,
 )
-from minihuman.experiment.activities.questions.question import check_item, find_question_kind
+from minihuman.activities.questions.question import check_item, find_question_kind
+from minihuman.errors import ProtocolError
+from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.plan.designs import make_design
 from minihuman.experiment.protocol.specs import (
     CODE_RULE,

@@ -18,8 +18,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.block_plans import (
+from minihuman.activities.play.plan import (
     AgentPlan,
     AxisBinding,
     ComputedBy,
@@ -30,6 +29,7 @@ from minihuman.experiment.activities.block_plans import (
     StimuliSpec,
     TeamPlan,
 )
+from minihuman.errors import ProtocolError
 from minihuman.experiment.keys import BUTTON_NAMES, KEY_NAMES_TEXT, PAD_AXES, RESERVED_KEYS
 from minihuman.experiment.plan.designs import DesignSpec
 from minihuman.experiment.plan.session_plan import (

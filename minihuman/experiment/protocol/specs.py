@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import msgspec
 
+from minihuman.activities.pages.activity import ExampleSpec
+from minihuman.activities.questions.question import QuestionItemSpec
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.pages import ExampleSpec
-from minihuman.experiment.activities.questions.question import QuestionItemSpec
 from minihuman.experiment.protocol.validation_errors import FieldError, select_errors
 
 if TYPE_CHECKING:

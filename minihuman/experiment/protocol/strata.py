@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from minihuman.activities.questions.question import QuestionItemSpec, find_question_kind
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.questions.question import QuestionItemSpec, find_question_kind
 from minihuman.experiment.machine.events import Answered, Event, PartEnded
 from minihuman.experiment.plan.designs import DesignSpec, make_enrolment_design
 from minihuman.experiment.protocol.specs import SHIPPED_FORMS, load_form

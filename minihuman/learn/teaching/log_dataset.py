@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.activities.preferences import activity as preferences
 from minihuman.dataset.selection import Selection
 from minihuman.errors import LearnError
-from minihuman.experiment.activities import preferences
 from minihuman.learn.demonstrations import (
     LoggedEpisode,
     check_equal_options,

@@ -12,8 +12,8 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
+from minihuman.activities.preferences import activity as preferences
 from minihuman.errors import LearnError
-from minihuman.experiment.activities import preferences
 from minihuman.learn.policy.network import Policy
 from minihuman.learn.policy.observation import Observation
 from minihuman.learn.ppo import PpoSettings, TrainingEnv, make_ppo

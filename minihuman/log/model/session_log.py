@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.experiment.activities.block_plans import PERSON
-from minihuman.experiment.activities.team_play import (
+from minihuman.activities.play.plan import PERSON
+from minihuman.activities.team.activity import (
     InputLate,
     JointStepped,
     PictureCorrected,

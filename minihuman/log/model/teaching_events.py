@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.experiment.activities.agent_blocks import Advised, ControlChanged, Rated
-from minihuman.experiment.activities.correction import (
+from minihuman.activities.agent_blocks.activity import Advised, ControlChanged, Rated
+from minihuman.activities.correction.activity import (
     CorrectionBegun,
     CorrectionEnded,
     CorrectionOutcome,
     CorrectionStepped,
     EpisodeLookedAt,
 )
-from minihuman.experiment.activities.preferences import EpisodeClip, Preferred, StretchShown
+from minihuman.activities.preferences.activity import EpisodeClip, Preferred, StretchShown
 from minihuman.experiment.machine.events import ActivityEvent
 
 

@@ -15,7 +15,7 @@ import uvicorn
 
 from minihuman.admin.lease import SessionLeases, open_lease_table
 from minihuman.errors import LogError, MinihumanError, ProtocolError
-from minihuman.experiment.activities.activity import find_kind
+from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.operating_system import claim_address, exit_when_terminated
 from minihuman.web.arrivals import Arrivals, build_link, build_platform_link

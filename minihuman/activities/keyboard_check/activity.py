@@ -2,8 +2,8 @@
 
 import msgspec
 
-from minihuman.experiment.activities.activity import Activity, ActivityKind, PartEnding
 from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.activity import Activity, ActivityKind, PartEnding
 from minihuman.experiment.machine.events import Noted
 from minihuman.experiment.machine.inputs import Input, KeyDown
 from minihuman.experiment.machine.screens import TextScreen

@@ -1,8 +1,8 @@
 """Trials: short episodes that follow each other by the clock, with no line of progress and no notice between them."""
 
-from minihuman.experiment.activities.activity import ActivityKind
-from minihuman.experiment.activities.block_plans import PlayPlan
-from minihuman.experiment.activities.play import PlayActivity
+from minihuman.activities.play.activity import PlayActivity
+from minihuman.activities.play.plan import PlayPlan
+from minihuman.experiment.machine.activity import ActivityKind
 
 
 class TrialsPlan(PlayPlan, frozen=True):

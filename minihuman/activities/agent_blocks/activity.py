@@ -11,9 +11,9 @@ from typing import Literal
 
 import numpy as np
 
-from minihuman.experiment.activities.activity import ActivityKind, ActivityRequest, SessionContext
-from minihuman.experiment.activities.block_plans import AgentPlan, AgentPlayPlan
-from minihuman.experiment.activities.play import PlayActivity
+from minihuman.activities.play.activity import PlayActivity
+from minihuman.activities.play.plan import AgentPlan, AgentPlayPlan
+from minihuman.experiment.machine.activity import ActivityKind, ActivityRequest, SessionContext
 from minihuman.experiment.machine.events import ActivityEvent, PauseReason
 from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, ScreenShown
 from minihuman.experiment.machine.running_episode import NS_PER_MS, RunningEpisode

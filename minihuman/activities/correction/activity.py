@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
-from minihuman.experiment.activities.activity import ENTER_KEYS, Activity, ActivityKind, ActivityRequest, PartEnding
-from minihuman.experiment.activities.preferences import ClipOffered, EpisodeClip, EpisodeFilm
+from minihuman.activities.preferences.activity import ClipOffered, EpisodeClip, EpisodeFilm
 from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, ActivityRequest, PartEnding
 from minihuman.experiment.machine.events import ActivityEvent, Noted, PauseReason
 from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown
 from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, RunningEpisode, catch_world_errors

@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from minihuman.experiment.activities.questions.question import (
+from minihuman.activities.questions.question import (
     AnswerDraft,
     AnswerValue,
     Click,

@@ -8,11 +8,11 @@ import hashlib
 import math
 from dataclasses import dataclass, field, replace
 
-from minihuman.experiment.activities.activity import ENTER_KEYS, SessionContext
-from minihuman.experiment.activities.block_plans import REPORT_KEY, TeamPlan
-from minihuman.experiment.activities.questions.free_text import TextDraft
-from minihuman.experiment.activities.questions.question import QuestionItemSpec
+from minihuman.activities.play.plan import REPORT_KEY, TeamPlan
+from minihuman.activities.questions.free_text.draft import TextDraft
+from minihuman.activities.questions.question import QuestionItemSpec
 from minihuman.experiment.keys import key_label
+from minihuman.experiment.machine.activity import ENTER_KEYS, SessionContext
 from minihuman.experiment.machine.events import ActivityEvent, KeyVerdict, Noted
 from minihuman.experiment.machine.inputs import ActivityInput, KeyDown
 from minihuman.experiment.machine.running_episode import RunningEpisode

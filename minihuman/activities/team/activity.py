@@ -14,17 +14,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgspec
 import numpy as np
 
-from minihuman.experiment.activities.activity import (
-    ENTER_KEYS,
-    Activity,
-    ActivityKind,
-    ActivityRequest,
-    PartEnding,
-    SessionContext,
-)
-from minihuman.experiment.activities.block_plans import PERSON, TeamPlayPlan
-from minihuman.experiment.activities.play import PLAY_TRANSITIONS, PlayActivity
-from minihuman.experiment.activities.team_messages import (
+from minihuman.activities.play.activity import PLAY_TRANSITIONS, PlayActivity
+from minihuman.activities.play.plan import PERSON, TeamPlayPlan
+from minihuman.activities.team.messages import (
     INTERVAL_NS,
     MessageGiven,
     MessageShown,
@@ -32,6 +24,14 @@ from minihuman.experiment.activities.team_messages import (
     TeamMessages,
 )
 from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.activity import (
+    ENTER_KEYS,
+    Activity,
+    ActivityKind,
+    ActivityRequest,
+    PartEnding,
+    SessionContext,
+)
 from minihuman.experiment.machine.events import ActivityEvent, FrameShown, Noted, Stepped
 from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, ScreenShown, TextInput
 from minihuman.experiment.machine.running_episode import RunningEpisode, catch_world_errors

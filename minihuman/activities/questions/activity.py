@@ -4,9 +4,8 @@ from typing import Any, Literal
 
 import msgspec
 
-from minihuman.experiment.activities.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding
-from minihuman.experiment.activities.questions.number import NUMBER_RULES
-from minihuman.experiment.activities.questions.question import (
+from minihuman.activities.questions.number.draft import NUMBER_RULES
+from minihuman.activities.questions.question import (
     AnswerDraft,
     AnswerValue,
     QuestionItemSpec,
@@ -15,6 +14,7 @@ from minihuman.experiment.activities.questions.question import (
     is_correct,
 )
 from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding
 from minihuman.experiment.machine.events import AnswerChanged, Answered, Noted
 from minihuman.experiment.machine.inputs import Input, KeyDown, PointerMoved, PointerPressed, ScreenShown, TextInput
 from minihuman.experiment.machine.screens import QuestionScreen, TextScreen

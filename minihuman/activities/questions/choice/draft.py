@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from minihuman.experiment.activities.questions.question import (
+from minihuman.activities.questions.question import (
     AnswerDraft,
     AnswerValue,
     Click,

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import MinihumanError
-from minihuman.experiment.activities.activity import Activity, ActivityKind, ActivityRequest, PartEnding
 from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.activity import Activity, ActivityKind, ActivityRequest, PartEnding
 from minihuman.experiment.machine.events import ActivityEvent, Noted, PauseReason
 from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, ScreenShown
 from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, NS_PER_MS, catch_world_errors

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from minihuman.experiment.activities.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding, SessionContext
 from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding, SessionContext
 from minihuman.experiment.machine.events import Noted, PageShown
 from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, ScreenShown
 from minihuman.experiment.machine.running_episode import catch_world_errors

@@ -11,10 +11,10 @@ from typing import Any
 
 import msgspec
 
-from minihuman.experiment.activities.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding, SessionContext
-from minihuman.experiment.activities.block_plans import PlayPlan
-from minihuman.experiment.activities.pages import BACK_KEYS, FORWARD_KEYS, PageReader, build_page_shown
+from minihuman.activities.pages.activity import BACK_KEYS, FORWARD_KEYS, PageReader, build_page_shown
+from minihuman.activities.play.plan import PlayPlan
 from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding, SessionContext
 from minihuman.experiment.machine.events import (
     DesignDecided,
     EndCause,

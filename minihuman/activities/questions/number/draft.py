@@ -6,8 +6,8 @@ import unicodedata
 from collections.abc import Callable
 from typing import Any
 
-from minihuman.experiment.activities.questions.free_text import TextDraft
-from minihuman.experiment.activities.questions.question import AnswerValue, QuestionKind, check_range
+from minihuman.activities.questions.free_text.draft import TextDraft
+from minihuman.activities.questions.question import AnswerValue, QuestionKind, check_range
 
 NUMBER_RULES = "2"  # the fact "number_rules" of a session; a log without it was recorded under the first rules
 _DECIMAL_MARKS = {"en": ".", "ja": ".", "zh": ".", "de": ",", "es": ",", "fr": ","}

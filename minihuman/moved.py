@@ -1,0 +1,94 @@
+"""Modules that have moved: each old name still works, warns, and goes with the next version.
+
+One finder makes an empty module for an old name; each attribute that is asked of it comes from the new place.
+"""
+
+import sys
+import warnings
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import Any
+
+_OLD = "minihuman.experiment.activities"
+_NEW = "minihuman.activities"
+MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules among which its contents are now
+    _OLD: (_NEW,),
+    f"{_OLD}.activity": ("minihuman.experiment.machine.activity",),
+    f"{_OLD}.agent_blocks": (f"{_NEW}.agent_blocks.activity",),
+    f"{_OLD}.block_plans": (f"{_NEW}.play.plan",),
+    f"{_OLD}.correction": (f"{_NEW}.correction.activity",),
+    f"{_OLD}.keyboard_check": (f"{_NEW}.keyboard_check.activity",),
+    f"{_OLD}.pages": (f"{_NEW}.pages.activity",),
+    f"{_OLD}.play": (f"{_NEW}.play.activity",),
+    f"{_OLD}.preferences": (f"{_NEW}.preferences.activity",),
+    f"{_OLD}.questions": (f"{_NEW}.questions",),
+    f"{_OLD}.questions.choice": (f"{_NEW}.questions.choice.draft",),
+    f"{_OLD}.questions.free_text": (f"{_NEW}.questions.free_text.draft",),
+    f"{_OLD}.questions.likert": (f"{_NEW}.questions.likert.draft",),
+    f"{_OLD}.questions.number": (f"{_NEW}.questions.number.draft",),
+    f"{_OLD}.questions.question": (f"{_NEW}.questions.question",),
+    f"{_OLD}.questions.questionnaire": (f"{_NEW}.questions.activity",),
+    f"{_OLD}.questions.slider": (f"{_NEW}.questions.slider.draft",),
+    f"{_OLD}.team_messages": (f"{_NEW}.team.messages",),
+    f"{_OLD}.team_play": (f"{_NEW}.team.activity",),
+    f"{_OLD}.trial_block": (f"{_NEW}.trials.activity",),
+}
+
+
+def find_moved(old_module: str, name: str) -> tuple[str, Any]:
+    """Find the module that a name of an old module is in now, and what it names.
+
+    Raises:
+        AttributeError: if no module has it.
+    """
+    for new_module in MOVED_MODULES[old_module]:
+        module = import_module(new_module)
+        if hasattr(module, name):
+            return new_module, getattr(module, name)
+    raise AttributeError(f"module {old_module!r} has no attribute {name!r}")
+
+
+class _MovedModule(ModuleType):
+    """A module without contents of its own."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):  # the import system looks for some
+            raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
+        new_module, contents = find_moved(self.__name__, name)
+        warnings.warn(
+            f"{self.__name__}.{name} is now {new_module}.{name}; the old name goes with the next version",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        return contents
+
+
+class _MovedLoader(Loader):
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        """Make the empty module."""
+        return _MovedModule(spec.name)
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Do nothing: it has no code."""
+
+
+class MovedModuleFinder(MetaPathFinder):
+    """Finds the old names, after every finder of files."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Return the spec of a module that has moved; None for every other name."""
+        if fullname not in MOVED_MODULES:
+            return None
+        is_package = any(name.startswith(f"{fullname}.") for name in MOVED_MODULES)
+        return ModuleSpec(fullname, _MovedLoader(), is_package=is_package)
+
+
+def support_old_names() -> None:
+    """Let the import system find the old names."""
+    if not any(isinstance(finder, MovedModuleFinder) for finder in sys.meta_path):
+        sys.meta_path.append(MovedModuleFinder())
