@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 import minihuman
-from minihuman.activities.team.activity import InputLate, JointStepped, PictureCorrected, SeatTaken
+from minihuman.activities.team.events import InputLate, JointStepped, PictureCorrected, SeatTaken
 from minihuman.experiment.machine.events import FrameShown, Stepped
 from minihuman.log.read.reader import read_segment_starts
 from tests.teams.browsers import Played, play_together

@@ -46,11 +46,20 @@ SAME_CLASS = {
     "PutNext": "a first-person world and a BabyAI instruction: both names are written into hashes and exports"
 }
 SAME_FILE = {  # a name that several packages share, for the same role in each
+    "columns": "the columns of a kind's tables",
+    "events": "the events of a kind, and those of every session",
+    "page_values": "a kind's screens as values for the page",
+    "plan": "the plan of a kind of activity",
+    "requests": "what a kind asks of the session host, and the inputs that answer",
+    "rows": "a kind's rows in logs and tables, and tables' rows",
+    "screens": "the screens of a kind, and those that every kind may show",
+    "widget": "what a question of a kind shows",
     "activity": "the activity of a kind, and what every activity is",
     "batch": "many worlds of a kind in one call",
     "belief_state": "what an agent has seen of a kind of world",
     "draft": "the answer in progress to a question of a kind",
     "drawing": "the pictures of a kind of world",
+    "design": "the design of a block, and the study designs",
     "env": "the Gymnasium environment of a kind of world",
     "machine": "commands about this machine, and what a log says of it",
     "go_to_obj": "GoToObj: its grid world, its 3D world, and what the two share",

@@ -5,9 +5,9 @@ from typing import Any
 
 import msgspec
 
-from minihuman.activities.pages.activity import PagePlan
+from minihuman.activities.pages.plan import PagePlan
 from minihuman.activities.play.plan import PlayPlan
-from minihuman.activities.questions.activity import QuestionsPlan
+from minihuman.activities.questions.plan import QuestionsPlan
 from minihuman.activities.questions.question import build_draft
 from minihuman.display.drawing.questions import question_fits
 from minihuman.display.drawing.text_screens import text_fits

@@ -20,7 +20,8 @@ from typing import Any
 import msgspec
 from PIL import Image
 
-from minihuman.activities.play.plan import LATEST_POLICY, SIMULATED
+from minihuman.activities.agent_blocks.plan import LATEST_POLICY
+from minihuman.activities.team.plan import SIMULATED
 from minihuman.agents.agent import is_registered_agent, make_policy_agent
 from minihuman.errors import MinihumanError, ProtocolError
 from minihuman.experiment.keys import DIGITS, assign_usual_keys, find_noop, find_period_ms

@@ -11,10 +11,11 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from minihuman.activities.agent_blocks.activity import Advised, ControlChanged, LearnerAsked, PolicyGiven, Rated
-from minihuman.activities.correction.activity import CorrectionBegun
-from minihuman.activities.preferences.activity import Preferred
-from minihuman.activities.team.activity import JointStepped
+from minihuman.activities.agent_blocks.events import Advised, ControlChanged, LearnerAsked, PolicyGiven
+from minihuman.activities.correction.events import CorrectionBegun
+from minihuman.activities.preferences.events import Preferred
+from minihuman.activities.rating.events import Rated
+from minihuman.activities.team.events import JointStepped
 from minihuman.dataset.annotations import Annotation
 from minihuman.dataset.measures import KeyTally, response_ms, summarize_key_use, visible_effect
 from minihuman.dataset.rows import RowBatch, SessionTables

@@ -14,7 +14,7 @@ from itertools import islice, pairwise, takewhile
 from typing import Any, get_args, get_type_hints
 
 from minihuman.activities.questions.question import AnswerDraft
-from minihuman.activities.team.activity import PictureCorrected
+from minihuman.activities.team.events import PictureCorrected
 from minihuman.errors import LogError, MinihumanError, WorldError
 from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, SessionContext, WorldFactory
 from minihuman.experiment.machine.events import (

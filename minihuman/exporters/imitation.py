@@ -16,7 +16,8 @@ import numpy as np
 from datasets.arrow_writer import ArrowWriter
 from numpy.typing import NDArray
 
-from minihuman.activities.preferences.activity import EpisodeClip, PairAnswer
+from minihuman.activities.episode_clips import EpisodeClip
+from minihuman.activities.preferences.events import PairAnswer
 from minihuman.dataset.sessions import IncludedEpisode, IncludedEpisodes
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (

@@ -1,9 +1,10 @@
 """Topics that our activity kinds add to a log: agents and ratings, pairs of clips, corrections, teams."""
 
-from minihuman.activities.agent_blocks import activity as agent_blocks
-from minihuman.activities.correction import activity as correction
-from minihuman.activities.preferences import activity as preferences
-from minihuman.activities.team import activity as team_play, messages as team_messages
+from minihuman.activities.agent_blocks import events as agent_blocks
+from minihuman.activities.correction import events as correction
+from minihuman.activities.preferences import events as preferences
+from minihuman.activities.rating.events import Rated
+from minihuman.activities.team import events as team_play, message_events as team_messages
 from minihuman.log.codec import EventRow
 from minihuman.log.proto import minihuman_agent_v1_pb2 as agent_v1
 from minihuman.log.topics import Topic
@@ -23,7 +24,7 @@ _AGENT_ROWS = (
 TAKEOVER_ROWS = _AGENT_ROWS
 RATING_ROWS = (
     *_AGENT_ROWS,
-    EventRow(agent_blocks.Rated, Topic(RATING_TOPIC, agent_v1.Rated)),
+    EventRow(Rated, Topic(RATING_TOPIC, agent_v1.Rated)),
 )
 
 PREFERENCE_CLIP_TOPIC = "/preference/stretch"

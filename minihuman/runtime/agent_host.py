@@ -13,10 +13,15 @@ from pathlib import Path
 
 import msgspec
 
-from minihuman.activities.agent_blocks.activity import Advice, AdviceRequest, NewPolicy, PolicyGiven, PolicyRequest
-from minihuman.activities.correction.activity import CorrectionPlan, EpisodeRequest
-from minihuman.activities.play.plan import LATEST_POLICY, AgentPlayPlan, TeamPlayPlan
-from minihuman.activities.preferences.activity import ClipOffered, ClipRequest, EpisodeClip, PreferencesPlan
+from minihuman.activities.agent_blocks.events import PolicyGiven
+from minihuman.activities.agent_blocks.plan import LATEST_POLICY, AgentPlayPlan
+from minihuman.activities.agent_blocks.requests import Advice, AdviceRequest, NewPolicy, PolicyRequest
+from minihuman.activities.correction.plan import CorrectionPlan
+from minihuman.activities.correction.requests import EpisodeRequest
+from minihuman.activities.episode_clips import ClipOffered, EpisodeClip
+from minihuman.activities.preferences.plan import PreferencesPlan
+from minihuman.activities.preferences.requests import ClipRequest
+from minihuman.activities.team.plan import TeamPlayPlan
 from minihuman.admin.next_session import plan_drawn_session
 from minihuman.admin.policies import PolicyStore
 from minihuman.agents.agent import (

@@ -14,11 +14,15 @@ from typing import Any, get_args
 
 import numpy as np
 
-from minihuman.activities.agent_blocks.activity import AgentPlayActivity, RatingActivity
-from minihuman.activities.correction.activity import CorrectionActivity, CorrectionPlan
-from minihuman.activities.preferences.activity import PairAnswer, PreferencesActivity, PreferencesPlan
+from minihuman.activities.agent_blocks.activity import AgentPlayActivity
+from minihuman.activities.correction.activity import CorrectionActivity
+from minihuman.activities.correction.plan import CorrectionPlan
+from minihuman.activities.preferences.activity import PreferencesActivity
+from minihuman.activities.preferences.events import PairAnswer
+from minihuman.activities.preferences.plan import PreferencesPlan
 from minihuman.activities.questions.activity import QuestionsActivity
 from minihuman.activities.questions.question import Click
+from minihuman.activities.rating.activity import RatingActivity
 from minihuman.admin.enrolment_entries import ParticipantReplaced
 from minihuman.admin.enrolment_log import free_slot, now_text, record_departure, require_free_slots
 from minihuman.admin.manifest import record_log_end

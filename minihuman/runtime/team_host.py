@@ -15,23 +15,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.activities.play.plan import PERSON, SIMULATED, TeamPlan, TeamPlayPlan, find_seat_agent
-from minihuman.activities.team.activity import (
-    ActionSource,
+from minihuman.activities.team.episode import TeamEpisode
+from minihuman.activities.team.events import ActionSource, JointStepped, TeamEnded, TeamFormed
+from minihuman.activities.team.message_events import MessageGiven, MessageShown
+from minihuman.activities.team.messages import INTERVAL_NS
+from minihuman.activities.team.plan import PERSON, SIMULATED, TeamPlan, TeamPlayPlan, find_seat_agent
+from minihuman.activities.team.requests import (
     JointRequest,
-    JointStepped,
     JointTaken,
     ReadyRequest,
     SeatsReady,
     Team,
-    TeamEnded,
-    TeamEpisode,
-    TeamFormed,
     TeamJoined,
     TeamLost,
     TeamRequest,
 )
-from minihuman.activities.team.messages import INTERVAL_NS, MessageGiven, MessageShown
 from minihuman.admin.enrolment_entries import TeamRecorded, list_team_entries
 from minihuman.admin.enrolment_log import now_text, record_team
 from minihuman.admin.policies import PolicyStore

@@ -10,7 +10,8 @@ from typing import Literal
 
 import numpy as np
 
-from minihuman.activities.preferences.activity import EpisodeClip, PairAnswer
+from minihuman.activities.episode_clips import EpisodeClip
+from minihuman.activities.preferences.events import PairAnswer
 from minihuman.errors import SimulationError
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.plugins import make_plugin

@@ -15,7 +15,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from minihuman.activities.preferences.activity import EpisodeClip, PairAnswer
+from minihuman.activities.episode_clips import EpisodeClip
+from minihuman.activities.preferences.events import PairAnswer
 from minihuman.agents.goal_search import find_shortest_path
 from minihuman.errors import SimulationError
 from minihuman.experiment.plan.session_plan import EpisodePlan

@@ -9,9 +9,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from minihuman.activities.agent_blocks.activity import FLASH_NS, REPEAT_INTERVAL_NS, AgentPlayActivity
-from minihuman.activities.correction.activity import CorrectionBegun, CorrectionEnded, CorrectionStepped
-from minihuman.activities.team.activity import TeamEpisode
+from minihuman.activities.agent_blocks.activity import AgentPlayActivity
+from minihuman.activities.correction.events import CorrectionBegun, CorrectionEnded, CorrectionStepped
+from minihuman.activities.rating.activity import FLASH_NS, REPEAT_INTERVAL_NS
+from minihuman.activities.team.episode import TeamEpisode
 from minihuman.experiment.machine.activity import WorldFactory
 from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, Event, Stepped
 from minihuman.experiment.machine.running_episode import RunningEpisode

@@ -9,9 +9,11 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from minihuman.activities.agent_blocks.activity import NewPolicy, PolicyRequest
-from minihuman.activities.preferences.activity import ClipRequest
-from minihuman.activities.team.activity import PictureCorrected, TeamAnswerRequest, TeamEpisode
+from minihuman.activities.agent_blocks.requests import NewPolicy, PolicyRequest
+from minihuman.activities.preferences.requests import ClipRequest
+from minihuman.activities.team.episode import TeamEpisode
+from minihuman.activities.team.events import PictureCorrected
+from minihuman.activities.team.requests import TeamAnswerRequest
 from minihuman.experiment.keys import PAD_DEAD_ZONE
 from minihuman.experiment.machine import inputs
 from minihuman.experiment.machine.activity import RequestHandler, WorldFactory

@@ -12,7 +12,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from minihuman.activities.agent_blocks.activity import NewPolicy, PolicyRequest
+from minihuman.activities.agent_blocks.requests import NewPolicy, PolicyRequest
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.policies import PolicyStore
 from minihuman.errors import MinihumanError

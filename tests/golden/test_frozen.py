@@ -8,10 +8,11 @@ from typing import get_args
 import pyarrow.parquet as pq
 import pytest
 
-from minihuman.activities.agent_blocks.activity import ControlChanged, ControlReason, LearnerAsked, Rated
-from minihuman.activities.correction.activity import CorrectionEnded
-from minihuman.activities.preferences.activity import Preferred
+from minihuman.activities.agent_blocks.events import ControlChanged, ControlReason, LearnerAsked
+from minihuman.activities.correction.events import CorrectionEnded
+from minihuman.activities.preferences.events import Preferred
 from minihuman.activities.questions.question import QUESTION_GROUP
+from minihuman.activities.rating.events import Rated
 from minihuman.admin.verify.episodes import EpisodeVerification, verify_episodes
 from minihuman.admin.verify.log import verify_session
 from minihuman.dataset.annotations import read_annotations

@@ -17,7 +17,7 @@ from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
 from minihuman import export, report, simulate, verify
-from minihuman.activities.team.activity import JointStepped
+from minihuman.activities.team.events import JointStepped
 from minihuman.display.drawing.screen import repaint_screen
 from minihuman.errors import AllocationError, SimulationError, WorldError
 from minihuman.experiment.machine.events import Answered, ModelCall, PointerUsed

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from minihuman.activities.pages.activity import PagePlan
+from minihuman.activities.pages.plan import PagePlan
 from minihuman.activities.play.plan import PlayPlan
-from minihuman.activities.questions.activity import QuestionsPlan
+from minihuman.activities.questions.plan import QuestionsPlan
 from minihuman.activities.questions.question import QuestionItemSpec, build_draft
 from minihuman.agents.goal_search import find_shortest_path
 from minihuman.display.drawing.screen import find_spot

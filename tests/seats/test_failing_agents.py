@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from minihuman import plugins
-from minihuman.activities.agent_blocks.activity import ControlChanged, PolicyGiven
+from minihuman.activities.agent_blocks.events import ControlChanged, PolicyGiven
 from minihuman.admin.verify.log import verify_session
 from minihuman.dataset.selection import Selection
 from minihuman.errors import LearnError

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from minihuman.activities.correction.activity import (
+from minihuman.activities.correction.events import (
     CorrectionBegun,
     CorrectionEnded,
     CorrectionSeen,
     CorrectionStepped,
-    EpisodeRequest,
     NothingToCorrect,
 )
-from minihuman.activities.preferences.activity import ClipOffered, EpisodeClip
+from minihuman.activities.correction.requests import EpisodeRequest
+from minihuman.activities.episode_clips import ClipOffered, EpisodeClip
 from minihuman.experiment.machine.events import PartEnded, SessionEnded, find_violations
 from minihuman.experiment.machine.inputs import FocusChanged
 from minihuman.experiment.machine.screens import FilmScreen, PlayScreen

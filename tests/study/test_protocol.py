@@ -4,7 +4,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from minihuman.activities.play.plan import AgentPlan
+from minihuman.activities.agent_blocks.plan import AgentPlan
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.errors import ProtocolError
 from minihuman.experiment.protocol.aliases import FIELD_ALIASES, VALUE_ALIASES, use_current_names

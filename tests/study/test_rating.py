@@ -1,6 +1,7 @@
 """Rating: two keys say good and bad of an agent that plays; the log holds when, and what was seen when."""
 
-from minihuman.activities.agent_blocks.activity import NewPolicy, Rated
+from minihuman.activities.agent_blocks.requests import NewPolicy
+from minihuman.activities.rating.events import Rated
 from minihuman.experiment.machine.events import EpisodeEnded, FrameShown, Stepped, find_violations
 from minihuman.experiment.machine.inputs import KeyDown
 from minihuman.experiment.machine.transitions import Phase

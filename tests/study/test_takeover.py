@@ -4,17 +4,9 @@ from types import MappingProxyType
 
 import pytest
 
-from minihuman.activities.agent_blocks.activity import (
-    AGENT_RULES,
-    Advice,
-    AdviceRequest,
-    Advised,
-    ControlChanged,
-    LearnerAsked,
-    NewPolicy,
-    PolicyGiven,
-    PolicyRequest,
-)
+from minihuman.activities.agent_blocks.activity import AGENT_RULES
+from minihuman.activities.agent_blocks.events import Advised, ControlChanged, LearnerAsked, PolicyGiven
+from minihuman.activities.agent_blocks.requests import Advice, AdviceRequest, NewPolicy, PolicyRequest
 from minihuman.experiment.machine.events import EpisodeStarted, KeyPressed, Stepped, find_violations
 from minihuman.experiment.machine.inputs import FocusChanged
 from minihuman.experiment.machine.screens import PlayScreen

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from minihuman.activities.play.plan import StimuliSpec
+from minihuman.activities.trials.plan import StimuliSpec
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.log import verify_session
 from minihuman.dataset.sessions import IncludedEpisode

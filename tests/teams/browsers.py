@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from minihuman.activities.team.activity import InputLate, JointStepped, SeatTaken
+from minihuman.activities.team.events import InputLate, JointStepped, SeatTaken
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.admin.verify.log import find_log_differences
 from minihuman.experiment.machine.events import KeyPressed, Noted, Stepped

@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from minihuman.activities.team.activity import JointStepped, TeamPlayActivity
+from minihuman.activities.team.activity import TeamPlayActivity
+from minihuman.activities.team.events import JointStepped
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.protocol_file import read_protocol

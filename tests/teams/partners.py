@@ -15,7 +15,7 @@ from contextlib import closing
 from pathlib import Path
 
 import minihuman
-from minihuman.activities.team.activity import JointStepped, TeamFormed
+from minihuman.activities.team.events import JointStepped, TeamFormed
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.agents.team_agents import KitchenView
 from minihuman.experiment.machine.events import EpisodeStarted

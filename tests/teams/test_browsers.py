@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.activities.team.activity import InputLate, JointStepped, PictureCorrected
+from minihuman.activities.team.events import InputLate, JointStepped, PictureCorrected
 from minihuman.experiment.machine.events import Stepped
 from tests.counts import count
 from tests.teams.browsers import play_together

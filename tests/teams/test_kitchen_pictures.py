@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minihuman.activities.team.activity import JointStepped, TeamFormed
+from minihuman.activities.team.events import JointStepped, TeamFormed
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.admin.verify.log import find_log_differences
 from minihuman.agents.team_agents import KitchenView

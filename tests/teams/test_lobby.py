@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.activities.team.activity import TeamEnded, TeamFormed
+from minihuman.activities.team.events import TeamEnded, TeamFormed
 from minihuman.admin.payments import compute_payments
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.status import count_participant_flow

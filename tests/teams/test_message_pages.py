@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from minihuman.activities.team.activity import JointStepped, TeamFormed
-from minihuman.activities.team.messages import MessageShown, MessageTyped
+from minihuman.activities.team.events import JointStepped, TeamFormed
+from minihuman.activities.team.message_events import MessageShown, MessageTyped
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.admin.verify.log import find_log_differences
 from minihuman.experiment.machine.events import EpisodeStarted, Event, KeyPressed, Noted, TextTyped

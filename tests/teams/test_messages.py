@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from minihuman.activities.team.messages import MESSAGE_LETTERS, MessageShown
+from minihuman.activities.team.message_events import MessageShown
+from minihuman.activities.team.messages import MESSAGE_LETTERS
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.admin.withdrawal import withdraw_participant

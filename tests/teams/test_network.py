@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.activities.team.activity import InputLate, JointStepped
+from minihuman.activities.team.events import InputLate, JointStepped
 from minihuman.experiment.machine.events import KeyPressed, Stepped
 from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown, Tick
 from minihuman.experiment.machine.transitions import Phase

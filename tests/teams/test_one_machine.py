@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minihuman.activities.team.activity import JointStepped, TeamFormed
+from minihuman.activities.team.events import JointStepped, TeamFormed
 from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.episodes import verify_teams

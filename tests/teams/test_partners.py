@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.activities.team.activity import InputLate, JointStepped, SeatTaken, TeamEnded, TeamFormed
+from minihuman.activities.team.events import InputLate, JointStepped, SeatTaken, TeamEnded, TeamFormed
 from minihuman.admin.payments import compute_payments
 from minihuman.experiment.machine.events import EpisodeEnded, EpisodesSkipped, KeyPressed
 from minihuman.experiment.machine.transitions import Phase

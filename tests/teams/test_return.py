@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from minihuman.activities.team.activity import JointStepped, SeatTaken, TeamEnded
+from minihuman.activities.team.events import JointStepped, SeatTaken, TeamEnded
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.agents.agent import RandomAgent

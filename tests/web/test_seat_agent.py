@@ -6,18 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.activities.agent_blocks.activity import (
-    Advice,
-    AdviceRequest,
-    Advised,
-    ControlChanged,
-    NewPolicy,
-    PolicyGiven,
-    PolicyRequest,
-    Rated,
-)
-from minihuman.activities.correction.activity import CorrectionSeen, EpisodeRequest
-from minihuman.activities.preferences.activity import ClipOffered, ClipRequest, EpisodeClip, PairSeen, Preferred
+from minihuman.activities.agent_blocks.events import Advised, ControlChanged, PolicyGiven
+from minihuman.activities.agent_blocks.requests import Advice, AdviceRequest, NewPolicy, PolicyRequest
+from minihuman.activities.correction.events import CorrectionSeen
+from minihuman.activities.correction.requests import EpisodeRequest
+from minihuman.activities.episode_clips import ClipOffered, EpisodeClip
+from minihuman.activities.preferences.events import PairSeen, Preferred
+from minihuman.activities.preferences.requests import ClipRequest
+from minihuman.activities.rating.events import Rated
 from minihuman.agents.agent import BaseAgent, make_agent
 from minihuman.display.windows.window import ScriptedWindow, VirtualClock
 from minihuman.experiment.machine.activity import ActivityRequest, RequestHandler

@@ -6,110 +6,31 @@ while the last image is held, because people rate what they saw about 0.6 s earl
 `final_frame_ms`. Assigning credit is left to the learner.
 """
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 
+from minihuman.activities.agent_blocks.events import (
+    Advised,
+    ControlChanged,
+    Controller,
+    ControlReason,
+    LearnerAsked,
+    PolicyGiven,
+)
+from minihuman.activities.agent_blocks.plan import AgentPlan, AgentPlayPlan
+from minihuman.activities.agent_blocks.requests import Advice, AdviceRequest, NewPolicy, PolicyRequest
 from minihuman.activities.play.activity import PlayActivity
-from minihuman.activities.play.plan import AgentPlan, AgentPlayPlan
-from minihuman.experiment.machine.activity import ActivityKind, ActivityRequest, SessionContext
+from minihuman.experiment.machine.activity import ActivityRequest, SessionContext
 from minihuman.experiment.machine.events import ActivityEvent, PauseReason
-from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, ScreenShown
-from minihuman.experiment.machine.running_episode import NS_PER_MS, RunningEpisode
-from minihuman.experiment.machine.screens import OutcomeMark, PlayScreen
+from minihuman.experiment.machine.inputs import ActivityInput, Input, ScreenShown
+from minihuman.experiment.machine.running_episode import NS_PER_MS
+from minihuman.experiment.machine.screens import PlayScreen
 from minihuman.experiment.machine.transitions import Phase, TransitionCause
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.experiment.plan.session_plan import PlannedPart
 
-Controller = Literal["agent", "person"]
-ControlReason = Literal["start", "key", "hand_back", "no_policy", "agent_failed"]
 AGENT_RULES = "2"  # the fact "agent_rules": an agent that fails is named so; before, the random agent rated on
-
-
-@dataclass(frozen=True, slots=True)
-class PolicyRequest(ActivityRequest):
-    """The part has begun, or its learner was asked: which policy plays from the next episode on?"""
-
-    part: int
-    name: str  # of the part
-    agent: AgentPlan
-    learning: bool  # a learner was asked for one, and has not answered; else it is the first that is asked for
-    episode: int  # the first that the learner cannot know of
-    policy: str  # that plays now; before the first, what the protocol calls it
-
-
-@dataclass(frozen=True, slots=True)
-class AdviceRequest(ActivityRequest):
-    """What would the policy do in the world as it is now?"""
-
-    policy: str  # SHA-256 of its file, or its name
-    step: int
-
-
-@dataclass(frozen=True, slots=True)
-class NewPolicy(ActivityInput):
-    """A new policy, or the failure of a learner: then the policy before stays."""
-
-    policy: str  # SHA-256 of its file, or the name of an agent that has none
-    failure: str = ""  # why there is none
-
-
-@dataclass(frozen=True, slots=True)
-class Advice(ActivityInput):
-    """How likely the policy thinks each of the world's actions to be best; float32 numbers."""
-
-    step: int  # the step that the world was in
-    probabilities: tuple[float, ...]  # by the world's action number
-
-
-@dataclass(frozen=True, slots=True)
-class PolicyGiven(ActivityEvent):
-    """This policy plays from the next episode on."""
-
-    part: int
-    episode: int  # the next one
-    policy: str  # SHA-256 of its file, or the name of an agent that has none; "" where there is none yet
-    failure: str  # why a learner gave none; "" where it did
-
-
-@dataclass(frozen=True, slots=True)
-class LearnerAsked(ActivityEvent):
-    """A learner was asked for a policy from everything taught so far."""
-
-    part: int
-    episode: int  # the first that it cannot know of
-
-
-@dataclass(frozen=True, slots=True)
-class Advised(ActivityEvent):
-    """What the policy would do after a step, whoever is in control."""
-
-    episode: int
-    step: int  # that it follows, 0 for the reset
-    action: int  # the world's; drawn from the probabilities, or the likeliest
-    probabilities: tuple[float, ...]  # by the world's action number
-
-
-@dataclass(frozen=True, slots=True)
-class ControlChanged(ActivityEvent):
-    """Who is in control from now on."""
-
-    episode: int
-    step: int  # that it follows
-    who: Controller
-    reason: ControlReason
-    pressed_ns: int  # when the key for it went down; t_ns where none did
-
-
-@dataclass(frozen=True, slots=True)
-class Rated(ActivityEvent):
-    """A press for good or bad. Which step it refers to is left to the learner; ``FrameShown`` has the pictures."""
-
-    episode: int
-    step: int  # the world's when the session took the press
-    value: float  # 1 good, -1 bad
-    pressed_ns: int
 
 
 class AgentPlayActivity(PlayActivity):
@@ -326,139 +247,3 @@ class AgentPlayActivity(PlayActivity):
 
     def _play_screen(self) -> PlayScreen:
         return replace(super()._play_screen(), controller=self.who, controller_text=self.control_text(self.who))
-
-
-class TakeoverActivity(AgentPlayActivity):
-    """A key of the person takes control; the hand-back key returns it to the agent."""
-
-    takes_over = True
-
-    def _key_in_play(self, press: KeyDown) -> None:
-        play, emit_key = self._current, self.context.emit_key
-        action = play.action_of(press.key)
-        if press.key == self.agent.hand_back and not press.repeat:
-            can = self.who == "person" and bool(self.policy)
-            emit_key(press, "accepted" if can else "not_playing", self.phase)
-            if can:
-                self._steer("agent", "hand_back", press.t_ns)
-        elif action is None or (press.repeat and not play.plan.auto_repeat):
-            super()._key_in_play(press)
-        else:
-            emit_key(press, "accepted", self.phase, action)
-            if self.who == "agent":
-                self._steer("person", "key", press.t_ns)
-            self._step(action, key=press.key, key_t_ns=press.t_ns)
-
-    @property
-    def hand_back_key(self) -> str:
-        """The key that gives the agent control back; "" where there is no agent to give it to."""
-        return self.agent.hand_back if self.policy else ""
-
-    def control_text(self, who: Controller) -> str:
-        """The text below the picture, with how to hand back."""
-        words, said = self.context.words, super().control_text(who)
-        if who == "agent" or not self.policy:
-            return said
-        key = words.labels((self.agent.hand_back,))[0][1]
-        return f"{said}  {words.fill('steers.hand_back', name=key)}"
-
-
-TAKEOVER = ActivityKind(
-    "takeover", AgentPlayPlan, TakeoverActivity, messages="minihuman.log.activity_topics:TAKEOVER_ROWS"
-)
-
-FLASH_NS = 150_000_000  # how long a press is seen
-REPEAT_INTERVAL_NS = 100_000_000  # a held key counts once in so long
-
-
-class RatingActivity(AgentPlayActivity):
-    """Only the agent acts. If it fails, its episode ends; where there is none, all actions are equally likely."""
-
-    alone = True
-
-    def __init__(self, *arguments: object) -> None:
-        super().__init__(*arguments)  # type: ignore[arg-type]
-        self._flash = 0.0  # the value of the press that is seen
-        self._flash_until_ns: int | None = None
-        self._last_ns: int | None = None  # of the last press that counted
-
-    def receive(self, happened: Input) -> None:
-        """Take an input."""
-        self._end_flash()
-        held = self.phase in (Phase.PLAYING, Phase.HOLD) and self._current.started
-        if held and isinstance(happened, KeyDown) and happened.key in self._values:
-            self._let_time_pass()
-            self._rate(happened)
-        else:
-            super().receive(happened)
-
-    @property
-    def _values(self) -> dict[str, float]:
-        return {self.agent.good: 1.0, self.agent.bad: -1.0}
-
-    def _rate(self, press: KeyDown) -> None:
-        if press.repeat and self._last_ns is not None and press.t_ns < self._last_ns + REPEAT_INTERVAL_NS:
-            self.context.emit_key(press, "repeat", self.phase)
-            return
-        now_ns, play, value = self.context.now_ns, self._current, self._values[press.key]
-        self.context.emit_key(press, "accepted", self.phase)
-        self.context.emit(Rated(now_ns, play.plan.episode, play.steps, value, press.t_ns))
-        self._last_ns = press.t_ns
-        self._flash, self._flash_until_ns = value, now_ns + FLASH_NS
-
-    def _key_in_play(self, press: KeyDown) -> None:
-        """The keys of actions do nothing: only the agent acts."""
-        self.context.emit_key(press, "repeat" if press.repeat else "unmapped", self.phase)
-
-    @property
-    def _first_policy(self) -> str:
-        return self.agent.policy or "random"  # an agent has to act before it can be rated
-
-    def _shown(self, shown: ScreenShown) -> None:
-        super()._shown(shown)
-        if not self.playing or self.policy or self.advised is not None:
-            return
-        if self._failed and self._names_failures:
-            self._episode_ended("agent_failed")
-        else:
-            playable, count = self._playable, len(self._current.world.action_names)
-            share = float(np.float32(1 / len(playable)))
-            chances = tuple(share if action in playable else 0.0 for action in range(count))
-            self._take_advice(Advice(self.context.now_ns, self._current.steps, chances))
-
-    def _end_flash(self) -> None:
-        if self._flash_until_ns is not None and self.context.now_ns >= self._flash_until_ns:
-            self._flash, self._flash_until_ns = 0.0, None
-
-    @property
-    def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """The end of a flash, beside what every agent waits for."""
-        due = (super().next_tick_ns, self._flash_until_ns)
-        return min((t for t in due if t is not None), default=None)
-
-    @property
-    def held(self) -> RunningEpisode | None:
-        """The episode whose last picture is held, for players who rate it; None in every other phase."""
-        return self._current if self.phase is Phase.HOLD else None
-
-    @property
-    def rating_keys(self) -> tuple[str, str]:
-        """The keys that say good and bad."""
-        return self.agent.good, self.agent.bad
-
-    @property
-    def _look(self) -> object:
-        return self.who, self._flash
-
-    def _play_screen(self) -> PlayScreen:
-        flash: OutcomeMark = "" if not self._flash else "good" if self._flash > 0 else "bad"
-        return replace(super()._play_screen(), flash=flash)
-
-    def control_text(self, who: Controller) -> str:
-        """The text below the picture: the rating keys."""
-        words = self.context.words
-        good, bad = (cap for _, cap, _ in words.labels(self.rating_keys))
-        return words.fill("rating.prompt", good=good, bad=bad)
-
-
-RATING = ActivityKind("rating", AgentPlayPlan, RatingActivity, messages="minihuman.log.activity_topics:RATING_ROWS")

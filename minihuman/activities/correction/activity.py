@@ -5,12 +5,22 @@ steps are events of their own and continue the episode's count. It is not an epi
 """
 
 import json
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import msgspec
 
-from minihuman.activities.preferences.activity import ClipOffered, EpisodeClip, EpisodeFilm
+from minihuman.activities.correction.events import (
+    CorrectionBegun,
+    CorrectionEnded,
+    CorrectionOutcome,
+    CorrectionSeen,
+    CorrectionStepped,
+    EpisodeLookedAt,
+    NothingToCorrect,
+)
+from minihuman.activities.correction.plan import CorrectionPlan
+from minihuman.activities.correction.requests import EpisodeRequest
+from minihuman.activities.episode_clips import ClipOffered, EpisodeClip, EpisodeFilm
 from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, ActivityRequest, PartEnding
 from minihuman.experiment.machine.events import ActivityEvent, Noted, PauseReason
@@ -21,108 +31,6 @@ from minihuman.experiment.machine.transitions import Phase
 
 if TYPE_CHECKING:
     from minihuman.worlds.adapters.world import World
-
-CorrectionOutcome = Literal["goal", "failure", "timeout", "stopped"]
-
-
-@dataclass(frozen=True, slots=True)
-class EpisodeRequest(ActivityRequest):
-    """An episode to review; the answer is a ``ClipOffered`` of the whole episode, or of None if there is no other."""
-
-    part: int
-    source: str  # the block whose episodes are looked at
-    number: int  # 0 for the first
-    count: int  # how many are looked at: the latest
-
-
-@dataclass(frozen=True, slots=True)
-class EpisodeLookedAt(ActivityEvent):
-    """An episode of the session is reviewed, recreated from its seed and actions."""
-
-    part: int
-    number: int
-    episode: int
-    attempt: int
-    world: str
-    options: str  # JSON
-    seed: int
-    actions: tuple[int, ...]
-    last_hash: int
-
-    @property
-    def stretch(self) -> EpisodeClip:
-        """All of it."""
-        return EpisodeClip(self.episode, self.attempt, 0, self.world, self.options, self.seed, self.actions)
-
-
-@dataclass(frozen=True, slots=True)
-class NothingToCorrect(ActivityEvent):
-    """There is no other episode to review."""
-
-    part: int
-    number: int
-
-
-@dataclass(frozen=True, slots=True)
-class CorrectionSeen(ActivityEvent):
-    """A picture of the episode, or of its correction, reached the display."""
-
-    part: int
-    number: int
-    step: int
-    submit_ns: int
-    flip_ns: int
-
-
-@dataclass(frozen=True, slots=True)
-class CorrectionBegun(ActivityEvent):
-    """A correction begins."""
-
-    part: int
-    correction: int  # 0 for the part's first
-    episode: int
-    attempt: int
-    step: int  # after which it begins
-    state_hash: int
-    pressed_ns: int
-
-
-@dataclass(frozen=True, slots=True)
-class CorrectionStepped(ActivityEvent):
-    """A step of a correction."""
-
-    part: int
-    correction: int
-    episode: int
-    step: int
-    action: int
-    key: str
-    key_t_ns: int
-    reward: float
-    terminated: bool
-    truncated: bool
-    state_hash: int
-
-
-@dataclass(frozen=True, slots=True)
-class CorrectionEnded(ActivityEvent):
-    """A correction ended."""
-
-    part: int
-    correction: int
-    episode: int
-    outcome: CorrectionOutcome
-
-
-class CorrectionPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``plan`` of an activity of kind "correction"."""
-
-    source: str  # the block of this session whose episodes are looked at
-    episodes: int = 3  # the latest of them
-    steps: int = 20  # that a correction has at most
-    back: str = "comma"
-    forward: str = "period"
-    begin: str = "space"  # begins a correction at the step that is seen, and ends it
 
 
 class CorrectionActivity(Activity):

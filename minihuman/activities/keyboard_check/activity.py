@@ -1,19 +1,12 @@
 """Keyboard check: every key of the pool must arrive once before data are recorded."""
 
-import msgspec
-
+from minihuman.activities.keyboard_check.plan import KeyboardCheckPlan
 from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.activity import Activity, ActivityKind, PartEnding
 from minihuman.experiment.machine.events import Noted
 from minihuman.experiment.machine.inputs import Input, KeyDown
 from minihuman.experiment.machine.screens import TextScreen
 from minihuman.experiment.machine.transitions import Phase
-
-
-class KeyboardCheckPlan(msgspec.Struct, frozen=True):
-    """The keys that are asked for."""
-
-    keys: tuple[str, ...]
 
 
 class KeyboardCheckActivity(Activity):

@@ -1,68 +1,22 @@
 """Pages: a text read page by page. A consent text must be read to its end before agreement."""
 
 import io
-from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from minihuman.activities.pages.page_reader import BACK_KEYS, FORWARD_KEYS, PageReader, build_page_shown
+from minihuman.activities.pages.plan import ExampleSpec, PagePlan
 from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding, SessionContext
-from minihuman.experiment.machine.events import Noted, PageShown
+from minihuman.experiment.machine.events import Noted
 from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, ScreenShown
 from minihuman.experiment.machine.running_episode import catch_world_errors
 from minihuman.experiment.machine.screens import PageScreen, PictureLabel
 from minihuman.experiment.machine.transitions import Phase
 
-FORWARD_KEYS = (*ENTER_KEYS, "right", "page_down", "space")
-BACK_KEYS = ("left", "page_up", "backspace")
 EXAMPLE_SIZE_PX = (960, 720)
-
-
-class ExampleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A picture of a world, with words at some of its things."""
-
-    world: str
-    options: dict[str, Any] = {}
-    seed: int = 0
-    marks: dict[str, str] = {}  # "agent" or a thing's name -> what is written beside it
-
-
-class PagePlan(msgspec.Struct, frozen=True):
-    """A text in pages, broken by measured height when the plan was made."""
-
-    title: str
-    pages: tuple[str, ...]
-    agree: bool = False  # Enter on the last page means agreement
-    sha256: str = ""  # of the whole text that is agreed to
-    closing: bool = False  # the session's last words
-    pictures: tuple[bytes, ...] = ()  # PNG, one a page from the first; more pages than pictures have none
-    example: ExampleSpec | None = None  # drawn on the first page
-
-
-class PageReader:
-    """Which page is open, and which were: shared by every text that has pages."""
-
-    def __init__(self, pages: int) -> None:
-        self.pages = max(1, pages)
-        self.page = 0
-        self.furthest = 0
-
-    @property
-    def at_end(self) -> bool:
-        """Whether the last page is open."""
-        return self.page == self.pages - 1
-
-    def turn(self, by: int) -> bool:
-        """Open the next or the previous page; False if there is none."""
-        page = self.page + by
-        if not 0 <= page < self.pages:
-            return False
-        self.page = page
-        self.furthest = max(self.furthest, page)
-        return True
 
 
 class PagesActivity(Activity):
@@ -142,11 +96,6 @@ class PagesActivity(Activity):
             picture=self._pictures.get(reader.page),
             marks=self._marks if reader.page == 0 else (),
         )
-
-
-def build_page_shown(part: int, reader: PageReader, shown: ScreenShown) -> PageShown:
-    """Say that the open page reached the display."""
-    return PageShown(shown.t_ns, part, reader.page + 1, reader.pages, shown.submit_ns, shown.flip_ns)
 
 
 def _draw_example(context: SessionContext, example: ExampleSpec) -> tuple[NDArray[np.uint8], tuple[PictureLabel, ...]]:

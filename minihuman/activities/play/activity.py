@@ -5,18 +5,16 @@ and screens.
 """
 
 from collections.abc import Callable, Mapping
-from enum import StrEnum
-from functools import partial
 from typing import Any
 
-import msgspec
-
-from minihuman.activities.pages.activity import BACK_KEYS, FORWARD_KEYS, PageReader, build_page_shown
+from minihuman.activities.pages.page_reader import BACK_KEYS, FORWARD_KEYS, PageReader, build_page_shown
+from minihuman.activities.play.clocks import BlockTimeLimits, PhaseTimer
+from minihuman.activities.play.design import BlockDesign
 from minihuman.activities.play.plan import PlayPlan
-from minihuman.experiment.machine import screen_texts
+from minihuman.activities.play.screens import BlockScreens
+from minihuman.activities.play.tally import BlockTally
 from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding, SessionContext
 from minihuman.experiment.machine.events import (
-    DesignDecided,
     EndCause,
     EpisodesSkipped,
     KeyMapDrawn,
@@ -25,18 +23,13 @@ from minihuman.experiment.machine.events import (
     PauseReason,
     Resumed,
     Scored,
-    SkipReason,
     Stepped,
 )
 from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, ScreenShown
-from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, NS_PER_MS, RunningEpisode
-from minihuman.experiment.machine.screens import BlankScreen, Motion, PlayScreen, Screen, TextScreen
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.screens import PlayScreen, Screen
 from minihuman.experiment.machine.transitions import Phase, PhaseTransition, TransitionCause, TransitionTable
-from minihuman.experiment.plan.designs import DesignSpec, PlayedEpisode, make_design
-from minihuman.experiment.plan.random_streams import make_draw
 from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart
-from minihuman.worlds.hashing import hash64
-from minihuman.worlds.pose import Pose
 
 
 def _another_episode_follows(play: "PlayActivity") -> bool:
@@ -60,6 +53,7 @@ PLAY_TRANSITIONS: "TransitionTable[PlayActivity]" = TransitionTable(
     ]
 )
 
+
 PHASE_CONDITIONS: "Mapping[Phase, Callable[[PlayActivity], bool]]" = {
     Phase.INSTRUCTIONS: lambda play: bool(play.plan.instruction),
     Phase.LEARNING: lambda play: play.learning_s > 0,
@@ -71,313 +65,6 @@ PHASE_CONDITIONS: "Mapping[Phase, Callable[[PlayActivity], bool]]" = {
     Phase.FEEDBACK: lambda play: bool(play.feedback_text),
     Phase.REST: lambda play: bool(play.plan.rest) or play.plan.rest_s > 0,
 }
-
-
-NS_PER_S = 1_000_000_000
-
-
-class BlockTimeLimits:
-    """Two clocks that run while an episode is played; 0 s is no limit."""
-
-    def __init__(self, episode_s: float, block_s: float) -> None:
-        self._episode_ns = round(episode_s * NS_PER_S)
-        self._block_ns = round(block_s * NS_PER_S)
-        self._played_ns = 0  # of the episode, when the clock last stood
-        self._block_played_ns = 0
-        self._running_since_ns: int | None = None
-
-    def begin(self, now_ns: int) -> None:
-        """An episode starts."""
-        self._played_ns = 0
-        self._running_since_ns = now_ns
-
-    def resume(self, now_ns: int) -> None:
-        """It goes on."""
-        self._running_since_ns = now_ns
-
-    def stop(self, now_ns: int) -> None:
-        """It pauses or is over."""
-        if self._running_since_ns is not None:
-            ran_ns = now_ns - self._running_since_ns
-            self._played_ns += ran_ns
-            self._block_played_ns += ran_ns
-            self._running_since_ns = None
-
-    @property
-    def due_ns(self) -> int | None:
-        """When the next limit is reached; None: there is none, or the clocks stand."""
-        if self._running_since_ns is None or not (self._episode_ns or self._block_ns):
-            return None
-        return self._running_since_ns + max(0, min(limit - played for limit, played in self._pairs if limit))
-
-    def over(self, now_ns: int) -> EndCause:
-        """Which limit has been reached; "" for none."""
-        due_ns = self.due_ns
-        if due_ns is None or now_ns < due_ns:
-            return ""
-        return "block_max_s" if self.block_is_over(now_ns) else "max_s"
-
-    def block_is_over(self, now_ns: int) -> bool:
-        """Whether the block's time has been played."""
-        running_ns = 0 if self._running_since_ns is None else now_ns - self._running_since_ns
-        return bool(self._block_ns) and self._block_played_ns + running_ns >= self._block_ns
-
-    @property
-    def _pairs(self) -> tuple[tuple[int, int], tuple[int, int]]:
-        return (self._episode_ns, self._played_ns), (self._block_ns, self._block_played_ns)
-
-
-_TIMED = (Phase.INTERVAL, Phase.FIXATION, Phase.HOLD, Phase.LEARNING)  # time ends them, no key
-
-
-class PhaseTimer:
-    """The time of the phase that stands; phases without a length leave it alone.
-
-    Args:
-        plan: the block's.
-        learning_s: how long the next episode may wait for an agent that learns.
-        interval_ms: how long the interval before the next episode is.
-    """
-
-    def __init__(self, plan: PlayPlan, learning_s: Callable[[], float], interval_ms: Callable[[], float]) -> None:
-        self._plan = plan
-        self._learning_s = learning_s
-        self._interval_ms = interval_ms
-        self._feedback_ms = plan.trial.feedback_ms if plan.trial else 0.0
-        self._timed: tuple[StrEnum, ...] = (*_TIMED, Phase.FEEDBACK) if self._feedback_ms else _TIMED
-        self._until_ns: int | None = None
-
-    def begin(self, phase: StrEnum, now_ns: int) -> None:
-        """A phase begins."""
-        if phase in self._timed:
-            self._until_ns = now_ns + self._lasts_ns(phase)
-        elif phase is Phase.REST:
-            self._until_ns = now_ns + round(self._plan.rest_s * NS_PER_S)
-
-    def seen(self, phase: StrEnum, flip_ns: int) -> None:
-        """Its screen reached the display: it stands from then on. Learning lasts however late it was seen."""
-        if phase in self._timed and phase is not Phase.LEARNING and self._until_ns is not None:
-            self._until_ns = flip_ns + self._lasts_ns(phase)
-
-    def suspend(self, phase: StrEnum) -> None:
-        """Something is in front; a rest goes on even so."""
-        if phase in self._timed:
-            self._until_ns = None
-
-    def resume(self, phase: StrEnum, now_ns: int) -> None:
-        """It stands again, for its whole time."""
-        if phase in self._timed:
-            self._until_ns = now_ns + self._lasts_ns(phase)
-
-    def over(self, phase: StrEnum, now_ns: int) -> bool:
-        """Whether a phase that time ends has stood long enough."""
-        return phase in self._timed and self._until_ns is not None and now_ns >= self._until_ns
-
-    def ends(self, phase: StrEnum) -> bool:
-        """Whether time ends a phase, and no key."""
-        return phase in self._timed
-
-    def due_ns(self, phase: StrEnum, now_ns: int) -> int | None:
-        """When something changes by itself, a rest's next second too; None: never."""
-        if self._until_ns is None or now_ns >= self._until_ns:
-            return None
-        if phase is Phase.REST:
-            return self._until_ns - (self.left_s(now_ns) - 1) * NS_PER_S
-        return self._until_ns
-
-    def left_s(self, now_ns: int) -> int:
-        """Seconds that are left, begun ones counted whole."""
-        return max(0, -(-((self._until_ns or 0) - now_ns) // NS_PER_S))
-
-    def _lasts_ns(self, phase: StrEnum) -> int:
-        ms: dict[StrEnum, float] = {
-            Phase.INTERVAL: self._interval_ms(),
-            Phase.FEEDBACK: self._feedback_ms,
-            Phase.FIXATION: self._plan.fixation_ms,
-            Phase.HOLD: self._plan.hold_ms,
-            Phase.LEARNING: self._learning_s() * 1_000,
-        }
-        return round(ms[phase] * NS_PER_MS)
-
-
-class BlockTally:
-    """Counts a block's episodes that are over.
-
-    Args:
-        plan: the block's.
-    """
-
-    def __init__(self, plan: PlayPlan) -> None:
-        self._plan = plan
-        self.outcomes: list[str] = []  # in order, those of earlier segments first
-        self.scored = 0.0  # by the last one
-        self.skip: SkipReason | None = None  # why no other episode is played
-
-    def add_episode(self, play: RunningEpisode) -> float | None:
-        """Count an episode that is over; return its points, None in a block without points."""
-        assert play.outcome is not None
-        self.outcomes.append(play.outcome)
-        if self._plan.points is None:
-            return None
-        self.scored = self._plan.points.compute(play.outcome, play.steps, play.return_)
-        return self.scored
-
-    def decide(self, *, time_is_up: bool) -> None:
-        """Settle whether the block is over before its last episode."""
-        until = self._plan.until
-        if until is not None and until.is_met(self.outcomes):
-            self.skip = "criterion"
-        elif time_is_up:
-            self.skip = "time"
-
-    def has_next(self, next_episode: int) -> bool:
-        """Whether the block goes on with that episode."""
-        return self.skip is None and next_episode < self._plan.first + self._plan.count
-
-    @property
-    def failed(self) -> bool:
-        """Whether the block ends the session because its criterion was not reached."""
-        until = self._plan.until
-        return until is not None and not until.is_met(self.outcomes) and until.otherwise == "end"
-
-
-class BlockDesign:
-    """A block's design: asked before each episode, and once when the block is over.
-
-    Args:
-        spec: the design.
-        number: the part's index in the plan.
-        name: the part's.
-        context: the session, which takes the events.
-    """
-
-    def __init__(self, spec: DesignSpec, number: int, name: str, context: SessionContext) -> None:
-        self._spec, self._number, self._name, self._context = spec, number, name, context
-        self._design = make_design(spec)
-        self._decided: DesignDecided | None = None
-        self.history: list[PlayedEpisode] = []
-
-    def add_episode(self, play: RunningEpisode) -> None:
-        """An episode is over."""
-        plan, outcome = play.plan, play.outcome
-        assert outcome is not None
-        self.history.append(PlayedEpisode(plan.options, plan.seed, outcome, play.steps, play.return_))
-
-    def decide(self, *, goes_on: bool) -> bool:
-        """Ask about the next episode, or for the last estimates; whether the design ends the block."""
-        context, plan = self._context, self._context.plan
-        purpose = f"design-{self._name}-session-{plan.session}-episode-{context.next_episode}"
-        made = self._design.decide(self.history, make_draw(plan.study_seed, purpose, plan.participant.index))
-        options, seed = (dict(made.options), made.seed) if goes_on and not made.stop else ({}, None)
-        self._decided = DesignDecided(
-            *(context.now_ns, self._number, context.next_episode, self._spec.name, self._design.version),
-            options=options,
-            seed=seed,
-            stop=made.stop or not goes_on,
-            estimates=dict(made.estimates),
-            posterior=hash64(made.posterior),
-        )
-        context.emit(self._decided)
-        return made.stop and goes_on
-
-    def resolve(self, plan: EpisodePlan) -> EpisodePlan:
-        """The next episode as the design wants it."""
-        assert self._decided is not None, "a design decides before each episode"
-        options, seed = plan.options | self._decided.options, self._decided.seed
-        return msgspec.structs.replace(plan, options=options, seed=plan.seed if seed is None else seed)
-
-
-class BlockScreens:
-    """A block's screens. Decides nothing.
-
-    Args:
-        plan: the block's.
-        context: the session around it, for its words and points.
-        shows_progress: whether a line says which episode it is.
-    """
-
-    def __init__(self, plan: PlayPlan, context: SessionContext, *, shows_progress: bool = True) -> None:
-        self._plan = plan
-        self._context = context
-        self._shows_progress = shows_progress
-        self._seen: tuple[int, int, Pose | None] | None = None  # the latest step's episode, number and pose
-
-    def before(self, phase: StrEnum, reader: PageReader) -> Screen | None:
-        """A screen without an episode; None where the phase shows one."""
-        words = self._context.words
-        match phase:
-            case Phase.INSTRUCTIONS:
-                return screen_texts.build_page_screen(
-                    words,
-                    title=self._plan.title or words["instructions.title"],
-                    body=self._plan.instruction[reader.page],
-                    page=reader.page,
-                    pages=reader.pages,
-                    last=words["go_on"],
-                    button=words["button.go_on"],
-                )
-            case Phase.LEARNING:
-                return screen_texts.build_notice_screen(words, words["learning.title"], words["learning.body"])
-            case Phase.PREPARING:
-                return screen_texts.build_wait_screen(words)
-            case Phase.INTERVAL | Phase.FIXATION:
-                return BlankScreen(cross=phase is Phase.FIXATION)
-        return None
-
-    def rest(self, left_s: int) -> TextScreen:
-        """The rest after the block."""
-        return screen_texts.build_rest_screen(
-            self._context.words, screen_texts.fill_score_fields(self._context, self._plan.rest), left_s
-        )
-
-    def ready(self, play: RunningEpisode) -> TextScreen:
-        """The last screen before an episode."""
-        words, mission = self._context.words, screen_texts.capitalise(self._mission(play))
-        return TextScreen(
-            words["ready.title"], mission, words["ready.prompt"], self._progress(play), locale=words.locale
-        )
-
-    def feedback(self, play: RunningEpisode, scored: float) -> TextScreen:
-        """The feedback on an episode."""
-        return screen_texts.build_feedback_screen(
-            self._context.words, self._plan, play, self._progress(play), scored, self._context.points
-        )
-
-    def play(self, play: RunningEpisode, *, held: bool, scored: float) -> PlayScreen:
-        """An episode's picture; ``held``: its last one, with what it was worth."""
-        words = self._context.words
-        legend = sorted(play.plan.key_map.keys.items()) if play.plan.show_keys else []
-        return PlayScreen(
-            picture=play.picture() if held or self._context.renders_steps else EMPTY_IMAGE,
-            mission=self._mission(play),
-            progress=self._progress(play),
-            legend=tuple((key, words.action(action)) for key, action in legend),
-            episode=play.plan.episode,
-            step=play.steps,
-            locale=words.locale,
-            mark=screen_texts.OUTCOME_MARKS.get(play.outcome, "") if held and self._plan.marks else "",
-            score_text=screen_texts.format_score(words, scored) if held and self._plan.points is not None else "",
-            labels=words.labels(tuple(key for key, _ in legend)),
-            accepts_pointer=play.takes_clicks,
-            motion=self._motion(play) if self._plan.motion_ms and self._context.renders_steps else None,
-        )
-
-    def _motion(self, play: RunningEpisode) -> Motion | None:
-        """How the view gets to a step's picture from the one before."""
-        before, self._seen = self._seen, (play.plan.episode, play.steps, play.world.pose())
-        if before is None or before[2] is None or before[:2] != (play.plan.episode, play.steps - 1):
-            return None
-        assert self._plan.motion_ms is not msgspec.UNSET
-        return Motion(round(self._plan.motion_ms * 1e6), partial(play.picture_between, before[2]))
-
-    def _mission(self, play: RunningEpisode) -> str:
-        return self._plan.mission or self._context.words.mission(play.mission)
-
-    def _progress(self, play: RunningEpisode) -> str:
-        total = self._context.points if self._plan.show_points else None
-        if not self._shows_progress:
-            return "" if total is None else screen_texts.format_total(self._context.words, total)
-        return screen_texts.format_progress(self._context, self._plan, play.plan, total)
 
 
 POINTER = "pointer"  # a step's key where a click made it

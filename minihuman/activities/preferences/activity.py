@@ -5,227 +5,27 @@ the first clips. Clips repeat until the participant answers.
 """
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import Any
 
-import msgspec
-import numpy as np
-from numpy.typing import NDArray
-
-from minihuman.errors import MinihumanError
+from minihuman.activities.episode_clips import ClipOffered, EpisodeClip, EpisodeFilm
+from minihuman.activities.preferences.events import (
+    NothingToCompare,
+    PairAnswer,
+    PairSeen,
+    Preferred,
+    Side,
+    StretchShown,
+)
+from minihuman.activities.preferences.plan import PreferencesPlan
+from minihuman.activities.preferences.requests import ClipRequest
 from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.activity import Activity, ActivityKind, ActivityRequest, PartEnding
 from minihuman.experiment.machine.events import ActivityEvent, Noted, PauseReason
-from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, ScreenShown
-from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, NS_PER_MS, catch_world_errors
+from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown
+from minihuman.experiment.machine.running_episode import NS_PER_MS, catch_world_errors
 from minihuman.experiment.machine.screens import PairScreen, Screen
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.plan.random_streams import draw_permutation
-from minihuman.experiment.plan.session_plan import ShownView
-from minihuman.worlds.contract import Palette
-
-if TYPE_CHECKING:
-    from minihuman.worlds.adapters.world import World
-
-Side = Literal["left", "right"]
-PairingPolicy = Literal["random", "disagreement"]  # any pair, or one that an ensemble of reward models disagrees on
-PairAnswer = Literal["left", "right", "equal", "cannot_tell"]
-
-
-@dataclass(frozen=True, slots=True)
-class EpisodeClip:
-    """Some steps of an episode, by what makes it again: the world, its seed and every action up to its last step."""
-
-    episode: int  # of the session it was played in, 0 for the first
-    attempt: int  # 1, or more where the episode was begun again
-    first: int  # the step whose picture is the first; 0 is the reset
-    world: str
-    options: str  # JSON
-    seed: int
-    actions: tuple[int, ...]  # the world's, from the reset to the stretch's last step
-
-    @property
-    def last(self) -> int:
-        """The step whose picture is the last."""
-        return len(self.actions)
-
-
-@dataclass(frozen=True, slots=True)
-class ClipRequest(ActivityRequest):
-    """A clip to compare; two are requested, one after the other."""
-
-    part: int
-    source: str  # the block whose episodes are compared
-    pair: int  # 0 for the first
-    place: int  # 0, then 1
-    steps: int
-    again: EpisodeClip | None  # what the first of the pair is
-    pairing: PairingPolicy = "random"
-    wait_s: float = 0.0  # how long a pair that is disagreed on may be waited for
-
-
-@dataclass(frozen=True, slots=True)
-class ClipOffered(ActivityInput):
-    """A clip; None if no two differ."""
-
-    stretch: EpisodeClip | None
-
-
-@dataclass(frozen=True, slots=True)
-class StretchShown(ActivityEvent):
-    """A clip is one side of a pair. Both sides are logged before the pair is shown."""
-
-    part: int
-    pair: int
-    side: Side
-    episode: int
-    attempt: int
-    first: int
-    world: str
-    options: str
-    seed: int
-    actions: tuple[int, ...]
-    first_hash: int  # of the world's state at the first picture and at the last
-    last_hash: int
-
-    @property
-    def stretch(self) -> EpisodeClip:
-        """What was shown."""
-        return EpisodeClip(self.episode, self.attempt, self.first, self.world, self.options, self.seed, self.actions)
-
-
-@dataclass(frozen=True, slots=True)
-class NothingToCompare(ActivityEvent):
-    """No two clips differ: the part is over."""
-
-    part: int
-    pair: int
-
-
-@dataclass(frozen=True, slots=True)
-class PairSeen(ActivityEvent):
-    """A pair's pictures reached the display."""
-
-    part: int
-    pair: int
-    step: int  # 0 for the first picture of both
-    submit_ns: int
-    flip_ns: int
-
-
-@dataclass(frozen=True, slots=True)
-class Preferred(ActivityEvent):
-    """The answer to a pair."""
-
-    part: int
-    pair: int
-    answer: PairAnswer
-    shown_ns: int  # when its first picture reached the display; 0 if unknown
-    replays: int  # how often the participant replayed it
-    pressed_ns: int
-
-
-ImageArray = NDArray[np.uint8]
-
-
-class EpisodeFilm(Sequence[ImageArray]):
-    """Pictures of a step and of each one after it, uint8[H, W, 3].
-
-    Args:
-        world: one made for the episode; others may use it between two looks.
-        seed: of its reset.
-        actions: the world's.
-        view: how much of the world is seen.
-        palette: its colours.
-        picture_px: the largest picture wanted, width and height; None draws none.
-        first: the step whose picture is the first; 0 is the reset.
-    """
-
-    def __init__(
-        self,
-        world: "World",
-        seed: int,
-        actions: Sequence[int],
-        *,
-        view: ShownView,
-        palette: Palette,
-        picture_px: tuple[int, int] | None,
-        first: int = 0,
-    ) -> None:
-        self._world = world
-        self._seed = seed
-        self._actions = tuple(actions)
-        self._view: ShownView = view
-        self._palette: Palette = palette
-        self._picture_px = picture_px
-        self._first = first
-        self._saved: list[Any] = []  # the world at each picture; none where it cannot be saved
-        with catch_world_errors():
-            self._lead_to(first)
-            self.first_hash = world.state_hash()
-            self._save()
-            for action in self._actions[first:]:
-                world.advance(action)
-                self._save()
-            self.last_hash = world.state_hash()
-
-    def __len__(self) -> int:
-        """One more than the steps from the first picture on."""
-        return len(self._actions) + 1 - self._first
-
-    @overload
-    def __getitem__(self, step: int) -> ImageArray: ...
-    @overload
-    def __getitem__(self, step: slice) -> Sequence[ImageArray]: ...
-    def __getitem__(self, step: int | slice) -> ImageArray | Sequence[ImageArray]:
-        """A picture, drawn now."""
-        if isinstance(step, slice):
-            return [self[one] for one in range(*step.indices(len(self)))]
-        if not -len(self) <= step < len(self):
-            raise IndexError(step)
-        if self._picture_px is None:
-            return EMPTY_IMAGE
-        with catch_world_errors():
-            self._go_to(step % len(self))
-            return self._world.frame(self._view, self._picture_px, self._palette).copy()
-
-    def _go_to(self, step: int) -> None:
-        if len(self._saved) == len(self):
-            self._world.restore(self._saved[step])
-        else:
-            self._lead_to(self._first + step)
-
-    def _lead_to(self, step: int) -> None:
-        self._world.reset(self._seed)
-        for action in self._actions[:step]:
-            self._world.advance(action)
-
-    def _save(self) -> None:
-        if self._picture_px is None:
-            return
-        try:
-            self._saved.append(self._world.save())
-        except MinihumanError:  # a world that cannot be saved is reset and stepped there each time
-            self._saved = []
-
-
-class PreferencesPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``plan`` of an activity of kind "preferences"."""
-
-    source: str  # the block of this session whose episodes are compared
-    pairs: int = 20
-    steps: int = 12  # of a stretch
-    step_ms: float = 200.0  # each picture is seen so long
-    pairing: PairingPolicy = "random"
-    wait_s: float = 15.0  # for a pair that is disagreed on; then any pair comes
-    left: str = "f"
-    right: str = "j"
-    equal: str = "b"
-    cannot_tell: str = "n"
-    again: str = "r"
-    view: ShownView = "partial"
-    palette: Palette = "classic"
 
 
 class PreferencesActivity(Activity):

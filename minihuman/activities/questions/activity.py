@@ -1,14 +1,14 @@
 """A questionnaire: ask questions one after the other; some have a correct answer and a number of tries."""
 
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
 
 from minihuman.activities.questions.number.draft import NUMBER_RULES
+from minihuman.activities.questions.plan import QuestionsPlan
 from minihuman.activities.questions.question import (
     AnswerDraft,
     AnswerValue,
-    QuestionItemSpec,
     build_draft,
     find_question_kind,
     is_correct,
@@ -19,17 +19,6 @@ from minihuman.experiment.machine.events import AnswerChanged, Answered, Noted
 from minihuman.experiment.machine.inputs import Input, KeyDown, PointerMoved, PointerPressed, ScreenShown, TextInput
 from minihuman.experiment.machine.screens import QuestionScreen, TextScreen
 from minihuman.experiment.machine.transitions import Phase
-
-
-class QuestionsPlan(msgspec.Struct, frozen=True):
-    """Questions in the order asked, and what follows wrong answers."""
-
-    title: str
-    items: tuple[QuestionItemSpec, ...]
-    tries: int = 1
-    wrong: str = ""  # shown after wrong answers while tries are left; "" says it in the interface's words
-    back_to: int | None = None  # the part to which wrong answers lead; None asks again at once
-    failed: Literal["go_on", "end"] = "go_on"  # after the last try
 
 
 class QuestionsActivity(Activity):

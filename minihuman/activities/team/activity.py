@@ -5,311 +5,51 @@ an input, so a log alone replays all bodies. Others are seat 0, 1, ... and never
 seeds of its episodes are open in the plan and resolved by `TeamFormed` before the first reset.
 """
 
-import hashlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import reduce
-from typing import TYPE_CHECKING, Any, Literal
+from dataclasses import replace
+from typing import Any
 
 import msgspec
-import numpy as np
 
 from minihuman.activities.play.activity import PLAY_TRANSITIONS, PlayActivity
-from minihuman.activities.play.plan import PERSON, TeamPlayPlan
-from minihuman.activities.team.messages import (
-    INTERVAL_NS,
-    MessageGiven,
-    MessageShown,
-    MessageTyped,
-    TeamMessages,
+from minihuman.activities.team.episode import Submission, TeamEpisode
+from minihuman.activities.team.events import (
+    GoneReason,
+    InputLate,
+    JointStepped,
+    SeatHolder,
+    SeatsReadied,
+    SeatTaken,
+    TeamEnded,
+    TeamFormed,
+)
+from minihuman.activities.team.message_events import MessageGiven, MessageShown, MessageTyped
+from minihuman.activities.team.messages import INTERVAL_NS, TeamMessages
+from minihuman.activities.team.plan import PERSON, TeamPlayPlan
+from minihuman.activities.team.requests import (
+    JointRequest,
+    JointTaken,
+    ReadyRequest,
+    SeatsReady,
+    Team,
+    TeamJoined,
+    TeamLost,
+    TeamRequest,
 )
 from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.activity import (
-    ENTER_KEYS,
-    Activity,
     ActivityKind,
     ActivityRequest,
-    PartEnding,
     SessionContext,
 )
-from minihuman.experiment.machine.events import ActivityEvent, FrameShown, Noted, Stepped
-from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, ScreenShown, TextInput
-from minihuman.experiment.machine.running_episode import RunningEpisode, catch_world_errors
+from minihuman.experiment.machine.events import ActivityEvent
+from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, TextInput
+from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import PlayScreen, Screen
 from minihuman.experiment.machine.transitions import Phase, PhaseTransition, TransitionCause, TransitionTable
 from minihuman.experiment.plan.random_streams import draw_seeds
 from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart
 
-if TYPE_CHECKING:
-    from minihuman.worlds.adapters.world import World
-
-ActionSource = Literal["person", "late", "agent"]  # late: the idle action, since no input came in time
-SeatHolder = Literal["person", "agent"]
-# replaced: the seat is an agent's for good; declined: one of the team left before its first step
-GoneReason = Literal["no_partner", "partner_left", "replaced", "declined"]
 POLL_NS = 250_000_000  # how often a waiting machine asks again, if nothing else happens
-
-
-@dataclass(frozen=True, slots=True)
-class Team:
-    """Which team a session is in, and where it sits."""
-
-    team: str  # a random id, the same in each member's log
-    index: int  # of the team in the study
-    seat: int
-    seats: tuple[str, ...]  # by seat: "person", or the agent as the protocol names it
-
-
-class TeamAnswerRequest(ActivityRequest):
-    """A request that others' inputs answer."""
-
-    __slots__ = ()
-
-
-@dataclass(frozen=True, slots=True)
-class TeamRequest(TeamAnswerRequest):
-    """Which team is this session in?"""
-
-    part: int
-    block: str
-    plan: TeamPlayPlan
-    before: tuple[str, ...]  # the teams that the session was in, the latest last
-
-
-@dataclass(frozen=True, slots=True)
-class ReadyRequest(TeamAnswerRequest):
-    """This seat is ready for an episode: may it begin?"""
-
-    team: Team
-    plan: EpisodePlan
-    rules: TeamPlayPlan
-
-
-@dataclass(frozen=True, slots=True)
-class JointRequest(TeamAnswerRequest):
-    """The next joint action."""
-
-    team: Team
-    plan: EpisodePlan
-    rules: TeamPlayPlan
-    step: int  # that it makes, 1 for the first
-    action: int | None  # of this seat; None: its person has given none yet
-    is_key: bool = True  # a key gave it; False: the world's idle action at a tick without one
-    sent: tuple[MessageShown, ...] = ()  # by this seat, in this block
-    received: frozenset[str] = frozenset()  # the digests of messages that it has
-
-
-@dataclass(frozen=True, slots=True)
-class TeamJoined(ActivityInput):
-    """The team is complete."""
-
-    team: Team
-    salt: str = ""  # of the digests of this seat's words, a secret of its log; "" where nobody writes
-
-
-@dataclass(frozen=True, slots=True)
-class SeatsReady(ActivityInput):
-    """Every seat is ready for an episode."""
-
-    episode: int
-
-
-@dataclass(frozen=True, slots=True)
-class JointTaken(ActivityInput):
-    """A joint action is closed."""
-
-    episode: int
-    step: int
-    actions: tuple[int, ...]  # by seat
-    sources: tuple[ActionSource, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class TeamLost(ActivityInput):
-    """There is no team to go on with."""
-
-    reason: GoneReason
-
-
-@dataclass(frozen=True, slots=True)
-class TeamFormed(ActivityEvent):
-    """The team of a block is complete: what the plan left open is resolved."""
-
-    part: int
-    team: str
-    index: int
-    seat: int
-    role: str  # of this seat; "" where the protocol names none
-    seats: tuple[str, ...]
-    salt: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class SeatsReadied(ActivityEvent):
-    """Every seat was ready."""
-
-    episode: int
-    poses: tuple[float, ...]  # at the reset, by seat: x, y, z and yaw_rad of each
-
-
-@dataclass(frozen=True, slots=True)
-class JointStepped(ActivityEvent):
-    """A joint step: what every body did and got. Before the event of the seat's own step."""
-
-    episode: int
-    step: int
-    actions: tuple[int, ...]
-    rewards: tuple[float, ...]
-    sources: tuple[str, ...]
-    digest: int  # of the episode's joint actions so far: see digest_joint_actions
-    poses: tuple[float, ...]  # after it, by seat: x, y, z and yaw_rad of each
-
-
-@dataclass(frozen=True, slots=True)
-class InputLate(ActivityEvent):
-    """This seat's input came after its step was closed: it changed nothing."""
-
-    episode: int
-    step: int
-    action: int
-    key: str
-    key_t_ns: int
-
-
-@dataclass(frozen=True, slots=True)
-class PictureCorrected(ActivityEvent):
-    """A picture that showed a step before it was closed: this seat's action, the others idle. Theirs changed it."""
-
-    episode: int
-    step: int
-    submit_ns: int
-    flip_ns: int
-
-
-@dataclass(frozen=True, slots=True)
-class SeatTaken(ActivityEvent):
-    """Another holds a person's seat from this step on: an agent, or the person who is back."""
-
-    episode: int
-    step: int
-    seat: int
-    by: SeatHolder
-
-
-@dataclass(frozen=True, slots=True)
-class TeamEnded(ActivityEvent):
-    """The block ends before its last episode, as no partner came or one left; or the team before its first step."""
-
-    part: int
-    reason: GoneReason
-
-
-def digest_joint_actions(team: str, seed: int, actions: Sequence[Sequence[int]]) -> int:
-    """A digest of an episode's joint actions, uint64: BLAKE2b chained over team, seed and each step's actions."""
-    return reduce(extend_digest, actions, start_digest(team, seed))
-
-
-def start_digest(team: str, seed: int) -> int:
-    """The digest of an episode before its first step."""
-    return _hash(f"{team} {seed}".encode())
-
-
-def extend_digest(digest: int, actions: Sequence[int]) -> int:
-    """The digest with one more step."""
-    return _hash(np.array([digest, *actions], np.uint64).astype("<u8").tobytes())
-
-
-def _hash(data: bytes) -> int:
-    return int.from_bytes(hashlib.blake2b(data, digest_size=8).digest(), "little")
-
-
-@dataclass(frozen=True, slots=True)
-class _Submission:
-    """This seat's action for the next step, until that is closed."""
-
-    action: int
-    key: str
-    key_t_ns: int
-    is_new: bool = True  # its key went down since the step before, and is not only held
-
-
-class TeamEpisode(RunningEpisode):
-    """An episode of a team, seen from one seat: each step needs a joint action."""
-
-    def __init__(
-        self,
-        plan: EpisodePlan,
-        world: "World",
-        team: Team,
-        *,
-        picture_px: tuple[int, int] | None,
-        keys_down: Mapping[str, int] | None = None,
-    ) -> None:
-        super().__init__(plan, world, picture_px=picture_px, keys_down=keys_down)
-        self.team = team
-        self.joint_actions: list[tuple[int, ...]] = []
-        self.sources: list[tuple[ActionSource, ...]] = []
-        self.submitted: _Submission | None = None
-        self.digest = start_digest(team.team, plan.seed)
-        self._due_ns: int | None = None  # of the tick that is submitted
-
-    def poses(self) -> tuple[float, ...]:
-        """Where every body stands: x, y, z and yaw_rad of each, by seat."""
-        with catch_world_errors():
-            found = self.world.unwrapped.poses()
-        return tuple(value for pose in found for value in (pose.x, pose.y, pose.z, pose.yaw_rad))
-
-    def record_shown(self, shown: ScreenShown) -> FrameShown:
-        """Take note that a picture reached the display; a tick that waits for its joint action goes on waiting."""
-        event = super().record_shown(shown)
-        if self.submitted is not None:
-            self.next_tick_ns = None
-        return event
-
-    def tick(self, t_ns: int) -> Stepped | None:
-        """If a period has run out, submit the queued key's action, or the idle one; the step comes with the others'."""
-        if self.next_tick_ns is not None and t_ns >= self.next_tick_ns and self.submitted is None:
-            self._due_ns, self.next_tick_ns = self.next_tick_ns, None
-            self.submitted = self._take_press(t_ns)
-        return None
-
-    def _take_press(self, t_ns: int) -> _Submission:
-        """This seat's action at a tick: the queued key's, or that of the keys that are down; else the idle one."""
-        idle: int = self.world.unwrapped.team.idle_action
-        if not self.repeats_held:
-            press, self._queued = self._queued, None
-            if press is None:
-                return _Submission(idle, "", t_ns)
-            return _Submission(press.action, press.key, press.t_ns)  # type: ignore[arg-type]  # bodies act by number
-        pressed, self._pressed = self._pressed, {}
-        keys = [*(key for key in self._keys_down if key in self._action_of and key not in pressed), *pressed]
-        if not keys:
-            return _Submission(idle, "", t_ns)
-        with catch_world_errors():
-            number, _ = self.world.actions.combine([self._action_of[key] for key in keys])
-        return _Submission(number, keys[-1], pressed.get(keys[-1], t_ns), keys[-1] in pressed)
-
-    def step_joint(self, t_ns: int, taken: JointTaken) -> tuple[Stepped, tuple[float, ...], _Submission | None]:
-        """Make the joint step: its event, the rewards by seat, and what this seat had submitted."""
-        mine, self.submitted = self.submitted, None
-        key = mine if mine is not None and taken.sources[self.team.seat] == "person" else None
-        env = self.world.unwrapped
-        env.joint = taken.actions
-        with catch_world_errors():
-            stepped = self.step(
-                t_ns,
-                taken.actions[self.team.seat],
-                key="" if key is None else key.key,
-                key_t_ns=t_ns if key is None or not key.key else key.key_t_ns,
-                held={} if key is not None and not key.is_new else None,
-            )
-        self.joint_actions.append(taken.actions)
-        self.sources.append(taken.sources)
-        self.digest = extend_digest(self.digest, taken.actions)
-        if self._due_ns is not None:
-            self.next_tick_ns = self._due_ns + self._period_ns * (max(0, t_ns - self._due_ns) // self._period_ns + 1)
-            self._due_ns = None
-        return stepped, env.rewards, mine
 
 
 TEAM_TRANSITIONS: "TransitionTable[Any]" = TransitionTable(
@@ -510,7 +250,7 @@ class TeamPlayActivity(PlayActivity):
             super()._key_in_play(press)
         elif play.submitted is None:
             self.context.emit_key(press, "queued", self.phase, action)
-            play.submitted = _Submission(action, press.key, press.t_ns)
+            play.submitted = Submission(action, press.key, press.t_ns)
         else:
             self.context.emit_key(press, "not_playing", self.phase, action)
 
@@ -568,36 +308,3 @@ class TeamPlayActivity(PlayActivity):
 
 
 TEAM = ActivityKind("team", TeamPlayPlan, TeamPlayActivity, messages="minihuman.log.activity_topics:TEAM_ROWS")
-
-
-class DebriefPlan(msgspec.Struct, frozen=True):
-    """``plan`` of the page that tells, after the last questions, what the partners were."""
-
-
-class DebriefActivity(Activity):
-    """Tells what the partners were, and offers to withdraw; nothing where the session was in no team."""
-
-    can_copy = True
-    phase = Phase.DEBRIEFING
-
-    def begin(self) -> None:
-        """Show the page."""
-        self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
-
-    def receive(self, happened: Input) -> None:
-        """Take an input: Enter goes on."""
-        if isinstance(happened, KeyDown):
-            goes_on = happened.key in ENTER_KEYS and not happened.repeat
-            self.context.emit_key(happened, "accepted" if goes_on else "unmapped", self.phase)
-            if goes_on:
-                self.ended = PartEnding()
-
-    def screen(self) -> Screen:
-        """What the partners were."""
-        words = self.context.words
-        were = [words[f"team.was_{who}"] for who in ("person", "agent") if who in self.context.partners]
-        body = "\n\n".join((*(were or [words["team.was_either"]]), words["team.withdraw"]))
-        return screen_texts.build_notice_screen(words, words["team.debriefing"], body, words["go_on"])
-
-
-DEBRIEF = ActivityKind("debrief", DebriefPlan, DebriefActivity)

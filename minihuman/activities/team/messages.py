@@ -8,44 +8,20 @@ import hashlib
 import math
 from dataclasses import dataclass, field, replace
 
-from minihuman.activities.play.plan import REPORT_KEY, TeamPlan
 from minihuman.activities.questions.free_text.draft import TextDraft
 from minihuman.activities.questions.question import QuestionItemSpec
+from minihuman.activities.team.message_events import MessageShown
+from minihuman.activities.team.plan import REPORT_KEY, TeamPlan
 from minihuman.experiment.keys import key_label
 from minihuman.experiment.machine.activity import ENTER_KEYS, SessionContext
-from minihuman.experiment.machine.events import ActivityEvent, KeyVerdict, Noted
-from minihuman.experiment.machine.inputs import ActivityInput, KeyDown
+from minihuman.experiment.machine.events import KeyVerdict, Noted
+from minihuman.experiment.machine.inputs import KeyDown
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.transitions import Phase
 
-MESSAGE_LETTERS, N_LINES = 200, 4
+MESSAGE_LETTERS = 200  # at most, in a message
+N_LINES = 4  # that are seen
 INTERVAL_NS = 2_000_000_000  # from one message of a person to the next, and how long a mark is seen
-
-
-@dataclass(frozen=True, slots=True)
-class MessageShown(ActivityEvent):
-    """Words or a mark, one's own or another's, came onto the screen."""
-
-    episode: int
-    step: int  # the latest then
-    seat: int  # the author's
-    text: str  # "" of another's in a log: it is in the author's alone
-    cell: tuple[float, ...]  # x and z of the marked cell; empty for words
-    digest: str  # salted; another for each message, even with the same words
-
-
-@dataclass(frozen=True, slots=True)
-class MessageTyped(ActivityEvent):
-    """Letters of a message were typed: in no table, as an answer's `TextTyped` are."""
-
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class MessageGiven(ActivityInput):
-    """Another seat's message, as it was shown there; in a replay without its words."""
-
-    message: MessageShown
 
 
 @dataclass(slots=True)

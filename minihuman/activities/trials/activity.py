@@ -1,12 +1,8 @@
 """Trials: short episodes that follow each other by the clock, with no line of progress and no notice between them."""
 
 from minihuman.activities.play.activity import PlayActivity
-from minihuman.activities.play.plan import PlayPlan
+from minihuman.activities.trials.plan import TrialsPlan
 from minihuman.experiment.machine.activity import ActivityKind
-
-
-class TrialsPlan(PlayPlan, frozen=True):
-    """A block of trials."""
 
 
 class TrialsActivity(PlayActivity):

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from minihuman.activities.play.plan import PERSON
-from minihuman.activities.team.messages import MessageShown
+from minihuman.activities.team.message_events import MessageShown
+from minihuman.activities.team.plan import PERSON
 from minihuman.admin.enrolment_entries import TeamRecorded, list_team_entries
 from minihuman.experiment.machine.activity import WorldFactory
 from minihuman.experiment.machine.events import EpisodeStarted, Stepped

@@ -23,7 +23,7 @@ from mcap.records import Attachment, Metadata
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
-from minihuman.activities.pages.activity import PagePlan
+from minihuman.activities.pages.plan import PagePlan
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.admin.design_decisions import decide_again, verify_design_decisions
 from minihuman.admin.enrolment_entries import (

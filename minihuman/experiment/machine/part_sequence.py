@@ -5,8 +5,8 @@ Plans recorded before there were parts are read as consent, keyboard check, bloc
 
 from collections.abc import Sequence
 
-from minihuman.activities.keyboard_check.activity import KeyboardCheckPlan
-from minihuman.activities.pages.activity import PagePlan
+from minihuman.activities.keyboard_check.plan import KeyboardCheckPlan
+from minihuman.activities.pages.plan import PagePlan
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.errors import AllocationError
 from minihuman.experiment.machine.activity import Activity, PartEnding, SessionContext, build_activity

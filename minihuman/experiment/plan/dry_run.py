@@ -8,9 +8,10 @@ from contextlib import closing, suppress
 
 import msgspec
 
-from minihuman.activities.pages.activity import PagePlan
-from minihuman.activities.play.plan import Bindings, PlayPlan, TeamPlayPlan
-from minihuman.activities.questions.activity import QuestionsPlan
+from minihuman.activities.pages.plan import PagePlan
+from minihuman.activities.play.plan import Bindings, PlayPlan
+from minihuman.activities.questions.plan import QuestionsPlan
+from minihuman.activities.team.plan import TeamPlayPlan
 from minihuman.errors import ProtocolError, WorldError
 from minihuman.experiment.machine.running_episode import check_bindings
 from minihuman.experiment.machine.screen_texts import compute_bonus

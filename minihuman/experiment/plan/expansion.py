@@ -10,11 +10,12 @@ from typing import Any
 
 import msgspec
 
-from minihuman.activities.keyboard_check.activity import KeyboardCheckPlan
-from minihuman.activities.pages.activity import PagePlan
-from minihuman.activities.play.plan import Bindings, ComputedBy, PlayPlan, TeamPlayPlan
-from minihuman.activities.questions.activity import QuestionsPlan
-from minihuman.activities.team.activity import DebriefPlan
+from minihuman.activities.keyboard_check.plan import KeyboardCheckPlan
+from minihuman.activities.pages.plan import PagePlan
+from minihuman.activities.play.plan import Bindings, ComputedBy, PlayPlan
+from minihuman.activities.questions.plan import QuestionsPlan
+from minihuman.activities.team.debrief import DebriefPlan
+from minihuman.activities.team.plan import TeamPlayPlan
 from minihuman.display.text import TypefaceSet, paginate_text, select_typefaces
 from minihuman.errors import AllocationError, ProtocolError
 from minihuman.experiment.machine.activity import ActivityKind, find_kind

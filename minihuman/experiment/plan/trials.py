@@ -8,7 +8,8 @@ from typing import Any
 
 import msgspec
 
-from minihuman.activities.play.plan import StimuliSpec, TrialRules
+from minihuman.activities.play.plan import TrialRules
+from minihuman.activities.trials.plan import StimuliSpec
 from minihuman.errors import ProtocolError
 from minihuman.experiment.plan.random_streams import draw_permutation, draw_words
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import msgspec
 
-from minihuman.activities.pages.activity import ExampleSpec
+from minihuman.activities.pages.plan import ExampleSpec
 from minihuman.activities.questions.question import QuestionItemSpec
 from minihuman.errors import ProtocolError
 from minihuman.experiment.protocol.validation_errors import FieldError, select_errors

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from minihuman import __version__
-from minihuman.activities.questions.activity import QuestionsPlan
+from minihuman.activities.questions.plan import QuestionsPlan
 from minihuman.dataset.measures import response_ms
 from minihuman.dataset.table_columns import table_key_name
 from minihuman.errors import ExportError

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.activities.preferences import activity as preferences
+from minihuman.activities.episode_clips import EpisodeClip
+from minihuman.activities.preferences.events import PairAnswer
 from minihuman.dataset.selection import Selection
 from minihuman.errors import LearnError
 from minihuman.learn.demonstrations import (
@@ -36,7 +37,7 @@ from minihuman.operating_system import hash_file
 from minihuman.worlds.adapters.world import World
 
 VIEW = ObservationEncoder(missions=False)
-ANSWERS: dict[preferences.PairAnswer, Answer] = {
+ANSWERS: dict[PairAnswer, Answer] = {
     "left": "left",
     "right": "right",
     "equal": "equal",
@@ -225,7 +226,7 @@ def _comparisons(taken: Sequence[LoggedEpisode]) -> Iterator[Comparison]:
                 yield Comparison(left, right, ANSWERS[each.preference.answer])
 
 
-def make_fragment(side: preferences.EpisodeClip, lesson: str) -> LessonFragment:
+def make_fragment(side: EpisodeClip, lesson: str) -> LessonFragment:
     """A stretch that was shown, as steps of a lesson."""
     return LessonFragment(lesson, side.first, len(side.actions) - 1)
 

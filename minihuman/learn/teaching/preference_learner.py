@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from minihuman.activities.preferences import activity as preferences
+from minihuman.activities.episode_clips import EpisodeClip
 from minihuman.errors import LearnError
 from minihuman.learn.policy.network import Policy
 from minihuman.learn.policy.observation import Observation
@@ -216,7 +216,7 @@ def compute_disagreement(model: RewardModel, dataset: Dataset, pairs: Sequence[P
 def choose_disputed_pair(
     logs: Sequence[Path],
     block: str,
-    pairs: Sequence[tuple[preferences.EpisodeClip, preferences.EpisodeClip]],
+    pairs: Sequence[tuple[EpisodeClip, EpisodeClip]],
     *,
     seed: int,
 ) -> int:

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.activities.play.plan import PERSON
-from minihuman.activities.team.activity import (
+from minihuman.activities.team.episode import digest_joint_actions
+from minihuman.activities.team.events import (
     InputLate,
     JointStepped,
     PictureCorrected,
@@ -24,8 +24,8 @@ from minihuman.activities.team.activity import (
     SeatTaken,
     TeamEnded,
     TeamFormed,
-    digest_joint_actions,
 )
+from minihuman.activities.team.plan import PERSON
 from minihuman.experiment.machine.events import (
     ActivityEvent,
     AnswerChanged,

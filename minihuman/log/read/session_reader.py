@@ -16,8 +16,8 @@ import numpy as np
 from google.protobuf.message import Message
 from numpy.typing import NDArray
 
-from minihuman.activities.agent_blocks.activity import PolicyGiven
-from minihuman.activities.team.activity import SeatsReadied, TeamFormed
+from minihuman.activities.agent_blocks.events import PolicyGiven
+from minihuman.activities.team.events import SeatsReadied, TeamFormed
 from minihuman.errors import LogError
 from minihuman.experiment.machine import events
 from minihuman.log import topics
