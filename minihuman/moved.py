@@ -87,6 +87,13 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         f"{_NEW}.trials.activity",
         f"{_NEW}.trials.plan",
     ),
+    "minihuman.log.activity_topics": (
+        f"{_NEW}.agent_blocks.rows",
+        f"{_NEW}.correction.rows",
+        f"{_NEW}.preferences.rows",
+        f"{_NEW}.rating.rows",
+        f"{_NEW}.team.rows",
+    ),
 }
 
 

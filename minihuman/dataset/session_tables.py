@@ -11,10 +11,15 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from minihuman.activities.agent_blocks import rows as agent_rows
 from minihuman.activities.agent_blocks.events import Advised, ControlChanged, LearnerAsked, PolicyGiven
+from minihuman.activities.correction import rows as correction_rows
 from minihuman.activities.correction.events import CorrectionBegun
+from minihuman.activities.preferences import rows as preference_rows
 from minihuman.activities.preferences.events import Preferred
+from minihuman.activities.rating import rows as rating_rows
 from minihuman.activities.rating.events import Rated
+from minihuman.activities.team import rows as team_rows
 from minihuman.activities.team.events import JointStepped
 from minihuman.dataset.annotations import Annotation
 from minihuman.dataset.measures import KeyTally, response_ms, summarize_key_use, visible_effect
@@ -43,7 +48,7 @@ from minihuman.experiment.machine.events import (
 )
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.protocol.protocol import decode_logged_protocol
-from minihuman.log import activity_topics, topics
+from minihuman.log import topics
 from minihuman.log.model.event_columns import NO_ACTION, CategoricalTexts
 from minihuman.log.model.session_log import EpisodeLog, PartEvent, Segment, SegmentNote, SessionLog
 
@@ -636,22 +641,22 @@ TABLES_OF_TOPIC = {
     topics.LINK: ("links",),
     topics.MODEL_CALL: ("model_calls",),
     topics.DESIGN: ("decisions",),
-    activity_topics.POLICY_TOPIC: ("policies",),
-    activity_topics.LEARNER_REQUEST_TOPIC: ("policies",),
-    activity_topics.ADVICE_TOPIC: ("advice",),
-    activity_topics.CONTROL_TOPIC: ("controls",),
-    activity_topics.RATING_TOPIC: ("ratings",),
-    activity_topics.TEAM_TOPIC: ("teams",),
-    activity_topics.JOINT_STEP_TOPIC: ("joint_steps", "teams"),
+    agent_rows.POLICY_TOPIC: ("policies",),
+    agent_rows.LEARNER_REQUEST_TOPIC: ("policies",),
+    agent_rows.ADVICE_TOPIC: ("advice",),
+    agent_rows.CONTROL_TOPIC: ("controls",),
+    rating_rows.RATING_TOPIC: ("ratings",),
+    team_rows.TEAM_TOPIC: ("teams",),
+    team_rows.JOINT_STEP_TOPIC: ("joint_steps", "teams"),
     "/team/ready": ("parts",),
     "/team/corrected": ("teams",),
     "/team/late": ("teams",),
     "/team/seat": ("teams",),
     "/team/end": ("points",),
-    activity_topics.CORRECTION_EPISODE_TOPIC: ("corrections",),
-    activity_topics.CORRECTION_TOPIC: ("corrections",),
-    activity_topics.CORRECTION_STEP_TOPIC: ("corrections",),
-    activity_topics.CORRECTION_END_TOPIC: ("corrections",),
-    activity_topics.PREFERENCE_CLIP_TOPIC: ("preferences",),
-    activity_topics.PREFERENCE_TOPIC: ("preferences",),
+    correction_rows.CORRECTION_EPISODE_TOPIC: ("corrections",),
+    correction_rows.CORRECTION_TOPIC: ("corrections",),
+    correction_rows.CORRECTION_STEP_TOPIC: ("corrections",),
+    correction_rows.CORRECTION_END_TOPIC: ("corrections",),
+    preference_rows.PREFERENCE_CLIP_TOPIC: ("preferences",),
+    preference_rows.PREFERENCE_TOPIC: ("preferences",),
 }

@@ -1,8 +1,8 @@
 """Encode events as protobuf messages and decode them, by schema version; opens no file.
 
 One table has a row for each event: its topic, and the fields that differ on the wire. All other fields are the
-message's fields of the same name. A kind of activity adds rows for events of its own
-(``minihuman.log.activity_topics``). ``decode_event`` undoes ``encode_event`` exactly.
+message's fields of the same name. A kind of activity adds rows for events of its own (its ``rows`` module).
+``decode_event`` undoes ``encode_event`` exactly.
 """
 
 import dataclasses

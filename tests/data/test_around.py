@@ -10,6 +10,8 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
+from minihuman.activities.correction import rows as correction_rows
+from minihuman.activities.preferences import rows as preference_rows
 from minihuman.dataset.rows import arrow_schema
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.session_tables import TABLES_OF_TOPIC
@@ -18,7 +20,7 @@ from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_columns import EPISODE_TABLES, PRIMARY_KEYS, TABLES, table_key_name
 from minihuman.experiment.machine.activity import list_built_in_kinds
 from minihuman.exporters.exporter import export_study
-from minihuman.log import activity_topics, topics
+from minihuman.log import topics
 from minihuman.log.codec import list_activity_topics
 from minihuman.log.read.session_reader import read_log
 from tests.lab.test_bonus import study
@@ -54,8 +56,8 @@ def test_every_topic_of_the_log_is_in_a_table_or_an_export():
         if not topic.is_preview
     }
     seen, none = (
-        {activity_topics.PREFERENCE_FRAME_TOPIC, activity_topics.CORRECTION_FRAME_TOPIC},
-        {activity_topics.NO_PREFERENCE_TOPIC, activity_topics.NO_CORRECTION_TOPIC},
+        {preference_rows.PREFERENCE_FRAME_TOPIC, correction_rows.CORRECTION_FRAME_TOPIC},
+        {preference_rows.NO_PREFERENCE_TOPIC, correction_rows.NO_CORRECTION_TOPIC},
     )
     said = {"/team/typed", "/team/message"}  # between people: in their logs alone
     # arrays; when something was seen; that there was nothing to see; what people wrote to each other

@@ -295,6 +295,6 @@ CORRECTION = ActivityKind(
     "correction",
     CorrectionPlan,
     CorrectionActivity,
-    messages="minihuman.log.activity_topics:CORRECTION_ROWS",
+    messages="minihuman.activities.correction.rows:CORRECTION_ROWS",
     block_field="source",
 )

@@ -217,6 +217,6 @@ PREFERENCES = ActivityKind(
     "preferences",
     PreferencesPlan,
     PreferencesActivity,
-    messages="minihuman.log.activity_topics:PREFERENCE_ROWS",
+    messages="minihuman.activities.preferences.rows:PREFERENCE_ROWS",
     block_field="source",
 )

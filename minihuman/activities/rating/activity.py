@@ -109,4 +109,4 @@ class RatingActivity(AgentPlayActivity):
         return words.fill("rating.prompt", good=good, bad=bad)
 
 
-RATING = ActivityKind("rating", AgentPlayPlan, RatingActivity, messages="minihuman.log.activity_topics:RATING_ROWS")
+RATING = ActivityKind("rating", AgentPlayPlan, RatingActivity, messages="minihuman.activities.rating.rows:RATING_ROWS")

@@ -43,5 +43,5 @@ class TakeoverActivity(AgentPlayActivity):
 
 
 TAKEOVER = ActivityKind(
-    "takeover", AgentPlayPlan, TakeoverActivity, messages="minihuman.log.activity_topics:TAKEOVER_ROWS"
+    "takeover", AgentPlayPlan, TakeoverActivity, messages="minihuman.activities.agent_blocks.rows:AGENT_ROWS"
 )

@@ -307,4 +307,4 @@ class TeamPlayActivity(PlayActivity):
         return replace(screen, controller="person", controller_text=text) if text else screen
 
 
-TEAM = ActivityKind("team", TeamPlayPlan, TeamPlayActivity, messages="minihuman.log.activity_topics:TEAM_ROWS")
+TEAM = ActivityKind("team", TeamPlayPlan, TeamPlayActivity, messages="minihuman.activities.team.rows:TEAM_ROWS")
