@@ -19,7 +19,7 @@ from mkdocs.structure.pages import Page
 
 from minihuman import ext
 from minihuman.cli.command_line import SECTIONS, make_command_line
-from minihuman.dataset.table_columns import TABLES
+from minihuman.dataset.table_catalogue import TABLES
 from minihuman.experiment.machine.activity import list_built_in_kinds
 from minihuman.log.codec import list_activity_topics
 from minihuman.log.read.session_reader import read_log

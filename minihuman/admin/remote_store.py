@@ -23,7 +23,7 @@ from pathlib import Path, PurePosixPath
 
 from minihuman.dataset.annotations import ANNOTATIONS_SUFFIX, open_annotations, read_annotation_file
 from minihuman.dataset.log_files import read_withdrawn_codes
-from minihuman.dataset.table_columns import TablePartition
+from minihuman.dataset.table_catalogue import TablePartition
 from minihuman.errors import LogError
 from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import LOG_SUFFIX, study_folder

@@ -13,7 +13,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from minihuman.dataset.table_columns import TABLES, table_key_name
+from minihuman.dataset.table_catalogue import TABLES
+from minihuman.dataset.table_columns import table_key_name
 from minihuman.log.model.event_columns import CategoricalTexts
 
 _ARROW = {"text": pa.string(), "key": pa.string(), "integer": pa.int64(), "number": pa.float64(), "boolean": pa.bool_()}

@@ -16,7 +16,7 @@ from minihuman import __version__
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import CachedSession, StudyStore
-from minihuman.dataset.table_columns import EVERY_MOMENT, TABLES
+from minihuman.dataset.table_catalogue import EVERY_MOMENT, TABLES
 from minihuman.dataset.table_files import write_tables
 from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol

@@ -296,5 +296,6 @@ CORRECTION = ActivityKind(
     CorrectionPlan,
     CorrectionActivity,
     messages="minihuman.activities.correction.rows:CORRECTION_ROWS",
+    tables="minihuman.activities.correction.tables:CORRECTION_TABLES",
     block_field="source",
 )

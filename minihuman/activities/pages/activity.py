@@ -118,4 +118,4 @@ def _draw_example(context: SessionContext, example: ExampleSpec) -> tuple[NDArra
     )
 
 
-PAGE = ActivityKind("page", PagePlan, PagesActivity)
+PAGE = ActivityKind("page", PagePlan, PagesActivity, tables="minihuman.activities.pages.tables:PAGE_TABLES")

@@ -439,4 +439,4 @@ class PlayActivity(Activity):
         return self._timer.left_s(self.context.now_ns)
 
 
-PLAY = ActivityKind("play", PlayPlan, PlayActivity)
+PLAY = ActivityKind("play", PlayPlan, PlayActivity, tables="minihuman.activities.play.tables:PLAY_TABLES")

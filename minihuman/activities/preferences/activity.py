@@ -218,5 +218,6 @@ PREFERENCES = ActivityKind(
     PreferencesPlan,
     PreferencesActivity,
     messages="minihuman.activities.preferences.rows:PREFERENCE_ROWS",
+    tables="minihuman.activities.preferences.tables:PREFERENCE_TABLES",
     block_field="source",
 )

@@ -199,4 +199,6 @@ class QuestionsActivity(Activity):
         return self._drafts[self._number]
 
 
-QUESTIONS = ActivityKind("questions", QuestionsPlan, QuestionsActivity)
+QUESTIONS = ActivityKind(
+    "questions", QuestionsPlan, QuestionsActivity, tables="minihuman.activities.questions.tables:QUESTION_TABLES"
+)

@@ -109,4 +109,10 @@ class RatingActivity(AgentPlayActivity):
         return words.fill("rating.prompt", good=good, bad=bad)
 
 
-RATING = ActivityKind("rating", AgentPlayPlan, RatingActivity, messages="minihuman.activities.rating.rows:RATING_ROWS")
+RATING = ActivityKind(
+    "rating",
+    AgentPlayPlan,
+    RatingActivity,
+    messages="minihuman.activities.rating.rows:RATING_ROWS",
+    tables="minihuman.activities.rating.tables:RATING_TABLES",
+)

@@ -43,5 +43,9 @@ class TakeoverActivity(AgentPlayActivity):
 
 
 TAKEOVER = ActivityKind(
-    "takeover", AgentPlayPlan, TakeoverActivity, messages="minihuman.activities.agent_blocks.rows:AGENT_ROWS"
+    "takeover",
+    AgentPlayPlan,
+    TakeoverActivity,
+    messages="minihuman.activities.agent_blocks.rows:AGENT_ROWS",
+    tables="minihuman.activities.agent_blocks.tables:AGENT_TABLES",
 )

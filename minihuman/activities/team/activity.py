@@ -307,4 +307,10 @@ class TeamPlayActivity(PlayActivity):
         return replace(screen, controller="person", controller_text=text) if text else screen
 
 
-TEAM = ActivityKind("team", TeamPlayPlan, TeamPlayActivity, messages="minihuman.activities.team.rows:TEAM_ROWS")
+TEAM = ActivityKind(
+    "team",
+    TeamPlayPlan,
+    TeamPlayActivity,
+    messages="minihuman.activities.team.rows:TEAM_ROWS",
+    tables="minihuman.activities.team.tables:TEAM_TABLES",
+)

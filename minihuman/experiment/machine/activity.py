@@ -210,6 +210,7 @@ class ActivityKind:
     plan: type[msgspec.Struct]  # a PlayPlan's subclass for a kind of block
     activity: type[Activity]
     messages: str = ""  # a tuple of minihuman.log.codec.EventRow, one for each event of its own
+    tables: str = ""  # a tuple of minihuman.dataset.activity_tables.ActivityTable
     browser: bool = True  # whether it can be done in a browser
     block_field: str = ""  # the plan's field that names a block of the protocol, if it has one
 
