@@ -31,6 +31,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         f"{_NEW}.agent_blocks.plan",
         f"{_NEW}.team.plan",
         f"{_NEW}.trials.plan",
+        "minihuman.experiment.machine.bindings",
     ),
     f"{_OLD}.correction": (
         f"{_NEW}.correction.activity",

@@ -9,11 +9,11 @@ from minihuman.activities.pages.plan import PagePlan
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.activities.questions.plan import QuestionsPlan
 from minihuman.activities.questions.question import build_draft
+from minihuman.activities.questions.screens import build_question_screen, build_wrong_answer_screen
 from minihuman.display.drawing.questions import question_fits
 from minihuman.display.drawing.text_screens import text_fits
 from minihuman.display.text import TypefaceSet, find_installed_typeface, measure_width_px, select_typefaces
 from minihuman.errors import ProtocolError
-from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.screens import TextScreen
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.plan.expansion import assign_slot, expand_protocol, format_participant_code
@@ -101,13 +101,11 @@ def _too_long(part: PlannedPart, words: InterfaceWords, faces: TypefaceSet) -> I
             if not text_fits(TextScreen(words["rest.title"], play.rest, "", locale=words.locale), NARROWEST_SCREEN_PX):
                 yield f"{part.name}, rest: {_does_not_fit(play.rest)}"
         case QuestionsPlan() as asked:
-            if not text_fits(screen_texts.build_wrong_answer_screen(words, asked.wrong), NARROWEST_SCREEN_PX):
+            if not text_fits(build_wrong_answer_screen(words, asked.wrong), NARROWEST_SCREEN_PX):
                 yield f"{part.name}, wrong: {_does_not_fit(asked.wrong)}"
             for item in asked.items:
                 draft = build_draft(item, rtl=words.rtl)
-                empty: Any = screen_texts.build_question_screen(
-                    words, title="", draft=draft, number=0, count=1, note=""
-                )
+                empty: Any = build_question_screen(words, title="", draft=draft, number=0, count=1, note="")
                 if not question_fits(empty, NARROWEST_SCREEN_PX):
                     yield f"{part.name}, question {item.name!r}: {_does_not_fit(item.ask)}"
     for title in _titles(part):

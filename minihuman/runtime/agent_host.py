@@ -37,7 +37,7 @@ from minihuman.experiment.machine.activity import ActivityRequest, RequestHandle
 from minihuman.experiment.machine.events import Event
 from minihuman.experiment.machine.inputs import ActivityInput
 from minihuman.experiment.machine.running_episode import RunningEpisode
-from minihuman.experiment.machine.session import SlotDrawn, SlotRequest, is_allocation_pending
+from minihuman.experiment.pending_session import SlotDrawn, SlotRequest, is_allocation_pending
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol

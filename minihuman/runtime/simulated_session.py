@@ -50,7 +50,8 @@ from minihuman.experiment.machine.screens import (
     Screen,
     TextScreen,
 )
-from minihuman.experiment.machine.session import SessionMachine, build_session
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.pending_session import build_session
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.experiment.plan.session_plan import SessionPlan

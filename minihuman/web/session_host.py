@@ -18,7 +18,8 @@ from minihuman.experiment.keys import PAD_DEAD_ZONE
 from minihuman.experiment.machine import inputs
 from minihuman.experiment.machine.activity import RequestHandler, WorldFactory
 from minihuman.experiment.machine.events import Event, KeyPressed, Linked, Noted, Stepped
-from minihuman.experiment.machine.session import SessionMachine, awaits_allocation
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.pending_session import awaits_allocation
 from minihuman.experiment.replay import BROWSER_NOTE
 from minihuman.log.record.recorder import Recorder
 from minihuman.web import messages

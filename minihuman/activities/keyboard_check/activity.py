@@ -1,7 +1,8 @@
 """Keyboard check: every key of the pool must arrive once before data are recorded."""
 
+from minihuman.activities.keyboard_check.early_plans import find_early_check
 from minihuman.activities.keyboard_check.plan import KeyboardCheckPlan
-from minihuman.experiment.machine import screen_texts
+from minihuman.activities.keyboard_check.screens import build_keyboard_check_screen
 from minihuman.experiment.machine.activity import Activity, ActivityKind, PartEnding
 from minihuman.experiment.machine.events import Noted
 from minihuman.experiment.machine.inputs import Input, KeyDown
@@ -37,9 +38,9 @@ class KeyboardCheckActivity(Activity):
 
     def screen(self) -> TextScreen:
         """The keys, where they lie to each other."""
-        return screen_texts.build_keyboard_check_screen(
-            self.context.words, self.part.plan.keys, frozenset(self._arrived)
-        )
+        return build_keyboard_check_screen(self.context.words, self.part.plan.keys, frozenset(self._arrived))
 
 
-KEYBOARD_CHECK = ActivityKind("keyboard_check", KeyboardCheckPlan, KeyboardCheckActivity)
+KEYBOARD_CHECK = ActivityKind(
+    "keyboard_check", KeyboardCheckPlan, KeyboardCheckActivity, find_early_parts=find_early_check
+)

@@ -6,12 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from minihuman.activities.pages.early_plans import find_early_pages
 from minihuman.activities.pages.page_reader import BACK_KEYS, FORWARD_KEYS, PageReader, build_page_shown
 from minihuman.activities.pages.plan import ExampleSpec, PagePlan
-from minihuman.experiment.machine import screen_texts
+from minihuman.activities.pages.screens import build_page_screen
 from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding, SessionContext
 from minihuman.experiment.machine.events import Noted
 from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, ScreenShown
+from minihuman.experiment.machine.points import fill_score_fields
 from minihuman.experiment.machine.running_episode import catch_world_errors
 from minihuman.experiment.machine.screens import PageScreen, PictureLabel
 from minihuman.experiment.machine.transitions import Phase
@@ -84,11 +86,11 @@ class PagesActivity(Activity):
         plan: PagePlan = self.part.plan
         words, reader = self.context.words, self._reader
         last = "consent.prompt" if plan.agree else "closing.prompt" if plan.closing else "go_on"
-        return screen_texts.build_page_screen(
+        return build_page_screen(
             words,
             title=plan.title,
             decline_label=words["consent.decline"] if plan.agree else "",
-            body=screen_texts.fill_score_fields(self.context, plan.pages[reader.page] if plan.pages else ""),
+            body=fill_score_fields(self.context, plan.pages[reader.page] if plan.pages else ""),
             page=reader.page,
             pages=reader.pages,
             last=words[last],
@@ -118,4 +120,10 @@ def _draw_example(context: SessionContext, example: ExampleSpec) -> tuple[NDArra
     )
 
 
-PAGE = ActivityKind("page", PagePlan, PagesActivity, tables="minihuman.activities.pages.tables:PAGE_TABLES")
+PAGE = ActivityKind(
+    "page",
+    PagePlan,
+    PagesActivity,
+    tables="minihuman.activities.pages.tables:PAGE_TABLES",
+    find_early_parts=find_early_pages,
+)

@@ -4,6 +4,8 @@ from typing import Any
 
 import msgspec
 
+from minihuman.experiment.plan.session_plan import PartPlan
+
 
 class ExampleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A picture of a world, with words at some of its things."""
@@ -14,7 +16,7 @@ class ExampleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     marks: dict[str, str] = {}  # "agent" or a thing's name -> what is written beside it
 
 
-class PagePlan(msgspec.Struct, frozen=True):
+class PagePlan(PartPlan, frozen=True):
     """A text in pages, broken by measured height when the plan was made."""
 
     title: str
@@ -24,3 +26,13 @@ class PagePlan(msgspec.Struct, frozen=True):
     closing: bool = False  # the session's last words
     pictures: tuple[bytes, ...] = ()  # PNG, one a page from the first; more pages than pictures have none
     example: ExampleSpec | None = None  # drawn on the first page
+
+    @property
+    def asks_consent(self) -> bool:
+        """Whether the text is agreed to."""
+        return self.agree
+
+    @property
+    def closes_session(self) -> bool:
+        """Whether the text is the session's last words."""
+        return self.closing

@@ -10,6 +10,7 @@ from typing import Any
 from minihuman.activities.pages.page_reader import BACK_KEYS, FORWARD_KEYS, PageReader, build_page_shown
 from minihuman.activities.play.clocks import BlockTimeLimits, PhaseTimer
 from minihuman.activities.play.design import BlockDesign
+from minihuman.activities.play.early_plans import find_early_blocks
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.activities.play.screens import BlockScreens
 from minihuman.activities.play.tally import BlockTally
@@ -439,4 +440,10 @@ class PlayActivity(Activity):
         return self._timer.left_s(self.context.now_ns)
 
 
-PLAY = ActivityKind("play", PlayPlan, PlayActivity, tables="minihuman.activities.play.tables:PLAY_TABLES")
+PLAY = ActivityKind(
+    "play",
+    PlayPlan,
+    PlayActivity,
+    tables="minihuman.activities.play.tables:PLAY_TABLES",
+    find_early_parts=find_early_blocks,
+)

@@ -7,7 +7,9 @@ from typing import Literal
 
 import msgspec
 
+from minihuman.experiment.machine.bindings import Bindings
 from minihuman.experiment.plan.designs import DesignSpec
+from minihuman.experiment.plan.session_plan import PartPlan
 
 
 class CriterionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -42,29 +44,7 @@ class PointsSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 ComputedBy = Literal["page", "server"]
 
 
-class AxisBinding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What an axis of a gamepad moves."""
-
-    component: int  # of the action's vector, from 0
-    scale: float = 1.0  # sensitivity; below 0 the axis is inverted
-
-
-class SpotBinding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a click in the world's picture does: an action with its place."""
-
-    x: int  # the component that gets the place from left to right
-    y: int  # and from top to bottom
-    action: str = ""  # an element that is done with it: "choice_0_6"
-
-
-class Bindings(msgspec.Struct, frozen=True):
-    """What moves an action's vector beside keys. In a plan where a block says so alone."""
-
-    axes: dict[str, AxisBinding] = {}  # of the gamepad
-    spot: SpotBinding | None = None
-
-
-class PlayPlan(msgspec.Struct, frozen=True):
+class PlayPlan(PartPlan, frozen=True):
     """A block: which episodes, and what surrounds them. Empty texts and times of 0 show nothing."""
 
     block: int  # the place among the session's blocks
@@ -73,7 +53,7 @@ class PlayPlan(msgspec.Struct, frozen=True):
     count: int
     title: str = ""
     instruction: tuple[str, ...] = ()  # pages
-    feedback: dict[str, str] = {}  # by outcome
+    feedback: dict[str, str] = msgspec.field(default_factory=dict)  # by outcome
     rest: str = ""  # after the block
     rest_s: float = 0.0  # the shortest rest
     interval_ms: float = 0.0  # nothing on the screen before an episode
@@ -91,6 +71,11 @@ class PlayPlan(msgspec.Struct, frozen=True):
     bindings: Bindings | msgspec.UnsetType = msgspec.UNSET  # unset where keys alone act
     motion_ms: float | msgspec.UnsetType = msgspec.UNSET  # from a step's picture to the next; unset: at once
     design: DesignSpec | msgspec.UnsetType = msgspec.UNSET  # that resolves each episode; unset where none does
+
+    @property
+    def planned_episodes(self) -> range:
+        """The indices of the block's episodes."""
+        return range(self.first, self.first + self.count)
 
 
 ReadyPolicy = Literal["each", "first", "none"]

@@ -13,7 +13,7 @@ from minihuman.activities.questions.question import (
     find_question_kind,
     is_correct,
 )
-from minihuman.experiment.machine import screen_texts
+from minihuman.activities.questions.screens import build_question_screen, build_wrong_answer_screen
 from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding
 from minihuman.experiment.machine.events import AnswerChanged, Answered, Noted
 from minihuman.experiment.machine.inputs import Input, KeyDown, PointerMoved, PointerPressed, ScreenShown, TextInput
@@ -183,8 +183,8 @@ class QuestionsActivity(Activity):
         """The question that is asked, or that something was wrong."""
         words = self.context.words
         if self._wrong:
-            return screen_texts.build_wrong_answer_screen(words, self._plan.wrong)
-        return screen_texts.build_question_screen(
+            return build_wrong_answer_screen(words, self._plan.wrong)
+        return build_question_screen(
             words,
             title=self._plan.title,
             draft=self.draft,

@@ -3,7 +3,7 @@ and the registry of kinds: the entry-point group `minihuman.activities`, which n
 """
 
 import abc
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
@@ -212,6 +212,7 @@ class ActivityKind:
     messages: str = ""  # a tuple of minihuman.log.codec.EventRow, one for each event of its own
     tables: str = ""  # a tuple of minihuman.dataset.activity_tables.ActivityTable
     browser: bool = True  # whether it can be done in a browser
+    find_early_parts: Callable[[SessionPlan], Iterable[tuple[int, PlannedPart]]] | None = None
     block_field: str = ""  # the plan's field that names a block of the protocol, if it has one
 
     def read(self, plan: Any) -> msgspec.Struct:

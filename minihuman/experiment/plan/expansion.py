@@ -12,13 +12,14 @@ import msgspec
 
 from minihuman.activities.keyboard_check.plan import KeyboardCheckPlan
 from minihuman.activities.pages.plan import PagePlan
-from minihuman.activities.play.plan import Bindings, ComputedBy, PlayPlan
+from minihuman.activities.play.plan import ComputedBy, PlayPlan
 from minihuman.activities.questions.plan import QuestionsPlan
 from minihuman.activities.team.debrief import DebriefPlan
 from minihuman.activities.team.plan import TeamPlayPlan
 from minihuman.display.text import TypefaceSet, paginate_text, select_typefaces
 from minihuman.errors import AllocationError, ProtocolError
 from minihuman.experiment.machine.activity import ActivityKind, find_kind
+from minihuman.experiment.machine.bindings import Bindings
 from minihuman.experiment.plan import trials
 from minihuman.experiment.plan.allocation import AllocationSlot, allocation_sha256, build_allocation_list, find_slot
 from minihuman.experiment.plan.random_streams import draw_permutation, draw_seeds

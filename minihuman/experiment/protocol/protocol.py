@@ -19,11 +19,12 @@ from typing import Any, Literal
 import msgspec
 
 from minihuman.activities.agent_blocks.plan import AgentPlan
-from minihuman.activities.play.plan import AxisBinding, ComputedBy, CriterionSpec, PointsSpec, ReadyPolicy, SpotBinding
+from minihuman.activities.play.plan import ComputedBy, CriterionSpec, PointsSpec, ReadyPolicy
 from minihuman.activities.team.plan import TeamPlan
 from minihuman.activities.trials.plan import StimuliSpec
 from minihuman.errors import ProtocolError
 from minihuman.experiment.keys import BUTTON_NAMES, KEY_NAMES_TEXT, PAD_AXES, RESERVED_KEYS
+from minihuman.experiment.machine.bindings import AxisBinding, SpotBinding
 from minihuman.experiment.plan.designs import DesignSpec
 from minihuman.experiment.plan.session_plan import (
     BonusSpec,
