@@ -17,9 +17,11 @@ import numpy as np
 from minihuman.activities.agent_blocks.activity import AgentPlayActivity
 from minihuman.activities.correction.activity import CorrectionActivity
 from minihuman.activities.correction.plan import CorrectionPlan
+from minihuman.activities.correction.screens import FilmScreen
 from minihuman.activities.preferences.activity import PreferencesActivity
 from minihuman.activities.preferences.events import PairAnswer
 from minihuman.activities.preferences.plan import PreferencesPlan
+from minihuman.activities.preferences.screens import PairScreen
 from minihuman.activities.questions.activity import QuestionsActivity
 from minihuman.activities.questions.question import Click
 from minihuman.activities.rating.activity import RatingActivity
@@ -41,15 +43,7 @@ from minihuman.experiment.machine.inputs import (
     TextInput,
 )
 from minihuman.experiment.machine.running_episode import NS_PER_MS, RunningEpisode
-from minihuman.experiment.machine.screens import (
-    FilmScreen,
-    PageScreen,
-    PairScreen,
-    PlayScreen,
-    QuestionScreen,
-    Screen,
-    TextScreen,
-)
+from minihuman.experiment.machine.screens import PageScreen, PlayScreen, QuestionScreen, Screen, TextScreen
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.pending_session import build_session
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol

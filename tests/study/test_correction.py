@@ -11,10 +11,11 @@ from minihuman.activities.correction.events import (
     NothingToCorrect,
 )
 from minihuman.activities.correction.requests import EpisodeRequest
+from minihuman.activities.correction.screens import FilmScreen
 from minihuman.activities.episode_clips import ClipOffered, EpisodeClip
 from minihuman.experiment.machine.events import PartEnded, SessionEnded, find_violations
 from minihuman.experiment.machine.inputs import FocusChanged
-from minihuman.experiment.machine.screens import FilmScreen, PlayScreen
+from minihuman.experiment.machine.screens import PlayScreen
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.replay import compare_replay
 from minihuman.log.model.teaching_events import gather_corrections

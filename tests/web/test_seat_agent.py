@@ -176,7 +176,7 @@ def test_films_are_told_once_a_pair_and_every_picture_of_theirs_is_logged(tmp_pa
     told = [
         message
         for message in page.told
-        if isinstance(message, messages.ScreenMessage) and message.screen["kind"] == "pair"
+        if isinstance(message, messages.ScreenMessage) and message.screen.get("view") == "pair"
     ]
     assert len(told) == 3
     for message in told:
@@ -194,7 +194,7 @@ def test_an_episode_is_told_whole_and_gone_through_and_corrected_as_in_a_window(
     told = [
         message
         for message in page.told
-        if isinstance(message, messages.ScreenMessage) and message.screen["kind"] == "film"
+        if isinstance(message, messages.ScreenMessage) and message.screen.get("view") == "film"
     ]
     for message in told[:2]:
         assert_whole(page, message.name, [message.screen["pictures"]], length=5)

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from minihuman.activities.play.screens import build_rest_screen
+from minihuman.activities.preferences.drawing import draw_pair
+from minihuman.activities.preferences.screens import PairScreen
 from minihuman.activities.questions.screens import build_wrong_answer_screen
 from minihuman.display.drawing import play_screens, sheet
-from minihuman.display.drawing.play_screens import draw_pair
 from minihuman.display.drawing.screen import compose_screen, find_spot
 from minihuman.display.text import draw_line
 from minihuman.experiment.machine import screen_texts
-from minihuman.experiment.machine.screens import PairScreen, PlayScreen, Screen
+from minihuman.experiment.machine.screens import PlayScreen, Screen
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import decode_protocol

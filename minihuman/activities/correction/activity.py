@@ -20,13 +20,14 @@ from minihuman.activities.correction.events import (
 )
 from minihuman.activities.correction.plan import CorrectionPlan
 from minihuman.activities.correction.requests import EpisodeRequest
+from minihuman.activities.correction.screens import FilmScreen
 from minihuman.activities.episode_clips import ClipOffered, EpisodeClip, EpisodeFilm
 from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, ActivityRequest, PartEnding
 from minihuman.experiment.machine.events import ActivityEvent, Noted, PauseReason
 from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown
 from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, RunningEpisode, catch_world_errors
-from minihuman.experiment.machine.screens import FilmScreen, PlayScreen, Screen
+from minihuman.experiment.machine.screens import PlayScreen, Screen
 from minihuman.experiment.machine.transitions import Phase
 
 if TYPE_CHECKING:
@@ -297,5 +298,6 @@ CORRECTION = ActivityKind(
     CorrectionActivity,
     messages="minihuman.activities.correction.rows:CORRECTION_ROWS",
     tables="minihuman.activities.correction.tables:CORRECTION_TABLES",
+    screens=(FilmScreen,),
     block_field="source",
 )

@@ -1,15 +1,9 @@
 """The screens of keyboard checks."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
-from minihuman.experiment.machine.screens import (
-    TextScreen,
-)
+from minihuman.experiment.machine.screens import TextScreen
 from minihuman.experiment.words import InterfaceWords
-
-if TYPE_CHECKING:
-    pass
 
 
 def build_keyboard_check_screen(words: InterfaceWords, keys: Sequence[str], pressed: frozenset[str]) -> TextScreen:

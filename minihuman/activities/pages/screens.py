@@ -1,19 +1,10 @@
 """The screens of texts in pages."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.experiment.machine.screens import (
-    Button,
-    PageScreen,
-    PictureLabel,
-)
+from minihuman.experiment.machine.screens import Button, PageScreen, PictureLabel
 from minihuman.experiment.words import InterfaceWords
-
-if TYPE_CHECKING:
-    pass
 
 
 def build_page_screen(

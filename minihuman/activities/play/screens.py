@@ -4,8 +4,13 @@ from enum import StrEnum
 from functools import partial
 from typing import TYPE_CHECKING
 
+import msgspec
+
+from minihuman.activities.pages.page_reader import PageReader
 from minihuman.activities.pages.screens import build_page_screen
 from minihuman.activities.play.plan import PlayPlan
+from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.activity import SessionContext
 from minihuman.experiment.machine.events import Outcome
 from minihuman.experiment.machine.points import (
     PointsNumber,
@@ -14,27 +19,16 @@ from minihuman.experiment.machine.points import (
     format_total,
     isolate_signs,
 )
-from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, RunningEpisode
 from minihuman.experiment.machine.screen_texts import capitalise
-from minihuman.experiment.machine.screens import (
-    OutcomeMark,
-    TextScreen,
-)
+from minihuman.experiment.machine.screens import BlankScreen, Motion, OutcomeMark, PlayScreen, Screen, TextScreen
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.words import InterfaceWords
+from minihuman.worlds.pose import Pose
 
 if TYPE_CHECKING:
     from minihuman.experiment.machine.activity import SessionContext
-
-import msgspec
-
-from minihuman.activities.pages.page_reader import PageReader
-from minihuman.experiment.machine import screen_texts
-from minihuman.experiment.machine.activity import SessionContext
-from minihuman.experiment.machine.running_episode import EMPTY_IMAGE
-from minihuman.experiment.machine.screens import BlankScreen, Motion, PlayScreen, Screen
-from minihuman.worlds.pose import Pose
 
 OUTCOME_MARKS: dict[Outcome | None, OutcomeMark] = {"goal": "good", "timeout": "neutral", "failure": "bad"}
 

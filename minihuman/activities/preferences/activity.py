@@ -18,12 +18,13 @@ from minihuman.activities.preferences.events import (
 )
 from minihuman.activities.preferences.plan import PreferencesPlan
 from minihuman.activities.preferences.requests import ClipRequest
+from minihuman.activities.preferences.screens import PairScreen
 from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.activity import Activity, ActivityKind, ActivityRequest, PartEnding
 from minihuman.experiment.machine.events import ActivityEvent, Noted, PauseReason
 from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown
 from minihuman.experiment.machine.running_episode import NS_PER_MS, catch_world_errors
-from minihuman.experiment.machine.screens import PairScreen, Screen
+from minihuman.experiment.machine.screens import Screen
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.plan.random_streams import draw_permutation
 
@@ -219,5 +220,6 @@ PREFERENCES = ActivityKind(
     PreferencesActivity,
     messages="minihuman.activities.preferences.rows:PREFERENCE_ROWS",
     tables="minihuman.activities.preferences.tables:PREFERENCE_TABLES",
+    screens=(PairScreen,),
     block_field="source",
 )

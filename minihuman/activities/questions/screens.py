@@ -1,17 +1,8 @@
 """The screens of questionnaires."""
 
-from typing import TYPE_CHECKING
-
 from minihuman.activities.questions.question import AnswerDraft, find_question_kind
-from minihuman.experiment.machine.screens import (
-    Button,
-    QuestionScreen,
-    TextScreen,
-)
+from minihuman.experiment.machine.screens import Button, QuestionScreen, TextScreen
 from minihuman.experiment.words import InterfaceWords
-
-if TYPE_CHECKING:
-    pass
 
 
 def build_question_screen(

@@ -25,7 +25,7 @@ from minihuman.experiment.machine.events import (
 )
 from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, KeyUp
 from minihuman.experiment.machine.running_episode import RunningEpisode, catch_world_errors
-from minihuman.experiment.machine.screens import Screen
+from minihuman.experiment.machine.screens import ActivityScreen, Screen
 from minihuman.experiment.plan.session_plan import KeyMap, PlannedPart, SessionPlan
 from minihuman.experiment.words import InterfaceWords
 from minihuman.plugins import list_plugin_names, load_plugin
@@ -211,6 +211,7 @@ class ActivityKind:
     activity: type[Activity]
     messages: str = ""  # a tuple of minihuman.log.codec.EventRow, one for each event of its own
     tables: str = ""  # a tuple of minihuman.dataset.activity_tables.ActivityTable
+    screens: tuple[type[ActivityScreen], ...] = ()  # of its own
     browser: bool = True  # whether it can be done in a browser
     find_early_parts: Callable[[SessionPlan], Iterable[tuple[int, PlannedPart]]] | None = None
     block_field: str = ""  # the plan's field that names a block of the protocol, if it has one

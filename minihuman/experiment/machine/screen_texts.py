@@ -1,17 +1,9 @@
 """Text of every screen except the world's own: built from the interface's words, the plan and what just happened."""
 
-from typing import TYPE_CHECKING
-
 from minihuman.experiment.machine.events import EndReason
-from minihuman.experiment.machine.screens import (
-    TextScreen,
-)
+from minihuman.experiment.machine.screens import TextScreen
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.words import InterfaceWords
-
-if TYPE_CHECKING:
-    pass
-
 
 ABORT_REASONS = (
     "the participant asked to stop",
