@@ -88,6 +88,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         f"{_NEW}.trials.activity",
         f"{_NEW}.trials.plan",
     ),
+    "minihuman.reporting.teaching_section": (f"{_NEW}.agent_blocks.report",),
     "minihuman.log.activity_topics": (
         f"{_NEW}.agent_blocks.rows",
         f"{_NEW}.correction.rows",

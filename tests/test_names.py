@@ -50,6 +50,7 @@ SAME_FILE = {  # a name that several packages share, for the same role in each
     "events": "the events of a kind, and those of every session",
     "page_values": "a kind's screens as values for the page",
     "plan": "the plan of a kind of activity",
+    "report": "a kind's section of the report",
     "requests": "what a kind asks of the session host, and the inputs that answer",
     "rows": "a kind's rows in logs and tables, and tables' rows",
     "screens": "the screens of a kind, and those that every kind may show",

@@ -298,6 +298,7 @@ CORRECTION = ActivityKind(
     CorrectionActivity,
     messages="minihuman.activities.correction.rows:CORRECTION_ROWS",
     tables="minihuman.activities.correction.tables:CORRECTION_TABLES",
+    report="minihuman.activities.correction.report:build_section",
     screens=(FilmScreen,),
     block_field="source",
 )

@@ -220,6 +220,7 @@ PREFERENCES = ActivityKind(
     PreferencesActivity,
     messages="minihuman.activities.preferences.rows:PREFERENCE_ROWS",
     tables="minihuman.activities.preferences.tables:PREFERENCE_TABLES",
+    report="minihuman.activities.preferences.report:build_section",
     screens=(PairScreen,),
     block_field="source",
 )

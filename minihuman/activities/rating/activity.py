@@ -115,4 +115,5 @@ RATING = ActivityKind(
     RatingActivity,
     messages="minihuman.activities.rating.rows:RATING_ROWS",
     tables="minihuman.activities.rating.tables:RATING_TABLES",
+    report="minihuman.activities.agent_blocks.report:build_section",
 )

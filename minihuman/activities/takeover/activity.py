@@ -48,4 +48,5 @@ TAKEOVER = ActivityKind(
     TakeoverActivity,
     messages="minihuman.activities.agent_blocks.rows:AGENT_ROWS",
     tables="minihuman.activities.agent_blocks.tables:AGENT_TABLES",
+    report="minihuman.activities.agent_blocks.report:build_section",
 )

@@ -212,6 +212,7 @@ class ActivityKind:
     messages: str = ""  # a tuple of minihuman.log.codec.EventRow, one for each event of its own
     tables: str = ""  # a tuple of minihuman.dataset.activity_tables.ActivityTable
     screens: tuple[type[ActivityScreen], ...] = ()  # of its own
+    report: str = ""  # a function that makes a minihuman.reporting.activity_sections.ReportSection of a SectionSource
     browser: bool = True  # whether it can be done in a browser
     find_early_parts: Callable[[SessionPlan], Iterable[tuple[int, PlannedPart]]] | None = None
     block_field: str = ""  # the plan's field that names a block of the protocol, if it has one

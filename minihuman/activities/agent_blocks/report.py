@@ -3,38 +3,19 @@
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from minihuman.dataset.selection import Selection
-from minihuman.dataset.store import CachedSession
 from minihuman.figures.figure_data import draw_figure_files, strip_events
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 from minihuman.log.model.teaching_events import NO_ADVICE, TeachingRecord
-from minihuman.log.read.session_reader import read_log
+from minihuman.reporting.activity_sections import CaptionedTable, ReportSection, SectionSource
 from minihuman.reporting.study_measures import TeachingMeasure
 from minihuman.reporting.template import ReportFigure, Table, format_number
 
 TaughtEpisode = tuple[EpisodeLog, TeachingRecord]
 _MS_PER_MIN = 60_000.0
-
-
-def read_taught_logs(
-    kept: Sequence[CachedSession], controls: pd.DataFrame, selection: Selection
-) -> Mapping[str, SessionLog]:
-    """The sessions that an agent had a part in, by participant and session, each with its episodes that count.
-
-    None is opened where no agent had a part in any; one of which nothing counts is excluded.
-    """
-    if controls.empty:
-        return {}
-    wanted = set(zip(controls["participant"], controls["session"], strict=True))
-    judged = (selection.judge(read_log(Path(one.path))) for one in kept if one.outline is not None)
-    logs = (counted.session for counted in judged if counted.places)
-    found = {(log.plan.participant.id, log.plan.session): log for log in logs}
-    return {f"{who} session {number}": log for (who, number), log in sorted(found.items()) if (who, number) in wanted}
 
 
 def group_taught_by_block(log: SessionLog) -> dict[str, list[TaughtEpisode]]:
@@ -94,37 +75,31 @@ def teaching_figures(logs: Mapping[str, SessionLog], out: Path) -> Iterator[Repo
                 yield ReportFigure(block, png, f"{said}; a dotted line marks a change of policy.")
 
 
-class TeachingSection(NamedTuple):
-    """The tables on agents that were taught."""
-
-    table: Table
-    corrections: Table | None
-    preferences: Table | None
-
-
-def teaching_section(logs: Mapping[str, SessionLog]) -> TeachingSection | None:
-    """The report's tables on teaching; None where no agent played."""
-    if not logs:
-        return None
+def build_section(source: SectionSource) -> ReportSection:
+    """Build the section on teaching; without tables where no agent played."""
+    logs = source.read_logs(source.table("controls"))
+    heads = (
+        "session", "block", "episodes", "policies", "takeovers per episode", "person", "min", "agreement",
+        "gain per minute", "good", "bad",
+    )  # fmt: skip
     rows = [
         _row(name, block, episodes)
         for name, log in logs.items()
         for block, episodes in group_taught_by_block(log).items()
     ]
-    heads = (
-        "session", "block", "episodes", "policies", "takeovers per episode", "person", "min", "agreement",
-        "gain per minute", "good", "bad",
-    )  # fmt: skip
-    corrected = [
-        (name, str(len(log.corrections)), str(sum(len(each.actions) for each in log.corrections)))
-        for name, log in logs.items()
-        if log.corrections
-    ]
-    return TeachingSection(
-        Table(heads, rows, words=2),
-        Table(("session", "corrections", "steps"), corrected) if corrected else None,
-        _preferences(logs) if any(log.comparisons for log in logs.values()) else None,
+    return ReportSection(
+        "Teaching",
+        [CaptionedTable(Table(heads, rows, words=2), _CAPTION)] if logs else [],
+        figures=teaching_figures(logs, source.figures),
+        measure_tables={"teaching": tabulate_teaching(logs)},
     )
+
+
+_CAPTION = """\
+Teaching, per session and block, over the included episodes. Takeovers: by key press while the agent was in control.
+Person: the share of the steps, and the minutes without pauses, in which the person was in control. Agreement: the share
+of the person's steps at which the policy would have acted alike. Gain: how much the agent's share of an episode's steps
+grew per minute of the person's earlier control (slope of a line). Good, bad: ratings."""
 
 
 def measure_teaching(episodes: Sequence[TaughtEpisode]) -> dict[str, float]:
@@ -167,16 +142,3 @@ def _row(name: str, block: str, episodes: Sequence[TaughtEpisode]) -> tuple[str,
         str(sum(value > 0 for value in ratings)),
         str(sum(value < 0 for value in ratings)),
     )
-
-
-def _preferences(logs: Mapping[str, SessionLog]) -> Table:
-    rows = []
-    for name, log in logs.items():
-        said = [compared.preference.answer for compared in log.comparisons]
-        if said:
-            took = [compared.answer_ms for compared in log.comparisons if not np.isnan(compared.answer_ms)]
-            counts = [str(said.count(answer)) for answer in ("left", "right", "equal", "cannot_tell")]
-            again = str(sum(compared.preference.replays for compared in log.comparisons))
-            rows.append((name, str(len(said)), *counts, format_number(float(np.median(took)) / 1e3, 2), again))
-    heads = ("session", "pairs", "left", "right", "equal", "cannot tell", "s", "replays")
-    return Table(heads, rows)
