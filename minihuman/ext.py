@@ -12,7 +12,10 @@ if TYPE_CHECKING:
         QuestionKind as QuestionKind,
     )
     from minihuman.agents.agent import BaseAgent as BaseAgent
+    from minihuman.dataset.activity_tables import ActivityTable as ActivityTable
+    from minihuman.dataset.episode_columns import EpisodeColumn as EpisodeColumn
     from minihuman.dataset.sessions import IncludedEpisode as IncludedEpisode, IncludedEpisodes as IncludedEpisodes
+    from minihuman.dataset.table_columns import TableColumn as TableColumn
     from minihuman.display.windows.window import (
         Clock as Clock,
         ScriptedWindow as ScriptedWindow,
@@ -24,6 +27,11 @@ if TYPE_CHECKING:
         ActivityKind as ActivityKind,
         RequestHandler as RequestHandler,
     )
+    from minihuman.experiment.machine.screens import (
+        ActivityScreen as ActivityScreen,
+        FilmsScreen as FilmsScreen,
+        PageView as PageView,
+    )
     from minihuman.experiment.plan.designs import (
         Design as Design,
         DesignDecision as DesignDecision,
@@ -32,11 +40,18 @@ if TYPE_CHECKING:
         EnrolmentDesign as EnrolmentDesign,
         PlayedEpisode as PlayedEpisode,
     )
+    from minihuman.experiment.plan.session_plan import PartPlan as PartPlan
     from minihuman.exporters.exporter import ExportResult as ExportResult
     from minihuman.learn.teaching.learner import (
         Learner as Learner,
         LearningRequest as LearningRequest,
         LearningResult as LearningResult,
+    )
+    from minihuman.log.codec import EventRow as EventRow
+    from minihuman.reporting.activity_sections import (
+        CaptionedTable as CaptionedTable,
+        ReportSection as ReportSection,
+        SectionSource as SectionSource,
     )
     from minihuman.reporting.study_measures import StudyMeasure as StudyMeasure
     from minihuman.runtime.devices.device import Device as Device, DeviceSample as DeviceSample
@@ -46,30 +61,41 @@ if TYPE_CHECKING:
 _MODULES = {
     "Activity": "minihuman.experiment.machine.activity",
     "ActivityKind": "minihuman.experiment.machine.activity",
+    "ActivityScreen": "minihuman.experiment.machine.screens",
+    "ActivityTable": "minihuman.dataset.activity_tables",
     "AnswerDraft": "minihuman.activities.questions.question",
     "BaseAgent": "minihuman.agents.agent",
+    "CaptionedTable": "minihuman.reporting.activity_sections",
     "Clock": "minihuman.display.windows.window",
     "Design": "minihuman.experiment.plan.designs",
     "DesignDecision": "minihuman.experiment.plan.designs",
     "Device": "minihuman.runtime.devices.device",
     "DeviceSample": "minihuman.runtime.devices.device",
     "EnrolledParticipant": "minihuman.experiment.plan.designs",
+    "EnrolmentDecision": "minihuman.experiment.plan.designs",
+    "EnrolmentDesign": "minihuman.experiment.plan.designs",
+    "EpisodeColumn": "minihuman.dataset.episode_columns",
+    "EventRow": "minihuman.log.codec",
     "ExportResult": "minihuman.exporters.exporter",
+    "FilmsScreen": "minihuman.experiment.machine.screens",
     "IncludedEpisode": "minihuman.dataset.sessions",
     "IncludedEpisodes": "minihuman.dataset.sessions",
-    "Learner": "minihuman.learn.teaching.learner",
     "KeyPress": "minihuman.simulation.participant",
+    "Learner": "minihuman.learn.teaching.learner",
     "LearningRequest": "minihuman.learn.teaching.learner",
     "LearningResult": "minihuman.learn.teaching.learner",
     "NativeWorld": "minihuman.worlds.contract",
+    "PageView": "minihuman.experiment.machine.screens",
+    "PartPlan": "minihuman.experiment.plan.session_plan",
     "PlayedEpisode": "minihuman.experiment.plan.designs",
     "QuestionKind": "minihuman.activities.questions.question",
+    "ReportSection": "minihuman.reporting.activity_sections",
     "RequestHandler": "minihuman.experiment.machine.activity",
     "ScriptedWindow": "minihuman.display.windows.window",
+    "SectionSource": "minihuman.reporting.activity_sections",
     "SimulatedParticipant": "minihuman.simulation.participant",
-    "EnrolmentDecision": "minihuman.experiment.plan.designs",
-    "EnrolmentDesign": "minihuman.experiment.plan.designs",
     "StudyMeasure": "minihuman.reporting.study_measures",
+    "TableColumn": "minihuman.dataset.table_columns",
     "VirtualClock": "minihuman.display.windows.window",
     "Window": "minihuman.display.windows.window",
 }

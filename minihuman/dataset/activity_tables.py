@@ -11,6 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from minihuman.dataset.episode_columns import list_episode_columns
 from minihuman.dataset.table_columns import SESSION_TABLES, TableColumn
 from minihuman.errors import ProtocolError, QueryError
 from minihuman.experiment.machine.activity import GROUP, ActivityKind, find_kind
@@ -82,7 +83,7 @@ def list_table_sources() -> tuple[Path, ...]:
     modules = {kind.tables.partition(":")[0] for kind in _find_kinds() if kind.tables}
     tables = list_activity_tables()
     makers = [maker for table in tables for maker in (*table.event_rows.values(), table.episode_row) if maker]
-    modules |= {maker.__module__ for maker in makers}
+    modules |= {maker.__module__ for maker in (*makers, *(column.compute for column in list_episode_columns()))}
     files = {sys.modules[name].__file__ for name in modules if name in sys.modules}
     return tuple(sorted(Path(file) for file in files if file))
 

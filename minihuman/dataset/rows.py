@@ -14,19 +14,23 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from minihuman.dataset.table_catalogue import TABLES
-from minihuman.dataset.table_columns import table_key_name
+from minihuman.dataset.table_columns import TableColumn, table_key_name
 from minihuman.log.model.event_columns import CategoricalTexts
 
 _ARROW = {"text": pa.string(), "key": pa.string(), "integer": pa.int64(), "number": pa.float64(), "boolean": pa.bool_()}
 
 
-@cache
 def arrow_schema(table: str, *, without: frozenset[str] = frozenset()) -> pa.Schema:
     """The table's Arrow schema, some columns excluded, each field with its unit and meaning as metadata."""
+    return _build_schema(TABLES[table], without)
+
+
+@cache
+def _build_schema(columns: tuple[TableColumn, ...], without: frozenset[str]) -> pa.Schema:
     return pa.schema(
         [
             pa.field(column.name, _ARROW[column.kind], metadata={"unit": column.unit, "meaning": column.meaning})
-            for column in TABLES[table]
+            for column in columns
             if column.name not in without
         ]
     )

@@ -13,6 +13,7 @@ import numpy as np
 
 from minihuman.dataset.activity_tables import ActivityTable, TableRow, list_activity_tables, list_tables_of_topics
 from minihuman.dataset.annotations import Annotation
+from minihuman.dataset.episode_columns import compute_episode_columns
 from minihuman.dataset.measures import KeyTally, response_ms, summarize_key_use, visible_effect
 from minihuman.dataset.rows import RowBatch, SessionTables
 from minihuman.dataset.selection import SelectedSession, find_practice_blocks, format_version, summarize_session
@@ -325,6 +326,7 @@ def build_session_tables(counted: SelectedSession, measured: SessionMeasures) ->
     episodes = [
         who
         | measured.rows[at]
+        | compute_episode_columns(log.episodes[at])
         | {
             "tags": " ".join(sorted(counted.tags[at])),
             "exclusion_reason": counted.session_reason or counted.reasons[at],

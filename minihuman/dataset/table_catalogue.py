@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from minihuman.dataset.activity_tables import ActivityTable, list_activity_tables
+from minihuman.dataset.episode_columns import EpisodeColumn, list_episode_columns
 from minihuman.dataset.table_columns import COLUMN_ALIASES, SESSION_TABLES, TableColumn
 
 
@@ -21,22 +22,29 @@ class _TableCatalogue(Mapping[str, tuple[TableColumn, ...]]):
     """The columns of each table by its name; a kind's tables are loaded when they are asked for."""
 
     def __getitem__(self, name: str) -> tuple[TableColumn, ...]:
-        return _gather_columns(list_activity_tables())[name]
+        return _list_tables()[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(_gather_columns(list_activity_tables()))
+        return iter(_list_tables())
 
     def __len__(self) -> int:
-        return len(_gather_columns(list_activity_tables()))
+        return len(_list_tables())
+
+
+def _list_tables() -> dict[str, tuple[TableColumn, ...]]:
+    return _gather_columns(list_activity_tables(), list_episode_columns())
 
 
 @cache
-def _gather_columns(tables: tuple[ActivityTable, ...]) -> dict[str, tuple[TableColumn, ...]]:
-    return SESSION_TABLES | {table.name: table.columns for table in tables}
+def _gather_columns(
+    tables: tuple[ActivityTable, ...], further: tuple[EpisodeColumn, ...]
+) -> dict[str, tuple[TableColumn, ...]]:
+    episodes = (*SESSION_TABLES["episodes"], *(column.column for column in further))
+    return SESSION_TABLES | {"episodes": episodes} | {table.name: table.columns for table in tables}
 
 
 TABLES: Mapping[str, tuple[TableColumn, ...]] = _TableCatalogue()
-"""The tables of every session first, then those that kinds of activity add."""
+"""The tables of every session first, with the columns of plug-ins, then those that kinds of activity add."""
 
 EVERY_MOMENT = frozenset({"steps", "presses", "other_presses", "frames", "samples"})
 """The tables with a row per step, key press, picture or sample."""
