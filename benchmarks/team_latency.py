@@ -24,8 +24,8 @@ import minihuman
 from minihuman.activities.team.events import InputLate, JointStepped, PictureCorrected, SeatTaken
 from minihuman.experiment.machine.events import FrameShown, Stepped
 from minihuman.log.read.reader import read_segment_starts
-from tests.teams.browsers import Played, play_together
-from tests.teams.study import FOUR_ROOMS, team_study
+from tests.activities.team.browsers import Played, play_together
+from tests.activities.team.study import FOUR_ROOMS, team_study
 
 PLACE = tuple[int, int]  # episode and step
 FRAME_MS = 1000 / 60

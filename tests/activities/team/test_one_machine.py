@@ -23,7 +23,7 @@ from minihuman.runtime.shared_window import GAP_PX, SharedWindow, host_team
 from minihuman.runtime.simulated_session import simulate
 from minihuman.runtime.team_host import count_seats_at_machine
 from minihuman.worlds.adapters.world import World
-from tests.teams.study import PEOPLE, team_study
+from tests.activities.team.study import PEOPLE, team_study
 
 KEYS = 'seat_keys = [{ a = "left", d = "right", s = "stay" }, { left = "left", right = "right", down = "stay" }]'
 POOL = ('"1", "2", "3"', '"a", "d", "s", "left", "right", "down", "x"')

@@ -20,10 +20,10 @@ from minihuman.experiment.plan.dry_run import check_worlds
 from minihuman.experiment.replay import compare_replay
 from minihuman.runtime.team_host import TeamTable
 from minihuman.worlds.adapters.world import World
-from tests.teams.machines import Clock, Seat, sit_down
-from tests.teams.study import FOUR_ROOMS, PEOPLE, team_study
-from tests.teams.test_partners import proven
-from tests.teams.test_return import step
+from tests.activities.team.machines import Clock, Seat, sit_down
+from tests.activities.team.study import FOUR_ROOMS, PEOPLE, team_study
+from tests.activities.team.test_partners import proven
+from tests.activities.team.test_return import step
 
 TALK = f'{PEOPLE}\nchat = true\nping = "m"'
 SECRET = "onions first, Zebrafink"

@@ -15,7 +15,7 @@ from minihuman.worlds.team import TeamWorld
 
 pytestmark = pytest.mark.program
 
-PONG = Path(__file__).parents[2] / "docs" / "pong" / "pong.toml"
+PONG = Path(__file__).parents[3] / "docs" / "pong" / "pong.toml"
 ID = "pong_world:Lab/CooperativePong-v0"
 pytest.importorskip("pettingzoo.butterfly", reason="pip install pettingzoo, as the test extra does")
 

@@ -11,8 +11,8 @@ from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.plan.dry_run import describe_plan
 from minihuman.experiment.replay import compare_replay
 from minihuman.worlds.adapters.world import World
-from tests.teams.machines import Seat, sit_down
-from tests.teams.study import PEOPLE, team_study
+from tests.activities.team.machines import Seat, sit_down
+from tests.activities.team.study import PEOPLE, team_study
 
 TICKS = 'pace = "real_time"\nstep_period_ms = 100'
 KEYS = {"left": 0, "right": 1, "stay": 2}

@@ -16,9 +16,9 @@ from minihuman.experiment.replay import compare_replay
 from minihuman.log.read.session_reader import read_log
 from minihuman.runtime.team_host import SeatAgent, TeamTable
 from minihuman.worlds.adapters.world import World
-from tests.teams.machines import Clock, Seat, sit_down
-from tests.teams.study import PEOPLE, WITH_AGENT, team_study
-from tests.teams.test_partners import TICKS, key_of, proven
+from tests.activities.team.machines import Clock, Seat, sit_down
+from tests.activities.team.study import PEOPLE, WITH_AGENT, team_study
+from tests.activities.team.test_partners import TICKS, key_of, proven
 
 
 def acted_without_a_key(seat: Seat) -> list[int]:

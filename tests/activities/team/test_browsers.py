@@ -6,9 +6,9 @@ import pytest
 
 from minihuman.activities.team.events import InputLate, JointStepped, PictureCorrected
 from minihuman.experiment.machine.events import Stepped
+from tests.activities.team.browsers import play_together
+from tests.activities.team.study import team_study
 from tests.counts import count
-from tests.teams.browsers import play_together
-from tests.teams.study import team_study
 
 
 @pytest.mark.program

@@ -13,9 +13,9 @@ from minihuman.admin.verify.episodes import verify_teams
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.runtime.team_host import TeamTable
+from tests.activities.team.machines import Clock, Seat
+from tests.activities.team.study import PEOPLE, team_study
 from tests.counts import count
-from tests.teams.machines import Clock, Seat
-from tests.teams.study import PEOPLE, team_study
 
 ARRIVALS_IN_S, POLL_S, PAIRED_IN_S, LOBBY_S = 60.0, 0.25, 2.0, 20.0
 TEAM = f'{PEOPLE}\npartner_leaves = "end"\npartner_wait_s = 5\nlobby_s = {LOBBY_S}'

@@ -1,6 +1,6 @@
 """The study of partners in Chromium: people of `analysis/team_partners.toml`, each in a browser of their own.
 
-    python -m tests.teams.partners FOLDER [--teams 8] [--episodes 2] [--steps 40] [--at-once 6]
+    python -m tests.activities.team.partners FOLDER [--teams 8] [--episodes 2] [--steps 40] [--at-once 6]
 
 FOLDER has `clone.pt` and `self-play.pt` (`python analysis/team_partners.py FOLDER` makes them). Each person presses the
 keys of the scripted cook's next action, found from the log that the server writes; the logs go to FOLDER/browsers.
@@ -25,7 +25,7 @@ from tests.counts import PATIENCE_S
 from tests.web.browser import Somebody, browsing
 from tests.web.serving import serving
 
-PROTOCOL = Path(__file__).parents[2] / "analysis" / "team_partners.toml"
+PROTOCOL = Path(__file__).parents[3] / "analysis" / "team_partners.toml"
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ from minihuman.admin.verify.log import find_log_differences
 from minihuman.experiment.machine.events import EpisodeStarted, Event, KeyPressed, Noted, TextTyped
 from minihuman.log.read.session_reader import read_events
 from minihuman.worlds.adapters.world import World
-from tests.teams.test_messages import talk_study
+from tests.activities.team.test_messages import talk_study
 from tests.web.browser import Somebody, browsing
 from tests.web.serving import serving
 

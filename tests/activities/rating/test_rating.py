@@ -7,8 +7,8 @@ from minihuman.experiment.machine.inputs import KeyDown
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.replay import compare_replay
 from minihuman.worlds.adapters.world import World
+from tests.activities.takeover.test_takeover import Beside, BesideBefore, playing
 from tests.study.sessions import MS, corridor_plan, key_of
-from tests.study.test_takeover import Beside, BesideBefore, playing
 
 AGENT = """
 kind = "rating"

@@ -14,8 +14,8 @@ from minihuman.errors import LearnError, ProtocolError
 from minihuman.log.read.session_reader import read_log
 from minihuman.runtime.simulated_session import simulate
 from minihuman.worlds.adapters.world import World
-from tests.teams.partners import browse_study
-from tests.teams.study import PEOPLE, team_study
+from tests.activities.team.partners import browse_study
+from tests.activities.team.study import PEOPLE, team_study
 
 pytest.importorskip("stable_baselines3")
 from minihuman.learn.behaviour_cloning import CloneStudy, CloningSettings, clone_study, split_by_participant

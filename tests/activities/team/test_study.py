@@ -22,7 +22,7 @@ from minihuman.reporting.results import compute_results
 from minihuman.runtime.simulated_session import simulate
 from minihuman.runtime.team_host import require_one_process
 from minihuman.statistics.comparison import find_units
-from tests.teams.study import PEOPLE, WITH_AGENT, team_study
+from tests.activities.team.study import PEOPLE, WITH_AGENT, team_study
 from tests.worlds.teams.overcooked import dynamics, needs_overcooked
 
 pytestmark = pytest.mark.program

@@ -14,8 +14,8 @@ from minihuman.experiment.machine.events import FrameShown
 from minihuman.log.read.session_reader import read_events
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.grid.kitchen import Kitchen
+from tests.activities.team.study import PEOPLE, team_study
 from tests.counts import PATIENCE_S, count
-from tests.teams.study import PEOPLE, team_study
 from tests.web.browser import Somebody, browsing
 from tests.web.serving import serving
 from tests.web.test_computed import picture_of

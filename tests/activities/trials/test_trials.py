@@ -33,7 +33,7 @@ from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import resolve_files
 from tests.study.sessions import MS, Desk
 
-SHIPPED = Path(__file__).parents[2] / "protocols" / "trials"
+SHIPPED = Path(__file__).parents[3] / "protocols" / "trials"
 _TOML = """
 [study]
 name = "trials"
@@ -103,7 +103,7 @@ def test_a_response_before_the_deadline_is_timed_from_the_onset_and_judged():
 
 
 def test_a_block_waits_for_a_scanners_trigger_and_later_triggers_are_counted():
-    page = (Path(__file__).parents[2] / "docs/trials.md").read_text()
+    page = (Path(__file__).parents[3] / "docs/trials.md").read_text()
     [block] = re.findall(r"(\[\[blocks\]\]\nname = .wait-for-scanner.*?)```", page, re.DOTALL)
     toml = _TOML.replace('pool = ["f", "j"]', 'pool = ["f", "j", "5"]').replace(
         '"words"]', '"wait-for-scanner", "words"]'

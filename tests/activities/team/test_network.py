@@ -10,10 +10,10 @@ from minihuman.activities.team.events import InputLate, JointStepped
 from minihuman.experiment.machine.events import KeyPressed, Stepped
 from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown, Tick
 from minihuman.experiment.machine.transitions import Phase
+from tests.activities.team.machines import MS, Seat, sit_down
+from tests.activities.team.study import team_study
+from tests.activities.team.test_partners import TICKS, proven
 from tests.counts import count
-from tests.teams.machines import MS, Seat, sit_down
-from tests.teams.study import team_study
-from tests.teams.test_partners import TICKS, proven
 
 EVERY_MS, STEP_MS = 50, 25  # a page sends so often; time passes in such steps
 DELAY_MS, LOSS, RETRANSMIT_MS = (20, 180), 0.02, 500
