@@ -3,7 +3,7 @@
 import re
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from minihuman.dataset.episode_columns import list_episode_columns
 from minihuman.dataset.table_columns import SESSION_TABLES, TableColumn
 from minihuman.errors import ProtocolError, QueryError
-from minihuman.experiment.machine.activity import GROUP, ActivityKind, find_kind
+from minihuman.experiment.machine.activity import GROUP, ActivityKind, find_kind, list_built_in_kinds
 from minihuman.plugins import list_plugin_names
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ TableRow = dict[str, Any]  # by column
 _TABLE_NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class ActivityTable:
     """A table that a kind of activity fills from its events, or from the episodes of its blocks.
 
@@ -39,9 +39,7 @@ class ActivityTable:
 
     name: str
     columns: tuple[TableColumn, ...]
-    event_rows: Mapping[type[Any], Callable[[Any, "SessionLog"], TableRow | None]] = field(
-        default_factory=dict, hash=False
-    )
+    event_rows: Mapping[type[Any], Callable[[Any, "SessionLog"], TableRow | None]] = field(default_factory=dict)
     episode_row: Callable[["EpisodeLog"], TableRow | None] | None = None
     topics: tuple[str, ...] = ()
 
@@ -52,12 +50,19 @@ def list_activity_tables() -> tuple[ActivityTable, ...]:
     Raises:
         QueryError: if two tables have one name, or a name that SQL does not take as it is.
     """
-    return _load_tables(tuple(_find_kinds()))
+    built_in = list_built_in_kinds()
+    others = tuple(name for name in list_plugin_names(GROUP) if name not in built_in)
+    return _load_tables((*_find_built_in_kinds(built_in), *_find_kinds(others)))
 
 
-def _find_kinds() -> Iterator[ActivityKind]:
+@cache
+def _find_built_in_kinds(names: tuple[str, ...]) -> tuple[ActivityKind, ...]:
+    return tuple(_find_kinds(names))
+
+
+def _find_kinds(names: Iterable[str]) -> Iterator[ActivityKind]:
     """Find the kinds that can be loaded here: of a session with others, the other tables are read even so."""
-    for name in list_plugin_names(GROUP):
+    for name in names:
         with suppress(ProtocolError):
             yield find_kind(name)
 
@@ -80,7 +85,7 @@ def _load_tables(kinds: tuple[ActivityKind, ...]) -> tuple[ActivityTable, ...]:
 
 def list_table_sources() -> tuple[Path, ...]:
     """List the files whose code makes the rows of these tables: a cache that other code filled is stale."""
-    modules = {kind.tables.partition(":")[0] for kind in _find_kinds() if kind.tables}
+    modules = {kind.tables.partition(":")[0] for kind in _find_kinds(list_plugin_names(GROUP)) if kind.tables}
     tables = list_activity_tables()
     makers = [maker for table in tables for maker in (*table.event_rows.values(), table.episode_row) if maker]
     modules |= {maker.__module__ for maker in (*makers, *(column.compute for column in list_episode_columns()))}

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 COLUMN_GROUP = "minihuman.columns"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class EpisodeColumn:
     """A column of the table ``episodes``.
 

@@ -22,25 +22,31 @@ class _TableCatalogue(Mapping[str, tuple[TableColumn, ...]]):
     """The columns of each table by its name; a kind's tables are loaded when they are asked for."""
 
     def __getitem__(self, name: str) -> tuple[TableColumn, ...]:
-        return _list_tables()[name]
+        return list_tables()[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(_list_tables())
+        return iter(list_tables())
 
     def __len__(self) -> int:
-        return len(_list_tables())
+        return len(list_tables())
 
 
-def _list_tables() -> dict[str, tuple[TableColumn, ...]]:
+class TableSet(dict[str, tuple[TableColumn, ...]]):
+    """The columns of each table, as they were when plug-ins were last looked for; compared by identity."""
+
+    __hash__ = object.__hash__
+    __eq__ = object.__eq__
+
+
+def list_tables() -> TableSet:
+    """List the tables; the same object as long as the same plug-ins are installed."""
     return _gather_columns(list_activity_tables(), list_episode_columns())
 
 
 @cache
-def _gather_columns(
-    tables: tuple[ActivityTable, ...], further: tuple[EpisodeColumn, ...]
-) -> dict[str, tuple[TableColumn, ...]]:
+def _gather_columns(tables: tuple[ActivityTable, ...], further: tuple[EpisodeColumn, ...]) -> TableSet:
     episodes = (*SESSION_TABLES["episodes"], *(column.column for column in further))
-    return SESSION_TABLES | {"episodes": episodes} | {table.name: table.columns for table in tables}
+    return TableSet(SESSION_TABLES | {"episodes": episodes} | {table.name: table.columns for table in tables})
 
 
 TABLES: Mapping[str, tuple[TableColumn, ...]] = _TableCatalogue()

@@ -48,7 +48,7 @@ def _activity(screen: screens.ActivityScreen, locale: dict[str, Any], number: Nu
     if view is None:
         return {"kind": "page", **locale, **_picture(screen, number)}
     module, _, function = view.values.partition(":")
-    values = getattr(import_module(module), function)(screen, number)
+    values: dict[str, Any] = getattr(import_module(module), function)(screen, number)
     own = {"kind": "activity", "view": view.name, "module": find_module_address(view.module)}
     return own | {"title": "", "prompt": "", "progress": ""} | locale | values
 
