@@ -29,7 +29,9 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
     f"{_OLD}.block_plans": (
         f"{_NEW}.play.plan",
         f"{_NEW}.agent_blocks.plan",
+        f"{_NEW}.agent_blocks.rules",
         f"{_NEW}.team.plan",
+        f"{_NEW}.team.rules",
         f"{_NEW}.trials.plan",
         "minihuman.experiment.machine.bindings",
     ),

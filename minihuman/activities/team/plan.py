@@ -1,12 +1,10 @@
 """Plans of blocks that a team plays: who sits where."""
 
-from collections import Counter
 from typing import Literal
 
 import msgspec
 
 from minihuman.activities.play.plan import PlayPlan
-from minihuman.experiment.keys import BUTTON_NAMES, RESERVED_KEYS
 
 PERSON = "person"
 SIMULATED = "simulated"  # a seat that a simulated participant has, by the keys that it presses
@@ -56,64 +54,3 @@ class TeamPlayPlan(PlayPlan, frozen=True):
 
     team: TeamPlan = TeamPlan()
     seeds: Literal["new", "same", "listed"] = "new"  # of a team's episodes: drawn for it, one for all, or the plan's
-
-
-def check_team(team: TeamPlan | None, pool: tuple[str, ...]) -> list[tuple[str, str]]:
-    """Every (field, complaint) about values that make no team; ``pool`` is the keys that may have an action."""
-    if team is None or len(team.seats) < 2:
-        return [("seats", f"has {len(team.seats) if team else 0} seats; give one for each body, {SEAT_GRAMMAR}")]
-    kinds = [(kind, *kind.partition(":")[::2]) for kind in (*team.seats, team.stand_in)]
-    agents, keys = ("policy", "scripted", SIMULATED), Counter(key for keys in team.seat_keys or () for key in keys)
-    own = [(name, key) for name, key in (("chat", team.chat and REPORT_KEY), ("ping", team.ping)) if key]
-    limits = (("late_ms", 10, 10_000), ("lobby_s", 1, 86_400), ("partner_wait_s", 1, 86_400))
-    n_seats, taken, may_meet = len(team.seats), (*pool, *RESERVED_KEYS), len(team.persons) > 1 and not team.seat_keys
-    checks = [
-        *(
-            (
-                kind not in (PERSON, "planner") and not (what in agents and name),
-                "seats",
-                f"has {kind!r}; a seat is {SEAT_GRAMMAR}",
-            )
-            for kind, what, name in kinds
-        ),
-        (team.stand_in == PERSON, "stand_in", "is 'person'; name an agent, such as 'scripted:random'"),
-        (not team.persons, "seats", "has no 'person'; a session needs one"),
-        (
-            bool(team.seat_keys) and len(team.seat_keys or ()) != n_seats,
-            "seat_keys",
-            f"has {len(team.seat_keys or ())} for {n_seats} seats; give each seat its own",
-        ),
-        *(
-            (seats > 1, "seat_keys", f"gives {key!r} to {seats} seats; a key belongs to one")
-            for key, seats in keys.items()
-        ),
-        *((key not in pool, "seat_keys", f"names {key!r}, which is not in $.keys.pool") for key in keys),
-        (
-            bool(team.roles) and len(team.roles) != n_seats,
-            "roles",
-            f"has {len(team.roles)} for {n_seats} seats; give one each, or none",
-        ),
-        *(
-            (not least <= getattr(team, name) <= most, name, f"is {getattr(team, name):g}; use {least} to {most}")
-            for name, least, most in limits
-        ),
-        *(
-            (not may_meet, name, "is for two or more people in browsers of their own, without seat_keys")
-            for name, _ in own
-        ),
-        *(
-            (
-                key in taken or key not in BUTTON_NAMES,
-                name,
-                f"needs the key {key!r}, but that is in $.keys.pool, the session's own, or unknown",
-            )
-            for name, key in own
-        ),
-        (team.ping == REPORT_KEY, "ping", f"is {REPORT_KEY!r}, which reports words; name another key"),
-        (
-            bool(team.agents) and not team.partner_disclosure,
-            "partner_disclosure",
-            "is missing, but an agent can hold a seat; use 'always' or 'debrief'",
-        ),
-    ]
-    return [(name, complaint) for is_wrong, name, complaint in checks if is_wrong]

@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from minihuman.activities.agent_blocks.plan import AgentPlan, AgentPlayPlan, check_agent as agent_complaints
+from minihuman.activities.agent_blocks.plan import AgentPlan, AgentPlayPlan
+from minihuman.activities.agent_blocks.rules import check_agent as agent_complaints
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.activities.questions.question import check_item, find_question_kind
-from minihuman.activities.team.plan import TeamPlayPlan, check_team as team_complaints
+from minihuman.activities.team.plan import TeamPlayPlan
+from minihuman.activities.team.rules import check_team as team_complaints
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.plan.designs import make_design
