@@ -30,7 +30,7 @@ def _build_schema(tables: TableSet, table: str, without: frozenset[str]) -> pa.S
     return pa.schema(
         [
             pa.field(column.name, _ARROW[column.kind], metadata={"unit": column.unit, "meaning": column.meaning})
-            for column in tables[table]
+            for column in tables.columns[table]
             if column.name not in without
         ]
     )

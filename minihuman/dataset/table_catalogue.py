@@ -22,20 +22,20 @@ class _TableCatalogue(Mapping[str, tuple[TableColumn, ...]]):
     """The columns of each table by its name; a kind's tables are loaded when they are asked for."""
 
     def __getitem__(self, name: str) -> tuple[TableColumn, ...]:
-        return list_tables()[name]
+        return list_tables().columns[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(list_tables())
+        return iter(list_tables().columns)
 
     def __len__(self) -> int:
-        return len(list_tables())
+        return len(list_tables().columns)
 
 
-class TableSet(dict[str, tuple[TableColumn, ...]]):
-    """The columns of each table, as they were when plug-ins were last looked for; compared by identity."""
+@dataclass(frozen=True, slots=True, eq=False)
+class TableSet:
+    """The columns of each table, with the plug-ins that are installed."""
 
-    __hash__ = object.__hash__
-    __eq__ = object.__eq__
+    columns: Mapping[str, tuple[TableColumn, ...]]
 
 
 def list_tables() -> TableSet:

@@ -80,7 +80,9 @@ class AgentPlayActivity(PlayActivity):
         if not self.playing:
             if self._given and not self._learning:
                 return None
-            part, agent, asked = self.part.name, self.agent, self._asked_at
+            part = self.part.name
+            agent = self.agent
+            asked = self._asked_at
             return PolicyRequest(
                 self.number, part, agent, self._learning, asked, self._next_policy or self._first_policy
             )
@@ -115,9 +117,11 @@ class AgentPlayActivity(PlayActivity):
         if self.playing:  # the agent that plays has failed
             self.policy = ""
         else:
-            self._given, self._learning = True, False
+            self._given = True
+            self._learning = False
             self._failed = bool(new.failure) and not self._next_policy
-        now_ns, episode = self.context.now_ns, self.context.next_episode
+        now_ns = self.context.now_ns
+        episode = self.context.next_episode
         self.context.emit(PolicyGiven(now_ns, self.number, episode, self._next_policy, new.failure))
         if self.phase is Phase.LEARNING:
             self._move(TransitionCause.DONE)
@@ -127,7 +131,8 @@ class AgentPlayActivity(PlayActivity):
             self._steer("person", "agent_failed" if self._names_failures else "no_policy")
 
     def _take_advice(self, advice: Advice) -> None:
-        play, now_ns = self._current, self.context.now_ns
+        play = self._current
+        now_ns = self.context.now_ns
         if advice.step != play.steps:
             return  # of a state that is gone
         action = self._choose(advice)
@@ -142,13 +147,15 @@ class AgentPlayActivity(PlayActivity):
         """One of the actions that have a key, by the policy's probabilities; None where it gives them no chance."""
         if len(advice.probabilities) != len(self._current.world.action_names):
             return None
-        play, playable = self._current, self._playable
+        play = self._current
+        playable = self._playable
         chances = np.array([advice.probabilities[action] for action in playable], np.float64)
         if not np.isfinite(chances).all() or (chances < 0).any() or not chances.sum() > 0:
             return None
         if self.agent.acts == "likeliest":
             return playable[int(chances.argmax())]
-        plan, session = self.context.plan, self.context.plan.session
+        plan = self.context.plan
+        session = self.context.plan.session
         purpose = f"advice-session-{session}-episode-{play.plan.episode}-step-{advice.step}"
         word = int(draw_words(1, seed=plan.study_seed, purpose=purpose, index=plan.participant.index)[0])
         sums = np.cumsum(chances)
@@ -159,7 +166,8 @@ class AgentPlayActivity(PlayActivity):
     def _playable(self) -> list[int]:
         """The world's actions that have a key."""
         play = self._current
-        return sorted({a for key in play.plan.key_map.keys if (a := play.action_of(key)) is not None})
+        actions = {play.action_of(key) for key in play.plan.key_map.keys}
+        return sorted(action for action in actions if action is not None)
 
     @property
     def _first_policy(self) -> str:
@@ -187,7 +195,8 @@ class AgentPlayActivity(PlayActivity):
         super()._let_time_pass()
         if self._agent_can_step and self._due_ns is not None and self.context.now_ns >= self._due_ns:
             assert self.advised is not None
-            now_ns, action = self.context.now_ns, self.advised.action
+            now_ns = self.context.now_ns
+            action = self.advised.action
             self._step(action, key="", key_t_ns=now_ns)
 
     def _step(self, action: int, *, key: str, key_t_ns: int) -> None:
@@ -213,16 +222,20 @@ class AgentPlayActivity(PlayActivity):
         self._steer("agent" if self.policy or self.alone else "person", "start" if self.policy else "no_policy")
 
     def _steer(self, who: Controller, reason: ControlReason, pressed_ns: int | None = None) -> None:
-        play, now_ns = self._current, self.context.now_ns
-        self.who, self._due_ns = who, None
+        play = self._current
+        now_ns = self.context.now_ns
+        self.who = who
+        self._due_ns = None
         pressed_ns = now_ns if pressed_ns is None else pressed_ns
         self.context.emit(ControlChanged(now_ns, play.plan.episode, play.steps, who, reason, pressed_ns))
 
     def _between_episodes(self) -> None:
         """Ask the learner, where it is its turn."""
-        agent, played = self.agent, self.context.next_episode - self.plan.first
+        agent = self.agent
+        played = self.context.next_episode - self.plan.first
         if agent.learner and not self._learning and self.has_next_episode and played % agent.update_every == 0:
-            self._learning, self._asked_at = True, self.context.next_episode
+            self._learning = True
+            self._asked_at = self.context.next_episode
             self.context.emit(LearnerAsked(self.context.now_ns, self.number, self.context.next_episode))
 
     @property

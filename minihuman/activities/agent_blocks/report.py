@@ -29,7 +29,8 @@ def group_taught_by_block(log: SessionLog) -> dict[str, list[TaughtEpisode]]:
 
 def steering_minutes(episode: EpisodeLog, taught: TeachingRecord) -> float:
     """Minutes in which the person steered, without pauses."""
-    begins, ends = episode.t_ns[:-1], episode.t_ns[1:]
+    begins = episode.t_ns[:-1]
+    ends = episode.t_ns[1:]
     took = ends - begins
     for pause_ns, resume_ns in episode.pauses:
         took = took - np.clip(np.minimum(ends, resume_ns) - np.maximum(begins, pause_ns), 0, None)
@@ -38,12 +39,12 @@ def steering_minutes(episode: EpisodeLog, taught: TeachingRecord) -> float:
 
 def policy_agreement(episodes: Sequence[TaughtEpisode]) -> float:
     """The share of the person's steps at which the policy would have done the same; NaN without any."""
-    same = [
-        taught.policy_actions[mine] == episode.actions[mine]
-        for episode, taught in episodes
-        if (mine := taught.by_person & (taught.policy_actions != NO_ADVICE)).any()
-    ]
-    return float(np.concatenate(same).mean()) if same else float("nan")
+    agreements = []
+    for episode, taught in episodes:
+        advised_steps = taught.by_person & (taught.policy_actions != NO_ADVICE)
+        agreements.append(taught.policy_actions[advised_steps] == episode.actions[advised_steps])
+    steps = np.concatenate(agreements) if agreements else np.zeros(0)
+    return float(steps.mean()) if len(steps) else float("nan")
 
 
 def autonomy_gain_per_min(episodes: Sequence[TaughtEpisode]) -> float:

@@ -129,7 +129,8 @@ class CorrectionActivity(Activity):
             palette=plan.palette,
             picture_px=self.context.picture_px,
         )
-        self._episode, self._step = episode, 0
+        self._episode = episode
+        self._step = 0
         self.context.emit(
             EpisodeLookedAt(
                 t_ns=now_ns,
@@ -152,7 +153,8 @@ class CorrectionActivity(Activity):
         return self.context.world(episode.world, options)
 
     def _look_key(self, press: KeyDown) -> None:
-        plan, emit_key = self._plan, self.context.emit_key
+        plan = self._plan
+        emit_key = self.context.emit_key
         if self.phase is not Phase.LOOKING or self._film is None:
             emit_key(press, "not_playing" if press.key in ENTER_KEYS else "unmapped", self.phase)
         elif press.key in (plan.back, plan.forward):
@@ -181,7 +183,8 @@ class CorrectionActivity(Activity):
 
     def _begin_correction(self, press: KeyDown) -> None:
         assert self._episode is not None
-        episode, context = self._episode, self.context
+        episode = self._episode
+        context = self.context
         plan = msgspec.structs.replace(
             context.plan.episodes[episode.episode],
             seed=episode.seed,
@@ -203,7 +206,9 @@ class CorrectionActivity(Activity):
 
     def _show_key(self, press: KeyDown) -> None:
         assert self.play is not None
-        play, emit_key, context = self.play, self.context.emit_key, self.context
+        play = self.play
+        emit_key = self.context.emit_key
+        context = self.context
         action = play.action_of(press.key)
         if press.key == self._plan.begin and not press.repeat:
             emit_key(press, "accepted", self.phase)
@@ -261,7 +266,8 @@ class CorrectionActivity(Activity):
         return self._drawn[1]
 
     def _film_screen(self, film: EpisodeFilm) -> FilmScreen:
-        words, plan = self.context.words, self._plan
+        words = self.context.words
+        plan = self._plan
         names = {"back": plan.back, "forward": plan.forward, "begin": plan.begin, "go_on": ENTER_KEYS[0]}
         caps = words.labels(tuple(names.values()))
         prompt = {name: cap or key for name, (key, cap, _) in zip(names, caps, strict=True)}

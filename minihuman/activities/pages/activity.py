@@ -1,6 +1,7 @@
 """Pages: a text read page by page. A consent text must be read to its end before agreement."""
 
 import io
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,26 @@ from minihuman.experiment.machine.transitions import Phase
 EXAMPLE_SIZE_PX = (960, 720)
 
 
+_PROMPTS: dict[StrEnum, str] = {  # of the last page
+    Phase.CONSENT: "consent.prompt",
+    Phase.CLOSING: "closing.prompt",
+    Phase.PAGE: "go_on",
+}
+
+
+def _find_phase(plan: PagePlan) -> Phase:
+    if plan.agree:
+        return Phase.CONSENT
+    return Phase.CLOSING if plan.closing else Phase.PAGE
+
+
+def _find_direction(key: str) -> int:
+    """By how many pages a key turns."""
+    if key in FORWARD_KEYS:
+        return 1
+    return -1 if key in BACK_KEYS else 0
+
+
 class PagesActivity(Activity):
     """Shows a text; on its last page Enter goes on."""
 
@@ -29,7 +50,7 @@ class PagesActivity(Activity):
     def begin(self) -> None:
         """Open the first page."""
         plan: PagePlan = self.part.plan
-        self.phase = Phase.CONSENT if plan.agree else Phase.CLOSING if plan.closing else Phase.PAGE
+        self.phase = _find_phase(plan)
         self._reader = PageReader(len(plan.pages))
         self._pictures = {
             number: np.asarray(Image.open(io.BytesIO(png)).convert("RGB")) for number, png in enumerate(plan.pictures)
@@ -46,10 +67,8 @@ class PagesActivity(Activity):
             case ScreenShown():
                 self.context.emit(build_page_shown(self.number, self._reader, happened))
             case KeyDown(key=key):
-                verdict = self._moved(
-                    1 if key in FORWARD_KEYS else -1 if key in BACK_KEYS else 0, by_enter=key in ENTER_KEYS
-                )
-                self.context.emit_key(happened, "accepted" if verdict else "unmapped", self.phase)
+                has_moved = self._moved(_find_direction(key), by_enter=key in ENTER_KEYS)
+                self.context.emit_key(happened, "accepted" if has_moved else "unmapped", self.phase)
                 self._note_agreement()
             case PointerPressed(target="go_on"):
                 self._moved(1, by_enter=True)
@@ -84,8 +103,8 @@ class PagesActivity(Activity):
 
     def _screen(self) -> PageScreen:
         plan: PagePlan = self.part.plan
-        words, reader = self.context.words, self._reader
-        last = "consent.prompt" if plan.agree else "closing.prompt" if plan.closing else "go_on"
+        words = self.context.words
+        reader = self._reader
         return build_page_screen(
             words,
             title=plan.title,
@@ -93,7 +112,7 @@ class PagesActivity(Activity):
             body=fill_score_fields(self.context, plan.pages[reader.page] if plan.pages else ""),
             page=reader.page,
             pages=reader.pages,
-            last=words[last],
+            last=words[_PROMPTS[self.phase]],
             button=words["consent.button"] if plan.agree else words["button.go_on"],
             picture=self._pictures.get(reader.page),
             marks=self._marks if reader.page == 0 else (),
@@ -106,7 +125,8 @@ def _draw_example(context: SessionContext, example: ExampleSpec) -> tuple[NDArra
     with catch_world_errors():
         world.reset(example.seed)
         picture = world.frame("full", context.picture_px or EXAMPLE_SIZE_PX)
-        floor, pose = world.map(), world.pose()
+        floor = world.map()
+        pose = world.pose()
     if floor is None:
         return picture, ()
     x0, z0, x1, z1 = floor.bounds

@@ -277,7 +277,8 @@ class PlayActivity(Activity):
             self._move(TransitionCause.DONE)
 
     def _key_in_play(self, press: KeyDown) -> None:
-        play, emit_key = self._current, self.context.emit_key
+        play = self._current
+        emit_key = self.context.emit_key
         action = play.action_of(press.key)
         if press.repeat and (play.real_time or not play.plan.auto_repeat or action is None):
             emit_key(press, "repeat", self.phase, action)
@@ -299,7 +300,9 @@ class PlayActivity(Activity):
             self._stepped(play.step(self.context.now_ns, action, key=POINTER, key_t_ns=press.t_ns))
 
     def _key_outside_play(self, press: KeyDown) -> None:
-        key, phase, emit_key = press.key, self.phase, self.context.emit_key
+        key = press.key
+        phase = self.phase
+        emit_key = self.context.emit_key
         if phase is Phase.INSTRUCTIONS and key in (*FORWARD_KEYS, *BACK_KEYS):
             by = 1 if key in FORWARD_KEYS else -1
             can = self._reader.page + by in range(self._reader.pages) or (by > 0 and key in ENTER_KEYS)
@@ -328,7 +331,8 @@ class PlayActivity(Activity):
         if move is None:
             return
         assert isinstance(move.end, Phase)
-        before, self.phase = self.phase, move.end
+        before = self.phase
+        self.phase = move.end
         if self.phase is Phase.OVER:
             self._end()
             return
@@ -365,8 +369,11 @@ class PlayActivity(Activity):
         )
 
     def _start_episode(self) -> None:
-        play, now_ns = self._current, self.context.now_ns
-        self.play, self.next_play, self.has_begun = play, None, True
+        play = self._current
+        now_ns = self.context.now_ns
+        self.play = play
+        self.next_play = None
+        self.has_begun = True
         if self.context.key_map != play.plan.key_map:
             self.context.key_map = play.plan.key_map
             self.context.emit(KeyMapDrawn(now_ns, play.plan.episode, play.plan.key_map))
@@ -381,13 +388,15 @@ class PlayActivity(Activity):
         """Called when an episode is over; subclasses override it."""
 
     def _stepped(self, stepped: Stepped) -> None:
-        play, now_ns = self._current, self.context.now_ns
+        play = self._current
+        now_ns = self.context.now_ns
         self.context.emit(*play.stored_observations(now_ns), *play.clauses_done(now_ns), stepped)
         if self._current.outcome is not None:
             self._episode_ended("")
 
     def _episode_ended(self, cause: EndCause) -> None:
-        play, context = self._current, self.context
+        play = self._current
+        context = self.context
         self.play = None
         self._limits.stop(context.now_ns)
         context.emit(play.end(context.now_ns, cause))
@@ -414,7 +423,9 @@ class PlayActivity(Activity):
 
     def _end(self) -> None:
         self.phase = Phase.OVER
-        context, past, skip = self.context, self.plan.first + self.plan.count, self._tally.skip
+        context = self.context
+        past = self.plan.first + self.plan.count
+        skip = self._tally.skip
         if skip is not None and context.next_episode < past:
             context.emit(EpisodesSkipped(context.now_ns, context.next_episode, past - context.next_episode, skip))
             context.next_episode = past

@@ -22,20 +22,25 @@ class BlockDesign:
     """
 
     def __init__(self, spec: DesignSpec, number: int, name: str, context: SessionContext) -> None:
-        self._spec, self._number, self._name, self._context = spec, number, name, context
+        self._spec = spec
+        self._number = number
+        self._name = name
+        self._context = context
         self._design = make_design(spec)
         self._decided: DesignDecided | None = None
         self.history: list[PlayedEpisode] = []
 
     def add_episode(self, play: RunningEpisode) -> None:
         """An episode is over."""
-        plan, outcome = play.plan, play.outcome
+        plan = play.plan
+        outcome = play.outcome
         assert outcome is not None
         self.history.append(PlayedEpisode(plan.options, plan.seed, outcome, play.steps, play.return_))
 
     def decide(self, *, goes_on: bool) -> bool:
         """Ask about the next episode, or for the last estimates; whether the design ends the block."""
-        context, plan = self._context, self._context.plan
+        context = self._context
+        plan = self._context.plan
         purpose = f"design-{self._name}-session-{plan.session}-episode-{context.next_episode}"
         made = self._design.decide(self.history, make_draw(plan.study_seed, purpose, plan.participant.index))
         options, seed = (dict(made.options), made.seed) if goes_on and not made.stop else ({}, None)
@@ -53,5 +58,6 @@ class BlockDesign:
     def resolve(self, plan: EpisodePlan) -> EpisodePlan:
         """The next episode as the design wants it."""
         assert self._decided is not None, "a design decides before each episode"
-        options, seed = plan.options | self._decided.options, self._decided.seed
+        options = plan.options | self._decided.options
+        seed = self._decided.seed
         return msgspec.structs.replace(plan, options=options, seed=plan.seed if seed is None else seed)

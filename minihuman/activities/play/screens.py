@@ -119,7 +119,8 @@ class BlockScreens:
 
     def ready(self, play: RunningEpisode) -> TextScreen:
         """The last screen before an episode."""
-        words, mission = self._context.words, screen_texts.capitalise(self._mission(play))
+        words = self._context.words
+        mission = screen_texts.capitalise(self._mission(play))
         return TextScreen(
             words["ready.title"], mission, words["ready.prompt"], self._progress(play), locale=words.locale
         )
@@ -151,7 +152,8 @@ class BlockScreens:
 
     def _motion(self, play: RunningEpisode) -> Motion | None:
         """How the view gets to a step's picture from the one before."""
-        before, self._seen = self._seen, (play.plan.episode, play.steps, play.world.pose())
+        before = self._seen
+        self._seen = (play.plan.episode, play.steps, play.world.pose())
         if before is None or before[2] is None or before[:2] != (play.plan.episode, play.steps - 1):
             return None
         assert self._plan.motion_ms is not msgspec.UNSET

@@ -37,7 +37,8 @@ class PreferencesActivity(Activity):
         self._plan: PreferencesPlan = self.part.plan
         self._pair = 0
         self._drawn: tuple[object, Screen] | None = None
-        plan, session = self.context.plan, self.context.plan.session
+        plan = self.context.plan
+        session = self.context.plan.session
         purpose = f"pair-sides-{self.part.name}-session-{session}"
         order = draw_permutation(self._plan.pairs, seed=plan.study_seed, purpose=purpose, index=plan.participant.index)
         self._first_is_right = [place % 2 == 1 for place in order]
@@ -61,7 +62,8 @@ class PreferencesActivity(Activity):
         if self.ended or self.phase is not Phase.PREPARING:
             return None
         first = self._offered[0] if self._offered else None
-        plan, place = self._plan, len(self._offered)
+        plan = self._plan
+        place = len(self._offered)
         drawn = plan.pairing, plan.wait_s
         return ClipRequest(self.number, plan.source, self._pair, place, plan.steps, first, *drawn)
 
@@ -158,10 +160,12 @@ class PreferencesActivity(Activity):
         self._until_ns = None
         self._step += 1
         if self._step > self.length:
-            self._step, self._seen_whole = 0, True
+            self._step = 0
+            self._seen_whole = True
 
     def _key(self, press: KeyDown) -> None:
-        plan, emit_key = self._plan, self.context.emit_key
+        plan = self._plan
+        emit_key = self.context.emit_key
         answers: dict[str, PairAnswer] = {
             plan.left: "left",
             plan.right: "right",
@@ -174,7 +178,8 @@ class PreferencesActivity(Activity):
             emit_key(press, "not_playing" if press.key in answers else "unmapped", self.phase)
         elif press.key == plan.again:
             emit_key(press, "accepted", self.phase)
-            self._step, self._until_ns = 0, None
+            self._step = 0
+            self._until_ns = None
             self._replays += 1
         elif press.key in answers and (self._seen_whole or self._step >= self.length):
             emit_key(press, "accepted", self.phase)
@@ -197,7 +202,8 @@ class PreferencesActivity(Activity):
         return self._drawn[1]
 
     def _screen(self) -> PairScreen:
-        words, plan = self.context.words, self._plan
+        words = self.context.words
+        plan = self._plan
         keys = ("left", "right", "equal", "cannot_tell", "again")
         caps = words.labels(tuple(getattr(plan, key) for key in keys))
         return PairScreen(

@@ -36,7 +36,8 @@ class QuestionsActivity(Activity):
         self._ask_all()
 
     def _ask_all(self) -> None:
-        words, today = self.context.words, self.context.facts.get("number_rules", "1") == NUMBER_RULES
+        words = self.context.words
+        today = self.context.facts.get("number_rules", "1") == NUMBER_RULES
         language = words.language if today else None
         self._drafts = [build_draft(asked, rtl=words.rtl, language=language) for asked in self._plan.items]
         self._right: list[bool | None] = [None] * len(self._drafts)
@@ -110,7 +111,8 @@ class QuestionsActivity(Activity):
 
     def _give(self) -> None:
         """Give the answer, unless something is missing."""
-        draft, now_ns = self.draft, self.context.now_ns
+        draft = self.draft
+        now_ns = self.context.now_ns
         if draft.error is not None:
             key, fields = draft.error
             self._note = self.context.words.fill(key, **fields)

@@ -48,11 +48,14 @@ class RatingActivity(AgentPlayActivity):
         if press.repeat and self._last_ns is not None and press.t_ns < self._last_ns + REPEAT_INTERVAL_NS:
             self.context.emit_key(press, "repeat", self.phase)
             return
-        now_ns, play, value = self.context.now_ns, self._current, self._values[press.key]
+        now_ns = self.context.now_ns
+        play = self._current
+        value = self._values[press.key]
         self.context.emit_key(press, "accepted", self.phase)
         self.context.emit(Rated(now_ns, play.plan.episode, play.steps, value, press.t_ns))
         self._last_ns = press.t_ns
-        self._flash, self._flash_until_ns = value, now_ns + FLASH_NS
+        self._flash = value
+        self._flash_until_ns = now_ns + FLASH_NS
 
     def _key_in_play(self, press: KeyDown) -> None:
         """The keys of actions do nothing: only the agent acts."""
@@ -69,14 +72,16 @@ class RatingActivity(AgentPlayActivity):
         if self._failed and self._names_failures:
             self._episode_ended("agent_failed")
         else:
-            playable, count = self._playable, len(self._current.world.action_names)
+            playable = self._playable
+            count = len(self._current.world.action_names)
             share = float(np.float32(1 / len(playable)))
             chances = tuple(share if action in playable else 0.0 for action in range(count))
             self._take_advice(Advice(self.context.now_ns, self._current.steps, chances))
 
     def _end_flash(self) -> None:
         if self._flash_until_ns is not None and self.context.now_ns >= self._flash_until_ns:
-            self._flash, self._flash_until_ns = 0.0, None
+            self._flash = 0.0
+            self._flash_until_ns = None
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
@@ -99,14 +104,19 @@ class RatingActivity(AgentPlayActivity):
         return self.who, self._flash
 
     def _play_screen(self) -> PlayScreen:
-        flash: OutcomeMark = "" if not self._flash else "good" if self._flash > 0 else "bad"
-        return replace(super()._play_screen(), flash=flash)
+        return replace(super()._play_screen(), flash=_find_mark(self._flash))
 
     def control_text(self, who: Controller) -> str:
         """The text below the picture: the rating keys."""
         words = self.context.words
         good, bad = (cap for _, cap, _ in words.labels(self.rating_keys))
         return words.fill("rating.prompt", good=good, bad=bad)
+
+
+def _find_mark(rating: float) -> OutcomeMark:
+    if not rating:
+        return ""
+    return "good" if rating > 0 else "bad"
 
 
 RATING = ActivityKind(

@@ -13,7 +13,8 @@ class TakeoverActivity(AgentPlayActivity):
     takes_over = True
 
     def _key_in_play(self, press: KeyDown) -> None:
-        play, emit_key = self._current, self.context.emit_key
+        play = self._current
+        emit_key = self.context.emit_key
         action = play.action_of(press.key)
         if press.key == self.agent.hand_back and not press.repeat:
             can = self.who == "person" and bool(self.policy)
@@ -35,7 +36,8 @@ class TakeoverActivity(AgentPlayActivity):
 
     def control_text(self, who: Controller) -> str:
         """The text below the picture, with how to hand back."""
-        words, said = self.context.words, super().control_text(who)
+        words = self.context.words
+        said = super().control_text(who)
         if who == "agent" or not self.policy:
             return said
         key = words.labels((self.agent.hand_back,))[0][1]

@@ -85,7 +85,8 @@ class TeamPlayActivity(PlayActivity):
         plan = super().next_plan
         assert self.formed is not None, "a team is formed before its first episode"
         options = {**plan.options, "seat": self.formed.seat}
-        keys, key_map = self.plan.team.seat_keys or (), plan.key_map
+        keys = self.plan.team.seat_keys or ()
+        key_map = plan.key_map
         if keys:
             key_map = msgspec.structs.replace(key_map, keys=keys[self.formed.seat], spare_keys=())
         return msgspec.structs.replace(plan, options=options, seed=self._seed(plan), key_map=key_map)
@@ -94,7 +95,8 @@ class TeamPlayActivity(PlayActivity):
         assert self.formed is not None
         if self.plan.seeds == "listed":
             return plan.seed
-        whole, number = self.context.plan, 0 if self.plan.seeds == "same" else plan.episode_in_block
+        whole = self.context.plan
+        number = 0 if self.plan.seeds == "same" else plan.episode_in_block
         purpose = f"team-layouts-{plan.block_name}-session-{whole.session}-{len(set(self.formed.seats) - {PERSON})}"
         return draw_seeds(number + 1, seed=whole.study_seed, purpose=purpose, index=self.formed.index)[-1]
 
@@ -180,10 +182,12 @@ class TeamPlayActivity(PlayActivity):
 
     def _join(self, team: Team, salt: str) -> None:
         self.formed = team
-        self._messages.seat, self._messages.salt = team.seat, salt
+        self._messages.seat = team.seat
+        self._messages.salt = salt
         self._count_waiting()
         self._holders = tuple("person" if kind == PERSON else "agent" for kind in team.seats)
-        roles, context = self.plan.team.roles, self.context
+        roles = self.plan.team.roles
+        context = self.context
         role = roles[team.seat] if roles else ""
         context.teams = (*context.teams, team.team)
         self._note_partners()
@@ -205,7 +209,8 @@ class TeamPlayActivity(PlayActivity):
     def _lose(self, reason: GoneReason) -> None:
         self.context.emit(TeamEnded(self.context.now_ns, self.number, reason))
         if reason == "declined":
-            self.formed, self.context.teams = None, self.context.teams[:-1]
+            self.formed = None
+            self.context.teams = self.context.teams[:-1]
             self._move(TransitionCause.GO_BACK)
             return
         if self.phase is Phase.LOBBY:
@@ -220,7 +225,9 @@ class TeamPlayActivity(PlayActivity):
     def _take_joint(self, taken: JointTaken) -> None:
         if not self.playing or (taken.episode, taken.step) != (self._current.plan.episode, self._current.steps + 1):
             return
-        play, now_ns, seat = self.team_episode, self.context.now_ns, self.team_episode.team.seat
+        play = self.team_episode
+        now_ns = self.context.now_ns
+        seat = self.team_episode.team.seat
         stepped, rewards, mine = play.step_joint(now_ns, taken)
         place = (taken.episode, taken.step)
         self.context.emit(
@@ -229,8 +236,7 @@ class TeamPlayActivity(PlayActivity):
         if mine is not None and mine.key and taken.sources[seat] != "person":
             self.context.emit(InputLate(now_ns, *place, mine.action, mine.key, mine.key_t_ns))
         holders = tuple(
-            "person" if source == "person" else "agent" if source == "agent" else before
-            for source, before in zip(taken.sources, self._holders, strict=True)
+            before if source == "late" else source for source, before in zip(taken.sources, self._holders, strict=True)
         )
         for other, (before, after) in enumerate(zip(self._holders, holders, strict=True)):
             if before != after:
@@ -298,7 +304,8 @@ class TeamPlayActivity(PlayActivity):
         return tuple(self.context.words[f"team.is_{who}"] for who in ("person", "agent") if who in others)
 
     def _play_screen(self) -> PlayScreen:
-        words, screen = self.context.words, replace(super()._play_screen(), messages=self._messages.look(self._play))
+        words = self.context.words
+        screen = replace(super()._play_screen(), messages=self._messages.look(self._play))
         text = "  ".join(self._describe_role())
         if self.playing and self.formed is not None and self._holders[self.formed.seat] == "agent":
             text = words["team.replaced"]

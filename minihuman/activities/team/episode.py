@@ -84,7 +84,8 @@ class TeamEpisode(RunningEpisode):
     def tick(self, t_ns: int) -> Stepped | None:
         """If a period has run out, submit the queued key's action, or the idle one; the step comes with the others'."""
         if self.next_tick_ns is not None and t_ns >= self.next_tick_ns and self.submitted is None:
-            self._due_ns, self.next_tick_ns = self.next_tick_ns, None
+            self._due_ns = self.next_tick_ns
+            self.next_tick_ns = None
             self.submitted = self._take_press(t_ns)
         return None
 
@@ -92,11 +93,13 @@ class TeamEpisode(RunningEpisode):
         """This seat's action at a tick: the queued key's, or that of the keys that are down; else the idle one."""
         idle: int = self.world.unwrapped.team.idle_action
         if not self.repeats_held:
-            press, self._queued = self._queued, None
+            press = self._queued
+            self._queued = None
             if press is None:
                 return Submission(idle, "", t_ns)
             return Submission(press.action, press.key, press.t_ns)  # type: ignore[arg-type]  # bodies act by number
-        pressed, self._pressed = self._pressed, {}
+        pressed = self._pressed
+        self._pressed = {}
         keys = [*(key for key in self._keys_down if key in self._action_of and key not in pressed), *pressed]
         if not keys:
             return Submission(idle, "", t_ns)
@@ -106,7 +109,8 @@ class TeamEpisode(RunningEpisode):
 
     def step_joint(self, t_ns: int, taken: JointTaken) -> tuple[Stepped, tuple[float, ...], Submission | None]:
         """Make the joint step: its event, the rewards by seat, and what this seat had submitted."""
-        mine, self.submitted = self.submitted, None
+        mine = self.submitted
+        self.submitted = None
         key = mine if mine is not None and taken.sources[self.team.seat] == "person" else None
         env = self.world.unwrapped
         env.joint = taken.actions

@@ -50,32 +50,55 @@ class TeamMessages:
 
     def take_key(self, press: KeyDown, play: RunningEpisode) -> bool:
         """Take a key; False where it has nothing to do with messages."""
-        is_enter, draft = press.key in ENTER_KEYS, self.draft
-        keys = (*ENTER_KEYS, REPORT_KEY, self.rules.ping) if self.rules.chat else (self.rules.ping,)
-        if draft is None and (press.repeat or press.key not in keys):
+        if self.draft is None and (press.repeat or press.key not in self._keys):
             return False
-        verdict: KeyVerdict = "repeat" if press.repeat else "accepted" if is_enter or draft is None else "typing"
+        verdict = self._judge(press)
         self.context.emit_key(press, verdict, Phase.PLAYING)
-        if draft is not None and verdict != "accepted":
-            draft.key(press)
-        elif draft is not None:
-            if not draft.value or self._send(play, draft.display_text, ()):
-                self.draft = None
-        elif is_enter:
-            self.draft = TextDraft(
-                QuestionItemSpec("chat", "text", "", longest=MESSAGE_LETTERS),
-                None,
-                rtl=self.context.words.rtl,
-                language=self.context.words.language,
-            )
+        if self.draft is not None and verdict != "accepted":
+            self.draft.key(press)
+        elif self.draft is not None:
+            self._finish_draft(self.draft, play)
+        elif press.key in ENTER_KEYS:
+            self._open_draft()
         elif press.key == self.rules.ping:
-            if (pose := play.world.pose()) is not None:
-                self._send(play, "", (round(pose.x + math.cos(pose.yaw_rad)), round(pose.z - math.sin(pose.yaw_rad))))
+            self._mark_cell_ahead(play)
         else:
-            for said in [one for one in self.shown.values() if one.seat != self.seat and not one.cell][-1:]:
-                self._reported = said.digest
-                self.context.emit(Noted(self.context.now_ns, "report", f"message {said.digest} of seat {said.seat}"))
+            self._report_latest()
         return True
+
+    @property
+    def _keys(self) -> tuple[object, ...]:
+        """The keys that do something while nothing is typed."""
+        return (*ENTER_KEYS, REPORT_KEY, self.rules.ping) if self.rules.chat else (self.rules.ping,)
+
+    def _judge(self, press: KeyDown) -> KeyVerdict:
+        if press.repeat:
+            return "repeat"
+        return "accepted" if press.key in ENTER_KEYS or self.draft is None else "typing"
+
+    def _open_draft(self) -> None:
+        question = QuestionItemSpec("chat", "text", "", longest=MESSAGE_LETTERS)
+        words = self.context.words
+        self.draft = TextDraft(question, None, rtl=words.rtl, language=words.language)
+
+    def _finish_draft(self, draft: TextDraft, play: RunningEpisode) -> None:
+        """Send what was typed; it stays open where it is too soon for another message."""
+        if not draft.value or self._send(play, draft.display_text, ()):
+            self.draft = None
+
+    def _mark_cell_ahead(self, play: RunningEpisode) -> None:
+        pose = play.world.pose()
+        if pose is not None:
+            self._send(play, "", (round(pose.x + math.cos(pose.yaw_rad)), round(pose.z - math.sin(pose.yaw_rad))))
+
+    def _report_latest(self) -> None:
+        """Report the latest words of another."""
+        others = [message for message in self.shown.values() if message.seat != self.seat and not message.cell]
+        if others:
+            message = others[-1]
+            self._reported = message.digest
+            text = f"message {message.digest} of seat {message.seat}"
+            self.context.emit(Noted(self.context.now_ns, "report", text))
 
     def _send(self, play: RunningEpisode, text: str, cell: tuple[float, ...]) -> bool:
         """Send a message, unless it is too soon after the last one."""
@@ -98,25 +121,34 @@ class TeamMessages:
 
     def look(self, play: RunningEpisode | None) -> dict[str, object] | None:
         """What a page has of them; None where people neither write nor mark."""
-        rules, words, marks = self.rules, self.context.words, self.marks
-        lines = [message for message in self.shown.values() if not message.cell][-N_LINES:]
-        hints = [words["team.chat_keys"]] * bool(rules.chat)
-        hints += [words.fill("team.ping_key", ping=key_label(key)) for key in [rules.ping] if key]
+        hints = self._hints
         if not hints:
             return None
+        marks = self.marks
+        lines = [message for message in self.shown.values() if not message.cell][-N_LINES:]
         return {
-            "writes": bool(rules.chat),
+            "writes": bool(self.rules.chat),
             "hint": "   ".join(hints),
-            "lines": [
-                (
-                    words["team.you"]
-                    if one.seat == self.seat
-                    else (rules.roles or {one.seat: words.fill("team.person", number=one.seat + 1)})[one.seat],
-                    (one.text or "…") + (f" ({words['team.reported']})" if one.digest == self._reported else ""),
-                )
-                for one in lines
-            ],
+            "lines": [(self._name_author(message.seat), self._format_text(message)) for message in lines],
             "entry": self.draft and self.draft.widget(),
             "cells": [(*mark.cell, mark.seat == self.seat) for mark in marks],
             "bounds": play.world.unwrapped.map().bounds if play and marks else (),
         }
+
+    @property
+    def _hints(self) -> list[str]:
+        words = self.context.words
+        hints = [words["team.chat_keys"]] if self.rules.chat else []
+        if self.rules.ping:
+            hints.append(words.fill("team.ping_key", ping=key_label(self.rules.ping)))
+        return hints
+
+    def _name_author(self, seat: int) -> str:
+        words = self.context.words
+        if seat == self.seat:
+            return words["team.you"]
+        return self.rules.roles[seat] if self.rules.roles else words.fill("team.person", number=seat + 1)
+
+    def _format_text(self, message: MessageShown) -> str:
+        text = message.text or "…"
+        return f"{text} ({self.context.words['team.reported']})" if message.digest == self._reported else text

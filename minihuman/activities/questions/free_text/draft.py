@@ -26,7 +26,8 @@ class TextDraft(AnswerDraft):
 
     def key(self, press: KeyDown) -> bool:
         """Move the caret, or delete; what other keys type comes as text."""
-        before, after = self._text[: self._caret], self._text[self._caret :]
+        before = self._text[: self._caret]
+        after = self._text[self._caret :]
         match press.key:
             case "backspace":
                 self._put(before[:-1], after)
@@ -54,7 +55,8 @@ class TextDraft(AnswerDraft):
         return character.isprintable() or (self.long and character == "\n")
 
     def _put(self, before: str, after: str) -> None:
-        self._text, self._caret = before + after, len(before)
+        self._text = before + after
+        self._caret = len(before)
 
     @property
     def value(self) -> AnswerValue:

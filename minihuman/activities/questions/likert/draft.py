@@ -110,7 +110,8 @@ class MatrixDraft(LikertDraft):
     @property
     def answers(self) -> tuple[tuple[str, AnswerValue, str], ...]:
         """A rating for each statement."""
-        codes, labels = self.question.all_codes, self._labels
+        codes = self.question.all_codes
+        labels = self._labels
         return tuple(
             (name, None if point is None else codes[point], "" if point is None else labels[point])
             for name, point in zip(self.question.asked, self._rows, strict=True)

@@ -86,7 +86,8 @@ class NumberDraft(TextDraft):
     @property
     def error(self) -> tuple[str, dict[str, Any]] | None:
         """Nothing typed, no number, or one out of range."""
-        question, number = self.question, self.value
+        question = self.question
+        number = self.value
         if not self.display_text:
             return super().error
         if number is None:
@@ -100,7 +101,8 @@ class NumberDraft(TextDraft):
         """A number in range, one that could be an age where the range has any."""
         if self.display_text:
             return None
-        low, high = math.ceil(self.question.minimum), math.floor(self.question.maximum)
+        low = math.ceil(self.question.minimum)
+        high = math.floor(self.question.maximum)
         low = 18 if low <= 18 <= high else low
         return str(low + choose(max(1, min(50, high - low + 1))))
 
