@@ -1,12 +1,29 @@
 """Rules of ``[blocks.agent]``: each is a function that yields the errors it finds."""
 
 from collections.abc import Iterator
+from typing import Protocol
 
 from minihuman.activities.agent_blocks.plan import AgentPlan
 from minihuman.experiment.keys import BUTTON_NAMES, RESERVED_KEYS
 
 RuleErrors = Iterator[tuple[str, str]]  # a field, and what is wrong with it
 _KEY_FIELDS = ("hand_back", "good", "bad")
+
+
+class AgentBlock(Protocol):
+    """What of a protocol's block the rules look at."""
+
+    kind: str
+    pace: str
+    agent: AgentPlan | None
+
+
+def check_block(block: AgentBlock, pool: tuple[str, ...]) -> RuleErrors:
+    """Yield what is wrong with an agent's block of a protocol; ``pool`` is the keys that may have an action."""
+    if block.pace != "on_key":
+        yield "pace", f"is {block.pace!r}, but the agent of a {block.kind} block has its own pace; leave it out"
+    for field, what in check_agent(block.agent or AgentPlan(), pool):
+        yield f"agent.{field}", what
 
 
 def check_agent(agent: AgentPlan, pool: tuple[str, ...]) -> RuleErrors:

@@ -8,6 +8,7 @@ from minihuman.activities.agent_blocks.activity import AgentPlayActivity
 from minihuman.activities.agent_blocks.events import Controller
 from minihuman.activities.agent_blocks.plan import AgentPlayPlan
 from minihuman.activities.agent_blocks.requests import Advice
+from minihuman.activities.agent_blocks.rules import check_block
 from minihuman.activities.rating.events import Rated
 from minihuman.experiment.machine.activity import ActivityKind
 from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown
@@ -125,5 +126,6 @@ RATING = ActivityKind(
     RatingActivity,
     messages="minihuman.activities.rating.rows:RATING_ROWS",
     tables="minihuman.activities.rating.tables:RATING_TABLES",
+    check_block=check_block,
     report="minihuman.activities.agent_blocks.report:build_section",
 )

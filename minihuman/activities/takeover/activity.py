@@ -3,6 +3,7 @@
 from minihuman.activities.agent_blocks.activity import AgentPlayActivity
 from minihuman.activities.agent_blocks.events import Controller
 from minihuman.activities.agent_blocks.plan import AgentPlayPlan
+from minihuman.activities.agent_blocks.rules import check_block
 from minihuman.experiment.machine.activity import ActivityKind
 from minihuman.experiment.machine.inputs import KeyDown
 
@@ -50,5 +51,6 @@ TAKEOVER = ActivityKind(
     TakeoverActivity,
     messages="minihuman.activities.agent_blocks.rows:AGENT_ROWS",
     tables="minihuman.activities.agent_blocks.tables:AGENT_TABLES",
+    check_block=check_block,
     report="minihuman.activities.agent_blocks.report:build_section",
 )

@@ -35,6 +35,7 @@ from minihuman.activities.team.requests import (
     TeamLost,
     TeamRequest,
 )
+from minihuman.activities.team.rules import check_block
 from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.activity import (
     ActivityKind,
@@ -320,4 +321,5 @@ TEAM = ActivityKind(
     TeamPlayActivity,
     messages="minihuman.activities.team.rows:TEAM_ROWS",
     tables="minihuman.activities.team.tables:TEAM_TABLES",
+    check_block=check_block,
 )

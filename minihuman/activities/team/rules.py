@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from typing import Protocol
 
 from minihuman.activities.team.plan import PERSON, REPORT_KEY, SEAT_GRAMMAR, SIMULATED, TeamPlan
 from minihuman.experiment.keys import BUTTON_NAMES, RESERVED_KEYS
@@ -9,6 +10,30 @@ from minihuman.experiment.keys import BUTTON_NAMES, RESERVED_KEYS
 RuleErrors = Iterator[tuple[str, str]]  # a field, and what is wrong with it
 _AGENT_KINDS = ("policy", "scripted", SIMULATED)
 _LIMITS = (("late_ms", 10, 10_000), ("lobby_s", 1, 86_400), ("partner_wait_s", 1, 86_400))
+
+
+class TeamBlock(Protocol):
+    """What of a protocol's block the rules look at."""
+
+    team: TeamPlan | None
+    actions: tuple[str, ...]
+
+
+_FIELDS_OF_ONE_SEAT = ("max_episode_s", "max_block_s", "stop_criterion", "noop_action")
+
+
+def check_block(block: TeamBlock, pool: tuple[str, ...]) -> RuleErrors:
+    """Yield what is wrong with a team's block of a protocol; ``pool`` is the keys that may have an action."""
+    for field, what in check_team(block.team, pool):
+        yield f"team.{field}", what
+    seat_keys = () if block.team is None else block.team.seat_keys or ()
+    for keys in seat_keys:
+        if sorted(keys.values()) != sorted(block.actions):
+            actions = ", ".join(keys.values())
+            yield "team.seat_keys", f"has keys for {actions}; give each seat one for each action"
+    for field in _FIELDS_OF_ONE_SEAT:
+        if getattr(block, field):
+            yield field, "would end or step each seat by its own clock; leave it out of a team block"
 
 
 def check_team(team: TeamPlan | None, pool: tuple[str, ...]) -> RuleErrors:

@@ -4,7 +4,7 @@ and the registry of kinds: the entry-point group `minihuman.activities`, which n
 
 import abc
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -200,22 +200,40 @@ class Activity(abc.ABC):
 
 @dataclass(frozen=True, slots=True)
 class ActivityKind:
-    """A kind of activity: one row of the registry.
+    """A kind of activity: one row of the registry, which says what is in the kind's folder.
 
-    What other layers know of a kind is named by "module:attribute" and loaded when it is needed, so that this one
-    imports none of them.
+    What logs, tables, windows, the page and the report need of a kind is named by "module:attribute" and loaded when it
+    is needed, so that a session imports none of it. Built-in kinds use what a plug-in can use.
+
+    Args:
+        name: the protocol's word for it, and its entry point's name.
+        plan: the type of a part's plan: a `PartPlan`, to say what the session asks of one; a ``PlayPlan`` for blocks.
+        activity: what runs a part.
+        messages: a tuple of ``minihuman.log.codec.EventRow``, one for each event of its own.
+        browser: whether it can be done in a browser.
+        block_field: the plan's field that names a block of the protocol, if it has one.
+        tables: a tuple of ``minihuman.dataset.activity_tables.ActivityTable``.
+        screens: its own screens; each names its drawing, and how the page shows it.
+        report: a function that makes a ``ReportSection`` of a ``SectionSource`` (``minihuman.reporting``), or None.
+        check_block: yields what is wrong with a block of the kind in a protocol, each as a field and what is wrong; it
+            is given the block and the keys that may have an action.
+        find_early_parts: yields the kind's parts in a plan that was recorded before plans had parts, each with its
+            place: 0 consent, 1 keyboard check, 2 blocks, 3 closing words.
     """
 
     name: str
-    plan: type[msgspec.Struct]  # a PlayPlan's subclass for a kind of block
+    plan: type[msgspec.Struct]
     activity: type[Activity]
-    messages: str = ""  # a tuple of minihuman.log.codec.EventRow, one for each event of its own
-    tables: str = ""  # a tuple of minihuman.dataset.activity_tables.ActivityTable
-    screens: tuple[type[ActivityScreen], ...] = ()  # of its own
-    report: str = ""  # a function that makes a minihuman.reporting.activity_sections.ReportSection of a SectionSource
-    browser: bool = True  # whether it can be done in a browser
-    find_early_parts: Callable[[SessionPlan], Iterable[tuple[int, PlannedPart]]] | None = None
-    block_field: str = ""  # the plan's field that names a block of the protocol, if it has one
+    messages: str = ""
+    browser: bool = True
+    block_field: str = ""
+    tables: str = field(default="", kw_only=True)
+    screens: tuple[type[ActivityScreen], ...] = field(default=(), kw_only=True)
+    report: str = field(default="", kw_only=True)
+    check_block: Callable[[Any, tuple[str, ...]], Iterable[tuple[str, str]]] | None = field(default=None, kw_only=True)
+    find_early_parts: Callable[[SessionPlan], Iterable[tuple[int, PlannedPart]]] | None = field(
+        default=None, kw_only=True
+    )
 
     def read(self, plan: Any) -> msgspec.Struct:
         """A part's plan from what JSON gave."""
