@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise, permutations, product
-from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -12,6 +11,7 @@ from minihuman.activities.questions.question import check_item, find_question_ki
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.plan.designs import make_design
+from minihuman.experiment.protocol.model import BlockSpec, GroupSpec, Protocol
 from minihuman.experiment.protocol.specs import (
     CODE_RULE,
     SHIPPED_FORMS,
@@ -26,11 +26,8 @@ from minihuman.experiment.protocol.validation_errors import FieldError, select_e
 from minihuman.experiment.words import LANGUAGES, flatten_words, load_words
 from minihuman.worlds.catalogue import is_first_person
 
-if TYPE_CHECKING:
-    from minihuman.experiment.protocol.protocol import BlockSpec, GroupSpec, Protocol
 
-
-def check_carried_key_maps(protocol: "Protocol") -> Iterator[FieldError]:
+def check_carried_key_maps(protocol: Protocol) -> Iterator[FieldError]:
     """Every (path, complaint) about a carried key map that is for another number of actions than the one before it.
 
     A session's first block draws its own, so one block can serve the group that carries into it and the group that
@@ -52,7 +49,7 @@ def check_carried_key_maps(protocol: "Protocol") -> Iterator[FieldError]:
             yield from _check_pair(protocol, f"$.groups[{number}].parts", group, *pair)
 
 
-def _check_pair(protocol: "Protocol", path: str, group: "GroupSpec", first: str, second: str) -> Iterator[FieldError]:
+def _check_pair(protocol: Protocol, path: str, group: GroupSpec, first: str, second: str) -> Iterator[FieldError]:
     before, block = _find_group_block(protocol, first, group), _find_group_block(protocol, second, group)
     if before is None or block is None or block.key_map != "carry_over" or len(before.actions) == len(block.actions):
         return
@@ -61,7 +58,7 @@ def _check_pair(protocol: "Protocol", path: str, group: "GroupSpec", first: str,
     yield path, f"{what} with {counts}; give both blocks as many, or use key_map = 'new'"
 
 
-def _list_block_pairs(protocol: "Protocol", group: "GroupSpec", listed: Sequence[str]) -> list[tuple[str, str]]:
+def _list_block_pairs(protocol: Protocol, group: GroupSpec, listed: Sequence[str]) -> list[tuple[str, str]]:
     """The blocks that may be played one right after the other, whatever a participant's order is."""
     known = {block.name for block in protocol.blocks}
     orders = {order.name: order for order in protocol.orders}
@@ -86,7 +83,7 @@ def _list_block_pairs(protocol: "Protocol", group: "GroupSpec", listed: Sequence
     return list(dict.fromkeys(pairs))
 
 
-def _find_group_block(protocol: "Protocol", name: str, group: "GroupSpec") -> "BlockSpec | None":
+def _find_group_block(protocol: Protocol, name: str, group: GroupSpec) -> "BlockSpec | None":
     """The block of a name as a group has it; None where there is none, which is a complaint of its own."""
     try:
         return next((protocol.block_for(name, group.name) for block in protocol.blocks if block.name == name), None)
@@ -98,7 +95,7 @@ _PARTS = ("blocks", "pages", "questions", "activities")
 _NAMED = (*_PARTS, "orders")
 
 
-def check_design(protocol: "Protocol") -> list[FieldError]:
+def check_design(protocol: Protocol) -> list[FieldError]:
     """Every (path, complaint) about pages, questions, orders, sessions and words."""
     return [
         *_check_words(protocol),
@@ -113,7 +110,7 @@ def check_design(protocol: "Protocol") -> list[FieldError]:
     ]
 
 
-def check_newer_design_rules(protocol: "Protocol") -> list[FieldError]:
+def check_newer_design_rules(protocol: Protocol) -> list[FieldError]:
     """The same, by rules without which studies were run before there were any."""
     return [
         *_check_reserved_names(protocol),
@@ -128,7 +125,7 @@ def check_newer_design_rules(protocol: "Protocol") -> list[FieldError]:
     ]
 
 
-def _check_words(protocol: "Protocol") -> Iterator[FieldError]:
+def _check_words(protocol: Protocol) -> Iterator[FieldError]:
     own, known = flatten_words(protocol.words), load_words("en")
     for key, value in own.items():
         if key not in known and not key.startswith(("action.", "mission.", "prompt.")):
@@ -137,7 +134,7 @@ def _check_words(protocol: "Protocol") -> Iterator[FieldError]:
             yield f"$.words.{key}", f"is {value!r}; a word is a text in quotes"
 
 
-def _check_missing_words(protocol: "Protocol") -> Iterator[FieldError]:
+def _check_missing_words(protocol: Protocol) -> Iterator[FieldError]:
     """Name the words that a language of the study's own lacks. A log may lack newer ones: English serves."""
     language, own = protocol.study.language, flatten_words(protocol.words)
     if language in LANGUAGES:
@@ -151,7 +148,7 @@ def _check_missing_words(protocol: "Protocol") -> Iterator[FieldError]:
         yield "$.study.language", f"{what}{len(missing)} are missing, the first is {missing[0]}"
 
 
-def _check_names(protocol: "Protocol") -> Iterator[FieldError]:
+def _check_names(protocol: Protocol) -> Iterator[FieldError]:
     seen: dict[str, str] = {}
     for field in _NAMED:
         for number, part in enumerate(getattr(protocol, field)):
@@ -160,7 +157,7 @@ def _check_names(protocol: "Protocol") -> Iterator[FieldError]:
             seen.setdefault(part.name, f"$.{field}[{number}]")
 
 
-def _check_reserved_names(protocol: "Protocol") -> Iterator[FieldError]:
+def _check_reserved_names(protocol: Protocol) -> Iterator[FieldError]:
     """A part of such a name would be shown where one that comes by itself is."""
     by_itself = {
         "consent": ("asks_consent", "$.study.consent", bool(protocol.study.consent)),
@@ -175,7 +172,7 @@ def _check_reserved_names(protocol: "Protocol") -> Iterator[FieldError]:
                 yield f"$.{field}[{number}].name", f"is {part.name!r}, as {whose} is called; call it otherwise{way}"
 
 
-def _check_activities(protocol: "Protocol") -> Iterator[FieldError]:
+def _check_activities(protocol: Protocol) -> Iterator[FieldError]:
     blocks = list(dict.fromkeys(block.name for block in protocol.blocks))
     for number, other in enumerate(protocol.activities):
         try:
@@ -189,7 +186,7 @@ def _check_activities(protocol: "Protocol") -> Iterator[FieldError]:
             yield f"$.activities[{number}].settings.{kind.block_field}", what
 
 
-def _check_part_lists(protocol: "Protocol") -> Iterator[FieldError]:
+def _check_part_lists(protocol: Protocol) -> Iterator[FieldError]:
     known = {part.name for field in _PARTS for part in getattr(protocol, field)}
     blocks = {block.name for block in protocol.blocks}
     with_orders = known | {order.name for order in protocol.orders}
@@ -258,7 +255,7 @@ def _list_units(order: OrderSpec) -> Iterator[tuple[str, Sequence[str]]]:
         yield from ((f"[{place}]", unit) for place, unit in enumerate(order.units))
 
 
-def _check_questionnaire(asked: QuestionnaireSpec, protocol: "Protocol") -> Iterator[FieldError]:
+def _check_questionnaire(asked: QuestionnaireSpec, protocol: Protocol) -> Iterator[FieldError]:
     parts = {part.name for field in _PARTS for part in getattr(protocol, field)}
     form, back, attempts = asked.form, asked.return_to, asked.max_attempts
     yield from select_errors(
@@ -297,7 +294,7 @@ def _check_correct_answers(asked: QuestionnaireSpec) -> Iterator[FieldError]:
                 yield f"items[{place}].right", what
 
 
-def _check_groups(protocol: "Protocol") -> Iterator[FieldError]:
+def _check_groups(protocol: Protocol) -> Iterator[FieldError]:
     for number, group in enumerate(protocol.groups):
         path, ratio = f"$.groups[{number}]", group.allocation_ratio
         yield from select_errors(
@@ -317,7 +314,7 @@ def _check_groups(protocol: "Protocol") -> Iterator[FieldError]:
         )
 
 
-def _check_overrides(protocol: "Protocol") -> Iterator[FieldError]:
+def _check_overrides(protocol: Protocol) -> Iterator[FieldError]:
     groups = {group.name for group in protocol.groups}
     for field in ("blocks", "pages", "questions"):
         for number, part in enumerate(getattr(protocol, field)):
@@ -335,7 +332,7 @@ def _check_overrides(protocol: "Protocol") -> Iterator[FieldError]:
                     yield path, str(error)
 
 
-def _check_block(block: "BlockSpec", protocol: "Protocol") -> Iterator[FieldError]:
+def _check_block(block: BlockSpec, protocol: Protocol) -> Iterator[FieldError]:
     pool = protocol.keys.pool
     yield from _check_block_kind(block, pool)
     on_page = block.computed == "page"
@@ -408,7 +405,7 @@ def _check_block(block: "BlockSpec", protocol: "Protocol") -> Iterator[FieldErro
         yield "inter_trial_interval_ms", f"is {list(interval)}; give the shortest, then the longest"
 
 
-def _check_block_kind(block: "BlockSpec", pool: tuple[str, ...]) -> Iterator[FieldError]:
+def _check_block_kind(block: BlockSpec, pool: tuple[str, ...]) -> Iterator[FieldError]:
     """A block's kind is one of blocks, and the block is as its kind needs it."""
     try:
         kind = find_kind(block.kind)
@@ -421,7 +418,7 @@ def _check_block_kind(block: "BlockSpec", pool: tuple[str, ...]) -> Iterator[Fie
         yield from kind.check_block(block, pool)
 
 
-def _check_unused_fields(protocol: "Protocol") -> Iterator[FieldError]:
+def _check_unused_fields(protocol: Protocol) -> Iterator[FieldError]:
     """What is given and does nothing, for no group."""
     yield from (
         (f"$.questions[{number}]", "needs items, or the name of a form, and not both")

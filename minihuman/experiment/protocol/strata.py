@@ -6,36 +6,30 @@ Until that answer a participant has no group, so the earlier parts must be the s
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 
 from minihuman.activities.questions.question import QuestionItemSpec, find_question_kind
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.events import Answered, Event, PartEnded
-from minihuman.experiment.plan.designs import DesignSpec, make_enrolment_design
-from minihuman.experiment.protocol.specs import SHIPPED_FORMS, load_form
+from minihuman.experiment.plan.designs import make_enrolment_design
+from minihuman.experiment.protocol.model import Protocol
+from minihuman.experiment.protocol.specs import (
+    SHIPPED_FORMS,
+    AllocationSpec as AllocationSpec,
+    QuestionnaireSpec,
+    load_form,
+)
 from minihuman.experiment.protocol.validation_errors import FieldError, select_errors
 
-if TYPE_CHECKING:
-    from minihuman.experiment.protocol.protocol import Protocol
-    from minihuman.experiment.protocol.specs import QuestionnaireSpec
-
 NO_ANSWER = "no answer"  # the stratum of those who left an optional question out
+
+
 MAX_STRATA = 20
+
+
 _CODED = ("code", "rating")  # types of answers
-
-
-class AllocationSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How places are drawn, beyond the groups' ratios."""
-
-    stratify_by: str = ""  # "part.item", or "part" for how many of its questions are right at the first try
-    strata: dict[str, tuple[str | int, ...]] = {}  # name -> codes taken together; absent: a stratum an option
-    cut_points: tuple[
-        float, ...
-    ] = ()  # of a number: below the first, from it to below the second, ..., the last or more
-    design: DesignSpec | None = None  # assigns each participant's group from those before, instead of the list
-    stopping: DesignSpec | None = None  # ends enrolment from the participants before
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +74,7 @@ class Strata:
         return None
 
 
-def build_strata(protocol: "Protocol") -> Strata | None:
+def build_strata(protocol: Protocol) -> Strata | None:
     """The strata of a study; None where groups are drawn among all."""
     asked = protocol.allocation
     if not asked.stratify_by:
@@ -99,7 +93,7 @@ def build_strata(protocol: "Protocol") -> Strata | None:
     return Strata(part, name, names, codes, asked.cut_points)
 
 
-def check_allocation(protocol: "Protocol") -> list[FieldError]:
+def check_allocation(protocol: Protocol) -> list[FieldError]:
     """Every (path, complaint) about strata that cannot be."""
     asked = protocol.allocation
     wrong = []
@@ -121,7 +115,7 @@ def check_allocation(protocol: "Protocol") -> list[FieldError]:
     return [(f"$.allocation.{field}", what) for field, what in found]
 
 
-def _check_answer(protocol: "Protocol") -> Iterator[FieldError]:
+def _check_answer(protocol: Protocol) -> Iterator[FieldError]:
     """The answer has to be one that people can be told apart by."""
     asked = protocol.allocation
     part, _, name = asked.stratify_by.partition(".")
@@ -145,7 +139,7 @@ def _check_answer(protocol: "Protocol") -> Iterator[FieldError]:
         yield from _check_codes(asked, item)
 
 
-def _check_number_of_strata(protocol: "Protocol") -> Iterator[FieldError]:
+def _check_number_of_strata(protocol: Protocol) -> Iterator[FieldError]:
     found = build_strata(protocol)
     if found is not None and not 2 <= len(found.names) <= MAX_STRATA:
         yield (
@@ -187,7 +181,7 @@ def _check_codes(asked: AllocationSpec, item: QuestionItemSpec) -> Iterator[Fiel
         yield "strata", f"has one called {NO_ANSWER!r}, which is for those who give none; call it otherwise"
 
 
-def _check_parts_before(protocol: "Protocol") -> Iterator[FieldError]:
+def _check_parts_before(protocol: Protocol) -> Iterator[FieldError]:
     """What comes before the draw is the same for everybody, and the draw comes before anything is played."""
     part = protocol.allocation.stratify_by.partition(".")[0]
     if len(protocol.groups) < 2:
@@ -222,7 +216,7 @@ def _check_parts_before(protocol: "Protocol") -> Iterator[FieldError]:
                 yield "stratify_by", f"asks {part!r}, but {one.name!r} is another for some groups, who are drawn later"
 
 
-def _find_items(protocol: "Protocol", part: str) -> Sequence[QuestionItemSpec]:
+def _find_items(protocol: Protocol, part: str) -> Sequence[QuestionItemSpec]:
     asked: QuestionnaireSpec | None = next((one for one in protocol.questions if one.name == part), None)
     if asked is None or (asked.form and asked.form not in SHIPPED_FORMS):
         return ()
