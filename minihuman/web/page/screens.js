@@ -66,12 +66,18 @@ export class ScreenView {
 
   /** @type {Map<string, ActivityModule>} of kinds of activity, by address */ #modules = new Map();
 
-  /** Load the module of a screen, and show it then, if it is still the one to be shown. @param {ScreenMessage} m @param {string} address */
-  async #load(m, address) {
+  /** @type {Set<string>} addresses */ #loading = new Set();
+
+  /** Load a module, then show the screen that waits for it, if there still is one. @param {string} address */
+  async #load(address) {
+    if (this.#loading.has(address)) return;
+    this.#loading.add(address);
     const module = await import(address).catch(() => null);
     if (module) this.#modules.set(address, module);
     else await new Promise((resolve) => { setTimeout(resolve, RELOAD_MS); }); // the network was gone for a moment
-    if (this.page.current() === m) this.show(m);
+    this.#loading.delete(address);
+    const current = this.page.current();
+    if (current?.screen.kind === "activity" && current.screen.module === address) this.show(current);
   }
 
   /** @param {PageScreen} s @param {number} number */
@@ -99,7 +105,7 @@ export class ScreenView {
     const s = m.screen;
     const { images, flips, films, entry, episode } = this.parts;
     if (s.kind === "activity" && !this.#modules.has(s.module)) {
-      this.#load(m, s.module);
+      this.#load(s.module);
       return;
     }
     document.documentElement.lang = s.language;
