@@ -1,11 +1,12 @@
-"""Modules that have moved: each old name still works, warns, and goes with the next version.
+"""What has moved: each old name still works, warns, and goes with the next version.
 
-One finder makes an empty module for an old name; each attribute that is asked of it comes from the new place.
+One finder makes an empty module for a module that is gone; each attribute that is asked of it comes from the new place.
+A module that is still there forwards the names that left it.
 """
 
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
@@ -90,6 +91,26 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         f"{_NEW}.trials.activity",
         f"{_NEW}.trials.plan",
     ),
+    "minihuman.dataset.table_columns": (
+        "minihuman.dataset.table_catalogue",
+        f"{_NEW}.agent_blocks.columns",
+        f"{_NEW}.correction.columns",
+        f"{_NEW}.pages.columns",
+        f"{_NEW}.play.columns",
+        f"{_NEW}.preferences.columns",
+        f"{_NEW}.questions.columns",
+        f"{_NEW}.rating.columns",
+        f"{_NEW}.team.columns",
+    ),
+    "minihuman.experiment.machine.screen_texts": (
+        f"{_NEW}.keyboard_check.screens",
+        f"{_NEW}.pages.screens",
+        f"{_NEW}.play.screens",
+        f"{_NEW}.questions.screens",
+        "minihuman.experiment.machine.points",
+    ),
+    "minihuman.experiment.machine.screens": (f"{_NEW}.correction.screens", f"{_NEW}.preferences.screens"),
+    "minihuman.experiment.machine.session": ("minihuman.experiment.pending_session",),
     "minihuman.reporting.teaching_section": (f"{_NEW}.agent_blocks.report",),
     "minihuman.log.activity_topics": (
         f"{_NEW}.agent_blocks.rows",
@@ -114,19 +135,33 @@ def find_moved(old_module: str, name: str) -> tuple[str, Any]:
     raise AttributeError(f"module {old_module!r} has no attribute {name!r}")
 
 
+def _get_moved(old_module: str, name: str) -> Any:
+    """Get what an old name stands for, with a warning to the caller of the module's ``__getattr__``."""
+    if name.startswith("__"):  # the import system looks for some
+        raise AttributeError(f"module {old_module!r} has no attribute {name!r}")
+    new_module, contents = find_moved(old_module, name)
+    warnings.warn(
+        f"{old_module}.{name} is now {new_module}.{name}; the old name goes with the next version",
+        DeprecationWarning,
+        stacklevel=3,
+    )
+    return contents
+
+
+def forward_names(module: str) -> Callable[[str], Any]:
+    """Make the ``__getattr__`` of a module that some names have left."""
+
+    def get(name: str) -> Any:
+        return _get_moved(module, name)
+
+    return get
+
+
 class _MovedModule(ModuleType):
     """A module without contents of its own."""
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):  # the import system looks for some
-            raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
-        new_module, contents = find_moved(self.__name__, name)
-        warnings.warn(
-            f"{self.__name__}.{name} is now {new_module}.{name}; the old name goes with the next version",
-            DeprecationWarning,
-            stacklevel=2,
-        )
-        return contents
+        return _get_moved(self.__name__, name)
 
 
 class _MovedLoader(Loader):

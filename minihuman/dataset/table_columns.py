@@ -6,7 +6,9 @@ than many a command.
 
 import re
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
+
+from minihuman.moved import forward_names
 
 TableColumnType = Literal[
     "text", "key", "integer", "number", "boolean"
@@ -482,3 +484,7 @@ COLUMNS_NEEDING_WORLD = frozenset(
 
 
 """The columns that a log alone cannot tell: the world itself is asked how few steps an episode could have taken."""
+
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)

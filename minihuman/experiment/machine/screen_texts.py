@@ -1,9 +1,12 @@
 """Text of every screen except the world's own: built from the interface's words, the plan and what just happened."""
 
+from typing import TYPE_CHECKING
+
 from minihuman.experiment.machine.events import EndReason
 from minihuman.experiment.machine.screens import TextScreen
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.words import InterfaceWords
+from minihuman.moved import forward_names
 
 ABORT_REASONS = (
     "the participant asked to stop",
@@ -87,3 +90,7 @@ def build_overlay_screen(
 def capitalise(text: str) -> str:
     """A text whose first letter is a capital."""
     return text[:1].upper() + text[1:]
+
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)

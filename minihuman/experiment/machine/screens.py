@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from minihuman.moved import forward_names
 
 OutcomeMark = Literal["", "good", "bad", "neutral"]
 
@@ -264,3 +266,7 @@ class FilmsScreen(ActivityScreen):
 
 
 Screen = TextScreen | BlankScreen | PlayScreen | PageScreen | QuestionScreen | ActivityScreen
+
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)

@@ -12,7 +12,7 @@ questions about itself and its end; `PartSequence` owns the order of parts, and 
 from collections.abc import Mapping
 from enum import StrEnum
 from functools import partial
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityRequest, SessionContext, WorldFactory
@@ -48,6 +48,7 @@ from minihuman.experiment.machine.running_episode import RunningEpisode, WorldFa
 from minihuman.experiment.machine.screens import Screen, TextScreen
 from minihuman.experiment.machine.transitions import SESSION_TRANSITIONS, Phase, TransitionCause
 from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.moved import forward_names
 
 ABORT_CHORD = frozenset({"f9", "f12"})
 
@@ -464,3 +465,7 @@ class SessionMachine:
         if screen != self._screen:
             self._screen = screen
         self._is_drawn = True
+
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)
