@@ -97,7 +97,7 @@ class EpisodeFilm(Sequence[ImageArray]):
     def __getitem__(self, step: int | slice) -> ImageArray | Sequence[ImageArray]:
         """A picture, drawn now."""
         if isinstance(step, slice):
-            return [self[one] for one in range(*step.indices(len(self)))]
+            return [self[number] for number in range(*step.indices(len(self)))]
         if not -len(self) <= step < len(self):
             raise IndexError(step)
         if self._picture_px is None:

@@ -82,12 +82,12 @@ class AgentPlayActivity(PlayActivity):
                 return None
             part = self.part.name
             agent = self.agent
-            asked = self._asked_at
+            first_unknown = self._asked_at
             return PolicyRequest(
-                self.number, part, agent, self._learning, asked, self._next_policy or self._first_policy
+                self.number, part, agent, self._learning, first_unknown, self._next_policy or self._first_policy
             )
-        seen = self.advised is not None and self.advised.step == self._current.steps
-        return None if seen or not self.policy else AdviceRequest(self.policy, self._current.steps)
+        is_advised = self.advised is not None and self.advised.step == self._current.steps
+        return None if is_advised or not self.policy else AdviceRequest(self.policy, self._current.steps)
 
     def receive(self, happened: Input) -> None:
         """Take an input."""
@@ -183,9 +183,9 @@ class AgentPlayActivity(PlayActivity):
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
         """The agent's next step, beside what every block waits for."""
-        others = super().next_tick_ns
-        mine = self._due_ns if self._agent_can_step else None
-        return min((t for t in (others, mine) if t is not None), default=None)
+        block_due_ns = super().next_tick_ns
+        agent_due_ns = self._due_ns if self._agent_can_step else None
+        return min((t for t in (block_due_ns, agent_due_ns) if t is not None), default=None)
 
     @property
     def _agent_can_step(self) -> bool:
@@ -204,10 +204,14 @@ class AgentPlayActivity(PlayActivity):
         self._due_ns = self.advised = None
         self._stepped(stepped)
 
-    def _shown(self, shown: ScreenShown) -> None:
-        super()._shown(shown)
-        if self.playing and self._due_ns is None and (shown.step is None or shown.step >= self._current.steps):
-            self._due_ns = shown.flip_ns + self.period_ns
+    def _shown(self, screen_shown: ScreenShown) -> None:
+        super()._shown(screen_shown)
+        if (
+            self.playing
+            and self._due_ns is None
+            and (screen_shown.step is None or screen_shown.step >= self._current.steps)
+        ):
+            self._due_ns = screen_shown.flip_ns + self.period_ns
 
     def suspend(self, reason: PauseReason) -> None:
         """Stop the agent's clock too; the next picture shown starts it anew."""
@@ -221,13 +225,13 @@ class AgentPlayActivity(PlayActivity):
         self._due_ns = self.advised = None
         self._steer("agent" if self.policy or self.alone else "person", "start" if self.policy else "no_policy")
 
-    def _steer(self, who: Controller, reason: ControlReason, pressed_ns: int | None = None) -> None:
+    def _steer(self, controller: Controller, reason: ControlReason, pressed_ns: int | None = None) -> None:
         play = self._current
         now_ns = self.context.now_ns
-        self.who = who
+        self.who = controller
         self._due_ns = None
         pressed_ns = now_ns if pressed_ns is None else pressed_ns
-        self.context.emit(ControlChanged(now_ns, play.plan.episode, play.steps, who, reason, pressed_ns))
+        self.context.emit(ControlChanged(now_ns, play.plan.episode, play.steps, controller, reason, pressed_ns))
 
     def _between_episodes(self) -> None:
         """Ask the learner, where it is its turn."""
@@ -250,9 +254,9 @@ class AgentPlayActivity(PlayActivity):
         """From the picture of one of the agent's steps to the next step."""
         return round(self.agent.step_ms * NS_PER_MS)
 
-    def control_text(self, who: Controller) -> str:
+    def control_text(self, controller: Controller) -> str:
         """The text below the picture."""
-        return self.context.words[f"steers.{who}"]
+        return self.context.words[f"steers.{controller}"]
 
     @property
     def _look(self) -> object:

@@ -20,11 +20,11 @@ _MS_PER_MIN = 60_000.0
 
 def group_taught_by_block(log: SessionLog) -> dict[str, list[TaughtEpisode]]:
     """The episodes with an agent, by block."""
-    found: dict[str, list[TaughtEpisode]] = defaultdict(list)
+    episodes_by_block: dict[str, list[TaughtEpisode]] = defaultdict(list)
     for episode in log.episodes:
         if episode.taught is not None and len(episode.actions):
-            found[episode.plan.block_name].append((episode, episode.taught))
-    return found
+            episodes_by_block[episode.plan.block_name].append((episode, episode.taught))
+    return episodes_by_block
 
 
 def steering_minutes(episode: EpisodeLog, taught: TeachingRecord) -> float:
@@ -63,17 +63,17 @@ def teaching_figures(logs: Mapping[str, SessionLog], out: Path) -> Iterator[Repo
     """Draw who was in control and how it was rated, per session and block."""
     for name, log in logs.items():
         for block, episodes in group_taught_by_block(log).items():
-            where = out / f"{block}_steering_{name.replace(' ', '_')}"
+            stem = out / f"{block}_steering_{name.replace(' ', '_')}"
             stripped = [strip_events(episode) for episode, _ in episodes]
-            png, _ = draw_figure_files(where, "teaching_figures.steering_figure", stripped)
+            png, _ = draw_figure_files(stem, "teaching_figures.steering_figure", stripped)
             yield ReportFigure(
                 block, png, f"Who was in control in block {block}, {name}; a line marks a change of policy."
             )
             if any(taught.ratings for _, taught in episodes):
-                where = out / f"{block}_ratings_{name.replace(' ', '_')}"
-                png, _ = draw_figure_files(where, "teaching_figures.ratings_figure", stripped)
-                said = f"Ratings in block {block}, {name}: presses, and the share of good ones among the last ten"
-                yield ReportFigure(block, png, f"{said}; a dotted line marks a change of policy.")
+                stem = out / f"{block}_ratings_{name.replace(' ', '_')}"
+                png, _ = draw_figure_files(stem, "teaching_figures.ratings_figure", stripped)
+                caption = f"Ratings in block {block}, {name}: presses, and the share of good ones among the last ten"
+                yield ReportFigure(block, png, f"{caption}; a dotted line marks a change of policy.")
 
 
 def build_section(source: SectionSource) -> ReportSection:

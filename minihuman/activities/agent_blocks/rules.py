@@ -22,8 +22,8 @@ def check_block(block: AgentBlock, pool: tuple[str, ...]) -> RuleErrors:
     """Yield what is wrong with an agent's block of a protocol; ``pool`` is the keys that may have an action."""
     if block.pace != "on_key":
         yield "pace", f"is {block.pace!r}, but the agent of a {block.kind} block has its own pace; leave it out"
-    for field, what in check_agent(block.agent or AgentPlan(), pool):
-        yield f"agent.{field}", what
+    for field, error in check_agent(block.agent or AgentPlan(), pool):
+        yield f"agent.{field}", error
 
 
 def check_agent(agent: AgentPlan, pool: tuple[str, ...]) -> RuleErrors:

@@ -173,11 +173,11 @@ class CorrectionActivity(Activity):
         else:
             emit_key(press, "unmapped", self.phase)
 
-    def _seen(self, shown: ScreenShown) -> None:
+    def _seen(self, screen_shown: ScreenShown) -> None:
         now = self._step if self.play is None else self.play.steps
-        step = now if shown.step is None or self.play is None else min(shown.step, now)
+        step = now if screen_shown.step is None or self.play is None else min(screen_shown.step, now)
         place = (self.number, self._number, step)
-        self.context.emit(CorrectionSeen(self.context.now_ns, *place, shown.submit_ns, shown.flip_ns))
+        self.context.emit(CorrectionSeen(self.context.now_ns, *place, screen_shown.submit_ns, screen_shown.flip_ns))
 
     # Showing
 

@@ -31,6 +31,8 @@ class PageReader:
         return True
 
 
-def build_page_shown(part: int, reader: PageReader, shown: ScreenShown) -> PageShown:
+def build_page_shown(part: int, reader: PageReader, screen_shown: ScreenShown) -> PageShown:
     """Say that the open page reached the display."""
-    return PageShown(shown.t_ns, part, reader.page + 1, reader.pages, shown.submit_ns, shown.flip_ns)
+    return PageShown(
+        screen_shown.t_ns, part, reader.page + 1, reader.pages, screen_shown.submit_ns, screen_shown.flip_ns
+    )

@@ -127,9 +127,11 @@ class PlayActivity(Activity):
     @property
     def interval_ms(self) -> float:
         """How long the screen is empty before the next episode."""
-        drawn = self.plan.trial.intervals_ms if self.plan.trial else ()
+        intervals_ms = self.plan.trial.intervals_ms if self.plan.trial else ()
         place = self.context.next_episode - self.plan.first
-        return drawn[place] if place < len(drawn) else self.plan.interval_ms  # after the last there is none
+        if place < len(intervals_ms):  # after the last episode there is none
+            return intervals_ms[place]
+        return self.plan.interval_ms
 
     @property
     def feedback_text(self) -> str:
@@ -250,19 +252,19 @@ class PlayActivity(Activity):
 
     # Inputs
 
-    def _shown(self, shown: ScreenShown) -> None:
+    def _shown(self, screen_shown: ScreenShown) -> None:
         if self.phase in (Phase.PLAYING, Phase.HOLD):
-            self.context.emit(self._current.record_shown(shown))
-            if shown.step is not None and shown.step < self._current.steps:
+            self.context.emit(self._current.record_shown(screen_shown))
+            if screen_shown.step is not None and screen_shown.step < self._current.steps:
                 return
-        elif shown.step is not None:  # late word of a picture: the episode is over by now
+        elif screen_shown.step is not None:  # late word of a picture: the episode is over by now
             if self._play is not None and self._play.started:
-                self.context.emit(self._play.record_shown(shown))
+                self.context.emit(self._play.record_shown(screen_shown))
             return
         elif self.phase is Phase.INSTRUCTIONS:
-            self.context.emit(build_page_shown(self.number, self._reader, shown))
-        self._flip_ns = shown.flip_ns
-        self._timer.seen(self.phase, shown.flip_ns)
+            self.context.emit(build_page_shown(self.number, self._reader, screen_shown))
+        self._flip_ns = screen_shown.flip_ns
+        self._timer.seen(self.phase, screen_shown.flip_ns)
 
     def _let_time_pass(self) -> None:
         """Do what was due by now, before any later input."""

@@ -42,18 +42,18 @@ class BlockDesign:
         context = self._context
         plan = self._context.plan
         purpose = f"design-{self._name}-session-{plan.session}-episode-{context.next_episode}"
-        made = self._design.decide(self.history, make_draw(plan.study_seed, purpose, plan.participant.index))
-        options, seed = (dict(made.options), made.seed) if goes_on and not made.stop else ({}, None)
+        decision = self._design.decide(self.history, make_draw(plan.study_seed, purpose, plan.participant.index))
+        options, seed = (dict(decision.options), decision.seed) if goes_on and not decision.stop else ({}, None)
         self._decided = DesignDecided(
             *(context.now_ns, self._number, context.next_episode, self._spec.name, self._design.version),
             options=options,
             seed=seed,
-            stop=made.stop or not goes_on,
-            estimates=dict(made.estimates),
-            posterior=hash64(made.posterior),
+            stop=decision.stop or not goes_on,
+            estimates=dict(decision.estimates),
+            posterior=hash64(decision.posterior),
         )
         context.emit(self._decided)
-        return made.stop and goes_on
+        return decision.stop and goes_on
 
     def resolve(self, plan: EpisodePlan) -> EpisodePlan:
         """The next episode as the design wants it."""

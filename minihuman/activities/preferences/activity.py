@@ -64,8 +64,8 @@ class PreferencesActivity(Activity):
         first = self._offered[0] if self._offered else None
         plan = self._plan
         place = len(self._offered)
-        drawn = plan.pairing, plan.wait_s
-        return ClipRequest(self.number, plan.source, self._pair, place, plan.steps, first, *drawn)
+        pairing = plan.pairing, plan.wait_s
+        return ClipRequest(self.number, plan.source, self._pair, place, plan.steps, first, *pairing)
 
     @staticmethod
     def input_of(event: ActivityEvent) -> Input | None:

@@ -39,7 +39,7 @@ class QuestionsActivity(Activity):
         words = self.context.words
         today = self.context.facts.get("number_rules", "1") == NUMBER_RULES
         language = words.language if today else None
-        self._drafts = [build_draft(asked, rtl=words.rtl, language=language) for asked in self._plan.items]
+        self._drafts = [build_draft(question, rtl=words.rtl, language=language) for question in self._plan.items]
         self._right: list[bool | None] = [None] * len(self._drafts)
         self._open(0)
 
@@ -119,7 +119,7 @@ class QuestionsActivity(Activity):
             return
         right = is_correct(draft.question, draft.value)
         self._right[self._number] = right
-        for name, value, seen in draft.answers:
+        for name, value, display_text in draft.answers:
             self.context.emit(
                 Answered(
                     now_ns,
@@ -129,7 +129,7 @@ class QuestionsActivity(Activity):
                     draft.question.kind,
                     self._tries + 1,
                     msgspec.json.encode(value).decode(),
-                    seen,
+                    display_text,
                     self._shown_ns,
                     self._first_ns,
                     self._changes,
@@ -145,12 +145,17 @@ class QuestionsActivity(Activity):
     @property
     def _asked_numbers(self) -> list[int]:
         """The questions that are asked as the answers are now; those that an answer rules out are passed over."""
-        given: dict[str, list[Any]] = {}
+        answers_by_name: dict[str, list[Any]] = {}
         numbers = []
         for number, draft in enumerate(self._drafts):
-            if all({*given.get(name, ())} & {*answers} for name, answers in (draft.question.only_if or {}).items()):
+            if all(
+                {*answers_by_name.get(name, ())} & {*answers}
+                for name, answers in (draft.question.only_if or {}).items()
+            ):
                 numbers.append(number)
-                given |= {name: value if isinstance(value, list) else [value] for name, value, _ in draft.answers}
+                answers_by_name |= {
+                    name: value if isinstance(value, list) else [value] for name, value, _ in draft.answers
+                }
         return numbers
 
     def _conclude(self) -> None:

@@ -12,8 +12,8 @@ _MS_PER_NS = 1e-6
 
 
 def _build_answer_row(event: Answered, log: SessionLog) -> TableRow:
-    value = json.loads(event.value)
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    answer = json.loads(event.value)
+    is_number = isinstance(answer, int | float) and not isinstance(answer, bool)
     was_shown = bool(event.shown_ns)
     return {
         "part": event.part + 1,
@@ -21,8 +21,8 @@ def _build_answer_row(event: Answered, log: SessionLog) -> TableRow:
         "item": event.item,
         "kind": event.kind,
         "attempt": event.attempt,
-        "answer": _format_answer(value),
-        "number": float(value) if is_number else None,
+        "answer": _format_answer(answer),
+        "number": float(answer) if is_number else None,
         "said": event.words,
         "right": event.right,
         "shown_ns": event.shown_ns or None,
@@ -32,10 +32,10 @@ def _build_answer_row(event: Answered, log: SessionLog) -> TableRow:
     }
 
 
-def _format_answer(value: object) -> str:
-    if isinstance(value, str):
-        return value
-    return "" if value is None else json.dumps(value, ensure_ascii=False)
+def _format_answer(answer: object) -> str:
+    if isinstance(answer, str):
+        return answer
+    return "" if answer is None else json.dumps(answer, ensure_ascii=False)
 
 
 def _build_change_row(event: AnswerChanged, log: SessionLog) -> TableRow:

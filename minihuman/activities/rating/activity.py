@@ -34,8 +34,8 @@ class RatingActivity(AgentPlayActivity):
     def receive(self, happened: Input) -> None:
         """Take an input."""
         self._end_flash()
-        held = self.phase in (Phase.PLAYING, Phase.HOLD) and self._current.started
-        if held and isinstance(happened, KeyDown) and happened.key in self._values:
+        can_rate = self.phase in (Phase.PLAYING, Phase.HOLD) and self._current.started
+        if can_rate and isinstance(happened, KeyDown) and happened.key in self._values:
             self._let_time_pass()
             self._rate(happened)
         else:
@@ -51,11 +51,11 @@ class RatingActivity(AgentPlayActivity):
             return
         now_ns = self.context.now_ns
         play = self._current
-        value = self._values[press.key]
+        rating = self._values[press.key]
         self.context.emit_key(press, "accepted", self.phase)
-        self.context.emit(Rated(now_ns, play.plan.episode, play.steps, value, press.t_ns))
+        self.context.emit(Rated(now_ns, play.plan.episode, play.steps, rating, press.t_ns))
         self._last_ns = press.t_ns
-        self._flash = value
+        self._flash = rating
         self._flash_until_ns = now_ns + FLASH_NS
 
     def _key_in_play(self, press: KeyDown) -> None:
@@ -66,8 +66,8 @@ class RatingActivity(AgentPlayActivity):
     def _first_policy(self) -> str:
         return self.agent.policy or "random"  # an agent has to act before it can be rated
 
-    def _shown(self, shown: ScreenShown) -> None:
-        super()._shown(shown)
+    def _shown(self, screen_shown: ScreenShown) -> None:
+        super()._shown(screen_shown)
         if not self.playing or self.policy or self.advised is not None:
             return
         if self._failed and self._names_failures:
@@ -107,7 +107,7 @@ class RatingActivity(AgentPlayActivity):
     def _play_screen(self) -> PlayScreen:
         return replace(super()._play_screen(), flash=_find_mark(self._flash))
 
-    def control_text(self, who: Controller) -> str:
+    def control_text(self, controller: Controller) -> str:
         """The text below the picture: the rating keys."""
         words = self.context.words
         good, bad = (cap for _, cap, _ in words.labels(self.rating_keys))

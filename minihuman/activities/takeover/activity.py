@@ -35,14 +35,14 @@ class TakeoverActivity(AgentPlayActivity):
         """The key that gives the agent control back; "" where there is no agent to give it to."""
         return self.agent.hand_back if self.policy else ""
 
-    def control_text(self, who: Controller) -> str:
+    def control_text(self, controller: Controller) -> str:
         """The text below the picture, with how to hand back."""
         words = self.context.words
-        said = super().control_text(who)
-        if who == "agent" or not self.policy:
-            return said
+        text = super().control_text(controller)
+        if controller == "agent" or not self.policy:
+            return text
         key = words.labels((self.agent.hand_back,))[0][1]
-        return f"{said}  {words.fill('steers.hand_back', name=key)}"
+        return f"{text}  {words.fill('steers.hand_back', name=key)}"
 
 
 TAKEOVER = ActivityKind(

@@ -96,10 +96,12 @@ class TeamPlayActivity(PlayActivity):
         assert self.formed is not None
         if self.plan.seeds == "listed":
             return plan.seed
-        whole = self.context.plan
+        plan_of_session = self.context.plan
         number = 0 if self.plan.seeds == "same" else plan.episode_in_block
-        purpose = f"team-layouts-{plan.block_name}-session-{whole.session}-{len(set(self.formed.seats) - {PERSON})}"
-        return draw_seeds(number + 1, seed=whole.study_seed, purpose=purpose, index=self.formed.index)[-1]
+        purpose = (
+            f"team-layouts-{plan.block_name}-session-{plan_of_session.session}-{len(set(self.formed.seats) - {PERSON})}"
+        )
+        return draw_seeds(number + 1, seed=plan_of_session.study_seed, purpose=purpose, index=self.formed.index)[-1]
 
     def _make_episode(self, plan: EpisodePlan) -> RunningEpisode:
         assert self.formed is not None
@@ -301,8 +303,12 @@ class TeamPlayActivity(PlayActivity):
 
     def _describe_partners(self) -> tuple[str, ...]:
         assert self.formed is not None
-        others = [holder for seat, holder in enumerate(self._holders) if seat != self.formed.seat]
-        return tuple(self.context.words[f"team.is_{who}"] for who in ("person", "agent") if who in others)
+        partners = [holder for seat, holder in enumerate(self._holders) if seat != self.formed.seat]
+        return tuple(
+            self.context.words[f"team.is_{holder_kind}"]
+            for holder_kind in ("person", "agent")
+            if holder_kind in partners
+        )
 
     def _play_screen(self) -> PlayScreen:
         words = self.context.words

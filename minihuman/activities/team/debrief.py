@@ -40,7 +40,7 @@ class DebriefActivity(Activity):
     def screen(self) -> Screen:
         """What the partners were."""
         words = self.context.words
-        were = [words[f"team.was_{who}"] for who in ("person", "agent") if who in self.context.partners]
+        were = [words[f"team.was_{holder}"] for holder in ("person", "agent") if holder in self.context.partners]
         body = "\n\n".join((*(were or [words["team.was_either"]]), words["team.withdraw"]))
         return screen_texts.build_notice_screen(words, words["team.debriefing"], body, words["go_on"])
 

@@ -71,12 +71,12 @@ class TeamEpisode(RunningEpisode):
     def poses(self) -> tuple[float, ...]:
         """Where every body stands: x, y, z and yaw_rad of each, by seat."""
         with catch_world_errors():
-            found = self.world.unwrapped.poses()
-        return tuple(value for pose in found for value in (pose.x, pose.y, pose.z, pose.yaw_rad))
+            poses = self.world.unwrapped.poses()
+        return tuple(number for pose in poses for number in (pose.x, pose.y, pose.z, pose.yaw_rad))
 
-    def record_shown(self, shown: ScreenShown) -> FrameShown:
+    def record_shown(self, screen_shown: ScreenShown) -> FrameShown:
         """Take note that a picture reached the display; a tick that waits for its joint action goes on waiting."""
-        event = super().record_shown(shown)
+        event = super().record_shown(screen_shown)
         if self.submitted is not None:
             self.next_tick_ns = None
         return event

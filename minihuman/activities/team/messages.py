@@ -93,9 +93,9 @@ class TeamMessages:
 
     def _report_latest(self) -> None:
         """Report the latest words of another."""
-        others = [message for message in self.shown.values() if message.seat != self.seat and not message.cell]
-        if others:
-            message = others[-1]
+        messages = [message for message in self.shown.values() if message.seat != self.seat and not message.cell]
+        if messages:
+            message = messages[-1]
             self._reported = message.digest
             text = f"message {message.digest} of seat {message.seat}"
             self.context.emit(Noted(self.context.now_ns, "report", text))
@@ -114,10 +114,10 @@ class TeamMessages:
 
     def show(self, message: MessageShown, play: RunningEpisode) -> None:
         """Show a message; the words of one that was shown before only come again."""
-        here = replace(message, t_ns=self.context.now_ns, episode=play.plan.episode, step=play.steps)
+        message_here = replace(message, t_ns=self.context.now_ns, episode=play.plan.episode, step=play.steps)
         if message.digest not in self.shown:
-            self.context.emit(here if message.seat == self.seat else replace(here, text=""))
-        self.shown[message.digest] = here
+            self.context.emit(message_here if message.seat == self.seat else replace(message_here, text=""))
+        self.shown[message.digest] = message_here
 
     def look(self, play: RunningEpisode | None) -> dict[str, object] | None:
         """What a page has of them; None where people neither write nor mark."""

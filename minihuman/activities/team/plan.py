@@ -43,10 +43,10 @@ class TeamPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def find_seat_agent(kind: str) -> str:
     """The agent of a seat: a registered agent with its settings, a policy file's name, or a simulated participant."""
-    what, _, name = kind.partition(":")
-    if what == SIMULATED:
+    seat_kind, _, name = kind.partition(":")
+    if seat_kind == SIMULATED:
         return kind
-    return "optimal" if what == "planner" and not name else name
+    return "optimal" if seat_kind == "planner" and not name else name
 
 
 class TeamPlayPlan(PlayPlan, frozen=True):

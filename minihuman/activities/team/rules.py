@@ -24,8 +24,8 @@ _FIELDS_OF_ONE_SEAT = ("max_episode_s", "max_block_s", "stop_criterion", "noop_a
 
 def check_block(block: TeamBlock, pool: tuple[str, ...]) -> RuleErrors:
     """Yield what is wrong with a team's block of a protocol; ``pool`` is the keys that may have an action."""
-    for field, what in check_team(block.team, pool):
-        yield f"team.{field}", what
+    for field, error in check_team(block.team, pool):
+        yield f"team.{field}", error
     seat_keys = () if block.team is None else block.team.seat_keys or ()
     for keys in seat_keys:
         if sorted(keys.values()) != sorted(block.actions):

@@ -47,8 +47,8 @@ class SliderDraft(AnswerDraft):
         """The number at the thumb."""
         if self._step is None:
             return None
-        value = round(self.question.minimum + self._step * self.question.step, 9)
-        return int(value) if value == int(value) else value
+        number = round(self.question.minimum + self._step * self.question.step, 9)
+        return int(number) if number == int(number) else number
 
     @property
     def display_text(self) -> str:
@@ -58,8 +58,8 @@ class SliderDraft(AnswerDraft):
     def widget(self) -> Slider:
         """The line and its thumb."""
         position = None if self._step is None else self._step / self._n_steps
-        shown = self.display_text if self.question.show_value else ""
-        return Slider(self.question.low, self.question.high, position, shown, min(self._n_steps, 20))
+        text = self.display_text if self.question.show_value else ""
+        return Slider(self.question.low, self.question.high, position, text, min(self._n_steps, 20))
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
         """Any place on the line."""
