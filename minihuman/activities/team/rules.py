@@ -53,8 +53,8 @@ def check_team(team: TeamPlan | None, pool: tuple[str, ...]) -> RuleErrors:
 def _check_seats(team: TeamPlan) -> RuleErrors:
     for seat in (*team.seats, team.stand_in):
         kind, _, name = seat.partition(":")
-        is_agent = kind in _AGENT_KINDS and bool(name)
-        if seat not in (PERSON, "planner") and not is_agent:
+        is_named_agent = kind in _AGENT_KINDS and bool(name)
+        if seat not in (PERSON, "planner") and not is_named_agent:
             yield "seats", f"has {seat!r}; a seat is {SEAT_GRAMMAR}"
     if team.stand_in == PERSON:
         yield "stand_in", "is 'person'; name an agent, such as 'scripted:random'"
