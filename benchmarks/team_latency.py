@@ -21,11 +21,11 @@ from pathlib import Path
 import numpy as np
 
 import minihuman
-from minihuman.experiment.activities.team_play import InputLate, JointStepped, PictureCorrected, SeatTaken
+from minihuman.activities.team.events import InputLate, JointStepped, PictureCorrected, SeatTaken
 from minihuman.experiment.machine.events import FrameShown, Stepped
 from minihuman.log.read.reader import read_segment_starts
-from tests.teams.browsers import Played, play_together
-from tests.teams.study import FOUR_ROOMS, team_study
+from tests.activities.team.browsers import Played, play_together
+from tests.activities.team.study import FOUR_ROOMS, team_study
 
 PLACE = tuple[int, int]  # episode and step
 FRAME_MS = 1000 / 60

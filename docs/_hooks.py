@@ -22,8 +22,8 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 from minihuman.cli.command_line import SECTIONS, make_command_line
-from minihuman.dataset.table_columns import TABLES
-from minihuman.experiment.activities.activity import list_built_in_kinds
+from minihuman.dataset.table_catalogue import TABLES
+from minihuman.experiment.machine.activity import list_built_in_kinds
 from minihuman.log.codec import list_activity_topics
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.topics import RARE_TOPICS, TOPICS

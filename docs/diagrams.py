@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.sax.saxutils import escape
 
-from minihuman.experiment.activities.play import PLAY_TRANSITIONS
+from minihuman.activities.play.activity import PLAY_TRANSITIONS
 from minihuman.experiment.machine.transitions import SESSION_TRANSITIONS, TransitionCause, TransitionTable
 
 BOX_PX = 128, 34

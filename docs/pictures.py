@@ -19,11 +19,13 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from minihuman.activities.correction.screens import FilmScreen
+from minihuman.activities.preferences.screens import PairScreen
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.agents.team_agents import CookAgent
 from minihuman.display.drawing.screen import compose_screen
 from minihuman.display.windows.window import VirtualClock
-from minihuman.experiment.machine.screens import FilmScreen, PairScreen, PlayScreen, Screen, TextScreen
+from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol

@@ -19,7 +19,7 @@ from minihuman.dataset.measures import playing_s
 from minihuman.dataset.selection import SelectedSession, Selection, SelectionSummary
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore, TableDatabase, has_world_columns
-from minihuman.dataset.table_columns import TABLES
+from minihuman.dataset.table_catalogue import TABLES
 from minihuman.errors import LogError, QueryError
 from minihuman.log.model.session_log import EpisodeLog as Recorded, Segment
 from minihuman.log.read.session_reader import read_log

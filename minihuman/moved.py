@@ -1,7 +1,7 @@
-"""Modules and names that have moved: each old name still works, warns, and goes with the next version.
+"""What has moved: each old name still works, warns, and goes with the next version.
 
-One finder makes an empty module for an old module's name; each attribute that is asked of it comes from the new place.
-A module that is still there and lost a name has the line ``__getattr__ = forward_moved_names(__name__)``.
+One finder makes an empty module for a module that is gone; each attribute that is asked of it comes from the new place.
+A module that is still there forwards the names that left it.
 """
 
 import sys
@@ -13,35 +13,128 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
 
+_OLD = "minihuman.experiment.activities"
+_NEW = "minihuman.activities"
 MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules among which its contents are now
+    _OLD: (_NEW,),
+    f"{_OLD}.activity": ("minihuman.experiment.machine.activity",),
+    f"{_OLD}.agent_blocks": (
+        f"{_NEW}.agent_blocks.activity",
+        f"{_NEW}.agent_blocks.events",
+        f"{_NEW}.agent_blocks.plan",
+        f"{_NEW}.agent_blocks.requests",
+        f"{_NEW}.rating.activity",
+        f"{_NEW}.rating.events",
+        f"{_NEW}.takeover.activity",
+    ),
+    f"{_OLD}.block_plans": (
+        f"{_NEW}.play.plan",
+        f"{_NEW}.agent_blocks.plan",
+        f"{_NEW}.agent_blocks.rules",
+        f"{_NEW}.team.plan",
+        f"{_NEW}.team.rules",
+        f"{_NEW}.trials.plan",
+        "minihuman.experiment.machine.bindings",
+    ),
+    f"{_OLD}.correction": (
+        f"{_NEW}.correction.activity",
+        f"{_NEW}.correction.events",
+        f"{_NEW}.correction.plan",
+        f"{_NEW}.correction.requests",
+    ),
+    f"{_OLD}.keyboard_check": (
+        f"{_NEW}.keyboard_check.activity",
+        f"{_NEW}.keyboard_check.plan",
+    ),
+    f"{_OLD}.pages": (
+        f"{_NEW}.pages.activity",
+        f"{_NEW}.pages.plan",
+        f"{_NEW}.pages.page_reader",
+    ),
+    f"{_OLD}.play": (
+        f"{_NEW}.play.activity",
+        f"{_NEW}.play.clocks",
+        f"{_NEW}.play.design",
+        f"{_NEW}.play.screens",
+        f"{_NEW}.play.tally",
+    ),
+    f"{_OLD}.preferences": (
+        f"{_NEW}.preferences.activity",
+        f"{_NEW}.preferences.events",
+        f"{_NEW}.preferences.plan",
+        f"{_NEW}.preferences.requests",
+        f"{_NEW}.episode_clips",
+    ),
+    f"{_OLD}.questions": (f"{_NEW}.questions",),
+    f"{_OLD}.questions.choice": (f"{_NEW}.questions.choice.draft",),
+    f"{_OLD}.questions.free_text": (f"{_NEW}.questions.free_text.draft",),
+    f"{_OLD}.questions.likert": (f"{_NEW}.questions.likert.draft",),
+    f"{_OLD}.questions.number": (f"{_NEW}.questions.number.draft",),
+    f"{_OLD}.questions.question": (f"{_NEW}.questions.question",),
+    f"{_OLD}.questions.questionnaire": (
+        f"{_NEW}.questions.activity",
+        f"{_NEW}.questions.plan",
+    ),
+    f"{_OLD}.questions.slider": (f"{_NEW}.questions.slider.draft",),
+    f"{_OLD}.team_messages": (
+        f"{_NEW}.team.messages",
+        f"{_NEW}.team.message_events",
+    ),
+    f"{_OLD}.team_play": (
+        f"{_NEW}.team.activity",
+        f"{_NEW}.team.debrief",
+        f"{_NEW}.team.episode",
+        f"{_NEW}.team.events",
+        f"{_NEW}.team.requests",
+    ),
+    f"{_OLD}.trial_block": (
+        f"{_NEW}.trials.activity",
+        f"{_NEW}.trials.plan",
+    ),
     "minihuman.admin.lease": ("minihuman.storage.lease", "minihuman.log.record.session_leases"),
     "minihuman.admin.remote_store": (
         "minihuman.storage.remote_store",
         "minihuman.admin.remote_logs",
         "minihuman.dataset.remote_tables",
     ),
+    "minihuman.agents.goal_search": ("minihuman.agents.search_choice",),
     "minihuman.dataset.journal": (
         "minihuman.storage.journal",
         "minihuman.storage.file_journal",
         "minihuman.storage.study_journals",
     ),
     "minihuman.dataset.journal_postgres": ("minihuman.storage.postgres_journal", "minihuman.storage.database"),
+    "minihuman.dataset.sessions": ("minihuman.dataset.included_episodes",),
+    "minihuman.dataset.table_columns": (
+        "minihuman.dataset.table_catalogue",
+        f"{_NEW}.agent_blocks.columns",
+        f"{_NEW}.correction.columns",
+        f"{_NEW}.pages.columns",
+        f"{_NEW}.play.columns",
+        f"{_NEW}.preferences.columns",
+        f"{_NEW}.questions.columns",
+        f"{_NEW}.rating.columns",
+        f"{_NEW}.team.columns",
+    ),
+    "minihuman.experiment.machine.screen_texts": (
+        f"{_NEW}.keyboard_check.screens",
+        f"{_NEW}.pages.screens",
+        f"{_NEW}.play.screens",
+        f"{_NEW}.questions.screens",
+        "minihuman.experiment.machine.points",
+    ),
+    "minihuman.experiment.machine.screens": (f"{_NEW}.correction.screens", f"{_NEW}.preferences.screens"),
+    "minihuman.experiment.machine.session": ("minihuman.experiment.pending_session",),
+    "minihuman.reporting.teaching_section": (f"{_NEW}.agent_blocks.report",),
+    "minihuman.log.activity_topics": (
+        f"{_NEW}.agent_blocks.rows",
+        f"{_NEW}.correction.rows",
+        f"{_NEW}.preferences.rows",
+        f"{_NEW}.rating.rows",
+        f"{_NEW}.team.rows",
+    ),
     "minihuman.log.system": ("minihuman.storage.system", "minihuman.storage.durable_files"),
-}
-MOVED_NAMES: dict[str, dict[str, str]] = {  # a module that is still there -> a name that it had -> where that is now
-    "minihuman.agents.goal_search": {
-        "build_kitchen_search": "minihuman.agents.search_choice",
-        "build_search": "minihuman.agents.search_choice",
-    },
-    "minihuman.dataset.sessions": {
-        "IncludedEpisode": "minihuman.dataset.included_episodes",
-        "IncludedEpisodes": "minihuman.dataset.included_episodes",
-    },
-    "minihuman.operating_system": {
-        "hash_file": "minihuman.storage.durable_files",
-        "replace_durably": "minihuman.storage.durable_files",
-        "write_atomically": "minihuman.storage.durable_files",
-    },
+    "minihuman.operating_system": ("minihuman.storage.durable_files",),
 }
 
 
@@ -58,19 +151,33 @@ def find_moved(old_module: str, name: str) -> tuple[str, Any]:
     raise AttributeError(f"module {old_module!r} has no attribute {name!r}")
 
 
+def _get_moved(old_module: str, name: str) -> Any:
+    """Get what an old name stands for, with a warning to the caller of the module's ``__getattr__``."""
+    if name.startswith("__"):  # the import system looks for some
+        raise AttributeError(f"module {old_module!r} has no attribute {name!r}")
+    new_module, contents = find_moved(old_module, name)
+    warnings.warn(
+        f"{old_module}.{name} is now {new_module}.{name}; the old name goes with the next version",
+        DeprecationWarning,
+        stacklevel=3,
+    )
+    return contents
+
+
+def forward_names(module: str) -> Callable[[str], Any]:
+    """Make the ``__getattr__`` of a module that some names have left."""
+
+    def get(name: str) -> Any:
+        return _get_moved(module, name)
+
+    return get
+
+
 class _MovedModule(ModuleType):
     """A module without contents of its own."""
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):  # the import system looks for some
-            raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
-        new_module, contents = find_moved(self.__name__, name)
-        warnings.warn(
-            f"{self.__name__}.{name} is now {new_module}.{name}; the old name goes with the next version",
-            DeprecationWarning,
-            stacklevel=2,
-        )
-        return contents
+        return _get_moved(self.__name__, name)
 
 
 class _MovedLoader(Loader):
@@ -99,21 +206,3 @@ def support_old_names() -> None:
     """Let the import system find the old names."""
     if not any(isinstance(finder, MovedModuleFinder) for finder in sys.meta_path):
         sys.meta_path.append(MovedModuleFinder())
-
-
-def forward_moved_names(old_module: str) -> Callable[[str], Any]:
-    """Return a ``__getattr__`` for a module that finds the names that it lost."""
-    new_modules = MOVED_NAMES[old_module]
-
-    def find_moved_name(name: str) -> Any:
-        if name not in new_modules:
-            raise AttributeError(f"module {old_module!r} has no attribute {name!r}")
-        new_name = f"{new_modules[name]}.{name}"
-        warnings.warn(
-            f"{old_module}.{name} is now {new_name}; the old name goes with the next version",
-            DeprecationWarning,
-            stacklevel=2,
-        )
-        return getattr(import_module(new_modules[name]), name)
-
-    return find_moved_name

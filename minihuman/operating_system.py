@@ -18,7 +18,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from minihuman.errors import name_file_in_errors
-from minihuman.moved import forward_moved_names
+from minihuman.moved import forward_names
 
 if sys.platform == "win32":
     import _winapi
@@ -375,4 +375,4 @@ def exit_when_terminated() -> None:
 
 
 if not TYPE_CHECKING:
-    __getattr__ = forward_moved_names(__name__)
+    __getattr__ = forward_names(__name__)

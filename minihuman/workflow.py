@@ -347,7 +347,8 @@ def _verify_tables(study: Path, outputs: Iterable[Path]) -> Iterator[tuple[str, 
     from minihuman.admin.session_index import compare_index
     from minihuman.dataset.sessions import StudySessions
     from minihuman.dataset.store import StudyStore
-    from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, TABLES
+    from minihuman.dataset.table_catalogue import TABLES
+    from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
     from minihuman.dataset.table_files import compare_cache, compare_pages, compare_table_files, write_tables
     from minihuman.log.paths import require_folder
     from minihuman.reporting.build import build_report

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.experiment.activities.activity import find_kind
-from minihuman.experiment.activities.questions.question import find_question_kind
+from minihuman.activities.questions.question import find_question_kind
+from minihuman.experiment.machine.activity import find_kind
 
 EXTENDING = (Path(__file__).parents[1] / "docs" / "extending.md").read_text(encoding="utf-8")
 PARTS = {"questions": ["affect-grid = a_lab:AFFECT_GRID"], "activities": ["tapping = a_lab:TAPPING"]}

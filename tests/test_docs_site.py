@@ -12,8 +12,8 @@ from PIL import Image
 import minihuman
 from minihuman import ext, testing
 from minihuman.cli.command_line import SECTIONS
-from minihuman.dataset.table_columns import TABLES
-from minihuman.experiment.activities.activity import list_built_in_kinds
+from minihuman.dataset.table_catalogue import TABLES
+from minihuman.experiment.machine.activity import list_built_in_kinds
 from minihuman.experiment.protocol.protocol import build_json_schema, list_protocol_tables
 from minihuman.log.codec import list_activity_topics
 from minihuman.log.topics import RARE_TOPICS, TOPICS

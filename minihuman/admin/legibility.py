@@ -5,16 +5,16 @@ from typing import Any
 
 import msgspec
 
+from minihuman.activities.pages.plan import PagePlan
+from minihuman.activities.play.plan import PlayPlan
+from minihuman.activities.questions.plan import QuestionsPlan
+from minihuman.activities.questions.question import build_draft
+from minihuman.activities.questions.screens import build_question_screen, build_wrong_answer_screen
 from minihuman.display.drawing.questions import question_fits
 from minihuman.display.drawing.text_screens import text_fits
 from minihuman.display.shaping import measure_width_px
 from minihuman.display.typefaces import TypefaceSet, find_installed_typeface, select_typefaces, user_font_folder
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.block_plans import PlayPlan
-from minihuman.experiment.activities.pages import PagePlan
-from minihuman.experiment.activities.questions.question import build_draft
-from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
-from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.screens import TextScreen
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.plan.expansion import assign_slot, expand_protocol, format_participant_code
@@ -116,13 +116,11 @@ def _too_long(part: PlannedPart, words: InterfaceWords, faces: TypefaceSet) -> I
             if not text_fits(TextScreen(words["rest.title"], play.rest, "", locale=words.locale), NARROWEST_SCREEN_PX):
                 yield f"{part.name}, rest: {_does_not_fit(play.rest)}"
         case QuestionsPlan() as asked:
-            if not text_fits(screen_texts.build_wrong_answer_screen(words, asked.wrong), NARROWEST_SCREEN_PX):
+            if not text_fits(build_wrong_answer_screen(words, asked.wrong), NARROWEST_SCREEN_PX):
                 yield f"{part.name}, wrong: {_does_not_fit(asked.wrong)}"
             for item in asked.items:
                 draft = build_draft(item, rtl=words.rtl)
-                empty: Any = screen_texts.build_question_screen(
-                    words, title="", draft=draft, number=0, count=1, note=""
-                )
+                empty: Any = build_question_screen(words, title="", draft=draft, number=0, count=1, note="")
                 if not question_fits(empty, NARROWEST_SCREEN_PX):
                     yield f"{part.name}, question {item.name!r}: {_does_not_fit(item.ask)}"
     for title in _titles(part):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import msgspec
 
+from minihuman.activities.play.plan import PlayPlan
 from minihuman.admin.enrolment_entries import (
     NO_NOTE,
     AuditNote,
@@ -20,7 +21,6 @@ from minihuman.admin.manifest import record_missing_heads
 from minihuman.admin.session_index import read_session_index
 from minihuman.admin.session_summary import SessionSummary
 from minihuman.errors import AllocationError
-from minihuman.experiment.activities.block_plans import PlayPlan
 from minihuman.experiment.machine.events import FINAL_END_REASONS, Answered, EpisodesSkipped, PartEnded, Scored
 from minihuman.experiment.machine.part_sequence import is_only_closing_left
 from minihuman.experiment.plan.designs import PlayedEpisode

@@ -11,7 +11,7 @@ from minihuman.admin.recruitment import Recruitment
 from minihuman.admin.session_index import read_session_index
 from minihuman.errors import AllocationError, LogError
 from minihuman.experiment.machine.events import Scored
-from minihuman.experiment.machine.screen_texts import compute_bonus
+from minihuman.experiment.machine.points import compute_bonus
 from minihuman.log.read.session_reader import read_log
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from minihuman.agents.agent import BaseAgent, is_registered_agent, make_agent, make_policy_agent
 from minihuman.errors import LogError, MinihumanError
-from minihuman.experiment.activities.activity import WorldFactory
+from minihuman.experiment.machine.activity import WorldFactory
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 from minihuman.log.model.teaching_events import NO_ADVICE, TeachingRecord
 from minihuman.log.paths import study_folder

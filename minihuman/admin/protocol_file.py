@@ -20,9 +20,10 @@ from typing import Any
 import msgspec
 from PIL import Image
 
+from minihuman.activities.agent_blocks.plan import LATEST_POLICY
+from minihuman.activities.team.plan import SIMULATED
 from minihuman.agents.agent import is_registered_agent, make_policy_agent
 from minihuman.errors import MinihumanError, ProtocolError
-from minihuman.experiment.activities.block_plans import LATEST_POLICY, SIMULATED
 from minihuman.experiment.keys import DIGITS, assign_usual_keys, find_noop, find_period_ms
 from minihuman.experiment.plan.trials import list_images, read_table
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol, list_old_names

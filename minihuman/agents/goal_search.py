@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import SimulationError
-from minihuman.moved import forward_moved_names
+from minihuman.moved import forward_names
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.first_person.layouts.one_room import GoalEnv
 from minihuman.worlds.inside.env import GridFromInside
@@ -149,4 +149,4 @@ class RoomSearch(GoalSearch):
 
 
 if not TYPE_CHECKING:
-    __getattr__ = forward_moved_names(__name__)
+    __getattr__ = forward_names(__name__)

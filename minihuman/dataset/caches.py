@@ -156,6 +156,15 @@ def _digest_ends(file: str | Path, size: int) -> str:
 
 
 @cache
+def digest_files(paths: tuple[Path, ...]) -> str:
+    """Digest the contents of files."""
+    digest = blake2b(digest_size=8)
+    for path in paths:
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+@cache
 def digest_sources(*packages: str) -> str:
     """Digest the code of packages ("log/model"), without those below them; of none, all of minihuman's."""
     root, digest = Path(minihuman.__file__).parent, blake2b(digest_size=8)

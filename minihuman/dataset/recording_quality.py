@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.experiment.activities.block_plans import PlayPlan
+from minihuman.activities.play.plan import PlayPlan
 from minihuman.experiment.machine.events import Noted
 from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan
 from minihuman.experiment.protocol.protocol import decode_logged_protocol

@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from minihuman.dataset.log_files import read_withdrawn_codes
-from minihuman.dataset.table_columns import TablePartition
+from minihuman.dataset.table_catalogue import TablePartition
 from minihuman.errors import LogError
 from minihuman.storage.remote_store import (
     TABLES_URL_FILE_NAME,

@@ -13,19 +13,24 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from minihuman.dataset.table_columns import TABLES, table_key_name
+from minihuman.dataset.table_catalogue import TABLES, TableSet, list_tables
+from minihuman.dataset.table_columns import table_key_name
 from minihuman.log.model.event_columns import CategoricalTexts
 
 _ARROW = {"text": pa.string(), "key": pa.string(), "integer": pa.int64(), "number": pa.float64(), "boolean": pa.bool_()}
 
 
-@cache
 def arrow_schema(table: str, *, without: frozenset[str] = frozenset()) -> pa.Schema:
     """The table's Arrow schema, some columns excluded, each field with its unit and meaning as metadata."""
+    return _build_schema(list_tables(), table, without)
+
+
+@cache
+def _build_schema(tables: TableSet, table: str, without: frozenset[str]) -> pa.Schema:
     return pa.schema(
         [
             pa.field(column.name, _ARROW[column.kind], metadata={"unit": column.unit, "meaning": column.meaning})
-            for column in TABLES[table]
+            for column in tables.columns[table]
             if column.name not in without
         ]
     )

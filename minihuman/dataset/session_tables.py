@@ -4,50 +4,42 @@ Stored observations are no rows; exporters read them.
 """
 
 import json
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
 import numpy as np
 
+from minihuman.dataset.activity_tables import ActivityTable, TableRow, list_activity_tables, list_tables_of_topics
 from minihuman.dataset.annotations import Annotation
+from minihuman.dataset.episode_columns import compute_episode_columns
 from minihuman.dataset.measures import KeyTally, response_ms, summarize_key_use, visible_effect
 from minihuman.dataset.rows import RowBatch, SessionTables
 from minihuman.dataset.selection import SelectedSession, find_practice_blocks, format_version, summarize_session
 from minihuman.dataset.session_measures import MeasureRow, SessionMeasures, locate_episode
+from minihuman.dataset.table_columns import LINKS, MODEL_CALLS, OTHER_INPUTS, PARTS
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.agent_blocks import Advised, ControlChanged, LearnerAsked, PolicyGiven, Rated
-from minihuman.experiment.activities.correction import CorrectionBegun
-from minihuman.experiment.activities.preferences import Preferred
-from minihuman.experiment.activities.team_play import JointStepped
 from minihuman.experiment.machine.events import (
-    AnswerChanged,
-    Answered,
     AxisMoved,
-    ClauseDone,
-    DesignDecided,
-    EpisodesSkipped,
     Linked,
     ModelCall,
-    PageShown,
     PartEnded,
     PartStarted,
     Paused,
     PointerUsed,
     Resumed,
     Sampled,
-    Scored,
     TextTyped,
 )
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.protocol.protocol import decode_logged_protocol
-from minihuman.log import activity_topics, topics
+from minihuman.log import topics
 from minihuman.log.model.event_columns import NO_ACTION, CategoricalTexts
-from minihuman.log.model.session_log import EpisodeLog, PartEvent, Segment, SegmentNote, SessionLog
+from minihuman.log.model.session_log import EpisodeLog, Segment, SegmentNote, SessionLog
 
 SessionKey = Mapping[str, Any]  # the columns that all rows of a session share
-_TableRow = dict[str, Any]
+RowMaker = Callable[[Any, SessionLog], TableRow | None]
 _TABLE_BUILDERS = ("segments", "plan", "starts", "frames", "other_presses", "notes", "samples", "marks")
 
 
@@ -85,7 +77,7 @@ def build_context_rows(
     }
 
 
-def _segment(segment: Segment, log: SessionLog) -> _TableRow:
+def _segment(segment: Segment, log: SessionLog) -> TableRow:
     plan = log.plan
     return {
         "segment": segment.number,
@@ -111,7 +103,7 @@ def _segment(segment: Segment, log: SessionLog) -> _TableRow:
     }
 
 
-def _planned(plan: EpisodePlan, attempts: int) -> _TableRow:
+def _planned(plan: EpisodePlan, attempts: int) -> TableRow:
     return {
         "block": plan.block_name,
         "episode": plan.episode + 1,
@@ -135,7 +127,7 @@ def _planned(plan: EpisodePlan, attempts: int) -> _TableRow:
     }
 
 
-def _place(episode: EpisodeLog) -> _TableRow:
+def _place(episode: EpisodeLog) -> TableRow:
     return {
         "block": episode.plan.block_name,
         "segment": episode.segment,
@@ -144,7 +136,7 @@ def _place(episode: EpisodeLog) -> _TableRow:
     }
 
 
-def _start(episode: EpisodeLog) -> _TableRow:
+def _start(episode: EpisodeLog) -> TableRow:
     x, _, z, yaw_rad = (None if np.isnan(value) else float(value) for value in episode.poses[0])
     floor = episode.start.map
     return {
@@ -178,7 +170,7 @@ def _other_presses(segment: Segment, episodes: Sequence[EpisodeLog]) -> RowBatch
     return RowBatch(len(rows), {"segment": segment.number} | columns)
 
 
-def _note(note: SegmentNote) -> _TableRow:
+def _note(note: SegmentNote) -> TableRow:
     match note:
         case Paused():
             return {"t_ns": note.t_ns, "kind": "pause", "note": note.reason}
@@ -187,7 +179,7 @@ def _note(note: SegmentNote) -> _TableRow:
     return {"t_ns": note.t_ns, "kind": note.kind, "note": note.text}
 
 
-def _sample(sampled: Sampled, channels: Mapping[str, Sequence[str]]) -> list[_TableRow]:
+def _sample(sampled: Sampled, channels: Mapping[str, Sequence[str]]) -> list[TableRow]:
     """A row a number; one without a number where there is none."""
     names = channels.get(sampled.device, ())
     shared = {"t_ns": sampled.t_ns, "device": sampled.device, "said": sampled.text}
@@ -213,235 +205,78 @@ def _json(value: Any) -> str:
     return json.dumps(value, sort_keys=True)
 
 
-_ActivityRow = dict[str, Any]
 _MS = 1e-6
 
 
 def build_activity_rows(log: SessionLog, who: Mapping[str, Any], *, wanted: bool = True) -> dict[str, RowBatch]:
-    """The rows of these tables, none where the session is not wanted."""
-    found: dict[str, list[_ActivityRow]] = {table: [] for table in _MAKERS}
+    """The rows of the tables that events fill, none where the session is not wanted."""
+    tables = [table for table in (*_EVENT_TABLES, *list_activity_tables()) if table.episode_row is None]
+    makers = defaultdict[type, list[tuple[str, RowMaker]]](list)  # by the class of an event
+    for table in tables:
+        for event_type, maker in table.event_rows.items():
+            makers[event_type].append((table.name, maker))
+    rows: dict[str, list[TableRow]] = {table.name: [] for table in tables}
     for segment in log.segments if wanted else ():
         for event in segment.part_events:
-            for table, make in _MAKERS.items():
+            for name, make in makers.get(type(event), ()):
                 row = make(event, log)
                 if row is not None:
-                    found[table].append({**who, "segment": segment.number, "t_ns": event.t_ns, **row})
-    return {table: RowBatch.of(rows) for table, rows in found.items()}
+                    rows[name].append({**who, "segment": segment.number, "t_ns": event.t_ns, **row})
+    return {name: RowBatch.of(batch) for name, batch in rows.items()}
 
 
-def _answer(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
-    if not isinstance(event, Answered):
-        return None
-    value = json.loads(event.value)
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    told = value if isinstance(value, str) else "" if value is None else json.dumps(value, ensure_ascii=False)
+def build_episode_rows(episodes: Sequence[EpisodeLog], who: SessionKey) -> dict[str, RowBatch]:
+    """The rows of the tables that a kind of activity fills from episodes."""
     return {
-        "part": event.part + 1,
-        "questions": event.part_name,
-        "item": event.item,
-        "kind": event.kind,
-        "attempt": event.attempt,
-        "answer": told,
-        "number": float(value) if is_number else None,
-        "said": event.words,
-        "right": event.right,
-        "shown_ns": event.shown_ns or None,
-        "first_ms": (event.first_ns - event.shown_ns) * _MS if event.first_ns and event.shown_ns else None,
-        "answer_ms": (event.t_ns - event.shown_ns) * _MS if event.shown_ns else None,
-        "changes": event.changes,
+        table.name: RowBatch.of(list(_episode_rows(table, episodes, who)))
+        for table in list_activity_tables()
+        if table.episode_row is not None
     }
 
 
-def _change(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
-    if not isinstance(event, AnswerChanged):
-        return None
-    return {"part": event.part + 1, "item": event.item, "answer": event.value}
+def _episode_rows(table: ActivityTable, episodes: Sequence[EpisodeLog], who: SessionKey) -> Iterator[TableRow]:
+    assert table.episode_row is not None
+    for episode in episodes:
+        row = table.episode_row(episode)
+        if row is not None:
+            yield {**who, **locate_episode(episode), **row}
 
 
-def _part(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
-    match event:
-        case PartStarted():
-            return {"part": event.part + 1, "what": "started", "kind": event.kind, "name": event.name, "next": None}
-        case PartEnded():
-            its = log.plan.parts[event.part]
-            return {
-                "part": event.part + 1,
-                "what": event.end,
-                "kind": its.kind,
-                "name": its.name,
-                "next": event.next + 1,
-            }
-    return None
+def _build_start_row(event: PartStarted, log: SessionLog) -> TableRow:
+    return {"part": event.part + 1, "what": "started", "kind": event.kind, "name": event.name, "next": None}
 
 
-def _page(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
-    if not isinstance(event, PageShown):
-        return None
-    name = log.plan.parts[event.part].name
-    times = {"submit_ns": event.submit_ns, "flip_ns": event.flip_ns}
-    return {"part": event.part + 1, "name": name, "page": event.page, "pages": event.pages, **times}
+def _build_end_row(event: PartEnded, log: SessionLog) -> TableRow:
+    part = log.plan.parts[event.part]
+    return {"part": event.part + 1, "what": event.end, "kind": part.kind, "name": part.name, "next": event.next + 1}
 
 
-def _points(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
-    match event:
-        case Scored():
-            return {
-                "episode": event.episode + 1,
-                "points": event.points,
-                "total": event.total,
-                "skipped": None,
-                "why": "",
-            }
-        case EpisodesSkipped():
-            return {
-                "episode": event.first + 1,
-                "points": None,
-                "total": None,
-                "skipped": event.count,
-                "why": event.reason,
-            }
-    return None
+def _build_text_row(event: TextTyped, log: SessionLog) -> TableRow:
+    return {"what": "typed", "text": event.text, "target": "", "x": None, "y": None, "along": None}
 
 
-def _subgoal(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
-    if not isinstance(event, ClauseDone):
-        return None
-    return {"episode": event.episode + 1, "step": event.step, "clause": event.clause + 1, "text": event.text}
+def _build_pointer_row(event: PointerUsed, log: SessionLog) -> TableRow:
+    return {
+        "what": event.what,
+        "text": "",
+        "target": event.target,
+        "x": event.x,
+        "y": event.y,
+        "along": event.along,
+    }
 
 
-def _input(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
-    match event:
-        case TextTyped():
-            return {"what": "typed", "text": event.text, "target": "", "x": None, "y": None, "along": None}
-        case PointerUsed():
-            place = {"x": event.x, "y": event.y, "along": event.along}
-            return {"what": event.what, "text": "", "target": event.target, **place}
-        case AxisMoved():
-            axis = {"what": "axis", "text": "", "target": event.axis, "along": event.value}
-            return {**axis, "x": None, "y": None}
-    return None
+def _build_axis_row(event: AxisMoved, log: SessionLog) -> TableRow:
+    return {"what": "axis", "text": "", "target": event.axis, "along": event.value, "x": None, "y": None}
 
 
-def _link(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
-    if not isinstance(event, Linked):
-        return None
+def _build_link_row(event: Linked, log: SessionLog) -> TableRow:
     return {
         "offset_ms": event.offset_ns * _MS,
         "error_ms": event.error_ns * _MS,
         "rtt_ms": event.rtt_ns * _MS,
         "least_rtt_ms": event.least_rtt_ns * _MS,
         "drift_ppm": event.drift_ppm,
-    }
-
-
-def _policy(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
-    match event:
-        case LearnerAsked():
-            its = {"what": "asked", "policy": "", "failure": ""}
-        case PolicyGiven():
-            its = {"what": "failed" if event.failure else "given", "policy": event.policy, "failure": event.failure}
-        case _:
-            return None
-    return {"part": event.part + 1, "episode": event.episode + 1, **its}
-
-
-def _advice(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
-    if not isinstance(event, Advised):
-        return None
-    said = json.dumps([round(chance, 9) for chance in event.probabilities])
-    return {"episode": event.episode + 1, "step": event.step, "policy_action": event.action, "probabilities": said}
-
-
-def _control(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
-    if not isinstance(event, ControlChanged):
-        return None
-    its = {"who": event.who, "reason": event.reason, "pressed_ns": event.pressed_ns}
-    return {"episode": event.episode + 1, "step": event.step, **its}
-
-
-def _rating(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
-    if not isinstance(event, Rated):
-        return None
-    its = {"value": event.value, "pressed_ns": event.pressed_ns}
-    return {"episode": event.episode + 1, "step": event.step, **its}
-
-
-def _correction(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
-    if not isinstance(event, CorrectionBegun):
-        return None
-    found = next((its for its in log.corrections if its.part == event.part and its.t_ns[0] == event.t_ns), None)
-    if found is None:
-        return None
-    return {
-        "part": event.part + 1,
-        "correction": event.correction + 1,
-        "episode": event.episode + 1,
-        "attempt": event.attempt,
-        "step": event.step,
-        "steps": len(found.actions),
-        "outcome": found.outcome,
-        "actions": json.dumps(found.actions.tolist()),
-        "key_t_ns": json.dumps(found.key_t_ns.tolist()),
-    }
-
-
-def _preference(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
-    if not isinstance(event, Preferred):
-        return None
-    compared = next((its for its in log.comparisons if its.preference is event), None)
-    if compared is None:
-        return None
-    sides = {
-        f"{side}_{name}": value
-        for side, stretch in (("left", compared.left), ("right", compared.right))
-        for name, value in (
-            ("episode", stretch.episode + 1),
-            ("attempt", stretch.attempt),
-            ("first", stretch.first),
-            ("last", stretch.last),
-        )
-    }
-    return {
-        "part": event.part + 1,
-        "pair": event.pair + 1,
-        **sides,
-        "answer": event.answer,
-        "shown_ns": event.shown_ns or None,
-        "answer_ms": compared.answer_ms if event.shown_ns else None,
-        "replays": event.replays,
-    }
-
-
-def _joint_step(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
-    if not isinstance(event, JointStepped):
-        return None
-    lists = {name: json.dumps(list(getattr(event, name))) for name in ("actions", "rewards", "sources")}
-    return {"episode": event.episode + 1, "step": event.step, **lists}
-
-
-def build_team_row(episode: EpisodeLog, who: SessionKey) -> _TableRow | None:
-    """The row of an episode that a team played; None for one that one body played."""
-    team = episode.team
-    if team is None:
-        return None
-    return {
-        **who,
-        **locate_episode(episode),
-        "team": team.team,
-        "team_index": team.index + 1,
-        "seat": team.seat,
-        "role": team.role,
-        "partner": team.partner,
-        "seats": _json(team.seats),
-        "outcome": episode.outcome_word,
-        "joint_steps": len(team.actions),
-        "team_reward": float(team.rewards.mean(axis=1).sum()),
-        "late": team.late,
-        "idled": sum(row[team.seat] == "late" for row in team.sources),
-        "corrected": team.corrected,
-        "takeovers": team.takeovers,
-        "agent_steps": sum(any(row[seat] == "agent" for seat in team.persons) for row in team.sources),
-        "digest": f"{team.digest:016x}",
     }
 
 
@@ -452,48 +287,22 @@ _CALL_FIELDS = (
 )
 
 
-def _model_call(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
-    if not isinstance(event, ModelCall) or event.state == "asked":
+def _build_call_row(event: ModelCall, log: SessionLog) -> TableRow | None:
+    if event.state == "asked":
         return None
     return {"episode": event.episode + 1, **{name: getattr(event, name) for name in _CALL_FIELDS}}
 
 
-def _decision(event: PartEvent, log: SessionLog) -> _ActivityRow | None:
-    if not isinstance(event, DesignDecided):
-        return None
-    return {
-        "part": event.part + 1,
-        "block": log.plan.parts[event.part].name,
-        "episode": event.episode + 1,
-        "design": event.design,
-        "design_version": event.version,
-        "options": _json(event.options),
-        "seed": event.seed,
-        "stop": event.stop,
-        "estimates": _json(event.estimates),
-        "posterior": f"{event.posterior:016x}",
-    }
-
-
-_MAKERS: Mapping[str, Callable[[PartEvent, SessionLog], _ActivityRow | None]] = {
-    "answers": _answer,
-    "answer_changes": _change,
-    "parts": _part,
-    "pages": _page,
-    "points": _points,
-    "clauses": _subgoal,
-    "other_inputs": _input,
-    "links": _link,
-    "model_calls": _model_call,
-    "policies": _policy,
-    "advice": _advice,
-    "controls": _control,
-    "ratings": _rating,
-    "corrections": _correction,
-    "preferences": _preference,
-    "joint_steps": _joint_step,
-    "decisions": _decision,
-}
+_EVENT_TABLES = (
+    ActivityTable("parts", PARTS, {PartStarted: _build_start_row, PartEnded: _build_end_row}),
+    ActivityTable(
+        "other_inputs",
+        OTHER_INPUTS,
+        {TextTyped: _build_text_row, PointerUsed: _build_pointer_row, AxisMoved: _build_axis_row},
+    ),
+    ActivityTable("links", LINKS, {Linked: _build_link_row}),
+    ActivityTable("model_calls", MODEL_CALLS, {ModelCall: _build_call_row}),
+)
 
 NO_EPISODE_INCLUDED = "no episode counts"
 
@@ -517,6 +326,7 @@ def build_session_tables(counted: SelectedSession, measured: SessionMeasures) ->
     episodes = [
         who
         | measured.rows[at]
+        | compute_episode_columns(log.episodes[at])
         | {
             "tags": " ".join(sorted(counted.tags[at])),
             "exclusion_reason": counted.session_reason or counted.reasons[at],
@@ -545,10 +355,10 @@ def build_session_tables(counted: SelectedSession, measured: SessionMeasures) ->
             "episodes": RowBatch.of(episodes),
             "blocks": RowBatch.of(blocks),
             "participants": RowBatch.of([participant] if counted.wanted else []),
-            "teams": RowBatch.of([its for one in played if (its := build_team_row(one, who)) is not None]),
         }
         | build_context_rows(log, played, who, counted.marks, wanted=counted.wanted)
         | build_activity_rows(log, who, wanted=counted.wanted)
+        | build_episode_rows(played, who)
     )
 
 
@@ -609,7 +419,7 @@ def _keys(tallies: Sequence[KeyTally]) -> list[MeasureRow]:
     ]
 
 
-TABLES_OF_TOPIC = {
+_TABLES_OF_TOPIC = {
     topics.PLAN: ("plan", "segments"),
     topics.NOTE: ("notes",),
     topics.PAUSE: ("notes",),
@@ -621,36 +431,18 @@ TABLES_OF_TOPIC = {
     topics.SAMPLE: ("samples",),
     topics.EPISODE_END: ("episodes",),
     topics.SESSION_END: ("segments",),
-    topics.ANSWER: ("answers",),
-    topics.ANSWER_CHANGE: ("answer_changes",),
     topics.PART: ("parts",),
     topics.PART_END: ("parts",),
-    topics.PAGE: ("pages",),
-    topics.POINTS: ("points",),
-    topics.CLAUSE: ("clauses",),
-    topics.SKIP: ("points",),
     topics.TEXT: ("other_inputs",),
     topics.POINTER: ("other_inputs",),
     topics.AXIS: ("other_inputs",),
     topics.LINK: ("links",),
     topics.MODEL_CALL: ("model_calls",),
-    topics.DESIGN: ("decisions",),
-    activity_topics.POLICY_TOPIC: ("policies",),
-    activity_topics.LEARNER_REQUEST_TOPIC: ("policies",),
-    activity_topics.ADVICE_TOPIC: ("advice",),
-    activity_topics.CONTROL_TOPIC: ("controls",),
-    activity_topics.RATING_TOPIC: ("ratings",),
-    activity_topics.TEAM_TOPIC: ("teams",),
-    activity_topics.JOINT_STEP_TOPIC: ("joint_steps", "teams"),
     "/team/ready": ("parts",),
-    "/team/corrected": ("teams",),
-    "/team/late": ("teams",),
-    "/team/seat": ("teams",),
     "/team/end": ("points",),
-    activity_topics.CORRECTION_EPISODE_TOPIC: ("corrections",),
-    activity_topics.CORRECTION_TOPIC: ("corrections",),
-    activity_topics.CORRECTION_STEP_TOPIC: ("corrections",),
-    activity_topics.CORRECTION_END_TOPIC: ("corrections",),
-    activity_topics.PREFERENCE_CLIP_TOPIC: ("preferences",),
-    activity_topics.PREFERENCE_TOPIC: ("preferences",),
 }
+
+
+def find_tables_of_topics() -> dict[str, tuple[str, ...]]:
+    """Find the tables that have the contents of each topic of a log."""
+    return _TABLES_OF_TOPIC | list_tables_of_topics()

@@ -13,7 +13,7 @@ from minihuman.dataset.session_measures import SessionMeasures
 from minihuman.errors import LogError
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
-from minihuman.moved import forward_moved_names
+from minihuman.moved import forward_names
 
 if TYPE_CHECKING:
     from minihuman.dataset.rows import SessionTables
@@ -198,4 +198,4 @@ def _account(counted: SelectedSession) -> SelectionSummary:
 
 
 if not TYPE_CHECKING:
-    __getattr__ = forward_moved_names(__name__)
+    __getattr__ = forward_names(__name__)

@@ -31,6 +31,7 @@ import pyarrow as pa
 import pyarrow.csv
 
 import minihuman
+from minihuman.dataset.activity_tables import list_table_sources
 from minihuman.dataset.annotations import annotations_path
 from minihuman.dataset.caches import (
     CACHE_SETTINGS,
@@ -40,6 +41,7 @@ from minihuman.dataset.caches import (
     connect_cache,
     describe_cache,
     describe_file,
+    digest_files,
     digest_sources,
     is_same_content,
     read_checked,
@@ -59,7 +61,8 @@ from minihuman.dataset.rows import RowBatch, SessionTables, arrow_columns, arrow
 from minihuman.dataset.selection import Selection, SelectionSummary, find_practice_blocks
 from minihuman.dataset.session_measures import average_path_measures, compare_with_shortest_path, find_layout_bounds
 from minihuman.dataset.sessions import SessionRows, StudySessions, read_session_rows
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EPISODE_TABLES, TABLES, use_current_columns
+from minihuman.dataset.table_catalogue import TABLES, is_episode_table
+from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, use_current_columns
 from minihuman.errors import LogError, QueryError
 from minihuman.log.salvage.summary_section import read_first_metadata
 
@@ -77,7 +80,7 @@ _MAX_OPENINGS = 5  # to look, to write, to read; another command may write meanw
 _SESSIONS_PER_COMMIT = 384  # what is left of a piece of the file is written once more then
 _ROWS_PER_INSERT = 50_000  # of a table; fewer are slower, more take more memory
 _READING = frozenset(f"StatementType.{name}" for name in ("SELECT", "EXPLAIN", "PRAGMA", "MULTI"))  # MULTI: PIVOT
-_MAKERS = ("dataset", "log/model")  # the packages whose code makes the rows
+_MAKERS = ("dataset", "log/model")  # the packages whose code makes the rows, beside the modules of activities' tables
 _ROW_DIGESTS = pa.schema([("log", pa.int32()), ("row_digests", pa.list_(pa.uint64()))])
 _COUNTED_BY = ("episodes", "participants")  # the tables whose exclusion reasons say what counts in all others
 _PLANNED = {
@@ -318,7 +321,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         found = f"FROM kept.{name}"
         if counting and "exclusion_reason" in arrow_schema(name).names:
             found += f" SEMI JOIN (SELECT log, row FROM kept.{name} WHERE exclusion_reason IS NULL) USING (log, row)"
-        elif counting and name in EPISODE_TABLES:
+        elif counting and is_episode_table(name):
             theirs = "SELECT log, episode, attempt FROM kept.episodes WHERE exclusion_reason IS NULL"
             found += f" SEMI JOIN ({theirs}) USING (log, episode, attempt)"
         elif counting:
@@ -451,7 +454,8 @@ def _one(batches: list[pa.RecordBatch]) -> pa.RecordBatch:
 
 def software_digest() -> str:
     """What makes the rows: other code makes others, so a file made by it is not gone on with."""
-    return f"{minihuman.__version__} duckdb {duckdb.__version__} {digest_sources(*_MAKERS)}"
+    sources = f"{digest_sources(*_MAKERS)} {digest_files(list_table_sources())}"
+    return f"{minihuman.__version__} duckdb {duckdb.__version__} {sources}"
 
 
 class CachedSession(msgspec.Struct, frozen=True):
@@ -507,14 +511,14 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         sessions: StudySessions,
         *,
         with_shortest: bool,
-        tables: Collection[str] = tuple(TABLES),
+        tables: Collection[str] | None = None,
         with_account: bool = True,
     ) -> None:
         self.kept: tuple[CachedSession, ...] = ()  # every log, in order of path
         self._keys: tuple[str, ...] = ()
         self._with_shortest = with_shortest
         self._sessions = sessions
-        self._read_tables = frozenset(tables).union(_COUNTED_BY)
+        self._read_tables = frozenset(TABLES if tables is None else tables).union(_COUNTED_BY)
         self.selection = sessions.selection
         self._temporary: tempfile.TemporaryDirectory[str] | None = None
         self._described = ""  # the file, when its rows were compared with their digests

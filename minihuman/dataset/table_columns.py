@@ -1,16 +1,14 @@
-"""Columns of every table: name, type, unit and meaning. The data dictionary is generated from this list.
+"""Columns of the tables that every session has: name, type, unit and meaning. The data dictionary is made of them.
 
-Also the tables' primary keys, the names of partitions' files, and the tables' description as a Frictionless data
-package, so that no reader has to guess a type (R, pandas, polars and DuckDB read the files without it, too). Sources:
-Data Package and Table Schema, https://specs.frictionlessdata.io. No Arrow here: importing it takes longer than
-many a command.
+Kinds of activity have further tables, in a module ``columns`` of their folder. No Arrow here: importing it takes longer
+than many a command.
 """
 
 import re
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
+
+from minihuman.moved import forward_names
 
 TableColumnType = Literal[
     "text", "key", "integer", "number", "boolean"
@@ -47,6 +45,7 @@ COLUMN_ALIASES: dict[str, str] = {  # a column's name in earlier versions -> its
     "found_all_s": "all_keys_discovered_s",
 }
 
+
 SESSION_COLUMNS = (
     TableColumn("study", "text", "", "The study's name in the protocol."),
     TableColumn(
@@ -56,6 +55,8 @@ SESSION_COLUMNS = (
     TableColumn("group", "text", "", "The group the participant was allocated to."),
     TableColumn("session", "integer", "", "The participant's session, 1 for the first."),
 )
+
+
 EPISODE_COLUMNS = (
     TableColumn("segment", "integer", "", "The session's segment: 1, and one more after each resume."),
     TableColumn(
@@ -63,13 +64,21 @@ EPISODE_COLUMNS = (
     ),
     TableColumn("attempt", "integer", "", "1, or more where an interrupted episode was begun again."),
 )
+
+
 BLOCK_COLUMNS = (TableColumn("block", "text", "", "The block's name in the protocol."),)
+
+
 EXCLUDED_COLUMN = TableColumn(
     "exclusion_reason", "text", "", "Why the statistics exclude this row; empty if they include it."
 )
+
+
 SEGMENT_COLUMN = (
     TableColumn("segment", "integer", "", "The session's segment, 1 for the first; one more after each resume."),
 )
+
+
 TIME_COLUMN = TableColumn("t_ns", "integer", "ns", "Session time: since the session's first segment began.")
 
 
@@ -119,6 +128,8 @@ STEPS = (
     TableColumn("truncated", "boolean", "", "A limit ended the episode."),
     TableColumn("action_vector", "text", "", "The action, a JSON list, where actions are vectors; else empty."),
 )
+
+
 PRESSES = (
     *SESSION_COLUMNS,
     *BLOCK_COLUMNS,
@@ -130,6 +141,8 @@ PRESSES = (
     TableColumn("action", "text", "", "The action it asked for; empty where it has none."),
     TableColumn("verdict", "text", "", "Its effect: accepted, unmapped, spare, repeat, queued, not_playing, release."),
 )
+
+
 SEGMENTS = (
     *SESSION_COLUMNS,
     *SEGMENT_COLUMN,
@@ -153,6 +166,8 @@ SEGMENTS = (
     TableColumn("consent_sha256", "text", "", "SHA-256 of the consent text; empty where there was none."),
     TableColumn("station", "text", "JSON", "The station: versions, platform, display, refresh rate."),
 )
+
+
 PLAN = (
     *SESSION_COLUMNS,
     *BLOCK_COLUMNS,
@@ -175,6 +190,8 @@ PLAN = (
     TableColumn("record_observations", "boolean", "", "Whether the log holds what was observed."),
     TableColumn("attempts", "integer", "", "How often it was begun; 0 where it was not played."),
 )
+
+
 STARTS = (
     *SESSION_COLUMNS,
     *BLOCK_COLUMNS,
@@ -188,6 +205,8 @@ STARTS = (
     TableColumn("map", "text", "JSON", "Bounds, walls and things of the floor plan."),
     TableColumn("end_ns", "integer", "ns", "Session time of the last step, or of the reset where there is none."),
 )
+
+
 FRAMES = (
     *SESSION_COLUMNS,
     *BLOCK_COLUMNS,
@@ -196,6 +215,8 @@ FRAMES = (
     TableColumn("submit_ns", "integer", "ns", "Session time at which the picture was handed over."),
     TableColumn("flip_ns", "integer", "ns", "Session time at which it was on the display."),
 )
+
+
 OTHER_PRESSES = (
     *SESSION_COLUMNS,
     *SEGMENT_COLUMN,
@@ -206,6 +227,8 @@ OTHER_PRESSES = (
     TableColumn("down", "boolean", "", "True for a press, false for a release."),
     TableColumn("verdict", "text", "", "What became of it."),
 )
+
+
 NOTES = (
     *SESSION_COLUMNS,
     *SEGMENT_COLUMN,
@@ -213,6 +236,8 @@ NOTES = (
     TableColumn("kind", "text", "", "consent, phase, focus, keyboard_check, pause, resume and others."),
     TableColumn("note", "text", "", "What was noted; of a pause its reason."),
 )
+
+
 SAMPLES = (
     *SESSION_COLUMNS,
     *SEGMENT_COLUMN,
@@ -222,6 +247,8 @@ SAMPLES = (
     TableColumn("value", "number", "", "The number, in the channel's unit."),
     TableColumn("said", "text", "", "What the device said in words."),
 )
+
+
 ANNOTATIONS = (
     *SESSION_COLUMNS,
     TableColumn(
@@ -232,75 +259,23 @@ ANNOTATIONS = (
     TableColumn("at", "text", "UTC", "When it was marked, ISO 8601."),
     TableColumn("taken_back", "boolean", "", "Whether this line undoes an earlier mark of that tag."),
 )
-_PART_COLUMN = TableColumn("part", "integer", "", "The session's part, 1 for the first.")
-ANSWERS = (
-    *SESSION_COLUMNS,
-    *SEGMENT_COLUMN,
-    _PART_COLUMN,
-    TableColumn("questions", "text", "", "The part's name in the protocol."),
-    TableColumn("item", "text", "", "The question's name in the protocol or the form."),
-    TableColumn("kind", "text", "", "likert, slider, choice, choices, number, text or long_text."),
-    TableColumn("attempt", "integer", "", "1, or more where the questions were asked again."),
-    TableColumn("t_ns", "integer", "ns", "When the answer was given, session time."),
-    TableColumn("answer", "text", "", "The option's code, the number or the text; several codes as a JSON list."),
-    TableColumn("number", "number", "", "The same as a number, where it is one."),
-    TableColumn("said", "text", "", "What the participant saw of it: the option's words."),
-    TableColumn("right", "boolean", "", "Whether it is the right answer; empty where there is none."),
-    TableColumn("shown_ns", "integer", "ns", "When the question reached the display, session time."),
-    TableColumn("first_ms", "number", "ms", "From then to the first change."),
-    TableColumn("answer_ms", "number", "ms", "From then until it was given."),
-    TableColumn("changes", "integer", "", "How often it changed before it was given."),
-)
-ANSWER_CHANGES = (
-    *SESSION_COLUMNS,
-    *SEGMENT_COLUMN,
-    _PART_COLUMN,
-    TableColumn("item", "text", "", "The question's name."),
-    TableColumn("t_ns", "integer", "ns", "When, session time."),
-    TableColumn("answer", "text", "", "What it was changed to, as JSON."),
-)
+
+
+PART_COLUMN = TableColumn("part", "integer", "", "The session's part, 1 for the first.")
+
+
 PARTS = (
     *SESSION_COLUMNS,
     *SEGMENT_COLUMN,
     TIME_COLUMN,
-    _PART_COLUMN,
+    PART_COLUMN,
     TableColumn("what", "text", "", "started, or how it ended: done, failed, again or over."),
     TableColumn("kind", "text", "", "The kind of activity: page, questions, keyboard_check, play or another."),
     TableColumn("name", "text", "", "The part's name in the protocol."),
     TableColumn("next", "integer", "", "The part that follows; one past the last where none does. Empty at a start."),
 )
-PAGES = (
-    *SESSION_COLUMNS,
-    *SEGMENT_COLUMN,
-    TIME_COLUMN,
-    _PART_COLUMN,
-    TableColumn("name", "text", "", "The part's name in the protocol."),
-    TableColumn("page", "integer", "", "The page that was shown, 1 for the first."),
-    TableColumn("pages", "integer", "", "How many the text has."),
-    TableColumn("submit_ns", "integer", "ns", "When it was handed to the display, session time."),
-    TableColumn("flip_ns", "integer", "ns", "When it was there, session time."),
-)
-POINTS = (
-    *SESSION_COLUMNS,
-    *SEGMENT_COLUMN,
-    TIME_COLUMN,
-    TableColumn(
-        "episode", "integer", "", "The session's episode, 1 for the first; the first of those that were skipped."
-    ),
-    TableColumn("points", "number", "", "What it was worth; empty where it was skipped."),
-    TableColumn("total", "number", "", "The session's points so far."),
-    TableColumn("skipped", "integer", "", "How many episodes were not played; empty for one that was."),
-    TableColumn("why", "text", "", "Why: criterion, time or given_up."),
-)
-SUBGOALS = (
-    *SESSION_COLUMNS,
-    *SEGMENT_COLUMN,
-    TIME_COLUMN,
-    TableColumn("episode", "integer", "", "The session's episode, 1 for the first."),
-    TableColumn("step", "integer", "", "The step that did it, 1 for the first."),
-    TableColumn("clause", "integer", "", "Which clause of the episode's instruction, 1 for the first as it is read."),
-    TableColumn("text", "text", "", "What the clause says."),
-)
+
+
 OTHER_INPUTS = (
     *SESSION_COLUMNS,
     *SEGMENT_COLUMN,
@@ -322,6 +297,8 @@ OTHER_INPUTS = (
     TableColumn("y", "number", "", "0 at its top, 1 at its bottom."),
     TableColumn("along", "number", "", "0 to 1 inside the spot; -1 to 1 of an axis."),
 )
+
+
 LINKS = (
     *SESSION_COLUMNS,
     *SEGMENT_COLUMN,
@@ -334,7 +311,11 @@ LINKS = (
         "drift_ppm", "number", "ppm", "How much faster the server's clock runs; empty until it can be estimated."
     ),
 )
+
+
 EPISODE_COLUMN = TableColumn("episode", "integer", "", "The session's episode, 1 for the first.")
+
+
 MODEL_CALLS = (
     *SESSION_COLUMNS,
     *SEGMENT_COLUMN,
@@ -361,128 +342,7 @@ MODEL_CALLS = (
     TableColumn("prompt_sha256", "text", "", "Of the messages sent, pictures by their digests."),
     TableColumn("picture_sha256", "text", "", "Of the picture's pixels; empty without one."),
 )
-POLICIES = (
-    *SESSION_COLUMNS,
-    *SEGMENT_COLUMN,
-    TIME_COLUMN,
-    _PART_COLUMN,
-    TableColumn(
-        "what", "text", "", "asked: a learner was asked for a policy; given: this one plays from now on; failed."
-    ),
-    TableColumn(
-        "episode", "integer", "", "The first episode that a learner does not know of, or that the policy plays."
-    ),
-    TableColumn("policy", "text", "", "The SHA-256 of its file, or an agent's name; empty where there is none yet."),
-    TableColumn("failure", "text", "", "Why there is none: how the learner or the agent failed."),
-)
-ADVICE = (
-    *SESSION_COLUMNS,
-    *SEGMENT_COLUMN,
-    TIME_COLUMN,
-    EPISODE_COLUMN,
-    TableColumn("step", "integer", "", "The step that it follows, 0 for the reset: what it says of the next one."),
-    TableColumn("policy_action", "integer", "", "The world's action that the policy would do, by its number."),
-    TableColumn("probabilities", "text", "", "The policy's probability of each of the world's actions, a JSON list."),
-)
-CONTROLS = (
-    *SESSION_COLUMNS,
-    *SEGMENT_COLUMN,
-    TIME_COLUMN,
-    EPISODE_COLUMN,
-    TableColumn("step", "integer", "", "The step that it follows, 0 for the reset."),
-    TableColumn("who", "text", "", "Who steers from now on: agent or person."),
-    TableColumn("reason", "text", "", "start, key (the person took over), hand_back, no_policy or agent_failed."),
-    TableColumn("pressed_ns", "integer", "ns", "When the key for it went down, session time."),
-)
-RATINGS = (
-    *SESSION_COLUMNS,
-    *SEGMENT_COLUMN,
-    TIME_COLUMN,
-    EPISODE_COLUMN,
-    TableColumn("step", "integer", "", "The world's step when the press was taken, which it need not be about."),
-    TableColumn("value", "number", "", "1 good, -1 bad."),
-    TableColumn(
-        "pressed_ns", "integer", "ns", "When the key went down, session time; what was seen when is in frames."
-    ),
-)
-TEAMS = (
-    *SESSION_COLUMNS,
-    *BLOCK_COLUMNS,
-    *EPISODE_COLUMNS,
-    TableColumn("team", "text", "", "The team's random id, the same in each member's rows."),
-    TableColumn("team_index", "integer", "", "The team's number in the study, 1 for the first."),
-    TableColumn("seat", "integer", "", "The body that the participant had, 0 for the first."),
-    TableColumn("role", "text", "", "What the seat is called; empty where the protocol names none."),
-    TableColumn("partner", "text", "", "What the other seats were: person, or an agent; with a plus between several."),
-    TableColumn("seats", "text", "", "What each seat was, by seat, a JSON list."),
-    TableColumn("outcome", "text", "", "How the episode ended, as in episodes."),
-    TableColumn("joint_steps", "integer", "", "Joint steps made."),
-    TableColumn("team_reward", "number", "", "Mean over the seats of what each earned: a shared reward counts once."),
-    TableColumn("late", "integer", "", "Inputs of this seat that came after their step was closed."),
-    TableColumn("idled", "integer", "", "Steps in which this seat idled, as no input had come."),
-    TableColumn("corrected", "integer", "", "Pictures of a turn's own action that the others' actions changed."),
-    TableColumn("takeovers", "integer", "", "How often an agent took a person's seat."),
-    TableColumn("agent_steps", "integer", "", "Steps in which an agent acted in a person's seat."),
-    TableColumn("digest", "text", "", "Of the episode's joint actions, hexadecimal: equal for each member of a team."),
-)
-JOINT_STEPS = (
-    *SESSION_COLUMNS,
-    *SEGMENT_COLUMN,
-    TIME_COLUMN,
-    EPISODE_COLUMN,
-    TableColumn("step", "integer", "", "The joint step, 1 for the first."),
-    TableColumn("actions", "text", "", "The action of each seat, by the world's numbers, a JSON list."),
-    TableColumn("rewards", "text", "", "What each seat earned, a JSON list."),
-    TableColumn("sources", "text", "", "Who acted in each seat: person, late (the idle action) or agent, a JSON list."),
-)
-DECISIONS = (
-    *SESSION_COLUMNS,
-    *SEGMENT_COLUMN,
-    TIME_COLUMN,
-    _PART_COLUMN,
-    TableColumn("block", "text", "", "The block's name."),
-    TableColumn("episode", "integer", "", "The episode that it is about; after the block's last one, the next number."),
-    TableColumn("design", "text", "", "The adaptive design, as the protocol names it."),
-    TableColumn("design_version", "integer", "", "Of the design's rule."),
-    TableColumn("options", "text", "", "What it chose of the world's options, JSON."),
-    TableColumn("seed", "integer", "", "The seed that it chose for the reset; empty where it left the plan's."),
-    TableColumn("stop", "boolean", "", "Whether the block is over."),
-    TableColumn("estimates", "text", "", "What the design estimates by then, JSON: a threshold for instance."),
-    TableColumn("posterior", "text", "", "Digest of all that the decision follows from, 16 hexadecimal digits."),
-)
-CORRECTIONS = (
-    *SESSION_COLUMNS,
-    *SEGMENT_COLUMN,
-    TIME_COLUMN,
-    _PART_COLUMN,
-    TableColumn("correction", "integer", "", "The part's correction, 1 for the first."),
-    TableColumn("episode", "integer", "", "The episode that is corrected, 1 for the first."),
-    TableColumn("attempt", "integer", "", "Which of its attempts."),
-    TableColumn("step", "integer", "", "The step after which the correction begins, 0 for the reset."),
-    TableColumn("steps", "integer", "", "How many steps were shown."),
-    TableColumn("outcome", "text", "", "goal, failure or timeout; stopped where a key or the session's end ended it."),
-    TableColumn("actions", "text", "", "The world's actions by number, as a JSON list."),
-    TableColumn("key_t_ns", "text", "", "When each one's key went down, session time, as a JSON list."),
-)
-PREFERENCES = (
-    *SESSION_COLUMNS,
-    *SEGMENT_COLUMN,
-    TIME_COLUMN,
-    _PART_COLUMN,
-    TableColumn("pair", "integer", "", "The pair, 1 for the first."),
-    TableColumn("left_episode", "integer", "", "The episode that the left stretch is of, 1 for the first."),
-    TableColumn("left_attempt", "integer", "", "Which of its attempts."),
-    TableColumn("left_first", "integer", "", "The step whose picture came first, 0 for the reset."),
-    TableColumn("left_last", "integer", "", "The step whose picture came last."),
-    TableColumn("right_episode", "integer", "", "The same of the right stretch."),
-    TableColumn("right_attempt", "integer", "", "Which of its attempts."),
-    TableColumn("right_first", "integer", "", "The step whose picture came first, 0 for the reset."),
-    TableColumn("right_last", "integer", "", "The step whose picture came last."),
-    TableColumn("answer", "text", "", "Which was said to be better: left, right, equal or cannot_tell."),
-    TableColumn("shown_ns", "integer", "ns", "When the pair's first pictures were on the display, session time."),
-    TableColumn("answer_ms", "number", "ms", "From then to the key."),
-    TableColumn("replays", "integer", "", "How often the pair was asked for again."),
-)
+
 
 KEYS = (
     *SESSION_COLUMNS,
@@ -499,6 +359,8 @@ KEYS = (
     ),
     TableColumn("discovered_steps", "integer", "", "Steps up to and with the press by which its action first showed."),
 )
+
+
 EPISODES = (
     *SESSION_COLUMNS,
     *BLOCK_COLUMNS,
@@ -533,6 +395,8 @@ EPISODES = (
     TableColumn("tags", "text", "", "The reviewers' tags in force, separated by spaces."),
     EXCLUDED_COLUMN,
 )
+
+
 _OVER_EPISODES = (
     TableColumn("episodes", "integer", "", "Included episodes."),
     TableColumn("success", "number", "", "Share of them that reached the goal."),
@@ -567,7 +431,11 @@ _OVER_EPISODES = (
         "Playing time until every key's action had shown, over all episodes; empty if one never did.",
     ),
 )
+
+
 BLOCKS = (*SESSION_COLUMNS, *BLOCK_COLUMNS, *_OVER_EPISODES, EXCLUDED_COLUMN)
+
+
 PARTICIPANTS = (
     *SESSION_COLUMNS,
     TableColumn("player", "text", "", "Who pressed the keys: human, or the simulated player's name."),
@@ -585,7 +453,9 @@ PARTICIPANTS = (
     *_OVER_EPISODES,
     EXCLUDED_COLUMN,
 )
-TABLES: dict[str, tuple[TableColumn, ...]] = {
+
+
+SESSION_TABLES: dict[str, tuple[TableColumn, ...]] = {  # those that every session has, whatever its parts
     "steps": STEPS,
     "presses": PRESSES,
     "keys": KEYS,
@@ -600,151 +470,21 @@ TABLES: dict[str, tuple[TableColumn, ...]] = {
     "notes": NOTES,
     "samples": SAMPLES,
     "marks": ANNOTATIONS,
-    "answers": ANSWERS,
-    "answer_changes": ANSWER_CHANGES,
     "parts": PARTS,
-    "pages": PAGES,
-    "points": POINTS,
-    "clauses": SUBGOALS,
     "other_inputs": OTHER_INPUTS,
     "links": LINKS,
     "model_calls": MODEL_CALLS,
-    "policies": POLICIES,
-    "advice": ADVICE,
-    "controls": CONTROLS,
-    "ratings": RATINGS,
-    "corrections": CORRECTIONS,
-    "preferences": PREFERENCES,
-    "teams": TEAMS,
-    "joint_steps": JOINT_STEPS,
-    "decisions": DECISIONS,
 }
 
-EVERY_MOMENT = frozenset({"steps", "presses", "other_presses", "frames", "samples"})
-"""The tables with a row per step, key press, picture or sample."""
 
 COLUMNS_NEEDING_WORLD = frozenset(
     {"shortest_steps", "feasible_steps", "excess_steps", "log_excess_steps", "log_steps_ratio", "spl"}
     | {"excess_steps_mean", "log_excess_steps_mean", "log_steps_ratio_mean", "spl_mean"}
 )
+
+
 """The columns that a log alone cannot tell: the world itself is asked how few steps an episode could have taken."""
 
 
-def build_data_dictionary(*, without: frozenset[str] = frozenset()) -> dict[str, dict[str, dict[str, str]]]:
-    """The data dictionary, some columns excluded: table, column, then its type, unit and meaning."""
-    return {
-        table: {
-            column.name: {"type": column.kind, "unit": column.unit, "meaning": column.meaning, **_history(column)}
-            for column in columns
-            if column.name not in without
-        }
-        for table, columns in TABLES.items()
-    }
-
-
-def _history(column: TableColumn) -> dict[str, str]:
-    """The number of a column's definition and its name in earlier versions, where it has them."""
-    old = next((old for old, now in COLUMN_ALIASES.items() if now == column.name), "")
-    found = {"definition": str(column.definition or ""), "earlier_name": old}
-    return {name: value for name, value in found.items() if value}
-
-
-_TYPES = {"text": "string", "key": "string", "integer": "integer", "number": "number", "boolean": "boolean"}
-_SESSION = ("participant", "session")
-_EPISODE = (*_SESSION, "episode", "attempt")
-PRIMARY_KEYS: Mapping[
-    str, tuple[str, ...]
-] = {  # that no two rows share; tables of what may happen twice at once have none
-    "steps": (*_EPISODE, "step"),
-    "keys": (*_SESSION, "first_episode", "key"),
-    "episodes": _EPISODE,
-    "blocks": (*_SESSION, "block"),
-    "participants": _SESSION,
-    "segments": (*_SESSION, "segment"),
-    "plan": (*_SESSION, "episode"),
-    "starts": _EPISODE,
-    "teams": _EPISODE,
-}
-_PARTITION = re.compile(r"(\w+)/study=([^/]+)/participant=([^/]+)/ses-(\d+)-([0-9a-f]{16})\.parquet")
-
-
-@dataclass(frozen=True, slots=True)
-class TablePartition:
-    """One session's rows of one table, in a Parquet file whose name tells them from other rows of that session."""
-
-    table: str
-    study: str
-    participant: str
-    session: int
-    digest: str  # of the rows, the table's columns and the selection; 16 hexadecimal digits
-
-    @property
-    def name(self) -> str:
-        """The file's, in a folder or a remote store, as Hive lays out partitions."""
-        return (
-            f"{self.table}/study={self.study}/participant={self.participant}/"
-            f"ses-{self.session:02d}-{self.digest}.parquet"
-        )
-
-    @classmethod
-    def parse(cls, name: str) -> "TablePartition | None":
-        """Read a file's name; None where it is no partition's."""
-        found = _PARTITION.fullmatch(name)
-        return cls(found[1], found[2], found[3], int(found[4]), found[5]) if found else None
-
-    @property
-    def of_session(self) -> tuple[str, str, int]:
-        """Study, participant and session: partitions that have these in common replace each other."""
-        return self.study, self.participant, self.session
-
-
-EPISODE_TABLES = frozenset(
-    {"steps", "presses", "starts", "frames", "teams"}
-)  # whose rows belong to a row of ``episodes``
-
-
-def build_table_schema(name: str, columns: Iterable[TableColumn]) -> dict[str, Any]:
-    """One table's schema."""
-    schema: dict[str, Any] = {"fields": [_field(column) for column in columns], "missingValues": [""]}
-    if name in PRIMARY_KEYS:
-        schema["primaryKey"] = list(PRIMARY_KEYS[name])
-    parent = "episodes" if name in EPISODE_TABLES else "participants" if name != "participants" else ""
-    if parent:
-        fields = list(PRIMARY_KEYS[parent])
-        schema["foreignKeys"] = [{"fields": fields, "reference": {"resource": parent, "fields": fields}}]
-    return schema
-
-
-def build_data_package(
-    name: str, files: Iterable[tuple[str, Path]], *, without: frozenset[str] = frozenset(), **facts: Any
-) -> dict[str, Any]:
-    """A data package of table files, each with its table's name; ``facts`` are the package's further properties."""
-    return {
-        "profile": "tabular-data-package",
-        "name": name,
-        **facts,
-        "resources": [_resource(table, path, without) for table, path in files],
-    }
-
-
-def _resource(table: str, path: Path, without: frozenset[str]) -> dict[str, Any]:
-    kind = path.suffix.removeprefix(".")
-    columns = [column for column in TABLES[table] if column.name not in without]
-    return {
-        "name": table,
-        "path": path.name,
-        "profile": "tabular-data-resource",
-        "format": kind,
-        "mediatype": "text/csv" if kind == "csv" else "application/vnd.apache.parquet",
-        **({"encoding": "utf-8"} if kind == "csv" else {}),
-        "schema": build_table_schema(table, columns),
-    }
-
-
-def _field(column: TableColumn) -> dict[str, Any]:
-    field: dict[str, Any] = {"name": column.name, "type": _TYPES[column.kind], "description": column.meaning}
-    if column.unit:
-        field["unit"] = column.unit
-    if column.kind == "boolean":
-        field |= {"trueValues": ["TRUE"], "falseValues": ["FALSE"]}
-    return field
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)

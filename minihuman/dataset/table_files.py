@@ -24,13 +24,8 @@ import minihuman
 from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.rows import arrow_schema
 from minihuman.dataset.store import StoreVersionError, StudyStore, TableDatabase
-from minihuman.dataset.table_columns import (
-    COLUMNS_NEEDING_WORLD,
-    TABLES,
-    TablePartition,
-    build_data_dictionary,
-    build_data_package,
-)
+from minihuman.dataset.table_catalogue import TABLES, TablePartition, build_data_dictionary, build_data_package
+from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 
 TableFormat = Literal["parquet", "csv"]
 
@@ -71,7 +66,7 @@ def write_tables(
     tables: TableDatabase,
     folder: Path,
     *,
-    names: Sequence[str] = tuple(TABLES),
+    names: Sequence[str] | None = None,
     kinds: Sequence[TableFormat] = ("parquet", "csv"),
     without: frozenset[str] = frozenset(),
     empty: bool = False,
@@ -83,7 +78,7 @@ def write_tables(
     ``without`` are excluded; ``empty`` writes the tables without rows too.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    names = [name for name in names if empty or tables.count(name)]
+    names = [name for name in (TABLES if names is None else names) if empty or tables.count(name)]
     files = [(name, folder / f"{name}.{kinds[0]}") for name in names]  # the same rows twice are one resource
     explained = {name: columns for name, columns in build_data_dictionary(without=without).items() if name in names}
     described = {

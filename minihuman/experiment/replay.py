@@ -13,10 +13,10 @@ from dataclasses import fields, replace
 from itertools import islice, pairwise, takewhile
 from typing import Any, get_args, get_type_hints
 
+from minihuman.activities.questions.question import AnswerDraft
+from minihuman.activities.team.events import PictureCorrected
 from minihuman.errors import LogError, MinihumanError, WorldError
-from minihuman.experiment.activities.activity import ENTER_KEYS, Activity, SessionContext, WorldFactory
-from minihuman.experiment.activities.questions.question import AnswerDraft
-from minihuman.experiment.activities.team_play import PictureCorrected
+from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, SessionContext, WorldFactory
 from minihuman.experiment.machine.events import (
     ActivityEvent,
     Answered,
@@ -341,7 +341,7 @@ def _event_name(event: Event) -> str:
 
 
 WorldLender = Callable[[str, dict[str, Any]], World | None]
-_COPIED_PACKAGE = "minihuman.experiment."
+_COPIED_PACKAGES = ("minihuman.experiment.", "minihuman.activities.")
 
 
 def can_copy_session(session: SessionMachine) -> bool:
@@ -409,7 +409,7 @@ def _is_mutable(value: Any) -> bool:
     frozen = getattr(kind, "__dataclass_params__", None)
     if isinstance(value, Activity | AnswerDraft):  # a plug-in's too
         return True
-    if not kind.__module__.startswith(_COPIED_PACKAGE) or (frozen is not None and frozen.frozen):
+    if not kind.__module__.startswith(_COPIED_PACKAGES) or (frozen is not None and frozen.frozen):
         return False
     return (
         hasattr(value, "__dict__") and not isinstance(value, type | InterfaceWords) and not hasattr(kind, "__members__")

@@ -16,8 +16,9 @@ import numpy as np
 from datasets.arrow_writer import ArrowWriter
 from numpy.typing import NDArray
 
+from minihuman.activities.episode_clips import EpisodeClip
+from minihuman.activities.preferences.events import PairAnswer
 from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisodes
-from minihuman.experiment.activities.preferences import EpisodeClip, PairAnswer
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (
     ReplayedEpisode,

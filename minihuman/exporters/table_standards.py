@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from minihuman.dataset.included_episodes import IncludedEpisodes
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, PRIMARY_KEYS, TABLES, TableColumn
+from minihuman.dataset.table_catalogue import TABLES, find_primary_key
+from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, TableColumn
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.specs import AboutSpec
 from minihuman.exporters.bids.files import make_label
@@ -91,7 +92,8 @@ def _file(path: Path) -> dict[str, Any]:
 
 
 def _records(table: str, columns: tuple[TableColumn, ...]) -> dict[str, Any]:
-    key = {"key": [{"@id": f"{table}/{name}"} for name in PRIMARY_KEYS[table]]} if table in PRIMARY_KEYS else {}
+    names = find_primary_key(table)
+    key = {"key": [{"@id": f"{table}/{name}"} for name in names]} if names else {}
     return {
         "@type": "cr:RecordSet",
         "@id": table,

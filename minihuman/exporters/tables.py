@@ -11,7 +11,8 @@ import pyarrow.compute as pc
 
 from minihuman.dataset.included_episodes import IncludedEpisodes
 from minihuman.dataset.store import StudyStore
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EVERY_MOMENT, TABLES, build_data_dictionary
+from minihuman.dataset.table_catalogue import EVERY_MOMENT, TABLES, build_data_dictionary
+from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.table_files import TableFormat, list_partitions, write_partitions, write_tables
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.exporters.exporter import ExportResult

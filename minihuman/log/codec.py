@@ -1,8 +1,8 @@
 """Encode events as protobuf messages and decode them, by schema version; opens no file.
 
 One table has a row for each event: its topic, and the fields that differ on the wire. All other fields are the
-message's fields of the same name. A kind of activity adds rows for events of its own
-(``minihuman.log.activity_topics``). ``decode_event`` undoes ``encode_event`` exactly.
+message's fields of the same name. A kind of activity adds rows for events of its own (its ``rows`` module).
+``decode_event`` undoes ``encode_event`` exactly.
 """
 
 import dataclasses
@@ -19,8 +19,8 @@ import msgspec
 from google.protobuf.message import Message
 
 from minihuman.errors import LogError, NewerLogError, ProtocolError
-from minihuman.experiment.activities.activity import GROUP, ActivityKind, find_kind, list_built_in_kinds
 from minihuman.experiment.machine import events
+from minihuman.experiment.machine.activity import GROUP, ActivityKind, find_kind, list_built_in_kinds
 from minihuman.experiment.plan.designs import GroupAssignment
 from minihuman.experiment.plan.session_plan import (
     BlockText,

@@ -16,7 +16,7 @@ import minihuman
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import CachedSession, StudyStore
-from minihuman.dataset.table_columns import EVERY_MOMENT, TABLES
+from minihuman.dataset.table_catalogue import EVERY_MOMENT, TABLES
 from minihuman.dataset.table_files import write_tables
 from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
@@ -29,6 +29,7 @@ from minihuman.figures.figure_data import (
     name_measure,
 )
 from minihuman.log.read.session_reader import read_log
+from minihuman.reporting.activity_sections import SectionSource, build_activity_sections, join_sections
 from minihuman.reporting.methods import build_methods, find_known_keys
 from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study
 from minihuman.reporting.results import (
@@ -42,7 +43,6 @@ from minihuman.reporting.results import (
 from minihuman.reporting.scorecard import build_scorecard, draw_scorecard, find_models_folder, write_score_table
 from minihuman.reporting.sections import ATTEMPT_COLUMNS, count_clauses, flow_section
 from minihuman.reporting.study_measures import add_measures
-from minihuman.reporting.teaching_section import read_taught_logs, tabulate_teaching, teaching_figures, teaching_section
 from minihuman.reporting.template import ReportFigure
 from minihuman.statistics.paired import MixedModel, fit_mixed_model
 
@@ -175,13 +175,18 @@ def build_report(
         blocks, participants = (store.tables.table(name).to_pandas() for name in ("blocks", "participants"))
         answers, done = (store.tables.table(name).to_pandas() for name in ("answers", "clauses"))
         starts = store.tables.table("starts", [*ATTEMPT_COLUMNS, "mission"]).to_pandas()  # their maps are long
-        controls, teams = (store.tables.table(name).to_pandas() for name in ("controls", "teams"))
+        teams = store.tables.table("teams").to_pandas()
         protocols = read_protocols(store.kept)
         analysis = read_planned_analysis(protocols)
-        taught = read_taught_logs(store.kept, controls, sessions.selection)
+        source = SectionSource(
+            store.kept, lambda name: store.tables.table(name).to_pandas(), sessions.selection, out / "figures"
+        )
+        sections = build_activity_sections(source)
         if named := analysis.find_plugin_measures():
             known = {name: store.tables.table(name).to_pandas() for name in names}
-            blocks = add_measures(blocks, {**known, "teaching": tabulate_teaching(taught)}, named)
+            for section in sections:
+                known |= section.measure_tables
+            blocks = add_measures(blocks, known, named)
         times = store.tables.query(_REACTION_TIMES).to_pandas()
     participants = exclude_practice_alone(participants)
     practice = find_practice(protocols, participants["group"].unique())
@@ -193,7 +198,6 @@ def build_report(
     outlines = [kept.outline for kept in store.kept if kept.outline is not None]
     where = out / "figures"
     paths = _paths(store.kept, sessions.selection, where)
-    steering = teaching_figures(taught, where)
     estimates = [*_estimates(blocks, found, where)]
     figures = [
         *(one for one in estimates if one.block != found.target),
@@ -201,7 +205,7 @@ def build_report(
         *_curves(episodes, found, where),
         *_session_figures(blocks, found, where),
         *_waiting(found, where),
-        *steering,
+        *(figure for section in sections for figure in section.figures),
         *paths,
     ]
     simulated = int((participants["player"] != "human").sum())
@@ -222,7 +226,7 @@ def build_report(
         qualities=qualities,
         answers=answers,
         clauses=count_clauses(episodes, starts, done),
-        teaching=teaching_section(taught),
+        activities=join_sections(sections),
         practice={str(name): len(rows) for name, rows in practised.groupby("block", sort=False)},
         exclusions=exclusions,
         account=sessions.account,

@@ -15,6 +15,7 @@ import pandas as pd
 from minihuman.dataset.recording_quality import RecordingQuality
 from minihuman.dataset.selection import SelectionSummary
 from minihuman.experiment.protocol.specs import AnalysisSpec
+from minihuman.reporting.activity_sections import ReportSection
 from minihuman.reporting.results import BlockResults, Results, WithinResults, label_measure, summarise_group_rewards
 from minihuman.reporting.sections import (
     FlowSection,
@@ -36,7 +37,6 @@ from minihuman.reporting.sections import (
     skipped_table,
     survival_table,
 )
-from minihuman.reporting.teaching_section import TeachingSection
 from minihuman.reporting.template import (
     PARTICIPANTS,
     REPORT,
@@ -94,7 +94,7 @@ class PageContent:
     qualities: Sequence[RecordingQuality]
     answers: pd.DataFrame
     clauses: pd.DataFrame  # asked for and done, by block, verb and group
-    teaching: TeachingSection | None
+    activities: Sequence[ReportSection]  # what kinds of activity add
     practice: Mapping[str, int]  # block that is not analysed: episodes that would be included
     exclusions: pd.DataFrame
     account: SelectionSummary
@@ -134,7 +134,7 @@ def build_page(facts: PageContent, found: Results, templates: Path | None = None
         "blocks": [_block(one, found, facts.known_keys, facts.mixed.get(one.block)) for one in found.blocks],
         "min_growth_episodes": MIN_EPISODES,
         "clauses": clauses_table(facts.clauses),
-        "teaching": facts.teaching,
+        "activities": facts.activities,
         "answers": answers_table(facts.answers),
         "figures": facts.figures,
         "first_figures": facts.first_figures,

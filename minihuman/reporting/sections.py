@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from minihuman.activities.questions.question import find_question_kind
 from minihuman.admin.enrolment_entries import LookTaken, open_enrolment_log, read_enrolment_log
 from minihuman.admin.status import GroupCounts, ParticipantFlow, count_all_interventions, count_participant_flow
 from minihuman.dataset.log_files import SkippedLog
 from minihuman.dataset.recording_quality import LATE_MS, RecordingQuality
 from minihuman.errors import AllocationError, LogError, ProtocolError
-from minihuman.experiment.activities.questions.question import find_question_kind
 from minihuman.reporting.results import (
     BlockResults,
     BlockSurvival,

@@ -13,6 +13,15 @@ from pathlib import Path
 
 import msgspec
 
+from minihuman.activities.agent_blocks.events import PolicyGiven
+from minihuman.activities.agent_blocks.plan import LATEST_POLICY, AgentPlayPlan
+from minihuman.activities.agent_blocks.requests import Advice, AdviceRequest, NewPolicy, PolicyRequest
+from minihuman.activities.correction.plan import CorrectionPlan
+from minihuman.activities.correction.requests import EpisodeRequest
+from minihuman.activities.episode_clips import ClipOffered, EpisodeClip
+from minihuman.activities.preferences.plan import PreferencesPlan
+from minihuman.activities.preferences.requests import ClipRequest
+from minihuman.activities.team.plan import TeamPlayPlan
 from minihuman.admin.next_session import plan_drawn_session
 from minihuman.admin.policies import PolicyStore
 from minihuman.agents.agent import (
@@ -24,15 +33,11 @@ from minihuman.agents.agent import (
     make_policy_agent,
 )
 from minihuman.errors import MinihumanError
-from minihuman.experiment.activities.activity import ActivityRequest, RequestHandler
-from minihuman.experiment.activities.agent_blocks import Advice, AdviceRequest, NewPolicy, PolicyGiven, PolicyRequest
-from minihuman.experiment.activities.block_plans import LATEST_POLICY, AgentPlayPlan, TeamPlayPlan
-from minihuman.experiment.activities.correction import CorrectionPlan, EpisodeRequest
-from minihuman.experiment.activities.preferences import ClipOffered, ClipRequest, EpisodeClip, PreferencesPlan
+from minihuman.experiment.machine.activity import ActivityRequest, RequestHandler
 from minihuman.experiment.machine.events import Event
 from minihuman.experiment.machine.inputs import ActivityInput
 from minihuman.experiment.machine.running_episode import RunningEpisode
-from minihuman.experiment.machine.session import SlotDrawn, SlotRequest, is_allocation_pending
+from minihuman.experiment.pending_session import SlotDrawn, SlotRequest, is_allocation_pending
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol

@@ -9,9 +9,10 @@ from minihuman.admin.manifest import record_log_end
 from minihuman.admin.session_index import summarize_session
 from minihuman.display.windows.window import Window
 from minihuman.errors import WorldError
-from minihuman.experiment.activities.activity import RequestHandler
+from minihuman.experiment.machine.activity import RequestHandler
 from minihuman.experiment.machine.events import FINAL_END_REASONS
-from minihuman.experiment.machine.session import SessionMachine, build_session
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.pending_session import build_session
 from minihuman.experiment.plan.session_plan import SessionPlan, needs_gamepad
 from minihuman.experiment.protocol.protocol import decode_logged_protocol
 from minihuman.log.paths import SegmentPath

@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import IO
 
-from minihuman.experiment.activities.preferences import EpisodeClip
+from minihuman.activities.episode_clips import EpisodeClip
 
 LEARNER_COMMAND = ("-m", "minihuman.learn.teaching.learner_main")
 _LAST_LINE_TIMEOUT_S = 5.0  # a process that has died may leave its pipe to others

@@ -12,9 +12,10 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import minihuman
-from minihuman.experiment.activities.agent_blocks import AGENT_RULES
-from minihuman.experiment.activities.questions.number import NUMBER_RULES
-from minihuman.experiment.machine.session import CONSENT_RULES, is_allocation_pending
+from minihuman.activities.agent_blocks.activity import AGENT_RULES
+from minihuman.activities.questions.number.draft import NUMBER_RULES
+from minihuman.experiment.machine.session import CONSENT_RULES
+from minihuman.experiment.pending_session import is_allocation_pending
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import decode_logged_protocol
 from minihuman.trust import SOURCE_FACT, list_world_sources

@@ -20,7 +20,7 @@ from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import plan_next_session
 from minihuman.display.windows.window import VirtualClock, Window
 from minihuman.errors import LogError, MinihumanError, SimulationError
-from minihuman.experiment.activities.activity import ENTER_KEYS
+from minihuman.experiment.machine.activity import ENTER_KEYS
 from minihuman.experiment.machine.events import (
     Event,
     ModelCall,

@@ -16,7 +16,7 @@ import msgspec
 
 from minihuman.display.windows.window import Clock, Window
 from minihuman.errors import LogError, PlayerFailedError
-from minihuman.experiment.activities.activity import RequestHandler
+from minihuman.experiment.machine.activity import RequestHandler
 from minihuman.experiment.machine.events import SessionEnded
 from minihuman.experiment.machine.inputs import ExperimenterCommand, Input, KeyDown, ScreenShown, Stop, Tick
 from minihuman.experiment.machine.screens import Screen

@@ -14,19 +14,25 @@ from typing import Any, get_args
 
 import numpy as np
 
+from minihuman.activities.agent_blocks.activity import AgentPlayActivity
+from minihuman.activities.correction.activity import CorrectionActivity
+from minihuman.activities.correction.plan import CorrectionPlan
+from minihuman.activities.correction.screens import FilmScreen
+from minihuman.activities.preferences.activity import PreferencesActivity
+from minihuman.activities.preferences.events import PairAnswer
+from minihuman.activities.preferences.plan import PreferencesPlan
+from minihuman.activities.preferences.screens import PairScreen
+from minihuman.activities.questions.activity import QuestionsActivity
+from minihuman.activities.questions.question import Click
+from minihuman.activities.rating.activity import RatingActivity
 from minihuman.admin.enrolment_entries import ParticipantReplaced
 from minihuman.admin.enrolment_log import free_slot, now_text, record_departure, require_free_slots
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import plan_next_session
 from minihuman.display.windows.window import VirtualClock, Window
 from minihuman.errors import MinihumanError, PlayerFailedError
-from minihuman.experiment.activities.activity import Activity
-from minihuman.experiment.activities.agent_blocks import AgentPlayActivity, RatingActivity
-from minihuman.experiment.activities.correction import CorrectionActivity, CorrectionPlan
-from minihuman.experiment.activities.preferences import PairAnswer, PreferencesActivity, PreferencesPlan
-from minihuman.experiment.activities.questions.question import Click
-from minihuman.experiment.activities.questions.questionnaire import QuestionsActivity
 from minihuman.experiment.keys import BUTTON_NAMES
+from minihuman.experiment.machine.activity import Activity
 from minihuman.experiment.machine.inputs import (
     Input,
     KeyDown,
@@ -37,16 +43,9 @@ from minihuman.experiment.machine.inputs import (
     TextInput,
 )
 from minihuman.experiment.machine.running_episode import NS_PER_MS, RunningEpisode
-from minihuman.experiment.machine.screens import (
-    FilmScreen,
-    PageScreen,
-    PairScreen,
-    PlayScreen,
-    QuestionScreen,
-    Screen,
-    TextScreen,
-)
-from minihuman.experiment.machine.session import SessionMachine, build_session
+from minihuman.experiment.machine.screens import PageScreen, PlayScreen, QuestionScreen, Screen, TextScreen
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.pending_session import build_session
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.experiment.plan.session_plan import SessionPlan

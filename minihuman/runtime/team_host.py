@@ -15,29 +15,27 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.activities.team.episode import TeamEpisode
+from minihuman.activities.team.events import ActionSource, JointStepped, TeamEnded, TeamFormed
+from minihuman.activities.team.message_events import MessageGiven, MessageShown
+from minihuman.activities.team.messages import INTERVAL_NS
+from minihuman.activities.team.plan import PERSON, SIMULATED, TeamPlan, TeamPlayPlan, find_seat_agent
+from minihuman.activities.team.requests import (
+    JointRequest,
+    JointTaken,
+    ReadyRequest,
+    SeatsReady,
+    Team,
+    TeamJoined,
+    TeamLost,
+    TeamRequest,
+)
 from minihuman.admin.enrolment_entries import TeamRecorded, list_team_entries
 from minihuman.admin.enrolment_log import now_text, record_team
 from minihuman.admin.policies import PolicyStore
 from minihuman.agents.agent import BaseAgent, is_registered_agent, make_agent, make_policy_agent
 from minihuman.errors import AllocationError, WorldError
-from minihuman.experiment.activities.activity import ActivityRequest, RequestHandler
-from minihuman.experiment.activities.block_plans import PERSON, SIMULATED, TeamPlan, TeamPlayPlan, find_seat_agent
-from minihuman.experiment.activities.team_messages import INTERVAL_NS, MessageGiven, MessageShown
-from minihuman.experiment.activities.team_play import (
-    ActionSource,
-    JointRequest,
-    JointStepped,
-    JointTaken,
-    ReadyRequest,
-    SeatsReady,
-    Team,
-    TeamEnded,
-    TeamEpisode,
-    TeamFormed,
-    TeamJoined,
-    TeamLost,
-    TeamRequest,
-)
+from minihuman.experiment.machine.activity import ActivityRequest, RequestHandler
 from minihuman.experiment.machine.events import FINAL_END_REASONS, EpisodeStarted, SessionEnded
 from minihuman.experiment.machine.inputs import ActivityInput
 from minihuman.experiment.machine.running_episode import RunningEpisode

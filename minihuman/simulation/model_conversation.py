@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.activities.questions.activity import QuestionsActivity
 from minihuman.display.drawing.screen import picture_size_px, repaint_screen
-from minihuman.experiment.activities.questions.questionnaire import QuestionsActivity
 from minihuman.experiment.machine.events import Event, KeyPressed, ModelCall, PointerUsed, TextTyped
 from minihuman.experiment.machine.inputs import (
     Input,

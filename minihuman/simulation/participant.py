@@ -10,8 +10,9 @@ from typing import Literal
 
 import numpy as np
 
+from minihuman.activities.episode_clips import EpisodeClip
+from minihuman.activities.preferences.events import PairAnswer
 from minihuman.errors import SimulationError
-from minihuman.experiment.activities.preferences import EpisodeClip, PairAnswer
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.plugins import make_plugin
 from minihuman.worlds.adapters.world import World

@@ -15,9 +15,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from minihuman.activities.episode_clips import EpisodeClip
+from minihuman.activities.preferences.events import PairAnswer
 from minihuman.agents.goal_search import find_shortest_path
 from minihuman.errors import SimulationError
-from minihuman.experiment.activities.preferences import EpisodeClip, PairAnswer
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.plugins import read_settings
 from minihuman.simulation.participant import KeyPress, SimulatedTeacher, WatchedStep

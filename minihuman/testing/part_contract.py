@@ -12,15 +12,15 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from minihuman.activities.play.plan import PlayPlan
+from minihuman.activities.questions.activity import QuestionsActivity
+from minihuman.activities.questions.question import AnswerDraft, Click, build_draft, find_question_kind
 from minihuman.admin.verify.log import find_log_differences
 from minihuman.display.drawing.questions import draw_question
 from minihuman.display.drawing.screen import compose_screen
 from minihuman.display.windows.window import VirtualClock
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.activity import find_kind
-from minihuman.experiment.activities.block_plans import PlayPlan
-from minihuman.experiment.activities.questions.question import AnswerDraft, Click, build_draft, find_question_kind
-from minihuman.experiment.activities.questions.questionnaire import QuestionsActivity
+from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.machine.events import Answered, Event, PartEnded, SessionEnded, find_violations
 from minihuman.experiment.machine.inputs import Input, PointerPressed, ScreenShown, TextInput
 from minihuman.experiment.machine.screens import PlayScreen, QuestionScreen, Screen

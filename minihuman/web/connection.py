@@ -23,7 +23,7 @@ from minihuman.admin.manifest import record_log_end
 from minihuman.errors import AllocationError, LogError, MinihumanError
 from minihuman.experiment.machine.events import FINAL_END_REASONS, Event, SessionStarted
 from minihuman.experiment.machine.inputs import ExperimenterCommand, Stop
-from minihuman.experiment.machine.session import build_session
+from minihuman.experiment.pending_session import build_session
 from minihuman.experiment.plan.session_plan import SessionPlan, needs_gamepad
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.replay import resume_from_events

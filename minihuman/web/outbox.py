@@ -9,10 +9,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from minihuman.experiment.activities.activity import WorldFactory
-from minihuman.experiment.activities.agent_blocks import FLASH_NS, REPEAT_INTERVAL_NS, AgentPlayActivity
-from minihuman.experiment.activities.correction import CorrectionBegun, CorrectionEnded, CorrectionStepped
-from minihuman.experiment.activities.team_play import TeamEpisode
+from minihuman.activities.agent_blocks.activity import AgentPlayActivity
+from minihuman.activities.correction.events import CorrectionBegun, CorrectionEnded, CorrectionStepped
+from minihuman.activities.rating.activity import FLASH_NS, REPEAT_INTERVAL_NS
+from minihuman.activities.team.episode import TeamEpisode
+from minihuman.experiment.machine.activity import WorldFactory
 from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, Event, Stepped
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import Screen

@@ -16,15 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import MinihumanError, WorldError
-from minihuman.experiment.activities.activity import WorldFactory
+from minihuman.experiment.machine.activity import WorldFactory
 from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, ScreenShown, Tick
 from minihuman.experiment.machine.running_episode import WorldFailedError, catch_world_errors
 from minihuman.experiment.machine.screens import (
     BlankScreen,
-    FilmScreen,
+    FilmsScreen,
     OptionList,
     PageScreen,
-    PairScreen,
     PlayScreen,
     QuestionScreen,
     RatingScale,
@@ -275,9 +274,8 @@ def describe_screen(session: SessionMachine, number: NumberPicture, known: int =
         known: the name of what the page has; a film is not sent again for each step.
     """
     screen = session.screen
-    if isinstance(screen, FilmScreen | PairScreen):
-        which = screen.film if isinstance(screen, FilmScreen) else screen.pair
-        name = _name((screen.prompt, screen.progress, which), session)
+    if isinstance(screen, FilmsScreen):
+        name = _name(screen.identity, session)
         return ({} if name == known else convert_screen(screen, number)), name
     values = convert_screen(screen, number)
     if isinstance(screen, PlayScreen) and session.play is None:
@@ -295,7 +293,7 @@ def _name(looks: object, session: SessionMachine) -> int:
 
 def advances_by_itself(session: SessionMachine) -> bool:
     """Whether the page moves what is on the screen: an episode that is played or gone through, two films."""
-    return session.play is not None or isinstance(session.screen, PairScreen | FilmScreen)
+    return session.play is not None or isinstance(session.screen, FilmsScreen)
 
 
 def list_likely_inputs(session: SessionMachine) -> Iterator[str]:
@@ -362,11 +360,8 @@ class FilmPrefetcher:
     def start_from(self, screen: Screen, name: int) -> None:
         """Start from a screen that was sent with its first pictures."""
         self._name, self._films, step = name, (), 0
-        match screen:
-            case FilmScreen():
-                self._films, step = (screen.pictures,), screen.step
-            case PairScreen():
-                self._films, step = (screen.lefts, screen.rights), screen.step
+        if isinstance(screen, FilmsScreen):
+            self._films, step = screen.films, screen.shown_step
         places = [
             ((copied - min(step, len(film) - 1)) % len(film), side, copied)
             for side, film in enumerate(self._films)

@@ -2,13 +2,14 @@
 
 The image cache sends each picture once, by its content, packed as small as can be decoded in time.
 
-A new kind of screen is a function here with its row, and a function of the same name in ``page/screens.js``. The screen
-of a plug-in's activity is sent as the picture that a window would show.
+What every activity may show is a function here with its row, and a function of the same name in ``page/screens.js``. A
+kind's own screen says itself how the page shows it, or is sent as the picture that a window would show.
 """
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import asdict
+from importlib import import_module
 from typing import Any, Literal
 
 import numpy as np
@@ -22,23 +23,38 @@ from minihuman.display.drawing.sheet import arrange_keycaps
 from minihuman.experiment.keys import key_label
 from minihuman.experiment.machine import screens
 from minihuman.web.messages import PictureMessage
+from minihuman.web.page_modules import find_module_address
 from minihuman.worlds.team import PictureTiles
 
 _WINDOW_PX = (960, 720)  # of a picture that a plug-in draws
-PENDING_PICTURE = -1  # the number of a picture that is not drawn yet: see ``_film_numbers``
+PENDING_PICTURE = -1  # the number of a picture that is not drawn yet: see ``number_film``
 NumberPicture = Callable[[NDArray[np.uint8]], int]  # a picture's number; it is sent before the screen
 
 
 def convert_screen(screen: screens.Screen, number: NumberPicture) -> dict[str, Any]:
     """Convert a screen to JSON values: its kind, its locale, and the fields of the kind."""
-    kind, function = CONVERTERS.get(type(screen), ("page", _picture))
     locale: dict[str, Any] = {"language": screen.locale.language, "rtl": screen.locale.rtl}
     if screen.locale.theme != "dark":
         locale["theme"] = screen.locale.theme
+    if isinstance(screen, screens.ActivityScreen):
+        return _activity(screen, locale, number)
+    kind, function = CONVERTERS[type(screen)]
     return {"kind": kind, **locale, **function(screen, number)}
 
 
-def _values(screen: screens.Screen, names: str) -> dict[str, Any]:
+def _activity(screen: screens.ActivityScreen, locale: dict[str, Any], number: NumberPicture) -> dict[str, Any]:
+    """A kind's own screen; as a page with a picture where the kind says nothing of the page."""
+    view = screen.page_view
+    if view is None:
+        return {"kind": "page", **locale, **_picture(screen, number)}
+    module, _, function = view.values.partition(":")
+    values: dict[str, Any] = getattr(import_module(module), function)(screen, number)
+    own = {"kind": "activity", "view": view.name, "module": find_module_address(view.module)}
+    return own | {"title": "", "prompt": "", "progress": ""} | locale | values
+
+
+def select_values(screen: screens.Screen, names: str) -> dict[str, Any]:
+    """Select a screen's fields by their names, which spaces separate."""
     return {name: getattr(screen, name) for name in names.split()}
 
 
@@ -51,18 +67,18 @@ def _text(screen: screens.TextScreen, number: NumberPicture) -> dict[str, Any]:
         | {"pressed": pressed[cap.key]}
         for cap in caps
     ]
-    return {**_values(screen, "title body prompt progress"), "keys": keys, "wide": wide, "high": high}
+    return {**select_values(screen, "title body prompt progress"), "keys": keys, "wide": wide, "high": high}
 
 
 def _blank(screen: screens.BlankScreen, number: NumberPicture) -> dict[str, Any]:
-    return _values(screen, "cross")
+    return select_values(screen, "cross")
 
 
 def _play(screen: screens.PlayScreen, number: NumberPicture) -> dict[str, Any]:
     """What is around the picture; the picture itself only where it is held, since scenes have theirs."""
     labels = {key: (cap, above) for key, cap, above in screen.labels}
     return {
-        **_values(screen, "progress episode step mark score_text controller controller_text"),
+        **select_values(screen, "progress episode step mark score_text controller controller_text"),
         "mission": screen.mission[:1].upper() + screen.mission[1:],
         "legend": [[*labels.get(key, (key_label(key), "")), action] for key, action in screen.legend],
         **({"pointer": True} if screen.accepts_pointer else {}),
@@ -70,31 +86,15 @@ def _play(screen: screens.PlayScreen, number: NumberPicture) -> dict[str, Any]:
     }
 
 
-def _film(screen: screens.FilmScreen, number: NumberPicture) -> dict[str, Any]:
-    """The episode, which the page goes through by itself; all but one of its pictures follow."""
-    pictures = _film_numbers(screen.pictures, screen.step, number)
-    return {**_values(screen, "prompt progress step back forward film"), "pictures": pictures}
-
-
-def _pair(screen: screens.PairScreen, number: NumberPicture) -> dict[str, Any]:
-    """Both films, which the page plays by itself; all but one picture of each follow."""
-    return {
-        **_values(screen, "title prompt progress step replay_key"),
-        "lefts": _film_numbers(screen.lefts, screen.step, number),
-        "rights": _film_numbers(screen.rights, screen.step, number),
-        "period": screen.period_ns,
-    }
-
-
-def _film_numbers(pictures: Sequence[NDArray[np.uint8]], step: int, number: NumberPicture) -> list[int]:
-    """The number of the picture on the screen, at its index among those that are drawn later."""
+def number_film(pictures: Sequence[NDArray[np.uint8]], step: int, number: NumberPicture) -> list[int]:
+    """Number the picture of a film that is seen; the others, which are drawn later, are `PENDING_PICTURE`."""
     seen = min(step, len(pictures) - 1)
     return [number(pictures[index]) if index == seen else PENDING_PICTURE for index in range(len(pictures))]
 
 
 def _page(screen: screens.PageScreen, number: NumberPicture) -> dict[str, Any]:
     return {
-        **_values(screen, "title body page prompt progress"),
+        **select_values(screen, "title body page prompt progress"),
         "buttons": _buttons(screen),
         "picture": None if screen.picture is None else number(screen.picture),
         "marks": [[mark.x, mark.y, mark.label] for mark in screen.marks],
@@ -108,7 +108,7 @@ def _picture(screen: screens.ActivityScreen, number: NumberPicture) -> dict[str,
 
 def _question(screen: screens.QuestionScreen, number: NumberPicture) -> dict[str, Any]:
     return {
-        **_values(screen, "title question prompt progress note"),
+        **select_values(screen, "title question prompt progress note"),
         "item": {"form": type(screen.item).__name__, **asdict(screen.item)},
         "buttons": _buttons(screen),
     }
@@ -124,8 +124,6 @@ CONVERTERS: Mapping[type, tuple[str, Callable[[Any, NumberPicture], dict[str, An
     screens.PlayScreen: ("play", _play),
     screens.PageScreen: ("page", _page),
     screens.QuestionScreen: ("question", _question),
-    screens.PairScreen: ("pair", _pair),
-    screens.FilmScreen: ("film", _film),
 }
 
 

@@ -9,14 +9,17 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from minihuman.experiment.activities.activity import RequestHandler, WorldFactory
-from minihuman.experiment.activities.agent_blocks import NewPolicy, PolicyRequest
-from minihuman.experiment.activities.preferences import ClipRequest
-from minihuman.experiment.activities.team_play import PictureCorrected, TeamAnswerRequest, TeamEpisode
+from minihuman.activities.agent_blocks.requests import NewPolicy, PolicyRequest
+from minihuman.activities.preferences.requests import ClipRequest
+from minihuman.activities.team.episode import TeamEpisode
+from minihuman.activities.team.events import PictureCorrected
+from minihuman.activities.team.requests import TeamAnswerRequest
 from minihuman.experiment.keys import PAD_DEAD_ZONE
 from minihuman.experiment.machine import inputs
+from minihuman.experiment.machine.activity import RequestHandler, WorldFactory
 from minihuman.experiment.machine.events import Event, KeyPressed, Linked, Noted, Stepped
-from minihuman.experiment.machine.session import SessionMachine, awaits_allocation
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.pending_session import awaits_allocation
 from minihuman.experiment.replay import BROWSER_NOTE
 from minihuman.log.record.recorder import Recorder
 from minihuman.web import messages

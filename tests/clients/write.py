@@ -11,7 +11,7 @@ from minihuman.dataset.remote_tables import store_tables
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
-from minihuman.dataset.table_columns import TABLES
+from minihuman.dataset.table_catalogue import TABLES
 from minihuman.exporters.exporter import export_study
 from minihuman.storage.remote_store import TABLES_URL_FILE_NAME
 

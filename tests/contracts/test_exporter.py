@@ -11,7 +11,7 @@ from minihuman.testing.exporter_contract import check_exporter
 pytestmark = pytest.mark.program
 
 
-OF_TEAMS = {"pettingzoo", "overcooked"}  # of what several bodies played: tests/teams exports with them
+OF_TEAMS = {"pettingzoo", "overcooked"}  # of what several bodies played: tests/activities/team exports with them
 
 
 @pytest.mark.parametrize("name", sorted(set(list_exporters()) - OF_TEAMS))

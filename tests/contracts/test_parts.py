@@ -6,10 +6,10 @@ import pytest
 from click.testing import CliRunner
 
 import minihuman
+from minihuman.activities.questions.question import QUESTION_GROUP
 from minihuman.admin.verify.log import find_log_differences
 from minihuman.cli.command_line import make_command_line
-from minihuman.experiment.activities.activity import GROUP
-from minihuman.experiment.activities.questions.question import QUESTION_GROUP
+from minihuman.experiment.machine.activity import GROUP
 from minihuman.experiment.machine.events import Answered
 from minihuman.log.read.session_reader import read_log
 from minihuman.plugins import list_plugin_names

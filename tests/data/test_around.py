@@ -10,15 +10,18 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
+from minihuman.activities.correction import rows as correction_rows
+from minihuman.activities.preferences import rows as preference_rows
 from minihuman.dataset.rows import arrow_schema
 from minihuman.dataset.selection import Selection
-from minihuman.dataset.session_tables import TABLES_OF_TOPIC
+from minihuman.dataset.session_tables import find_tables_of_topics
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
-from minihuman.dataset.table_columns import EPISODE_TABLES, PRIMARY_KEYS, TABLES, table_key_name
-from minihuman.experiment.activities.activity import list_built_in_kinds
+from minihuman.dataset.table_catalogue import TABLES, find_primary_key, is_episode_table
+from minihuman.dataset.table_columns import table_key_name
+from minihuman.experiment.machine.activity import list_built_in_kinds
 from minihuman.exporters.exporter import export_study
-from minihuman.log import activity_topics, topics
+from minihuman.log import topics
 from minihuman.log.codec import list_activity_topics
 from minihuman.log.read.session_reader import read_log
 from tests.lab.test_bonus import study
@@ -54,14 +57,15 @@ def test_every_topic_of_the_log_is_in_a_table_or_an_export():
         if not topic.is_preview
     }
     seen, none = (
-        {activity_topics.PREFERENCE_FRAME_TOPIC, activity_topics.CORRECTION_FRAME_TOPIC},
-        {activity_topics.NO_PREFERENCE_TOPIC, activity_topics.NO_CORRECTION_TOPIC},
+        {preference_rows.PREFERENCE_FRAME_TOPIC, correction_rows.CORRECTION_FRAME_TOPIC},
+        {preference_rows.NO_PREFERENCE_TOPIC, correction_rows.NO_CORRECTION_TOPIC},
     )
     said = {"/team/typed", "/team/message"}  # between people: in their logs alone
     # arrays; when something was seen; that there was nothing to see; what people wrote to each other
     left_out = {topics.OBSERVATION} | seen | none | said
-    assert set(TABLES_OF_TOPIC) == truths - left_out
-    assert {name for names in TABLES_OF_TOPIC.values() for name in names} <= set(TABLES)
+    tables_of_topics = find_tables_of_topics()
+    assert set(tables_of_topics) == truths - left_out
+    assert {name for names in tables_of_topics.values() for name in names} <= set(TABLES)
 
 
 def test_segments_say_when_and_where_each_began(studies):
@@ -135,11 +139,12 @@ def test_marks_are_there_with_who_took_them_back(studies):
 
 @pytest.mark.parametrize("study", STUDIES)
 def test_keys_are_unique_and_nothing_is_orphaned(studies, study):
-    for name, fields in PRIMARY_KEYS.items():
+    keys = {name: key for name in TABLES if (key := find_primary_key(name))}
+    for name, fields in keys.items():
         assert not table(studies, study, name).duplicated(list(fields)).any(), name
     for name in TABLES:
-        parent = "episodes" if name in EPISODE_TABLES else "participants"
-        fields = list(PRIMARY_KEYS[parent])
+        parent = "episodes" if is_episode_table(name) else "participants"
+        fields = list(keys[parent])
         rows, parents = table(studies, study, name), table(studies, study, parent)
         assert len(rows.merge(parents[fields], on=fields)) == len(rows), name
 

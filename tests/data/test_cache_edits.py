@@ -20,7 +20,7 @@ from minihuman.dataset import caches, store
 from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import LOG_COLUMNS, StudyStore, TableDatabase, find_queried_tables
-from minihuman.dataset.table_columns import TABLES
+from minihuman.dataset.table_catalogue import TABLES
 from minihuman.workflow import export, report, simulate, verify
 from tests.builders import session, write_log
 from tests.counts import count

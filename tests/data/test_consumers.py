@@ -106,7 +106,7 @@ def test_the_selection_itself(study, counting):
     assert "several versions of the protocol: 1 (" in told
 
 
-OF_TEAMS = {"pettingzoo", "overcooked"}  # tests/teams exports with them
+OF_TEAMS = {"pettingzoo", "overcooked"}  # tests/activities/team exports with them
 
 
 @pytest.mark.parametrize("name", sorted(set(list_exporters()) - OF_TEAMS))

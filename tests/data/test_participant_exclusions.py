@@ -10,7 +10,7 @@ from minihuman.dataset.annotations import Annotation, add_annotation
 from minihuman.dataset.selection import RULES, Selection
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
-from minihuman.dataset.table_columns import TABLES
+from minihuman.dataset.table_catalogue import TABLES
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
 from minihuman.reporting.results import PRACTICE_ALONE, exclude_practice_alone, list_exclusions

@@ -83,7 +83,7 @@ def studies(tmp_path_factory):
     return folder
 
 
-OF_TEAMS = {"pettingzoo", "overcooked"}  # tests/teams exports with them
+OF_TEAMS = {"pettingzoo", "overcooked"}  # tests/activities/team exports with them
 UNFINISHED_TOO = Selection(with_=("unfinished",))
 
 

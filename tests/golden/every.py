@@ -12,11 +12,11 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from minihuman.activities.agent_blocks.requests import NewPolicy, PolicyRequest
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.policies import PolicyStore
 from minihuman.errors import MinihumanError
-from minihuman.experiment.activities.activity import ActivityRequest
-from minihuman.experiment.activities.agent_blocks import NewPolicy, PolicyRequest
+from minihuman.experiment.machine.activity import ActivityRequest
 from minihuman.experiment.machine.inputs import ActivityInput
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.plan.session_plan import SessionPlan

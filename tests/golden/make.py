@@ -19,13 +19,13 @@ import msgspec
 import numpy as np
 from PIL import Image
 
+from minihuman.activities.agent_blocks.activity import AGENT_RULES
+from minihuman.activities.questions.number.draft import NUMBER_RULES
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import plan_next_session
 from minihuman.dataset.annotations import Annotation, add_annotation
 from minihuman.display.windows.window import VirtualClock
-from minihuman.experiment.activities.activity import RequestHandler
-from minihuman.experiment.activities.agent_blocks import AGENT_RULES
-from minihuman.experiment.activities.questions.number import NUMBER_RULES
+from minihuman.experiment.machine.activity import RequestHandler
 from minihuman.experiment.machine.inputs import Input, KeyDown, KeyUp, Stop
 from minihuman.experiment.machine.session import CONSENT_RULES, SessionMachine
 from minihuman.experiment.plan.session_plan import SessionPlan

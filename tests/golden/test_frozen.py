@@ -8,17 +8,18 @@ from typing import get_args
 import pyarrow.parquet as pq
 import pytest
 
+from minihuman.activities.agent_blocks.events import ControlChanged, ControlReason, LearnerAsked
+from minihuman.activities.correction.events import CorrectionEnded
+from minihuman.activities.preferences.events import Preferred
+from minihuman.activities.questions.question import QUESTION_GROUP
+from minihuman.activities.rating.events import Rated
 from minihuman.admin.verify.episodes import EpisodeVerification, verify_episodes
 from minihuman.admin.verify.log import verify_session
 from minihuman.dataset.annotations import read_annotations
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
 from minihuman.errors import LogError, WorldError
-from minihuman.experiment.activities.activity import find_kind, list_built_in_kinds
-from minihuman.experiment.activities.agent_blocks import ControlChanged, ControlReason, LearnerAsked, Rated
-from minihuman.experiment.activities.correction import CorrectionEnded
-from minihuman.experiment.activities.preferences import Preferred
-from minihuman.experiment.activities.questions.question import QUESTION_GROUP
+from minihuman.experiment.machine.activity import find_kind, list_built_in_kinds
 from minihuman.experiment.machine.events import Answered
 from minihuman.experiment.plan.session_plan import PacePolicy
 from minihuman.exporters.exporter import export_study

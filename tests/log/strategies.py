@@ -8,12 +8,16 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from minihuman.experiment.activities import agent_blocks, correction, preferences, team_messages, team_play
-from minihuman.experiment.activities.block_plans import CriterionSpec, PlayPlan
-from minihuman.experiment.activities.keyboard_check import KeyboardCheckPlan
-from minihuman.experiment.activities.pages import PagePlan
-from minihuman.experiment.activities.questions.question import QuestionItemSpec
-from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
+from minihuman.activities.agent_blocks import events as agent_events
+from minihuman.activities.correction import events as correction_events
+from minihuman.activities.keyboard_check.plan import KeyboardCheckPlan
+from minihuman.activities.pages.plan import PagePlan
+from minihuman.activities.play.plan import CriterionSpec, PlayPlan
+from minihuman.activities.preferences import events as preference_events
+from minihuman.activities.questions.plan import QuestionsPlan
+from minihuman.activities.questions.question import QuestionItemSpec
+from minihuman.activities.rating.events import Rated
+from minihuman.activities.team import events as team_events, message_events
 from minihuman.experiment.machine import events
 from minihuman.experiment.plan.designs import GroupAssignment, PlayedEpisode
 from minihuman.experiment.plan.session_plan import (
@@ -249,25 +253,25 @@ EVENTS_BY_TYPE: dict[type[events.Event], st.SearchStrategy[events.Event]] = {
         SEEDS,
     ),
     events.Linked: st.builds(events.Linked, TIMES, TIMES, TIMES, TIMES, TIMES, st.none() | FLOATS),
-    agent_blocks.PolicyGiven: st.builds(agent_blocks.PolicyGiven, TIMES, COUNTS, COUNTS, TEXTS, TEXTS),
-    agent_blocks.LearnerAsked: st.builds(agent_blocks.LearnerAsked, TIMES, COUNTS, COUNTS),
-    agent_blocks.Advised: st.builds(agent_blocks.Advised, TIMES, COUNTS, COUNTS, COUNTS, FLOATS_32),
-    agent_blocks.ControlChanged: st.builds(
-        agent_blocks.ControlChanged,
+    agent_events.PolicyGiven: st.builds(agent_events.PolicyGiven, TIMES, COUNTS, COUNTS, TEXTS, TEXTS),
+    agent_events.LearnerAsked: st.builds(agent_events.LearnerAsked, TIMES, COUNTS, COUNTS),
+    agent_events.Advised: st.builds(agent_events.Advised, TIMES, COUNTS, COUNTS, COUNTS, FLOATS_32),
+    agent_events.ControlChanged: st.builds(
+        agent_events.ControlChanged,
         TIMES,
         COUNTS,
         COUNTS,
-        st.sampled_from(get_args(agent_blocks.Controller)),
-        st.sampled_from(get_args(agent_blocks.ControlReason)),
+        st.sampled_from(get_args(agent_events.Controller)),
+        st.sampled_from(get_args(agent_events.ControlReason)),
         TIMES,
     ),
-    agent_blocks.Rated: st.builds(agent_blocks.Rated, TIMES, COUNTS, COUNTS, st.sampled_from((1.0, -1.0)), TIMES),
-    preferences.StretchShown: st.builds(
-        preferences.StretchShown,
+    Rated: st.builds(Rated, TIMES, COUNTS, COUNTS, st.sampled_from((1.0, -1.0)), TIMES),
+    preference_events.StretchShown: st.builds(
+        preference_events.StretchShown,
         TIMES,
         COUNTS,
         COUNTS,
-        st.sampled_from(get_args(preferences.Side)),
+        st.sampled_from(get_args(preference_events.Side)),
         COUNTS,
         COUNTS,
         COUNTS,
@@ -278,20 +282,20 @@ EVENTS_BY_TYPE: dict[type[events.Event], st.SearchStrategy[events.Event]] = {
         SEEDS,
         SEEDS,
     ),
-    preferences.PairSeen: st.builds(preferences.PairSeen, TIMES, COUNTS, COUNTS, COUNTS, TIMES, TIMES),
-    preferences.NothingToCompare: st.builds(preferences.NothingToCompare, TIMES, COUNTS, COUNTS),
-    preferences.Preferred: st.builds(
-        preferences.Preferred,
+    preference_events.PairSeen: st.builds(preference_events.PairSeen, TIMES, COUNTS, COUNTS, COUNTS, TIMES, TIMES),
+    preference_events.NothingToCompare: st.builds(preference_events.NothingToCompare, TIMES, COUNTS, COUNTS),
+    preference_events.Preferred: st.builds(
+        preference_events.Preferred,
         TIMES,
         COUNTS,
         COUNTS,
-        st.sampled_from(get_args(preferences.PairAnswer)),
+        st.sampled_from(get_args(preference_events.PairAnswer)),
         TIMES,
         COUNTS,
         TIMES,
     ),
-    correction.EpisodeLookedAt: st.builds(
-        correction.EpisodeLookedAt,
+    correction_events.EpisodeLookedAt: st.builds(
+        correction_events.EpisodeLookedAt,
         TIMES,
         *[COUNTS] * 4,
         TEXTS,
@@ -300,12 +304,22 @@ EVENTS_BY_TYPE: dict[type[events.Event], st.SearchStrategy[events.Event]] = {
         st.lists(COUNTS, max_size=4).map(tuple),
         SEEDS,
     ),
-    team_play.TeamFormed: st.builds(
-        team_play.TeamFormed, TIMES, COUNTS, TEXTS, COUNTS, COUNTS, TEXTS, st.lists(TEXTS, max_size=3).map(tuple), TEXTS
+    team_events.TeamFormed: st.builds(
+        team_events.TeamFormed,
+        TIMES,
+        COUNTS,
+        TEXTS,
+        COUNTS,
+        COUNTS,
+        TEXTS,
+        st.lists(TEXTS, max_size=3).map(tuple),
+        TEXTS,
     ),
-    team_play.SeatsReadied: st.builds(team_play.SeatsReadied, TIMES, COUNTS, st.lists(FLOATS, max_size=8).map(tuple)),
-    team_play.JointStepped: st.builds(
-        team_play.JointStepped,
+    team_events.SeatsReadied: st.builds(
+        team_events.SeatsReadied, TIMES, COUNTS, st.lists(FLOATS, max_size=8).map(tuple)
+    ),
+    team_events.JointStepped: st.builds(
+        team_events.JointStepped,
         TIMES,
         COUNTS,
         COUNTS,
@@ -315,24 +329,28 @@ EVENTS_BY_TYPE: dict[type[events.Event], st.SearchStrategy[events.Event]] = {
         SEEDS,
         st.lists(FLOATS, max_size=8).map(tuple),
     ),
-    team_play.InputLate: st.builds(team_play.InputLate, TIMES, COUNTS, COUNTS, COUNTS, TEXTS, TIMES),
-    team_play.PictureCorrected: st.builds(team_play.PictureCorrected, TIMES, COUNTS, COUNTS, TIMES, TIMES),
-    team_play.SeatTaken: st.builds(
-        team_play.SeatTaken, TIMES, COUNTS, COUNTS, COUNTS, st.sampled_from(get_args(team_play.SeatHolder))
+    team_events.InputLate: st.builds(team_events.InputLate, TIMES, COUNTS, COUNTS, COUNTS, TEXTS, TIMES),
+    team_events.PictureCorrected: st.builds(team_events.PictureCorrected, TIMES, COUNTS, COUNTS, TIMES, TIMES),
+    team_events.SeatTaken: st.builds(
+        team_events.SeatTaken, TIMES, COUNTS, COUNTS, COUNTS, st.sampled_from(get_args(team_events.SeatHolder))
     ),
-    team_messages.MessageTyped: st.builds(team_messages.MessageTyped, TIMES, TEXTS),
-    team_messages.MessageShown: st.builds(
-        team_messages.MessageShown,
+    message_events.MessageTyped: st.builds(message_events.MessageTyped, TIMES, TEXTS),
+    message_events.MessageShown: st.builds(
+        message_events.MessageShown,
         *(TIMES, COUNTS, COUNTS, COUNTS, TEXTS),
         st.lists(FLOATS, max_size=2).map(tuple),
         TEXTS,
     ),
-    team_play.TeamEnded: st.builds(team_play.TeamEnded, TIMES, COUNTS, st.sampled_from(get_args(team_play.GoneReason))),
-    correction.NothingToCorrect: st.builds(correction.NothingToCorrect, TIMES, COUNTS, COUNTS),
-    correction.CorrectionSeen: st.builds(correction.CorrectionSeen, TIMES, COUNTS, COUNTS, COUNTS, TIMES, TIMES),
-    correction.CorrectionBegun: st.builds(correction.CorrectionBegun, TIMES, *[COUNTS] * 5, SEEDS, TIMES),
-    correction.CorrectionStepped: st.builds(
-        correction.CorrectionStepped,
+    team_events.TeamEnded: st.builds(
+        team_events.TeamEnded, TIMES, COUNTS, st.sampled_from(get_args(team_events.GoneReason))
+    ),
+    correction_events.NothingToCorrect: st.builds(correction_events.NothingToCorrect, TIMES, COUNTS, COUNTS),
+    correction_events.CorrectionSeen: st.builds(
+        correction_events.CorrectionSeen, TIMES, COUNTS, COUNTS, COUNTS, TIMES, TIMES
+    ),
+    correction_events.CorrectionBegun: st.builds(correction_events.CorrectionBegun, TIMES, *[COUNTS] * 5, SEEDS, TIMES),
+    correction_events.CorrectionStepped: st.builds(
+        correction_events.CorrectionStepped,
         TIMES,
         *[COUNTS] * 5,
         TEXTS,
@@ -342,13 +360,13 @@ EVENTS_BY_TYPE: dict[type[events.Event], st.SearchStrategy[events.Event]] = {
         st.booleans(),
         SEEDS,
     ),
-    correction.CorrectionEnded: st.builds(
-        correction.CorrectionEnded,
+    correction_events.CorrectionEnded: st.builds(
+        correction_events.CorrectionEnded,
         TIMES,
         COUNTS,
         COUNTS,
         COUNTS,
-        st.sampled_from(get_args(correction.CorrectionOutcome)),
+        st.sampled_from(get_args(correction_events.CorrectionOutcome)),
     ),
     events.SessionEnded: st.builds(
         events.SessionEnded, TIMES, st.sampled_from(get_args(events.EndReason)), TEXTS, COUNTS

@@ -7,8 +7,8 @@ from typing import get_args
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
-from minihuman.experiment.activities.activity import find_kind, list_built_in_kinds
 from minihuman.experiment.machine import events as ev
+from minihuman.experiment.machine.activity import find_kind, list_built_in_kinds
 from minihuman.log import topics
 from minihuman.log.codec import decode_event, encode_event, load_activity_rows
 from minihuman.log.preview import PreviewEncoder

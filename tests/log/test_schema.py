@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto, FileDescriptorSet
 
-from minihuman.experiment.activities.activity import list_built_in_kinds
+from minihuman.experiment.machine.activity import list_built_in_kinds
 from minihuman.log import proto
 from minihuman.log.codec import list_activity_topics
 from minihuman.log.topics import RARE_TOPICS, TOPICS, schema_bytes

@@ -8,7 +8,7 @@ import pytest
 
 from minihuman.dataset.measures import mean_and_median, response_ms
 from minihuman.dataset.session_measures import SessionMeasures, skip_path_bounds
-from minihuman.dataset.table_columns import build_data_dictionary
+from minihuman.dataset.table_catalogue import build_data_dictionary
 from minihuman.errors import ProtocolError
 from minihuman.experiment.plan.dry_run import describe_plan
 from minihuman.log.read.session_reader import read_log

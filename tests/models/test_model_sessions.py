@@ -17,9 +17,9 @@ from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
 from minihuman import export, report, simulate, verify
+from minihuman.activities.team.events import JointStepped
 from minihuman.display.drawing.screen import repaint_screen
 from minihuman.errors import AllocationError, SimulationError, WorldError
-from minihuman.experiment.activities.team_play import JointStepped
 from minihuman.experiment.machine.events import Answered, ModelCall, PointerUsed
 from minihuman.experiment.machine.inputs import Input
 from minihuman.log.model.session_log import SessionLog

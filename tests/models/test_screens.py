@@ -20,7 +20,7 @@ from minihuman.display.drawing.play_screens import locate_picture, picture_size_
 from minihuman.display.drawing.screen import repaint_screen
 from minihuman.display.windows.blocking_window import TITLE
 from minihuman.display.windows.window import VirtualClock
-from minihuman.experiment.activities.activity import ENTER_KEYS
+from minihuman.experiment.machine.activity import ENTER_KEYS
 from minihuman.experiment.machine.events import ModelCall
 from minihuman.experiment.machine.inputs import KeyDown, PointerPressed, ScreenShown, Tick
 from minihuman.experiment.machine.screens import PageScreen, PlayScreen, Screen

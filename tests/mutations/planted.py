@@ -29,7 +29,7 @@ PLANTED = (
         "dataset/session_tables.py",
         '"answer_ms": (event.t_ns - event.shown_ns) * _MS if event.shown_ns else None,\n        "changes"',
         '"answer_ms": (event.t_ns - event.first_ns) * _MS if event.shown_ns else None,\n        "changes"',
-        ("tests/data/test_tables.py", "tests/study/test_questions.py", "tests/report/test_answers.py"),
+        ("tests/data/test_tables.py", "tests/activities/questions/test_questions.py", "tests/report/test_answers.py"),
     ),
     Mutant(
         "a group is drawn again whatever the stratum",

@@ -27,7 +27,7 @@ from minihuman.dataset.annotations import Annotation, add_annotation
 from minihuman.display.windows.window import VirtualClock
 from minihuman.experiment.machine.inputs import Input, PointerPressed, PointerReleased, Stop
 from minihuman.experiment.machine.screens import PageScreen, PlayScreen, Screen
-from minihuman.experiment.machine.session import build_session
+from minihuman.experiment.pending_session import build_session
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.log.paths import session_folder

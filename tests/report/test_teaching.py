@@ -9,21 +9,20 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from minihuman.activities.agent_blocks.report import (
+    autonomy_gain_per_min,
+    group_taught_by_block,
+    policy_agreement,
+    steering_minutes,
+)
 from minihuman.dataset.annotations import Annotation, add_annotation
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
 from minihuman.figures.teaching_figures import compute_shares_of_good
 from minihuman.log.read.session_reader import read_log
+from minihuman.reporting.activity_sections import SectionSource, build_activity_sections, join_sections
 from minihuman.reporting.build import build_report
-from minihuman.reporting.teaching_section import (
-    autonomy_gain_per_min,
-    group_taught_by_block,
-    policy_agreement,
-    read_taught_logs,
-    steering_minutes,
-    teaching_section,
-)
 from tests.report.pages import page
 
 pytestmark = pytest.mark.program  # whole studies are simulated
@@ -37,17 +36,26 @@ def log():
     return read_log(path)
 
 
-def test_the_page_says_who_steered_and_what_was_preferred(log):
-    told = re.sub(r"<[^>]+>", " ", page(teaching=teaching_section({"sub-01 session 1": log})))
+def sections_of(store: StudyStore, out: Path):
+    source = SectionSource(store.kept, lambda name: store.tables.table(name).to_pandas(), Selection(), out)
+    return join_sections(build_activity_sections(source))
+
+
+def test_the_page_says_who_steered_and_what_was_preferred(log, tmp_path):
+    study = shutil.copytree(TAUGHT, tmp_path / "taught")
+    with StudyStore(StudySessions(study, processes=1), with_shortest=False) as store:
+        sections = sections_of(store, tmp_path)
+    told = re.sub(r"<[^>]+>", " ", page(activities=sections))
     assert "Teaching" in told
     for block in group_taught_by_block(log):
         assert block in told
     assert str(len(log.comparisons)) in told
 
 
-def test_a_study_without_an_agent_has_no_such_section():
-    assert read_taught_logs([], pd.DataFrame({"participant": [], "session": []}), Selection()) == {}
-    assert teaching_section({}) is None
+def test_a_study_without_an_agent_has_no_such_section(tmp_path):
+    study = shutil.copytree(TAUGHT.with_name("plain"), tmp_path / "plain")
+    with StudyStore(StudySessions(study, processes=1), with_shortest=False) as store:
+        assert sections_of(store, tmp_path) == []
 
 
 def test_agreement_is_over_the_persons_steps_alone(log):
@@ -79,8 +87,8 @@ def test_teaching_is_told_of_the_episodes_that_count(log, tmp_path):
 
     def told() -> dict[str, list[int]]:
         with StudyStore(StudySessions(study, processes=1), with_shortest=False) as store:
-            controls = store.tables.table("controls").to_pandas()
-            logs = read_taught_logs(store.kept, controls, Selection())
+            source = SectionSource(store.kept, pd.DataFrame, Selection(), tmp_path)
+            logs = source.read_logs(store.tables.table("controls").to_pandas())
         return {name: [one.number for one in session.episodes if one.taught] for name, session in logs.items()}
 
     (everything,) = told().values()

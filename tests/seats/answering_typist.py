@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
+from minihuman.activities.pages.plan import PagePlan
+from minihuman.activities.play.plan import PlayPlan
+from minihuman.activities.questions.plan import QuestionsPlan
+from minihuman.activities.questions.question import QuestionItemSpec, build_draft
+from minihuman.activities.questions.screens import build_question_screen
 from minihuman.agents.goal_search import find_shortest_path
 from minihuman.display.drawing.screen import find_spot
 from minihuman.display.windows.blocking_window import TITLE
-from minihuman.experiment.activities.block_plans import PlayPlan
-from minihuman.experiment.activities.pages import PagePlan
-from minihuman.experiment.activities.questions.question import QuestionItemSpec, build_draft
-from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
-from minihuman.experiment.machine import screen_texts
 from minihuman.experiment.machine.events import (
     Answered,
     EpisodeEnded,
@@ -110,7 +110,7 @@ class Participant:
 
     def _click(self, asked: QuestionsPlan, place: int, target: str, along: float = 0.5) -> None:
         words, question = InterfaceWords(self.plan.language, self.plan.words), asked.items[place]
-        screen = screen_texts.build_question_screen(
+        screen = build_question_screen(
             words,
             title=asked.title,
             draft=build_draft(question, rtl=words.rtl),

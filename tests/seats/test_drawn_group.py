@@ -17,7 +17,8 @@ from minihuman.errors import AllocationError
 from minihuman.experiment.machine.events import Answered, Event, SessionStarted
 from minihuman.experiment.machine.inputs import FocusChanged, Input, KeyDown, KeyUp, ScreenShown, TextInput, Tick
 from minihuman.experiment.machine.screens import QuestionScreen
-from minihuman.experiment.machine.session import PendingAllocationSession, SessionMachine, SlotDrawn, SlotRequest
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.pending_session import PendingAllocationSession, SlotDrawn, SlotRequest
 from minihuman.experiment.plan.allocation import build_allocation_list, find_slot
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.protocol.protocol import decode_protocol

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from minihuman import plugins
+from minihuman.activities.agent_blocks.events import ControlChanged, PolicyGiven
 from minihuman.admin.verify.log import verify_session
 from minihuman.dataset.selection import Selection
 from minihuman.errors import LearnError
-from minihuman.experiment.activities.agent_blocks import ControlChanged, PolicyGiven
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
 from minihuman.plugins import describe_failure

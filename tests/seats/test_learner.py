@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from minihuman.activities.agent_blocks.events import LearnerAsked, PolicyGiven
+from minihuman.activities.preferences.requests import ClipRequest
 from minihuman.admin.policies import PolicyStore
 from minihuman.admin.verify.log import verify_session
 from minihuman.display.windows.window import VirtualClock
-from minihuman.experiment.activities.agent_blocks import LearnerAsked, PolicyGiven
-from minihuman.experiment.activities.preferences import ClipRequest
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.protocol.protocol import decode_protocol

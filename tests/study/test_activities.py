@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.activity import Activity, ActivityKind, PartEnding
+from minihuman.experiment.machine.activity import Activity, ActivityKind, PartEnding
 from minihuman.experiment.machine.events import PartEnded, PartStarted, SessionEnded, find_violations
 from minihuman.experiment.machine.inputs import Input, KeyDown
 from minihuman.experiment.machine.screens import TextScreen

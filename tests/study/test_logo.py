@@ -8,9 +8,9 @@ import pytest
 from PIL import Image, ImageDraw
 
 from minihuman import simulate, verify
+from minihuman.activities.pages.plan import PagePlan
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.pages import PagePlan
 from minihuman.log.read.session_reader import read_log
 
 _TOML = """

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.experiment.activities import play
+from minihuman.activities.play import activity as play
 from minihuman.experiment.machine import transitions
 from minihuman.experiment.machine.transitions import Phase, TransitionCause
 from tests.study.sessions import Desk, corridor_plan

@@ -4,9 +4,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from minihuman.activities.agent_blocks.plan import AgentPlan
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.block_plans import AgentPlan
 from minihuman.experiment.protocol.aliases import FIELD_ALIASES, VALUE_ALIASES, use_current_names
 from minihuman.experiment.protocol.protocol import (
     BlockSpec,

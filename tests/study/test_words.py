@@ -9,7 +9,7 @@ import pytest
 from minihuman.display.typefaces import select_typefaces
 from minihuman.errors import ProtocolError
 from minihuman.experiment import words
-from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.points import format_points, format_score
 from minihuman.experiment.protocol.protocol import decode_logged_protocol, decode_protocol
 from minihuman.experiment.protocol.specs import SHIPPED_FORMS, load_form
 from minihuman.experiment.words import LANGUAGES, InterfaceWords
@@ -83,14 +83,14 @@ def test_a_worlds_english_is_shown_in_english_studies_only():
 
 def test_a_sign_stays_before_its_number_also_from_right_to_left():
     """Without the mark, Unicode's rules (UAX 9: a separator beside one number alone) show "0.3-" there."""
-    assert screen_texts.format_score(InterfaceWords("ar"), -0.3) == "\u200e-0.3 نقطة"
-    assert screen_texts.format_score(InterfaceWords("ar"), 2) == "\u200e+2 نقطة"
-    assert screen_texts.format_score(InterfaceWords("en"), -0.3) == "-0.3 points"
+    assert format_score(InterfaceWords("ar"), -0.3) == "\u200e-0.3 نقطة"
+    assert format_score(InterfaceWords("ar"), 2) == "\u200e+2 نقطة"
+    assert format_score(InterfaceWords("en"), -0.3) == "-0.3 points"
 
 
 def test_less_than_a_tenth_of_a_point_is_none():
-    assert screen_texts.format_points(-0.04) == "0"
-    assert screen_texts.format_points(-0.06) == "-0.1"
+    assert format_points(-0.04) == "0"
+    assert format_points(-0.06) == "-0.1"
 
 
 def test_a_language_of_ones_own_needs_a_teams_words_only_for_a_team():

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from minihuman.experiment.machine.screens import FilmScreen, PairScreen, PlayScreen
+from minihuman.experiment.machine.screens import FilmsScreen, PlayScreen
 from minihuman.web import messages
 from minihuman.web.session_host import SessionHost
 from tests.web.page_steps import PageSteps
@@ -134,7 +134,7 @@ class PageModel:
             case PlayScreen() if self._shown and (*self._shown[:3], screen.flash) != self._shown:
                 self._shown = *self._shown[:3], screen.flash
                 self._to_show = messages.DisplayedMessage(0, 0, episode=screen.episode, step=screen.step)
-            case PairScreen() | FilmScreen() if self._shown != (screen,):
+            case FilmsScreen() if self._shown != (screen,):
                 self._shown = (screen,)
                 self._to_show = messages.DisplayedMessage(0, 0, screen=self._screen.id)
 

@@ -10,7 +10,7 @@ from minihuman.admin.status import count_participant_flow
 from minihuman.admin.verify.log import find_log_differences
 from minihuman.experiment.machine.events import Linked, SessionStarted, Stepped, find_violations
 from minihuman.experiment.machine.inputs import Stop
-from minihuman.experiment.machine.session import build_session
+from minihuman.experiment.pending_session import build_session
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.replay import compare_replay

@@ -7,7 +7,7 @@ import pytest
 
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.activity import find_kind
+from minihuman.experiment.machine.activity import find_kind
 from minihuman.web.server import process
 from minihuman.web.server.process import require_browser_support
 

@@ -6,21 +6,17 @@ from pathlib import Path
 
 import pytest
 
+from minihuman.activities.agent_blocks.events import Advised, ControlChanged, PolicyGiven
+from minihuman.activities.agent_blocks.requests import Advice, AdviceRequest, NewPolicy, PolicyRequest
+from minihuman.activities.correction.events import CorrectionSeen
+from minihuman.activities.correction.requests import EpisodeRequest
+from minihuman.activities.episode_clips import ClipOffered, EpisodeClip
+from minihuman.activities.preferences.events import PairSeen, Preferred
+from minihuman.activities.preferences.requests import ClipRequest
+from minihuman.activities.rating.events import Rated
 from minihuman.agents.agent import BaseAgent, make_agent
 from minihuman.display.windows.window import ScriptedWindow, VirtualClock
-from minihuman.experiment.activities.activity import ActivityRequest, RequestHandler
-from minihuman.experiment.activities.agent_blocks import (
-    Advice,
-    AdviceRequest,
-    Advised,
-    ControlChanged,
-    NewPolicy,
-    PolicyGiven,
-    PolicyRequest,
-    Rated,
-)
-from minihuman.experiment.activities.correction import CorrectionSeen, EpisodeRequest
-from minihuman.experiment.activities.preferences import ClipOffered, ClipRequest, EpisodeClip, PairSeen, Preferred
+from minihuman.experiment.machine.activity import ActivityRequest, RequestHandler
 from minihuman.experiment.machine.events import Event, Stepped, find_violations
 from minihuman.experiment.machine.inputs import ActivityInput, KeyDown, KeyUp, Stop
 from minihuman.experiment.machine.running_episode import RunningEpisode
@@ -180,7 +176,7 @@ def test_films_are_told_once_a_pair_and_every_picture_of_theirs_is_logged(tmp_pa
     told = [
         message
         for message in page.told
-        if isinstance(message, messages.ScreenMessage) and message.screen["kind"] == "pair"
+        if isinstance(message, messages.ScreenMessage) and message.screen.get("view") == "pair"
     ]
     assert len(told) == 3
     for message in told:
@@ -198,7 +194,7 @@ def test_an_episode_is_told_whole_and_gone_through_and_corrected_as_in_a_window(
     told = [
         message
         for message in page.told
-        if isinstance(message, messages.ScreenMessage) and message.screen["kind"] == "film"
+        if isinstance(message, messages.ScreenMessage) and message.screen.get("view") == "film"
     ]
     for message in told[:2]:
         assert_whole(page, message.name, [message.screen["pictures"]], length=5)

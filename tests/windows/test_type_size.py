@@ -5,12 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from minihuman.activities.play.screens import build_rest_screen
+from minihuman.activities.preferences.drawing import draw_pair
+from minihuman.activities.preferences.screens import PairScreen
+from minihuman.activities.questions.screens import build_wrong_answer_screen
 from minihuman.display.drawing import play_screens, sheet
-from minihuman.display.drawing.play_screens import draw_pair
 from minihuman.display.drawing.screen import compose_screen, find_spot
 from minihuman.display.text import draw_line
 from minihuman.experiment.machine import screen_texts
-from minihuman.experiment.machine.screens import PairScreen, PlayScreen, Screen
+from minihuman.experiment.machine.screens import PlayScreen, Screen
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import decode_protocol
@@ -109,8 +112,8 @@ def all_screens(plan: SessionPlan) -> list[Screen]:
         screen_texts.build_abort_screen(words),
     ]
     screens += [
-        screen_texts.build_wrong_answer_screen(words, ""),
-        screen_texts.build_rest_screen(words, "", 9),
+        build_wrong_answer_screen(words, ""),
+        build_rest_screen(words, "", 9),
         screen_texts.build_notice_screen(words, words["learning.title"], words["learning.body"]),
         screen_texts.build_wait_screen(words),
     ]

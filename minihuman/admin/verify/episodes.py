@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
+from minihuman.activities.team.message_events import MessageShown
+from minihuman.activities.team.plan import PERSON
 from minihuman.admin.enrolment_entries import TeamRecorded, list_team_entries
-from minihuman.experiment.activities.activity import WorldFactory
-from minihuman.experiment.activities.block_plans import PERSON
-from minihuman.experiment.activities.team_messages import MessageShown
+from minihuman.experiment.machine.activity import WorldFactory
 from minihuman.experiment.machine.events import EpisodeStarted, Stepped
 from minihuman.experiment.machine.running_episode import RunningEpisode, WorldFailedError
 from minihuman.experiment.replay import renders_same_images

@@ -23,6 +23,8 @@ from mcap.records import Attachment, Metadata
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
+from minihuman.activities.pages.plan import PagePlan
+from minihuman.activities.play.plan import PlayPlan
 from minihuman.admin.design_decisions import decide_again, verify_design_decisions
 from minihuman.admin.enrolment_entries import (
     find_incomplete_logs,
@@ -37,9 +39,7 @@ from minihuman.admin.verify.episodes import describe_other_rules, verify_episode
 from minihuman.admin.withdrawal import find_unfinished_withdrawals
 from minihuman.display.text import is_division
 from minihuman.errors import LogError, MinihumanError
-from minihuman.experiment.activities.activity import WorldFactory
-from minihuman.experiment.activities.block_plans import PlayPlan
-from minihuman.experiment.activities.pages import PagePlan
+from minihuman.experiment.machine.activity import WorldFactory
 from minihuman.experiment.machine.events import (
     EpisodeEnded,
     EpisodesSkipped,

@@ -17,15 +17,29 @@ from minihuman.display.shaping import measure_width_px
 from minihuman.display.text import draw_line
 from minihuman.display.typefaces import select_typefaces
 from minihuman.experiment.keys import key_label
-from minihuman.experiment.machine.screens import FilmScreen, PairScreen, PlayScreen, TextLocale
+from minihuman.experiment.machine.screens import PlayScreen, TextLocale
 
 Box = tuple[int, int, int, int]  # left, top, width, height
+
+
 _Key = tuple[str, str]  # what is printed on it, what it does
+
+
 _TOP = 0.10  # the mission's band, of the height
+
+
 _BOTTOM = 0.16  # legend and progress
+
+
 _MOST_ROWS = 3  # of the legend, in type that can be read
+
+
 _GAP = 1.4  # between a key's word and the next key, of the type size
+
+
 _WORTH_ENLARGING = 1.2  # by less a picture stays as it is, sharp
+
+
 _MARKS = {"good": theme.GOOD, "bad": theme.BAD, "neutral": theme.MUTED_INK}
 
 
@@ -181,9 +195,17 @@ def _length(sheet: Sheet, keys: list[_Key], type_px: int) -> float:
 
 
 _COLOURS = {"agent": sheet.HIGHLIGHT, "person": sheet.ACCENT}
+
+
 _FLASHES = {"good": sheet.GOOD, "bad": sheet.BAD}
+
+
 _SIGNS = {"good": "+", "bad": "\N{MINUS SIGN}"}
+
+
 _LINE = 0.03  # the line's height, of the window's
+
+
 _DASH = 4  # of the frame's thickness
 
 
@@ -240,25 +262,6 @@ def _line(
 RectPx = tuple[float, float, float, float]  # left, top, right, bottom
 
 
-def draw_pair(screen: PairScreen, size_px: Size) -> Sheet:
-    """Draw it: both sides alike, so that nothing but what they show tells them apart."""
-    sheet = Sheet(size_px, screen.locale)
-    width, height = size_px
-    margin = height * MARGIN
-    wide = width - 2 * margin
-    sheet.put_line((width / 2, height * 0.07), screen.title, round(height / 20), wide, theme.INK)
-    top, bottom, gap = height * 0.14, height * 0.80, margin
-    paste_picture(sheet, screen.left, (margin, top, width / 2 - gap, bottom))
-    paste_picture(sheet, screen.right, (width / 2 + gap, top, width - margin, bottom))
-    y, thick = height * 0.835, max(3, round(height / 180))
-    left, right = width * 0.3, width * 0.7
-    sheet.draw.rectangle((left, y, right, y + thick), fill=theme.SURFACE)
-    sheet.draw.rectangle((left, y, left + (right - left) * screen.along, y + thick), fill=theme.HIGHLIGHT)
-    sheet.put_line((width / 2, height * 0.895), screen.prompt, round(height / 30), wide, theme.INK)
-    sheet.put_line((width / 2, height * 0.955), screen.progress, round(height / 36), wide, theme.MUTED_INK)
-    return sheet
-
-
 def paste_picture(sheet: Sheet, picture: NDArray[np.uint8], box: RectPx) -> None:
     """A picture as large as its half lets it be, a thin line round it."""
     left, top, right, bottom = box
@@ -271,19 +274,3 @@ def paste_picture(sheet: Sheet, picture: NDArray[np.uint8], box: RectPx) -> None
     resampling = Image.Resampling.BOX if scale < 1 else Image.Resampling.NEAREST
     sheet.page.paste(Image.fromarray(picture).resize(size, resampling), (x, y))
     sheet.draw.rectangle((x - 2, y - 2, x + size[0] + 1, y + size[1] + 1), outline=theme.EDGE, width=2)
-
-
-def draw_film(screen: FilmScreen, size_px: Size) -> Sheet:
-    """Draw it."""
-    sheet = Sheet(size_px, screen.locale)
-    width, height = size_px
-    margin = height * MARGIN
-    wide = width - 2 * margin
-    paste_picture(sheet, screen.pictures[screen.step], (margin, height * 0.05, width - margin, height * 0.82))
-    y, thick, left, right = height * 0.85, max(3, round(height / 180)), width * 0.2, width * 0.8
-    along = left + (right - left) * screen.step / max(1, len(screen.pictures) - 1)
-    sheet.draw.rectangle((left, y, right, y + thick), fill=theme.SURFACE)
-    sheet.draw.rectangle((left, y, along, y + thick), fill=theme.HIGHLIGHT)
-    sheet.put_line((width / 2, height * 0.905), screen.prompt, round(height / 30), wide, theme.INK)
-    sheet.put_line((width / 2, height * 0.96), screen.progress, round(height / 36), wide, theme.MUTED_INK)
-    return sheet

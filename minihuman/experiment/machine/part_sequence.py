@@ -1,76 +1,47 @@
 """The sequence of parts of a session: which part runs, which are left and which comes next. No pauses or questions.
 
-Plans recorded before there were parts are read as consent, keyboard check, blocks and closing.
+It knows no kind of part by name: a part's plan says what the session needs to know of it.
 """
 
 from collections.abc import Sequence
+from operator import itemgetter
 
 from minihuman.errors import AllocationError
-from minihuman.experiment.activities.activity import Activity, PartEnding, SessionContext, build_activity
-from minihuman.experiment.activities.block_plans import PlayPlan
-from minihuman.experiment.activities.keyboard_check import KeyboardCheckPlan
-from minihuman.experiment.activities.pages import PagePlan
+from minihuman.experiment.machine.activity import (
+    Activity,
+    PartEnding,
+    SessionContext,
+    build_activity,
+    find_kind,
+    list_built_in_kinds,
+)
 from minihuman.experiment.machine.events import PartEnded, PartStarted
-from minihuman.experiment.plan.session_plan import PlannedPart, SessionPlan
-from minihuman.experiment.words import InterfaceWords
-
-OUTCOMES = ("goal", "timeout", "failure", "abandoned")
+from minihuman.experiment.plan.session_plan import PartPlan, PlannedPart, SessionPlan
 
 
 def list_parts(plan: SessionPlan) -> tuple[PlannedPart, ...]:
-    """The parts in order; those that a plan without any means: consent, keyboard check, block after block, closing."""
+    """The parts in order; of a plan that was recorded before plans had parts, those that the kinds find in it."""
     if plan.parts:
         return plan.parts
-    words = InterfaceWords(plan.language, plan.words, plan.fonts)
-    parts: list[PlannedPart] = []
-    if plan.consent_text and plan.segment == 1:
-        text = plan.consent_text.strip()
-        page = PagePlan(words["consent.title"], (text,), agree=True, sha256=plan.consent_sha256)
-        parts.append(PlannedPart("page", "consent", page))
-    if plan.keyboard_check:
-        parts.append(PlannedPart("keyboard_check", "keyboard_check", KeyboardCheckPlan(plan.key_pool)))
-    parts += _blocks(plan, words)
-    if plan.closing_text:
-        page = PagePlan(words["closing.title"], (plan.closing_text.strip(),), closing=True)
-        parts.append(PlannedPart("page", "closing", page))
-    return tuple(parts)
-
-
-def _blocks(plan: SessionPlan, words: InterfaceWords) -> list[PlannedPart]:
-    count = len(plan.texts)
-    parts = []
-    for number, text in enumerate(plan.texts):
-        its = [episode for episode in plan.episodes if episode.block == number]
-        last = number + 1 == count
-        play = PlayPlan(
-            block=number,
-            blocks=count,
-            first=its[0].episode,
-            count=len(its),
-            title="" if count < 2 else words.fill("progress.part", part=number + 1, parts=count),
-            instruction=(text.instruction.strip(),) if text.instruction else (),
-            feedback=dict.fromkeys(OUTCOMES, text.feedback) if text.feedback else {},
-            rest="" if last else text.rest,
-            rest_s=0.0 if last else text.rest_s,
-        )
-        parts.append(PlannedPart("play", its[0].block_name, play))
-    return parts
+    kinds = [find_kind(name) for name in list_built_in_kinds()]
+    placed = [part for kind in kinds if kind.find_early_parts is not None for part in kind.find_early_parts(plan)]
+    return tuple(part for _, part in sorted(placed, key=itemgetter(0)))
 
 
 def list_remaining_parts(plan: SessionPlan, parts: Sequence[PlannedPart]) -> list[int]:
     """The parts still to do, in order; empty if all are done.
 
-    A resumed session begins with the keyboard check again: the keyboard may be another.
+    A resumed session begins with the parts that are done in each segment, such as the keyboard check.
     """
-    left = [number for number in range(len(parts)) if not _done(number, parts[number], plan)]
-    worth = [number for number in left if parts[number].kind != "keyboard_check"]
-    only_closing = all(_is_closing(parts[number]) for number in worth)
-    return [] if only_closing and not (worth and plan.standing.part) else left
+    left = [number for number in range(len(parts)) if not _is_done(number, parts[number], plan)]
+    new = [parts[number] for number in left if not _is_repeated(parts[number])]
+    only_closing = all(_closes_session(part) for part in new)
+    return [] if only_closing and not (new and plan.standing.part) else left
 
 
 def is_only_closing_left(parts: Sequence[PlannedPart], begin: int) -> bool:
     """Whether only closing pages are left from a part on."""
-    return all(_is_closing(part) for part in parts[begin:])
+    return all(_closes_session(part) for part in parts[begin:])
 
 
 def asks_consent_before_play(plan: SessionPlan) -> bool:
@@ -79,26 +50,34 @@ def asks_consent_before_play(plan: SessionPlan) -> bool:
         return False
     parts = list_parts(plan)
     for number in list_remaining_parts(plan, parts):
-        its = parts[number].plan
-        if isinstance(its, PlayPlan):
+        part_plan = parts[number].plan
+        if not isinstance(part_plan, PartPlan):
+            continue
+        if part_plan.planned_episodes is not None:
             return False
-        if isinstance(its, PagePlan) and its.agree:
+        if part_plan.asks_consent:
             return True
     return False
 
 
-def _done(number: int, part: PlannedPart, plan: SessionPlan) -> bool:
-    if part.kind == "keyboard_check":
+def _is_done(number: int, part: PlannedPart, plan: SessionPlan) -> bool:
+    if _is_repeated(part):
         return False
     if number < plan.standing.part:
         return True
-    if isinstance(part.plan, PlayPlan):
-        return plan.first_episode >= part.plan.first + part.plan.count
-    return plan.first_episode > 0 and not plan.standing.part and isinstance(part.plan, PagePlan) and part.plan.agree
+    if not isinstance(part.plan, PartPlan):
+        return False
+    if part.plan.planned_episodes is not None:
+        return plan.first_episode >= part.plan.planned_episodes.stop
+    return plan.first_episode > 0 and not plan.standing.part and part.plan.asks_consent
 
 
-def _is_closing(part: PlannedPart) -> bool:
-    return isinstance(part.plan, PagePlan) and part.plan.closing
+def _is_repeated(part: PlannedPart) -> bool:
+    return isinstance(part.plan, PartPlan) and part.plan.is_repeated_on_resume
+
+
+def _closes_session(part: PlannedPart) -> bool:
+    return isinstance(part.plan, PartPlan) and part.plan.closes_session
 
 
 class PartSequence:

@@ -25,7 +25,7 @@ from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.worlds.pose import Pose
 
 if TYPE_CHECKING:
-    from minihuman.experiment.activities.block_plans import Bindings, SpotBinding
+    from minihuman.experiment.machine.bindings import Bindings, SpotBinding
     from minihuman.worlds.adapters.spaces import Action, ActionVector
     from minihuman.worlds.adapters.world import World  # imports Gymnasium, which reading a log does not need
 

@@ -2,12 +2,16 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.moved import forward_names
+
 OutcomeMark = Literal["", "good", "bad", "neutral"]
+
+
 ControlIndicator = Literal["", "person", "agent"]
 
 
@@ -210,68 +214,59 @@ class QuestionScreen:
         return isinstance(self.item, TextField)
 
 
+@dataclass(frozen=True, slots=True)
+class PageView:
+    """How the page of a browser shows a kind's own screen.
+
+    Args:
+        name: a word for it, by which style sheets know it.
+        values: "module:function" that takes the screen and a function which numbers pictures; it returns JSON values.
+        module: "package:file", a JavaScript module of the kind's folder. Its function ``draw`` takes those values, the
+            message that they came in, and tools of the page; it returns the elements of the screen.
+    """
+
+    name: str
+    values: str
+    module: str
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ActivityScreen:
     """A screen of one kind of activity, which adds what is to be seen.
 
     Its ``drawing``, "module:function", takes the screen and a size in pixels, and returns a
-    `minihuman.display.drawing.sheet.Sheet`.
+    `minihuman.display.drawing.sheet.Sheet`. Without a ``page_view`` the page shows that drawing.
     """
 
     drawing: ClassVar[str]
+    page_view: ClassVar[PageView | None] = None
     accepts_text: ClassVar[bool] = False
     accepts_pointer: ClassVar[bool] = False
     locale: TextLocale
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PairScreen(ActivityScreen):
-    """Two films side by side, of which one is to be preferred: at one step of both."""
-
-    drawing: ClassVar[str] = "minihuman.display.drawing.play_screens:draw_pair"
-    lefts: Sequence[NDArray[np.uint8]]  # uint8[H, W, 3] each; the last stands while the other side goes on
-    rights: Sequence[NDArray[np.uint8]]  # drawn when they are asked for
-    step: int  # 0 for the first picture of both; one more than the last while that stands at the end
-    title: str
-    prompt: str  # the keys and what they say
-    progress: str
-    period_ns: int = 0  # from a step's pictures on the display to the next step
-    replay_key: str = ""
-    pair: tuple[int, int] = (0, 0)  # which one it is
+class FilmsScreen(ActivityScreen):
+    """A screen of films, of which one picture each is seen at a time; the page has the others before they are."""
 
     @property
-    def length(self) -> int:
-        """How many steps the longer film has."""
-        return max(len(self.lefts), len(self.rights))
+    def films(self) -> tuple[Sequence[NDArray[np.uint8]], ...]:
+        """The films, side by side; each picture is drawn when it is asked for."""
+        raise NotImplementedError
 
     @property
-    def left(self) -> NDArray[np.uint8]:
-        """What is on the left now."""
-        return self.lefts[min(self.step, len(self.lefts) - 1)]
+    def shown_step(self) -> int:
+        """The index of the pictures that are seen; of a shorter film the last one stands."""
+        raise NotImplementedError
 
     @property
-    def right(self) -> NDArray[np.uint8]:
-        """What is on the right now."""
-        return self.rights[min(self.step, len(self.rights) - 1)]
-
-    @property
-    def along(self) -> float:
-        """How far the films have come, 0..1."""
-        return min(1.0, self.step / max(1, self.length - 1))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FilmScreen(ActivityScreen):
-    """One picture of an episode that is gone through step by step."""
-
-    drawing: ClassVar[str] = "minihuman.display.drawing.play_screens:draw_film"
-    pictures: Sequence[NDArray[np.uint8]]  # uint8[H, W, 3] each, drawn when it is asked for
-    step: int
-    prompt: str  # the keys and what they do
-    progress: str
-    back: str  # the keys to the step before and the next one
-    forward: str
-    film: tuple[int, int]  # which one it is
+    def identity(self) -> tuple[object, ...]:
+        """What tells the screen from another one, whatever step is seen."""
+        raise NotImplementedError
 
 
 Screen = TextScreen | BlankScreen | PlayScreen | PageScreen | QuestionScreen | ActivityScreen
+
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)

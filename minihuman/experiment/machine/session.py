@@ -10,20 +10,17 @@ questions about itself and its end; `PartSequence` owns the order of parts, and 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from minihuman.experiment.activities.activity import ENTER_KEYS, Activity, ActivityRequest, SessionContext, WorldFactory
 from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityRequest, SessionContext, WorldFactory
 from minihuman.experiment.machine.events import (
-    Answered,
     AxisMoved,
     EndReason,
     Event,
     Noted,
-    PartEnded,
     PauseReason,
     PointerUsed,
     SessionEnded,
@@ -51,11 +48,14 @@ from minihuman.experiment.machine.running_episode import RunningEpisode, WorldFa
 from minihuman.experiment.machine.screens import Screen, TextScreen
 from minihuman.experiment.machine.transitions import SESSION_TRANSITIONS, Phase, TransitionCause
 from minihuman.experiment.plan.session_plan import SessionPlan
-from minihuman.experiment.protocol.protocol import decode_logged_protocol
-from minihuman.experiment.protocol.strata import build_strata
+from minihuman.moved import forward_names
 
 ABORT_CHORD = frozenset({"f9", "f12"})
+
+
 CONSENT_RULES = "2"  # the fact "consent_rules" of a session: Escape on a consent text declines; before, it quit
+
+
 HOLD_TO_END_NS = 2_000_000_000  # Escape, held over the question whether to end the session
 
 
@@ -104,6 +104,7 @@ class KeyState:
 
 PAUSE_KEY = "f8"
 
+
 _PAUSE_REASONS: dict[TransitionCause, PauseReason] = {
     TransitionCause.PAUSE: "participant",
     TransitionCause.FOCUS_LOST: "focus_lost",
@@ -111,11 +112,14 @@ _PAUSE_REASONS: dict[TransitionCause, PauseReason] = {
     TransitionCause.ASK_ABORT: "abort_question",
 }
 
+
 _POINTER_WORDS: dict[type[PointerInput], Literal["pressed", "moved", "released"]] = {
     PointerPressed: "pressed",
     PointerMoved: "moved",
     PointerReleased: "released",
 }
+
+
 _TIMELESS = (Stop, ScreenShown, TextInput, PointerInput)  # what is due by now is not done before these
 
 
@@ -463,99 +467,5 @@ class SessionMachine:
         self._is_drawn = True
 
 
-@dataclass(frozen=True, slots=True)
-class SlotRequest(ActivityRequest):
-    """The answer is given: draw a slot of this stratum."""
-
-    stratum: str
-
-
-@dataclass(frozen=True, slots=True)
-class SlotDrawn(ActivityInput):
-    """The plan with the group that was drawn."""
-
-    plan: SessionPlan
-
-
-def is_allocation_pending(plan: SessionPlan) -> bool:
-    """Whether the group of a plan's participant is still to be drawn."""
-    return not plan.participant.group
-
-
-def build_session(
-    plan: SessionPlan,
-    make_world: WorldFactory,
-    facts: Mapping[str, str],
-    *,
-    picture_px: tuple[int, int] | None,
-    renders_steps: bool = True,
-) -> SessionMachine:
-    """A session for a plan, which waits for allocation if the participant has no group."""
-    kind = PendingAllocationSession if is_allocation_pending(plan) else SessionMachine
-    return kind(plan, make_world, facts, picture_px=picture_px, renders_steps=renders_steps)
-
-
-def awaits_allocation(session: SessionMachine) -> bool:
-    """Whether a session emits no events yet, since its group is not drawn."""
-    return isinstance(session, PendingAllocationSession) and not session.is_allocated
-
-
-class PendingAllocationSession(SessionMachine):
-    """A session that emits no events until the group is drawn, and none at all if it ends before.
-
-    The arguments are those of `SessionMachine`; ``plan`` is valid up to the draw.
-    """
-
-    def __init__(
-        self,
-        plan: SessionPlan,
-        make_world: WorldFactory,
-        facts: Mapping[str, str],
-        *,
-        picture_px: tuple[int, int] | None = (640, 480),
-        renders_steps: bool = True,
-    ) -> None:
-        super().__init__(plan, make_world, facts, picture_px=picture_px, renders_steps=renders_steps)
-        strata = build_strata(decode_logged_protocol(plan.protocol_toml))
-        assert strata is not None, "only a study with strata has plans without a group"
-        self._strata = strata
-        self._past: list[tuple[Input, int]] | None = []  # what came in, and when; None once the group is drawn
-        self._answers: list[Event] = []  # what the stratum follows from
-        self._stratum: str | None = None
-
-    @property
-    def is_allocated(self) -> bool:
-        """Whether the group is drawn."""
-        return self._past is None
-
-    @property
-    def request(self) -> ActivityRequest | None:
-        """The draw, once there is an answer; then the session's own requests."""
-        if self.is_allocated or self.over:
-            return super().request
-        return None if self._stratum is None else SlotRequest(self._stratum)
-
-    def receive(self, happened: Input, *, at_ns: int = 0, draws: bool = True) -> list[Event]:
-        """Take one input; at the draw, emit the events of all inputs so far."""
-        if self._past is None:
-            return super().receive(happened, at_ns=at_ns, draws=draws)
-        if isinstance(happened, SlotDrawn):
-            return self._begin_again(happened.plan, self._past)
-        self._past.append((happened, at_ns))
-        if self._stratum is None:
-            before = self._screen
-            events = super().receive(happened, at_ns=at_ns)
-            self._answers += (event for event in events if isinstance(event, Answered | PartEnded))
-            self._stratum = self._strata.drawn(self._answers)
-            if self._stratum is not None and not self.over:
-                self._screen = before  # the next part may depend on the group
-        return []
-
-    def _begin_again(self, plan: SessionPlan, past: list[tuple[Input, int]]) -> list[Event]:
-        self._past = None
-        self.close()
-        self._set_out(plan)
-        events: list[Event] = []
-        for happened, at_ns in past:
-            events += super().receive(happened, at_ns=at_ns)
-        return events
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)

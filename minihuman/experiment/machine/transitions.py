@@ -6,10 +6,7 @@ Holds the phases of the session and of the built-in activities, and the session'
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Generic, TypeVar
-
-if TYPE_CHECKING:
-    from minihuman.experiment.machine.session import SessionMachine
+from typing import Generic, Protocol, TypeVar
 
 Subject = TypeVar("Subject")
 
@@ -88,21 +85,40 @@ class TransitionCause(StrEnum):
     END = "end"
 
 
-def _it_is_being_played(session: "SessionMachine") -> bool:
+class RunningPart(Protocol):
+    """What the conditions ask of the part that runs."""
+
+    playing: bool
+    real_time: bool
+
+
+class SessionState(Protocol):
+    """What the conditions of the session's transitions ask of it."""
+
+    @property
+    def part(self) -> RunningPart:
+        """The part that runs."""
+
+    @property
+    def next_part(self) -> int | None:
+        """Index of the part that follows; None where none does."""
+
+
+def _it_is_being_played(session: SessionState) -> bool:
     return session.part.playing
 
 
-def _time_makes_its_steps(session: "SessionMachine") -> bool:
+def _time_makes_its_steps(session: SessionState) -> bool:
     return session.part.playing and session.part.real_time
 
 
-def _another_part_follows(session: "SessionMachine") -> bool:
+def _another_part_follows(session: SessionState) -> bool:
     return session.next_part is not None
 
 
 _INTERRUPTIBLE_PHASES = (Phase.PART, Phase.PAUSED, Phase.UNFOCUSED)
 
-SESSION_TRANSITIONS: "TransitionTable[SessionMachine]" = TransitionTable(
+SESSION_TRANSITIONS: TransitionTable[SessionState] = TransitionTable(
     [
         PhaseTransition(Phase.START, TransitionCause.BEGAN, Phase.PART),
         PhaseTransition(Phase.PART, TransitionCause.DONE, Phase.PART, _another_part_follows),

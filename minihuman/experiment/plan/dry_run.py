@@ -8,12 +8,14 @@ from contextlib import closing, suppress
 
 import msgspec
 
+from minihuman.activities.pages.plan import PagePlan
+from minihuman.activities.play.plan import PlayPlan
+from minihuman.activities.questions.plan import QuestionsPlan
+from minihuman.activities.team.plan import TeamPlayPlan
 from minihuman.errors import ProtocolError, WorldError
-from minihuman.experiment.activities.block_plans import Bindings, PlayPlan, TeamPlayPlan
-from minihuman.experiment.activities.pages import PagePlan
-from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
+from minihuman.experiment.machine.bindings import Bindings
+from minihuman.experiment.machine.points import compute_bonus
 from minihuman.experiment.machine.running_episode import check_bindings
-from minihuman.experiment.machine.screen_texts import compute_bonus
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.plan.expansion import list_world_options
 from minihuman.experiment.plan.session_plan import BonusSpec, EpisodePlan, PlannedPart, SessionPlan

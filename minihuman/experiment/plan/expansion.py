@@ -10,14 +10,16 @@ from typing import Any
 
 import msgspec
 
+from minihuman.activities.keyboard_check.plan import KeyboardCheckPlan
+from minihuman.activities.pages.plan import PagePlan
+from minihuman.activities.play.plan import ComputedBy, PlayPlan
+from minihuman.activities.questions.plan import QuestionsPlan
+from minihuman.activities.team.debrief import DebriefPlan
+from minihuman.activities.team.plan import TeamPlayPlan
 from minihuman.display.text import PAGINATION_RULES, paginate_text
 from minihuman.errors import AllocationError, ProtocolError
-from minihuman.experiment.activities.activity import ActivityKind, find_kind
-from minihuman.experiment.activities.block_plans import Bindings, ComputedBy, PlayPlan, TeamPlayPlan
-from minihuman.experiment.activities.keyboard_check import KeyboardCheckPlan
-from minihuman.experiment.activities.pages import PagePlan
-from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
-from minihuman.experiment.activities.team_play import DebriefPlan
+from minihuman.experiment.machine.activity import ActivityKind, find_kind
+from minihuman.experiment.machine.bindings import Bindings
 from minihuman.experiment.plan import trials
 from minihuman.experiment.plan.allocation import AllocationSlot, allocation_sha256, build_allocation_list, find_slot
 from minihuman.experiment.plan.random_streams import draw_permutation, draw_seeds

@@ -78,6 +78,30 @@ class BlockText(msgspec.Struct, frozen=True):
     rest_s: float  # the shortest rest, seconds
 
 
+class PartPlan(msgspec.Struct, frozen=True):
+    """A part's plan, as the session sees it: a kind's plan derives from it to say otherwise."""
+
+    @property
+    def asks_consent(self) -> bool:
+        """Whether the part asks for consent."""
+        return False
+
+    @property
+    def closes_session(self) -> bool:
+        """Whether the part has the session's last words alone."""
+        return False
+
+    @property
+    def is_repeated_on_resume(self) -> bool:
+        """Whether a resumed session does the part again, though it was done."""
+        return False
+
+    @property
+    def planned_episodes(self) -> range | None:
+        """The indices of the episodes that the part plays; None for a part that is no block."""
+        return None
+
+
 class PlannedPart(msgspec.Struct, frozen=True):
     """One part of a session: what kind of activity, and that kind's own plan with no chance left in it."""
 

@@ -8,8 +8,9 @@ from typing import Any
 
 import msgspec
 
+from minihuman.activities.play.plan import TrialRules
+from minihuman.activities.trials.plan import StimuliSpec
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.block_plans import StimuliSpec, TrialRules
 from minihuman.experiment.plan.random_streams import draw_permutation, draw_words
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.worlds.hashing import refer_to_file

@@ -5,18 +5,13 @@ from itertools import pairwise, permutations, product
 
 import msgspec
 
+from minihuman.activities.agent_blocks.plan import AgentPlayPlan
+from minihuman.activities.play.plan import PlayPlan
+from minihuman.activities.questions.question import check_item, find_question_kind
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.activity import find_kind
-from minihuman.experiment.activities.block_plans import (
-    AgentPlan,
-    AgentPlayPlan,
-    PlayPlan,
-    TeamPlayPlan,
-    check_agent as agent_complaints,
-    check_team as team_complaints,
-)
-from minihuman.experiment.activities.questions.question import check_item, find_question_kind
+from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.plan.designs import make_design
+from minihuman.experiment.protocol.model import BlockSpec, GroupSpec, Protocol
 from minihuman.experiment.protocol.specs import (
     CODE_RULE,
     SHIPPED_FORMS,
@@ -27,7 +22,6 @@ from minihuman.experiment.protocol.specs import (
     check_each_override,
     is_completion_code,
 )
-from minihuman.experiment.protocol.structure import BlockSpec, GroupSpec, Protocol
 from minihuman.experiment.protocol.validation_errors import FieldError, select_errors
 from minihuman.experiment.words import LANGUAGES, flatten_words, load_words
 from minihuman.worlds.catalogue import is_first_person
@@ -412,32 +406,16 @@ def _check_block(block: BlockSpec, protocol: Protocol) -> Iterator[FieldError]:
 
 
 def _check_block_kind(block: BlockSpec, pool: tuple[str, ...]) -> Iterator[FieldError]:
-    """A block's kind is one of blocks, and has an agent where it needs one."""
+    """A block's kind is one of blocks, and the block is as its kind needs it."""
     try:
-        plan = find_kind(block.kind).plan
+        kind = find_kind(block.kind)
     except ProtocolError as error:
         yield "kind", f"is {block.kind!r}: {error}"
         return
-    if not issubclass(plan, PlayPlan):
+    if not issubclass(kind.plan, PlayPlan):
         yield "kind", f"is {block.kind!r}, which is not a kind of block; list it in [[activities]]"
-    elif issubclass(plan, AgentPlayPlan):
-        if block.pace != "on_key":
-            yield "pace", f"is {block.pace!r}, but the agent of a {block.kind} block has its own pace; leave it out"
-        agent = block.agent or AgentPlan()
-        yield from ((f"agent.{field}", what) for field, what in agent_complaints(agent, pool))
-    elif issubclass(plan, TeamPlayPlan):
-        yield from ((f"team.{field}", what) for field, what in team_complaints(block.team, pool))
-        seat_keys = () if block.team is None else block.team.seat_keys or ()
-        yield from (
-            ("team.seat_keys", f"has keys for {', '.join(keys.values())}; give each seat one for each action")
-            for keys in seat_keys
-            if sorted(keys.values()) != sorted(block.actions)
-        )
-        yield from (
-            (field, "would end or step each seat by its own clock; leave it out of a team block")
-            for field in ("max_episode_s", "max_block_s", "stop_criterion", "noop_action")
-            if getattr(block, field)
-        )
+    elif kind.check_block is not None:
+        yield from kind.check_block(block, pool)
 
 
 def _check_unused_fields(protocol: Protocol) -> Iterator[FieldError]:

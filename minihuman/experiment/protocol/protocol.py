@@ -22,17 +22,17 @@ from minihuman.experiment.keys import BUTTON_NAMES, KEY_NAMES_TEXT, PAD_AXES, RE
 from minihuman.experiment.protocol import specs, strata
 from minihuman.experiment.protocol.aliases import use_current_names
 from minihuman.experiment.protocol.consistency import check_carried_key_maps, check_design, check_newer_design_rules
-from minihuman.experiment.protocol.specs import (
-    check_each,
-    check_each_override,
-)
-from minihuman.experiment.protocol.structure import (
+from minihuman.experiment.protocol.model import (
     BlockSpec as BlockSpec,
     ExclusionSpec as ExclusionSpec,
     GroupSpec as GroupSpec,
     KeysSpec as KeysSpec,
     Protocol as Protocol,
     StudySpec as StudySpec,
+)
+from minihuman.experiment.protocol.specs import (
+    check_each,
+    check_each_override,
 )
 from minihuman.experiment.protocol.validation_errors import (
     INTERNAL_FIELDS,
@@ -44,7 +44,10 @@ from minihuman.experiment.protocol.validation_errors import (
 )
 
 MAX_SEED = 2**63 - 1  # TOML's integers are 64-bit signed
+
+
 MAX_ALLOCATED_BLOCKS = 1_000_000  # of all participants: the allocation list draws keys for each
+
 
 _FORMAT = re.compile(r"[<>^=+\- ,]{0,3}\d{0,3}(\.\d{1,2})?[a-z%]?")  # of a number or word in a text
 
@@ -331,6 +334,8 @@ def list_old_names(protocol: Protocol, source: str) -> list[str]:
 
 
 _TYPES = {"string": "string", "integer": "integer", "number": "number", "boolean": "true or false", "object": "table"}
+
+
 _PLURALS = {"string": "strings", "integer": "integers", "number": "numbers", "table": "tables"}
 
 

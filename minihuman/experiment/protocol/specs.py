@@ -13,10 +13,24 @@ from typing import Any, ClassVar, Literal, Protocol, TypeVar
 
 import msgspec
 
+from minihuman.activities.pages.plan import ExampleSpec
+from minihuman.activities.questions.question import QuestionItemSpec
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.pages import ExampleSpec
-from minihuman.experiment.activities.questions.question import QuestionItemSpec
+from minihuman.experiment.plan.designs import DesignSpec
 from minihuman.experiment.protocol.validation_errors import FieldError, select_errors
+
+
+class AllocationSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How places are drawn, beyond the groups' ratios."""
+
+    stratify_by: str = ""  # "part.item", or "part" for how many of its questions are right at the first try
+    strata: dict[str, tuple[str | int, ...]] = {}  # name -> codes taken together; absent: a stratum an option
+    cut_points: tuple[
+        float, ...
+    ] = ()  # of a number: below the first, from it to below the second, ..., the last or more
+    design: DesignSpec | None = None  # assigns each participant's group from those before, instead of the list
+    stopping: DesignSpec | None = None  # ends enrolment from the participants before
+
 
 GroupOverrides = dict[str, dict[str, Any]]  # group -> fields that are others for it
 
@@ -79,23 +93,19 @@ class SessionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     completion_code: str = ""  # for who completes it in a browser; "": web.completion_codes.complete
 
 
-class _Named(Protocol):
-    """What has a name in a protocol file."""
-
-    @property
-    def name(self) -> str: ...
-
-
 class _OverridablePart(Protocol):
-    """A part of a protocol file, some fields of which may be others for a group."""
-
     __struct_fields__: ClassVar[tuple[str, ...]]
 
     @property
     def group_overrides(self) -> GroupOverrides: ...
 
 
-Overridable = TypeVar("Overridable", bound=_OverridablePart)
+class _NamedPart(Protocol):
+    @property
+    def name(self) -> str: ...
+
+
+Overridable = TypeVar("Overridable", bound=_OverridablePart)  # a block, a page, a questionnaire
 
 
 def apply_overrides(part: Overridable, group: str) -> Overridable:
@@ -145,9 +155,16 @@ def check_each_override(
 
 ColumnType = Literal["text", "integer", "number", "boolean"]
 
+
 _ORCID = re.compile(r"\d{4}-\d{4}-\d{4}-\d{3}[\dX]")
+
+
 _DOI = re.compile(r"10\.\d{4,9}/\S+")
+
+
 _LICENCE = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*|https?://\S+")
+
+
 _COLUMN = re.compile(r"[a-z][a-z0-9_]*")
 
 
@@ -249,6 +266,8 @@ def is_orcid(text: str) -> bool:
 
 
 _NAMED_MEASURE = re.compile(r"[a-z][a-z0-9_-]*:.+")  # an answer's, of teaching, or of a lab's own package
+
+
 # What groups can be compared on: columns of the table "blocks", one value a participant.
 COMPARABLE_MEASURES = (
     *("log_excess_steps_mean", "spl_mean", "success", "reward_mean", "steps_at_limit_mean", "excess_steps_mean"),
@@ -329,10 +348,12 @@ def check_analysis(
 
 
 NAME_PATTERN = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
+
+
 NAME_RULE = "use lower-case letters, digits, '-' and '_'"
 
 
-def check_names(field: str, named: Sequence[_Named]) -> list[FieldError]:
+def check_names(field: str, named: Sequence[_NamedPart]) -> list[FieldError]:
     """Every (path, complaint) about the names of what a field of the protocol holds."""
     names = [one.name for one in named]
     found = []
@@ -377,9 +398,17 @@ def check_devices(devices: tuple[DeviceSpec, ...]) -> list[FieldError]:
 
 
 Browser = Literal["chrome", "edge", "firefox", "safari"]
+
+
 RecruitmentPlatform = Literal["prolific", "sona", "mturk"]
+
+
 ImageEncoding = Literal["auto", "lossless", "jpeg"]
+
+
 _CODE = re.compile(r"[A-Za-z0-9_-]{0,64}")
+
+
 CODE_RULE = "use letters, digits, '-' and '_', at most 64"
 
 

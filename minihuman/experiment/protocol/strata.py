@@ -10,16 +10,25 @@ from typing import Any
 
 import msgspec
 
+from minihuman.activities.questions.question import QuestionItemSpec, find_question_kind
 from minihuman.errors import ProtocolError
-from minihuman.experiment.activities.questions.question import QuestionItemSpec, find_question_kind
 from minihuman.experiment.machine.events import Answered, Event, PartEnded
 from minihuman.experiment.plan.designs import make_enrolment_design
-from minihuman.experiment.protocol.specs import SHIPPED_FORMS, QuestionnaireSpec, load_form
-from minihuman.experiment.protocol.structure import AllocationSpec, Protocol
+from minihuman.experiment.protocol.model import Protocol
+from minihuman.experiment.protocol.specs import (
+    SHIPPED_FORMS,
+    AllocationSpec as AllocationSpec,
+    QuestionnaireSpec,
+    load_form,
+)
 from minihuman.experiment.protocol.validation_errors import FieldError, select_errors
 
 NO_ANSWER = "no answer"  # the stratum of those who left an optional question out
+
+
 MAX_STRATA = 20
+
+
 _CODED = ("code", "rating")  # types of answers
 
 

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from minihuman import __version__
+from minihuman.activities.questions.plan import QuestionsPlan
 from minihuman.dataset.measures import response_ms
 from minihuman.dataset.table_columns import table_key_name
 from minihuman.errors import ExportError
-from minihuman.experiment.activities.questions.questionnaire import QuestionsPlan
 from minihuman.experiment.machine.events import Answered, Paused, Sampled
 from minihuman.experiment.protocol.specs import DeviceSpec
 from minihuman.log.model.session_log import EpisodeLog, Segment, SessionLog

@@ -12,7 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from minihuman.experiment.activities.preferences import EpisodeClip
+from minihuman.activities.episode_clips import EpisodeClip
 from minihuman.operating_system import limit_memory, lower_process_priority
 from minihuman.plugins import describe_failure
 

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.activities.episode_clips import EpisodeClip
+from minihuman.activities.preferences.events import PairAnswer
 from minihuman.dataset.selection import Selection
 from minihuman.errors import LearnError
-from minihuman.experiment.activities import preferences
 from minihuman.learn.demonstrations import (
     LoggedEpisode,
     check_equal_options,
@@ -36,7 +37,7 @@ from minihuman.storage.durable_files import hash_file
 from minihuman.worlds.adapters.world import World
 
 VIEW = ObservationEncoder(missions=False)
-ANSWERS: dict[preferences.PairAnswer, Answer] = {
+ANSWERS: dict[PairAnswer, Answer] = {
     "left": "left",
     "right": "right",
     "equal": "equal",
@@ -225,7 +226,7 @@ def _comparisons(taken: Sequence[LoggedEpisode]) -> Iterator[Comparison]:
                 yield Comparison(left, right, ANSWERS[each.preference.answer])
 
 
-def make_fragment(side: preferences.EpisodeClip, lesson: str) -> LessonFragment:
+def make_fragment(side: EpisodeClip, lesson: str) -> LessonFragment:
     """A stretch that was shown, as steps of a lesson."""
     return LessonFragment(lesson, side.first, len(side.actions) - 1)
 

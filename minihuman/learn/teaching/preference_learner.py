@@ -12,8 +12,8 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
+from minihuman.activities.episode_clips import EpisodeClip
 from minihuman.errors import LearnError
-from minihuman.experiment.activities import preferences
 from minihuman.learn.policy.network import Policy
 from minihuman.learn.policy.observation import Observation
 from minihuman.learn.ppo import PpoSettings, TrainingEnv, make_ppo
@@ -216,7 +216,7 @@ def compute_disagreement(model: RewardModel, dataset: Dataset, pairs: Sequence[P
 def choose_disputed_pair(
     logs: Sequence[Path],
     block: str,
-    pairs: Sequence[tuple[preferences.EpisodeClip, preferences.EpisodeClip]],
+    pairs: Sequence[tuple[EpisodeClip, EpisodeClip]],
     *,
     seed: int,
 ) -> int:

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.experiment.activities.block_plans import PERSON
-from minihuman.experiment.activities.team_play import (
+from minihuman.activities.team.episode import digest_joint_actions
+from minihuman.activities.team.events import (
     InputLate,
     JointStepped,
     PictureCorrected,
@@ -24,8 +24,8 @@ from minihuman.experiment.activities.team_play import (
     SeatTaken,
     TeamEnded,
     TeamFormed,
-    digest_joint_actions,
 )
+from minihuman.activities.team.plan import PERSON
 from minihuman.experiment.machine.events import (
     ActivityEvent,
     AnswerChanged,

@@ -6,15 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.experiment.activities.agent_blocks import Advised, ControlChanged, Rated
-from minihuman.experiment.activities.correction import (
+from minihuman.activities.agent_blocks.events import Advised, ControlChanged
+from minihuman.activities.correction.events import (
     CorrectionBegun,
     CorrectionEnded,
     CorrectionOutcome,
     CorrectionStepped,
     EpisodeLookedAt,
 )
-from minihuman.experiment.activities.preferences import EpisodeClip, Preferred, StretchShown
+from minihuman.activities.episode_clips import EpisodeClip
+from minihuman.activities.preferences.events import Preferred, StretchShown
+from minihuman.activities.rating.events import Rated
 from minihuman.experiment.machine.events import ActivityEvent
 
 

@@ -16,9 +16,9 @@ import numpy as np
 from google.protobuf.message import Message
 from numpy.typing import NDArray
 
+from minihuman.activities.agent_blocks.events import PolicyGiven
+from minihuman.activities.team.events import SeatsReadied, TeamFormed
 from minihuman.errors import LogError
-from minihuman.experiment.activities.agent_blocks import PolicyGiven
-from minihuman.experiment.activities.team_play import SeatsReadied, TeamFormed
 from minihuman.experiment.machine import events
 from minihuman.log import topics
 from minihuman.log.codec import RECORD_TOPICS, decode_event, require_one_of

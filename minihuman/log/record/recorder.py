@@ -12,7 +12,7 @@ from pathlib import Path
 
 from minihuman.experiment.machine.events import Event, Noted, Stepped
 from minihuman.experiment.machine.part_sequence import asks_consent_before_play
-from minihuman.experiment.machine.session import is_allocation_pending
+from minihuman.experiment.pending_session import is_allocation_pending
 from minihuman.experiment.plan.session_plan import SessionPlan
 
 

@@ -74,15 +74,13 @@ export interface TeamMessages {
   writes: boolean; hint: string; lines: [author: string, text: string][]; entry: Omit<TextField, "form"> | null; bounds: [left: number, top: number, right: number, bottom: number];
   cells: [x: number, z: number, isOwn: boolean][];
 }
-export type PairScreen = Common & {
-  kind: "pair"; lefts: number[]; rights: number[]; step: number; period: number; replay_key: string;
-};
-export type FilmScreen = Common & { kind: "film"; pictures: number[]; step: number; back: string; forward: string };
+/** A screen of one kind of activity, which the module at that address draws; it has fields of its own. */
+export type ActivityScreen = Common & { kind: "activity"; view: string; module: string };
 export type PageScreen = Common & {
   kind: "page"; body: string; picture: number | null; marks: [x: number, y: number, label: string][]; buttons: Button[];
 };
 export type QuestionScreen = Common & { kind: "question"; question: string; note: string; item: AnswerWidget; buttons: Button[] };
-export type Screen = TextScreen | BlankScreen | PlayScreen | PairScreen | FilmScreen | PageScreen | QuestionScreen;
+export type Screen = TextScreen | BlankScreen | PlayScreen | ActivityScreen | PageScreen | QuestionScreen;
 
 export type OptionList = { form: "OptionList"; many: boolean; options: string[]; chosen: number[]; cursor: number };
 export type RatingScale = { form: "RatingScale"; points: string[]; chosen: number | null; low: string; high: string };
@@ -98,3 +96,24 @@ export interface CanvasShape {
 }
 export type ShapeCanvas = { form: "ShapeCanvas"; shapes: CanvasShape[]; aspect: number };
 export type AnswerWidget = OptionList | RatingScale | RatingMatrix | Slider | TextField | ShapeCanvas;
+
+/** How films are shown. */
+export interface FilmSettings {
+  /** the numbers of their pictures; -1 is still to come */ sides: number[][];
+  /** what each is, for whoever does not see it */ labels: string[];
+  /** how much of the window is theirs: of its height, and each one's of its width */ room: [share: number, across?: number];
+  /** at which they begin */ step: number;
+  /** ns from a step on the display to the next; null where keys alone go on */ period: number | null;
+  /** the step that a key leads to; null for none */ stepOf: (key: string, isRepeat: boolean, step: number) => number | null;
+}
+/** What the page lends to the module of a kind of activity. */
+export interface PageTools {
+  el: typeof import("./elements.js").el;
+  words: typeof import("./elements.js").words;
+  prose: typeof import("./elements.js").prose;
+  films: { open(message: ScreenMessage, settings: FilmSettings): HTMLElement[] };
+}
+/** What such a module has. */
+export interface ActivityModule {
+  draw(screen: ActivityScreen, message: ScreenMessage, page: PageTools): unknown;
+}

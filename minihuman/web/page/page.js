@@ -310,6 +310,11 @@ class Page {
     this.#player.freeze(n);
   }
 
+  get #kind() {
+    const s = this.#screen?.screen;
+    return (s?.kind === "activity" ? s.view : s?.kind) ?? "";
+  }
+
   /** For whoever tests or watches: what the page has done so far. */
   get state() {
     const { play } = this.#player;
@@ -320,7 +325,7 @@ class Page {
       ready: this.#player.isReady, known: play?.known ?? false, unsafe: this.#outbox.size,
       ways: prefetch.edges.get(prefetch.at)?.size ?? 0,
       foreseen: [...prefetch.edges.values()].reduce((sum, ways) => sum + ways.size, 0), ahead: prefetch.ahead,
-      kind: this.#screen?.screen.kind ?? "", now: this.#outbox.hasTime ? this.#outbox.now() : 0,
+      kind: this.#kind, now: this.#outbox.hasTime ? this.#outbox.now() : 0,
     };
   }
 }

@@ -1,8 +1,8 @@
 // Pictures that the server sent: kept, unpacked ahead of use, shown as films, and reported when the display has them.
 
-import { el, fit, paint, words } from "./elements.js";
+import { el, fit, paint } from "./elements.js";
 
-/** @import { FilmScreen, Frame, Input, PairScreen, ScreenMessage } from "./messages" */
+/** @import { FilmSettings, Frame, Input, ScreenMessage } from "./messages" */
 /**
  * @typedef {{ number: number, encoding: number, width: number, height: number, bytes: Uint8Array<ArrayBuffer>,
  * tiles: (Picture | undefined)[], bitmap: Promise<ImageBitmap> | null, ready: ImageBitmap | null }} Picture
@@ -122,14 +122,12 @@ export class FlipReporter {
 
 /**
  * @typedef {object} Film
- * @property {PairScreen | FilmScreen} s @property {ScreenMessage} message
- * @property {number[][]} sides the numbers of their pictures; -1 is still to come
+ * @property {FilmSettings} settings @property {ScreenMessage} message
  * @property {HTMLCanvasElement[]} canvases @property {HTMLProgressElement} bar
- * @property {[share: number, across?: number]} room
  * @property {number} step @property {number} length @property {number | null} due
  */
 
-/** The film on the screen: two segments side by side that run by themselves, or one episode that keys go through. */
+/** The films on the screen, side by side: they run by themselves, or keys go through them. */
 export class FilmViewer {
   /** @type {Film | null} */ #film = null;
   /** @type {WeakMap<number[], Map<number, ((picture: Picture) => void)[]>>} */ #wanted = new WeakMap();
@@ -142,33 +140,28 @@ export class FilmViewer {
   }
 
   get due() { return this.#film?.due ?? null; }
+  get isOpen() { return this.#film !== null; }
   close() { this.#film = null; }
-  fit() { for (const canvas of this.#film?.canvases ?? []) fit(canvas, ...this.#film?.room ?? [1]); }
+  fit() { for (const canvas of this.#film?.canvases ?? []) fit(canvas, ...this.#film?.settings.room ?? [1]); }
 
-  /** @param {PairScreen | FilmScreen} s @param {ScreenMessage} message */
-  draw(s, message) {
-    const isPair = s.kind === "pair";
-    const sides = isPair ? [s.lefts, s.rights] : [s.pictures];
-    const canvases = sides.map((_, side) =>
-      el("canvas", { role: "img", "aria-label": isPair ? `${s.title} ${side + 1}` : s.progress }));
+  /** Make the elements of a screen's films. @param {ScreenMessage} message @param {FilmSettings} settings */
+  open(message, settings) {
+    const canvases = settings.labels.map((label) => el("canvas", { role: "img", "aria-label": label }));
     const bar = el("progress", { max: 1, value: 0, "aria-hidden": "true" });
-    const length = Math.max(...sides.map((side) => side.length));
-    this.#film = { s, message, sides, canvases, bar, room: isPair ? [0.62, 0.44] : [0.74], step: 0, length, due: null };
-    return [
-      isPair ? words("h1", "", s.title) : null, el("div", { class: "films" }, canvases), bar,
-      words("p", "prompt", s.prompt), words("p", "progress", s.progress),
-    ];
+    const length = Math.max(...settings.sides.map((side) => side.length));
+    this.#film = { settings, message, canvases, bar, step: 0, length, due: null };
+    return [el("div", { class: "films" }, canvases), bar];
   }
 
   /** Show the step that the session is at. */
   start() {
-    if (this.#film) this.#turn(this.#film, this.#film.s.step);
+    if (this.#film) this.#turn(this.#film, this.#film.settings.step);
   }
 
   /** @param {Frame} m */
   add({ name, side, place, picture: number }) {
     if (this.#film?.message.name !== name) return;
-    const numbers = this.#film.sides[side];
+    const numbers = this.#film.settings.sides[side];
     const wanted = this.#wanted.get(numbers);
     const picture = this.images.get(number);
     numbers[place] = number;
@@ -179,10 +172,8 @@ export class FilmViewer {
   /** @param {string} key @param {boolean} isRepeat */
   press(key, isRepeat) {
     const film = this.#film;
-    if (film?.s.kind === "pair" && key === film.s.replay_key && !isRepeat) this.#turn(film, 0);
-    if (film?.s.kind !== "film" || (key !== film.s.back && key !== film.s.forward)) return;
-    const to = Math.min(Math.max(0, film.step + (key === film.s.forward ? 1 : -1)), film.length - 1);
-    if (to !== film.step) this.#turn(film, to);
+    const step = film?.settings.stepOf(key, isRepeat, film.step) ?? null;
+    if (film && step !== null) this.#turn(film, step);
   }
 
   /** @param {number} at */
@@ -195,7 +186,7 @@ export class FilmViewer {
   /** @param {Film} film @param {number} step */
   async #turn(film, step) {
     Object.assign(film, { step, due: null });
-    const { s, sides, message: { id: screen, name } } = film;
+    const { settings: { sides, room, period }, message: { id: screen, name } } = film;
     const pictures = await Promise.all(sides.map((side) => this.#pictureAt(side, Math.min(step, side.length - 1))));
     const bitmaps = await Promise.all(pictures.map((picture) => this.images.unpack(picture)));
     const isCurrent = () => this.#film === film && film.step === step;
@@ -205,14 +196,14 @@ export class FilmViewer {
       if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) {
         Object.assign(canvas, { width: bitmap.width, height: bitmap.height });
         canvas.classList.toggle("flat", isFlat(pictures[side]));
-        fit(canvas, ...film.room);
+        fit(canvas, ...room);
       }
       paint(canvas, bitmap);
     });
     film.bar.value = Math.min(1, step / Math.max(1, film.length - 1));
-    if (s.kind === "pair") {
+    if (period !== null) {
       this.flips.report({ screen, name, then: (flip) => {
-        if (isCurrent()) film.due ??= flip + s.period;
+        if (isCurrent()) film.due ??= flip + period;
         this.schedule();
       } });
       return;

@@ -3,12 +3,13 @@
 import { buttonsOf, capOf, el, fit, flatten, paint, prose, words } from "./elements.js";
 import { drawWidget } from "./questions.js";
 
-/** @import { BlankScreen, FilmScreen, Over, PageScreen, PairScreen, PlayScreen, QuestionScreen, Refusal, ScreenMessage, TextScreen } from "./messages" */
+/** @import { ActivityModule, ActivityScreen, BlankScreen, Over, PageScreen, PlayScreen, QuestionScreen, Refusal, ScreenMessage, TextScreen } from "./messages" */
 /** @import { EpisodeView } from "./episode.js" */
 /** @import { FilmViewer, FlipReporter, ImageCache } from "./pictures.js" */
 /** @import { TextEntry } from "./questions.js" */
 
 const LEAVING_S = 5;
+const RELOAD_MS = 1000;
 
 export class ScreenView {
   /**
@@ -42,8 +43,8 @@ export class ScreenView {
       el("div", { role: "log", class: "lines" }, s.messages.lines.map(([author, text]) => el("p", {}, el("b", { text: author }), ` ${text}`))),
       s.messages.entry && el("div", { class: "entry" }, this.parts.entry.open({ form: "TextField", ...s.messages.entry })),
       el("p", { class: "prompt", id: "ask", text: s.messages.hint }))],
-    pair: (/** @type {PairScreen} */ s, /** @type {ScreenMessage} */ m) => this.parts.films.draw(s, m),
-    film: (/** @type {FilmScreen} */ s, /** @type {ScreenMessage} */ m) => this.parts.films.draw(s, m),
+    activity: (/** @type {ActivityScreen} */ s, /** @type {ScreenMessage} */ m) =>
+      this.#modules.get(s.module)?.draw(s, m, { el, words, prose, films: this.parts.films }),
     page: (/** @type {PageScreen} */ s) => [
       words("h1", "", s.title),
       s.picture === null ? null : this.#drawExample(s, s.picture),
@@ -62,6 +63,22 @@ export class ScreenView {
       words("p", "progress", s.progress),
     ],
   };
+
+  /** @type {Map<string, ActivityModule>} of kinds of activity, by address */ #modules = new Map();
+
+  /** @type {Set<string>} addresses */ #loading = new Set();
+
+  /** Load a module, then show the screen that waits for it, if there still is one. @param {string} address */
+  async #load(address) {
+    if (this.#loading.has(address)) return;
+    this.#loading.add(address);
+    const module = await import(address).catch(() => null);
+    if (module) this.#modules.set(address, module);
+    else await new Promise((resolve) => { setTimeout(resolve, RELOAD_MS); }); // the network was gone for a moment
+    this.#loading.delete(address);
+    const current = this.page.current();
+    if (current?.screen.kind === "activity" && current.screen.module === address) this.show(current);
+  }
 
   /** @param {PageScreen} s @param {number} number */
   #drawExample(s, number) {
@@ -87,10 +104,14 @@ export class ScreenView {
   show(m) {
     const s = m.screen;
     const { images, flips, films, entry, episode } = this.parts;
+    if (s.kind === "activity" && !this.#modules.has(s.module)) {
+      this.#load(s.module);
+      return;
+    }
     document.documentElement.lang = s.language;
     document.documentElement.dir = s.rtl ? "rtl" : "ltr";
     document.documentElement.classList.toggle("light", s.theme === "light");
-    this.main.className = s.kind;
+    this.main.className = s.kind === "activity" ? s.view : s.kind;
     this.main.classList.toggle("timed", m.tick !== null);
     const isDrawn = entry.redraw(m, () => this.page.isPending(m.through), () => {
       if (s.kind !== "play") episode.canvas = null;
@@ -101,7 +122,7 @@ export class ScreenView {
     if (!isDrawn) return;
     if (!entry.isActive && document.activeElement !== this.main) this.main.focus({ preventScroll: true });
     const lasts = m.tick === null ? null : m.tick - m.at;
-    if (s.kind === "film" || s.kind === "pair") films.start();
+    if (films.isOpen) films.start();
     else if (s.kind === "play") {
       if (s.controller) {
         episode.putFrame(s.controller, s.controller_text);

@@ -8,7 +8,7 @@ import { el } from "./elements.js";
 
 const KEYS_OF = new Set(["play", "blank"]);
 const SWIPE_PX = 24;
-const OWN_BUTTONS = new Set(["page", "question", "pair", "film"]);
+const OWN_BUTTONS = new Set(["page", "question", "activity"]);
 
 export class TouchKeys {
   /** @type {Record<string, string>} what is printed on each key that the study is played with, Enter and Escape too */ caps = {};

@@ -40,6 +40,7 @@ from minihuman.web.messages import (
     RateLimit,
     is_same_origin,
 )
+from minihuman.web.page_modules import list_page_modules
 from minihuman.worlds.source_digest import kernels_digest
 
 _ENDS = (WebSocketDisconnect, RuntimeError)  # RuntimeError: something was sent after the end
@@ -148,7 +149,8 @@ def build_page_routes() -> list[Route]:
     """The page at the root, and what it loads below `/static`."""
     files = [path for path in sorted(_FOLDER.rglob("*")) if path.suffix in _TYPES]
     addresses = {path: f"/static/{path.relative_to(_FOLDER).as_posix()}" for path in files}
-    return [_route("/" if path.name == "page.html" else addresses[path], path) for path in files]
+    of_page = [_route("/" if path.name == "page.html" else addresses[path], path) for path in files]
+    return [*of_page, *(_route(address, path) for address, path in list_page_modules())]
 
 
 def _route(address: str, path: Path) -> Route:

@@ -14,7 +14,7 @@ from pathlib import Path
 import uvicorn
 
 from minihuman.errors import LogError, MinihumanError, ProtocolError
-from minihuman.experiment.activities.activity import find_kind
+from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.log.record.session_leases import SessionLeases
 from minihuman.operating_system import claim_address, exit_when_terminated

@@ -1,0 +1,266 @@
+"""Takeover and rating: blocks that an agent plays at a fixed pace while a person takes over or rates it.
+
+The policy is not here: its action probabilities arrive as an input and the action is drawn here, so a log holds
+everything the agent did and a replay draws the same actions. Steps count from 0 for the reset. A rating also counts
+while the last image is held, because people rate what they saw about 0.6 s earlier: a rated block needs a longer
+`final_frame_ms`. Assigning credit is left to the learner.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from minihuman.activities.agent_blocks.events import (
+    Advised,
+    ControlChanged,
+    Controller,
+    ControlReason,
+    LearnerAsked,
+    PolicyGiven,
+)
+from minihuman.activities.agent_blocks.plan import AgentPlan, AgentPlayPlan
+from minihuman.activities.agent_blocks.requests import Advice, AdviceRequest, NewPolicy, PolicyRequest
+from minihuman.activities.play.activity import PlayActivity
+from minihuman.experiment.machine.activity import ActivityRequest, SessionContext
+from minihuman.experiment.machine.events import ActivityEvent, PauseReason
+from minihuman.experiment.machine.inputs import ActivityInput, Input, ScreenShown
+from minihuman.experiment.machine.running_episode import NS_PER_MS
+from minihuman.experiment.machine.screens import PlayScreen
+from minihuman.experiment.machine.transitions import Phase, TransitionCause
+from minihuman.experiment.plan.random_streams import draw_words
+from minihuman.experiment.plan.session_plan import PlannedPart
+
+AGENT_RULES = "2"  # the fact "agent_rules": an agent that fails is named so; before, the random agent rated on
+
+
+class AgentPlayActivity(PlayActivity):
+    """Plays a block's episodes by a policy's advice."""
+
+    can_copy = False
+    alone = False  # whether the agent acts even without a policy, since the person cannot
+    takes_over = False  # whether a key that has an action takes over from it
+
+    def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
+        super().__init__(number, part, context)
+        self.plan: AgentPlayPlan = part.plan
+        self.who: Controller = "agent"  # steers
+        self.policy = ""  # in force
+        self.advised: Advised | None = None  # of the present state
+        self._given = False  # the first policy, or that there is none
+        self._failed = False  # no policy could be had, and why was said
+        self._next_policy = ""
+        self._learning = False
+        self._asked_at = 0  # the first episode that the learner cannot know of
+        self._due_ns: int | None = None  # the agent's next step; None until its picture has been seen
+
+    @property
+    def agent(self) -> AgentPlan:
+        """The protocol's ``[blocks.agent]``."""
+        return self.plan.agent
+
+    @property
+    def hand_back_key(self) -> str:
+        """The key that gives the agent control back; "" where takeovers are not possible."""
+        return ""
+
+    @property
+    def rating_keys(self) -> tuple[str, str]:
+        """The keys that say good and bad; "" where steps are not rated."""
+        return "", ""
+
+    @property
+    def _names_failures(self) -> bool:
+        return self.context.facts.get("agent_rules", "1") == AGENT_RULES
+
+    # From outside
+
+    @property
+    def request(self) -> ActivityRequest | None:  # type: ignore[override]
+        """A policy between episodes, its advice in each state."""
+        if not self.playing:
+            if self._given and not self._learning:
+                return None
+            part = self.part.name
+            agent = self.agent
+            first_unknown = self._asked_at
+            return PolicyRequest(
+                self.number, part, agent, self._learning, first_unknown, self._next_policy or self._first_policy
+            )
+        is_advised = self.advised is not None and self.advised.step == self._current.steps
+        return None if is_advised or not self.policy else AdviceRequest(self.policy, self._current.steps)
+
+    def receive(self, happened: Input) -> None:
+        """Take an input."""
+        match happened:
+            case NewPolicy():
+                self._take_policy(happened)
+            case Advice() if self.playing:
+                self._take_advice(happened)
+            case ActivityInput():
+                pass
+            case _:
+                super().receive(happened)
+
+    @staticmethod
+    def input_of(event: ActivityEvent) -> Input | None:
+        """The policy and the advice that came from outside."""
+        match event:
+            case PolicyGiven():
+                return NewPolicy(event.t_ns, event.policy, event.failure)
+            case Advised():
+                return Advice(event.t_ns, event.step, event.probabilities)
+        return None
+
+    def _take_policy(self, new: NewPolicy) -> None:
+        if not new.failure:
+            self._next_policy = new.policy
+        if self.playing:  # the agent that plays has failed
+            self.policy = ""
+        else:
+            self._given = True
+            self._learning = False
+            self._failed = bool(new.failure) and not self._next_policy
+        now_ns = self.context.now_ns
+        episode = self.context.next_episode
+        self.context.emit(PolicyGiven(now_ns, self.number, episode, self._next_policy, new.failure))
+        if self.phase is Phase.LEARNING:
+            self._move(TransitionCause.DONE)
+        elif self.playing and self.alone and self._names_failures:
+            self._episode_ended("agent_failed")
+        elif self.playing and self.who == "agent" and not self.alone:
+            self._steer("person", "agent_failed" if self._names_failures else "no_policy")
+
+    def _take_advice(self, advice: Advice) -> None:
+        play = self._current
+        now_ns = self.context.now_ns
+        if advice.step != play.steps:
+            return  # of a state that is gone
+        action = self._choose(advice)
+        if action is None:
+            failure = "the policy gives no chance to any action that has a key"
+            self._take_policy(NewPolicy(now_ns, self._next_policy, failure))
+            return
+        self.advised = Advised(now_ns, play.plan.episode, play.steps, action, advice.probabilities)
+        self.context.emit(self.advised)
+
+    def _choose(self, advice: Advice) -> int | None:
+        """One of the actions that have a key, by the policy's probabilities; None where it gives them no chance."""
+        if len(advice.probabilities) != len(self._current.world.action_names):
+            return None
+        play = self._current
+        playable = self._playable
+        chances = np.array([advice.probabilities[action] for action in playable], np.float64)
+        if not np.isfinite(chances).all() or (chances < 0).any() or not chances.sum() > 0:
+            return None
+        if self.agent.acts == "likeliest":
+            return playable[int(chances.argmax())]
+        plan = self.context.plan
+        session = self.context.plan.session
+        purpose = f"advice-session-{session}-episode-{play.plan.episode}-step-{advice.step}"
+        word = int(draw_words(1, seed=plan.study_seed, purpose=purpose, index=plan.participant.index)[0])
+        sums = np.cumsum(chances)
+        place = int(np.searchsorted(sums, (word >> 11) / 2**53 * sums[-1], side="right"))
+        return playable[min(place, len(playable) - 1)]
+
+    @property
+    def _playable(self) -> list[int]:
+        """The world's actions that have a key."""
+        play = self._current
+        actions = {play.action_of(key) for key in play.plan.key_map.keys}
+        return sorted(action for action in actions if action is not None)
+
+    @property
+    def _first_policy(self) -> str:
+        return self.agent.policy
+
+    # Time
+
+    @property
+    def real_time(self) -> bool:  # type: ignore[override]
+        """Whether the agent makes steps now."""
+        return self.playing and (self.who == "agent" or self._current.real_time)
+
+    @property
+    def next_tick_ns(self) -> int | None:  # type: ignore[override]
+        """The agent's next step, beside what every block waits for."""
+        block_due_ns = super().next_tick_ns
+        agent_due_ns = self._due_ns if self._agent_can_step else None
+        return min((t for t in (block_due_ns, agent_due_ns) if t is not None), default=None)
+
+    @property
+    def _agent_can_step(self) -> bool:
+        return self.playing and self.who == "agent" and self.advised is not None
+
+    def _let_time_pass(self) -> None:
+        super()._let_time_pass()
+        if self._agent_can_step and self._due_ns is not None and self.context.now_ns >= self._due_ns:
+            assert self.advised is not None
+            now_ns = self.context.now_ns
+            action = self.advised.action
+            self._step(action, key="", key_t_ns=now_ns)
+
+    def _step(self, action: int, *, key: str, key_t_ns: int) -> None:
+        stepped = self._current.step(self.context.now_ns, action, key=key, key_t_ns=key_t_ns)
+        self._due_ns = self.advised = None
+        self._stepped(stepped)
+
+    def _shown(self, screen_shown: ScreenShown) -> None:
+        super()._shown(screen_shown)
+        if (
+            self.playing
+            and self._due_ns is None
+            and (screen_shown.step is None or screen_shown.step >= self._current.steps)
+        ):
+            self._due_ns = screen_shown.flip_ns + self.period_ns
+
+    def suspend(self, reason: PauseReason) -> None:
+        """Stop the agent's clock too; the next picture shown starts it anew."""
+        super().suspend(reason)
+        self._due_ns = None
+
+    # Episodes
+
+    def _episode_started(self) -> None:
+        self.policy = self._next_policy
+        self._due_ns = self.advised = None
+        self._steer("agent" if self.policy or self.alone else "person", "start" if self.policy else "no_policy")
+
+    def _steer(self, controller: Controller, reason: ControlReason, pressed_ns: int | None = None) -> None:
+        play = self._current
+        now_ns = self.context.now_ns
+        self.who = controller
+        self._due_ns = None
+        pressed_ns = now_ns if pressed_ns is None else pressed_ns
+        self.context.emit(ControlChanged(now_ns, play.plan.episode, play.steps, controller, reason, pressed_ns))
+
+    def _between_episodes(self) -> None:
+        """Ask the learner, where it is its turn."""
+        agent = self.agent
+        played = self.context.next_episode - self.plan.first
+        if agent.learner and not self._learning and self.has_next_episode and played % agent.update_every == 0:
+            self._learning = True
+            self._asked_at = self.context.next_episode
+            self.context.emit(LearnerAsked(self.context.now_ns, self.number, self.context.next_episode))
+
+    @property
+    def learning_s(self) -> float:  # type: ignore[override]
+        """How long the next episode waits for the learner."""
+        return self.agent.wait_s if self._learning else 0.0
+
+    # What is seen
+
+    @property
+    def period_ns(self) -> int:
+        """From the picture of one of the agent's steps to the next step."""
+        return round(self.agent.step_ms * NS_PER_MS)
+
+    def control_text(self, controller: Controller) -> str:
+        """The text below the picture."""
+        return self.context.words[f"steers.{controller}"]
+
+    @property
+    def _look(self) -> object:
+        return self.who
+
+    def _play_screen(self) -> PlayScreen:
+        return replace(super()._play_screen(), controller=self.who, controller_text=self.control_text(self.who))

@@ -1,0 +1,30 @@
+"""Plans of blocks that an agent plays."""
+
+from typing import Literal
+
+import msgspec
+
+from minihuman.activities.play.plan import PlayPlan
+
+LATEST_POLICY = "latest"  # the policy that an earlier part of the session ended with
+
+
+class AgentPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """``[blocks.agent]`` in the protocol."""
+
+    policy: str = ""  # a policy file beside the protocol, an agent that is registered, LATEST; "": none yet
+    step_ms: float = 600.0  # from the picture of one step to the next step
+    acts: Literal["drawn", "likeliest"] = "drawn"  # which of the policy's actions is done
+    learner: str = ""  # registered in minihuman.learners, settings behind a colon; "": nothing is learnt
+    update_every: int = 1  # episodes
+    budget_s: float = 60.0  # after which a learner is given up
+    wait_s: float = 10.0  # how long the next episode waits for it at most
+    hand_back: str = "space"  # takeover: the key by which the person gives the agent its control back
+    good: str = "j"  # rating
+    bad: str = "f"
+
+
+class AgentPlayPlan(PlayPlan, frozen=True):
+    """A block that an agent plays."""
+
+    agent: AgentPlan = AgentPlan()

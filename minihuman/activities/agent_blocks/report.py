@@ -1,0 +1,145 @@
+"""The report's section on teaching: who steered, how often policy and person agreed, what was rated and preferred."""
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from minihuman.figures.figure_data import draw_figure_files, strip_events
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
+from minihuman.log.model.teaching_events import NO_ADVICE, TeachingRecord
+from minihuman.reporting.activity_sections import CaptionedTable, ReportSection, SectionSource
+from minihuman.reporting.study_measures import TeachingMeasure
+from minihuman.reporting.template import ReportFigure, Table, format_number
+
+TaughtEpisode = tuple[EpisodeLog, TeachingRecord]
+_MS_PER_MIN = 60_000.0
+
+
+def group_taught_by_block(log: SessionLog) -> dict[str, list[TaughtEpisode]]:
+    """The episodes with an agent, by block."""
+    episodes_by_block: dict[str, list[TaughtEpisode]] = defaultdict(list)
+    for episode in log.episodes:
+        if episode.taught is not None and len(episode.actions):
+            episodes_by_block[episode.plan.block_name].append((episode, episode.taught))
+    return episodes_by_block
+
+
+def steering_minutes(episode: EpisodeLog, taught: TeachingRecord) -> float:
+    """Minutes in which the person steered, without pauses."""
+    begins = episode.t_ns[:-1]
+    ends = episode.t_ns[1:]
+    took = ends - begins
+    for pause_ns, resume_ns in episode.pauses:
+        took = took - np.clip(np.minimum(ends, resume_ns) - np.maximum(begins, pause_ns), 0, None)
+    return float(took[taught.by_person].sum() / 1e6 / _MS_PER_MIN)
+
+
+def policy_agreement(episodes: Sequence[TaughtEpisode]) -> float:
+    """The share of the person's steps at which the policy would have done the same; NaN without any."""
+    agreements = []
+    for episode, taught in episodes:
+        advised_steps = taught.by_person & (taught.policy_actions != NO_ADVICE)
+        agreements.append(taught.policy_actions[advised_steps] == episode.actions[advised_steps])
+    steps = np.concatenate(agreements) if agreements else np.zeros(0)
+    return float(steps.mean()) if len(steps) else float("nan")
+
+
+def autonomy_gain_per_min(episodes: Sequence[TaughtEpisode]) -> float:
+    """By how much the agent's share of an episode's steps grew with each minute that the person had steered before.
+
+    The slope of a least-squares line; NaN where the person's minutes do not tell episodes apart.
+    """
+    minutes = np.cumsum([0.0, *(steering_minutes(episode, taught) for episode, taught in episodes)])[:-1]
+    shares = np.array([float((~taught.by_person).mean()) for _, taught in episodes])
+    spread = minutes - minutes.mean()
+    total = float((spread**2).sum())
+    return float((spread * shares).sum() / total) if total > 0 else float("nan")
+
+
+def teaching_figures(logs: Mapping[str, SessionLog], out: Path) -> Iterator[ReportFigure]:
+    """Draw who was in control and how it was rated, per session and block."""
+    for name, log in logs.items():
+        for block, episodes in group_taught_by_block(log).items():
+            stem = out / f"{block}_steering_{name.replace(' ', '_')}"
+            stripped = [strip_events(episode) for episode, _ in episodes]
+            png, _ = draw_figure_files(stem, "teaching_figures.steering_figure", stripped)
+            yield ReportFigure(
+                block, png, f"Who was in control in block {block}, {name}; a line marks a change of policy."
+            )
+            if any(taught.ratings for _, taught in episodes):
+                stem = out / f"{block}_ratings_{name.replace(' ', '_')}"
+                png, _ = draw_figure_files(stem, "teaching_figures.ratings_figure", stripped)
+                caption = f"Ratings in block {block}, {name}: presses, and the share of good ones among the last ten"
+                yield ReportFigure(block, png, f"{caption}; a dotted line marks a change of policy.")
+
+
+def build_section(source: SectionSource) -> ReportSection:
+    """Build the section on teaching; without tables where no agent played."""
+    logs = source.read_logs(source.table("controls"))
+    heads = (
+        "session", "block", "episodes", "policies", "takeovers per episode", "person", "min", "agreement",
+        "gain per minute", "good", "bad",
+    )  # fmt: skip
+    rows = [
+        _row(name, block, episodes)
+        for name, log in logs.items()
+        for block, episodes in group_taught_by_block(log).items()
+    ]
+    return ReportSection(
+        "Teaching",
+        [CaptionedTable(Table(heads, rows, words=2), _CAPTION)] if logs else [],
+        figures=teaching_figures(logs, source.figures),
+        measure_tables={"teaching": tabulate_teaching(logs)},
+    )
+
+
+_CAPTION = """\
+Teaching, per session and block, over the included episodes. Takeovers: by key press while the agent was in control.
+Person: the share of the steps, and the minutes without pauses, in which the person was in control. Agreement: the share
+of the person's steps at which the policy would have acted alike. Gain: how much the agent's share of an episode's steps
+grew per minute of the person's earlier control (slope of a line). Good, bad: ratings."""
+
+
+def measure_teaching(episodes: Sequence[TaughtEpisode]) -> dict[str, float]:
+    """The measures of a session's block that a protocol can name as ``teaching:NAME``."""
+    steps = np.concatenate([taught.by_person for _, taught in episodes])
+    return {
+        "takeovers": sum(taught.interventions for _, taught in episodes) / len(episodes),
+        "person": float(steps.mean()),
+        "minutes": sum(steering_minutes(episode, taught) for episode, taught in episodes),
+        "agreement": policy_agreement(episodes),
+        "gain": autonomy_gain_per_min(episodes),
+    }
+
+
+def tabulate_teaching(logs: Mapping[str, SessionLog]) -> pd.DataFrame:
+    """A row per session and block with an agent: participant, session, block and the measures of teaching."""
+    rows = [
+        {
+            "participant": log.plan.participant.id,
+            "session": log.plan.session,
+            "block": block,
+            **measure_teaching(episodes),
+        }
+        for log in logs.values()
+        for block, episodes in group_taught_by_block(log).items()
+    ]
+    return pd.DataFrame(rows, columns=["participant", "session", "block", *TeachingMeasure.LABELS])
+
+
+def _row(name: str, block: str, episodes: Sequence[TaughtEpisode]) -> tuple[str, ...]:
+    ratings = [rating.value for _, taught in episodes for rating in taught.ratings]
+    measured = measure_teaching(episodes)
+    return (
+        name,
+        block,
+        str(len(episodes)),
+        str(len({taught.policy for _, taught in episodes if taught.policy})),
+        *(format_number(measured[which], 2) for which in ("takeovers", "person", "minutes", "agreement")),
+        format_number(measured["gain"], 2, sign="+"),
+        str(sum(value > 0 for value in ratings)),
+        str(sum(value < 0 for value in ratings)),
+    )

@@ -1,0 +1,1 @@
+"""Correction: review an episode and demonstrate what should have been done."""

@@ -1,0 +1,310 @@
+"""Correction: review an episode after it was played and demonstrate what should have been done.
+
+Which episodes are reviewed is decided outside. A correction begins in the exact state after the chosen step; its
+steps are events of their own and continue the episode's count. It is not an episode of the session.
+"""
+
+import json
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from minihuman.activities.correction.events import (
+    CorrectionBegun,
+    CorrectionEnded,
+    CorrectionOutcome,
+    CorrectionSeen,
+    CorrectionStepped,
+    EpisodeLookedAt,
+    NothingToCorrect,
+)
+from minihuman.activities.correction.plan import CorrectionPlan
+from minihuman.activities.correction.requests import EpisodeRequest
+from minihuman.activities.correction.screens import FilmScreen
+from minihuman.activities.episode_clips import ClipOffered, EpisodeClip, EpisodeFilm
+from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, ActivityRequest, PartEnding
+from minihuman.experiment.machine.events import ActivityEvent, Noted, PauseReason
+from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown
+from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, RunningEpisode, catch_world_errors
+from minihuman.experiment.machine.screens import PlayScreen, Screen
+from minihuman.experiment.machine.transitions import Phase
+
+if TYPE_CHECKING:
+    from minihuman.worlds.adapters.world import World
+
+
+class CorrectionActivity(Activity):
+    """Reviews one episode after the other."""
+
+    def begin(self) -> None:
+        """Wait for the first episode."""
+        self._plan: CorrectionPlan = self.part.plan
+        self._number = 0
+        self._corrections = 0
+        self._drawn: tuple[object, Screen] | None = None
+        self._wait()
+
+    def _wait(self) -> None:
+        self.phase = Phase.PREPARING
+        self._episode: EpisodeClip | None = None
+        self._film: EpisodeFilm | None = None
+        self._step = 0
+        if self._number == self._plan.episodes:
+            self.ended = PartEnding()
+            return
+        self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
+
+    @property
+    def request(self) -> ActivityRequest | None:  # type: ignore[override]
+        """The next episode."""
+        if self.ended or self.phase is not Phase.PREPARING:
+            return None
+        return EpisodeRequest(self.number, self._plan.source, self._number, self._plan.episodes)
+
+    @staticmethod
+    def input_of(event: ActivityEvent) -> Input | None:
+        """The episodes from the session host, and when pictures were shown."""
+        match event:
+            case EpisodeLookedAt():
+                return ClipOffered(event.t_ns, event.stretch)
+            case NothingToCorrect():
+                return ClipOffered(event.t_ns, None)
+            case CorrectionSeen():
+                return ScreenShown(event.t_ns, event.submit_ns, event.flip_ns, event.step)
+        return None
+
+    def receive(self, happened: Input) -> None:
+        """Take an input."""
+        match happened:
+            case ClipOffered() if self.request is not None:
+                self._offer(happened.stretch)
+            case KeyDown() if self.phase is Phase.SHOWING:
+                self._show_key(happened)
+            case KeyDown():
+                self._look_key(happened)
+            case ScreenShown() if self._episode is not None:
+                self._seen(happened)
+
+    @property
+    def playing(self) -> bool:  # type: ignore[override]
+        """Whether a correction is in progress."""
+        return self.phase is Phase.SHOWING
+
+    @property
+    def reviewed_episode(self) -> tuple[EpisodeClip, int] | None:
+        """The episode and step under review, for simulated participants; None if there is none."""
+        return None if self._episode is None or self.phase is not Phase.LOOKING else (self._episode, self._step)
+
+    @property
+    def review_id(self) -> tuple[int, int]:
+        """The part, and the episode in it."""
+        return self.number, self._number
+
+    def suspend(self, reason: PauseReason) -> None:
+        """Stop the correction's clock."""
+        if self.play is not None:
+            self.play.suspend()
+
+    def stop(self) -> None:
+        """Break off what is shown."""
+        if self.phase is Phase.SHOWING:
+            self._end_correction("stopped")
+
+    # Looking
+
+    def _offer(self, episode: EpisodeClip | None) -> None:
+        now_ns = self.context.now_ns
+        if episode is None or not 0 <= episode.episode < len(self.context.plan.episodes):
+            self.context.emit(NothingToCorrect(now_ns, self.number, self._number))
+            self.ended = PartEnding()
+            return
+        plan = self.context.plan.episodes[episode.episode]
+        world = self._world_of(episode)
+        self._film = EpisodeFilm(
+            world,
+            episode.seed,
+            episode.actions,
+            view=plan.view,
+            palette=plan.palette,
+            picture_px=self.context.picture_px,
+        )
+        self._episode = episode
+        self._step = 0
+        self.context.emit(
+            EpisodeLookedAt(
+                t_ns=now_ns,
+                part=self.number,
+                number=self._number,
+                episode=episode.episode,
+                attempt=episode.attempt,
+                world=episode.world,
+                options=episode.options,
+                seed=episode.seed,
+                actions=episode.actions,
+                last_hash=self._film.last_hash,
+            )
+        )
+        self._move(Phase.LOOKING)
+
+    def _world_of(self, episode: EpisodeClip) -> "World":
+        with catch_world_errors():
+            options = json.loads(episode.options)
+        return self.context.world(episode.world, options)
+
+    def _look_key(self, press: KeyDown) -> None:
+        plan = self._plan
+        emit_key = self.context.emit_key
+        if self.phase is not Phase.LOOKING or self._film is None:
+            emit_key(press, "not_playing" if press.key in ENTER_KEYS else "unmapped", self.phase)
+        elif press.key in (plan.back, plan.forward):
+            emit_key(press, "accepted", self.phase)
+            by = 1 if press.key == plan.forward else -1
+            self._step = min(max(0, self._step + by), len(self._film) - 1)
+        elif press.repeat:
+            emit_key(press, "repeat", self.phase)
+        elif press.key in ENTER_KEYS:
+            emit_key(press, "accepted", self.phase)
+            self._number += 1
+            self._wait()
+        elif press.key == plan.begin:
+            emit_key(press, "accepted", self.phase)
+            self._begin_correction(press)
+        else:
+            emit_key(press, "unmapped", self.phase)
+
+    def _seen(self, screen_shown: ScreenShown) -> None:
+        now = self._step if self.play is None else self.play.steps
+        step = now if screen_shown.step is None or self.play is None else min(screen_shown.step, now)
+        place = (self.number, self._number, step)
+        self.context.emit(CorrectionSeen(self.context.now_ns, *place, screen_shown.submit_ns, screen_shown.flip_ns))
+
+    # Showing
+
+    def _begin_correction(self, press: KeyDown) -> None:
+        assert self._episode is not None
+        episode = self._episode
+        context = self.context
+        plan = msgspec.structs.replace(
+            context.plan.episodes[episode.episode],
+            seed=episode.seed,
+            max_steps=self._step + self._plan.steps,
+            pace="on_key",
+            record_observations=False,
+        )
+        world = self._world_of(episode)
+        play = RunningEpisode(plan, world, picture_px=context.picture_px)
+        play.start(context.now_ns)
+        for action in episode.actions[: self._step]:
+            play.step(context.now_ns, action, key="", key_t_ns=context.now_ns)
+        if play.outcome is not None:  # nothing can be done after its end
+            return
+        self.play = play
+        place = (self.number, self._corrections, episode.episode, episode.attempt, self._step)
+        context.emit(CorrectionBegun(context.now_ns, *place, world.state_hash(), press.t_ns))
+        self._move(Phase.SHOWING)
+
+    def _show_key(self, press: KeyDown) -> None:
+        assert self.play is not None
+        play = self.play
+        emit_key = self.context.emit_key
+        context = self.context
+        action = play.action_of(press.key)
+        if press.key == self._plan.begin and not press.repeat:
+            emit_key(press, "accepted", self.phase)
+            self._end_correction("stopped")
+        elif press.repeat and (action is None or not play.plan.auto_repeat):
+            emit_key(press, "repeat", self.phase, action)
+        elif action is None:
+            emit_key(press, "spare" if press.key in play.plan.key_map.spare_keys else "unmapped", self.phase)
+        else:
+            emit_key(press, "accepted", self.phase, action)
+            stepped = play.step(context.now_ns, action, key=press.key, key_t_ns=press.t_ns)
+            context.emit(
+                CorrectionStepped(
+                    t_ns=context.now_ns,
+                    part=self.number,
+                    correction=self._corrections,
+                    episode=play.plan.episode,
+                    step=stepped.step,
+                    action=action,
+                    key=press.key,
+                    key_t_ns=press.t_ns,
+                    reward=stepped.reward,
+                    terminated=stepped.terminated,
+                    truncated=stepped.truncated,
+                    state_hash=stepped.state_hash,
+                )
+            )
+            if play.outcome is not None:
+                assert play.outcome != "abandoned"
+                assert play.outcome != "agent_failed"
+                self._end_correction(play.outcome)
+
+    def _end_correction(self, outcome: CorrectionOutcome) -> None:
+        assert self.play is not None
+        place = (self.number, self._corrections, self.play.plan.episode)
+        self.context.emit(CorrectionEnded(self.context.now_ns, *place, outcome))
+        self._corrections += 1
+        self.play = None
+        self._move(Phase.LOOKING)
+
+    def _move(self, phase: Phase) -> None:
+        self.phase = phase
+        self.context.emit(Noted(self.context.now_ns, "phase", phase))
+
+    # What is seen
+
+    def screen(self) -> Screen:
+        """The episode's picture and the keys, or the correction."""
+        if self._film is None:
+            return screen_texts.build_wait_screen(self.context.words)
+        steps = self.play.steps if self.play is not None else self._step
+        now = (self.phase, self._number, self._corrections, steps)
+        if self._drawn is None or self._drawn[0] != now:
+            self._drawn = (now, self._film_screen(self._film) if self.play is None else self._play_screen(self.play))
+        return self._drawn[1]
+
+    def _film_screen(self, film: EpisodeFilm) -> FilmScreen:
+        words = self.context.words
+        plan = self._plan
+        names = {"back": plan.back, "forward": plan.forward, "begin": plan.begin, "go_on": ENTER_KEYS[0]}
+        caps = words.labels(tuple(names.values()))
+        prompt = {name: cap or key for name, (key, cap, _) in zip(names, caps, strict=True)}
+        return FilmScreen(
+            pictures=film,
+            step=self._step,
+            prompt=words.fill("correction.look", **prompt),
+            progress=words.fill("progress.of_one", episode=self._number + 1, episodes=plan.episodes),
+            back=plan.back,
+            forward=plan.forward,
+            film=(self.number, self._number),
+            locale=words.locale,
+        )
+
+    def _play_screen(self, play: RunningEpisode) -> PlayScreen:
+        words = self.context.words
+        legend = sorted(play.plan.key_map.keys.items()) if play.plan.show_keys else []
+        end = words.labels((self._plan.begin,))[0][1] or self._plan.begin
+        return PlayScreen(
+            picture=play.picture() if self.context.renders_steps else EMPTY_IMAGE,
+            mission=words.fill("correction.show", end=end),
+            progress=words.fill("progress.of_one", episode=self._number + 1, episodes=self._plan.episodes),
+            legend=tuple((key, words.action(action)) for key, action in legend),
+            episode=play.plan.episode,
+            step=play.steps,
+            locale=words.locale,
+            labels=words.labels(tuple(key for key, _ in legend)),
+        )
+
+
+CORRECTION = ActivityKind(
+    "correction",
+    CorrectionPlan,
+    CorrectionActivity,
+    messages="minihuman.activities.correction.rows:CORRECTION_ROWS",
+    tables="minihuman.activities.correction.tables:CORRECTION_TABLES",
+    report="minihuman.activities.correction.report:build_section",
+    screens=(FilmScreen,),
+    block_field="source",
+)

@@ -1,0 +1,88 @@
+"""Events of corrections."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from minihuman.activities.episode_clips import EpisodeClip
+from minihuman.experiment.machine.events import ActivityEvent
+
+CorrectionOutcome = Literal["goal", "failure", "timeout", "stopped"]
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeLookedAt(ActivityEvent):
+    """An episode of the session is reviewed, recreated from its seed and actions."""
+
+    part: int
+    number: int
+    episode: int
+    attempt: int
+    world: str
+    options: str  # JSON
+    seed: int
+    actions: tuple[int, ...]
+    last_hash: int
+
+    @property
+    def stretch(self) -> EpisodeClip:
+        """All of it."""
+        return EpisodeClip(self.episode, self.attempt, 0, self.world, self.options, self.seed, self.actions)
+
+
+@dataclass(frozen=True, slots=True)
+class NothingToCorrect(ActivityEvent):
+    """There is no other episode to review."""
+
+    part: int
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class CorrectionSeen(ActivityEvent):
+    """A picture of the episode, or of its correction, reached the display."""
+
+    part: int
+    number: int
+    step: int
+    submit_ns: int
+    flip_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class CorrectionBegun(ActivityEvent):
+    """A correction begins."""
+
+    part: int
+    correction: int  # 0 for the part's first
+    episode: int
+    attempt: int
+    step: int  # after which it begins
+    state_hash: int
+    pressed_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class CorrectionStepped(ActivityEvent):
+    """A step of a correction."""
+
+    part: int
+    correction: int
+    episode: int
+    step: int
+    action: int
+    key: str
+    key_t_ns: int
+    reward: float
+    terminated: bool
+    truncated: bool
+    state_hash: int
+
+
+@dataclass(frozen=True, slots=True)
+class CorrectionEnded(ActivityEvent):
+    """A correction ended."""
+
+    part: int
+    correction: int
+    episode: int
+    outcome: CorrectionOutcome

@@ -1,0 +1,18 @@
+"""The report's table on corrections: how many there were, and how long."""
+
+from minihuman.reporting.activity_sections import CaptionedTable, ReportSection, SectionSource
+from minihuman.reporting.template import Table
+
+_HEADS = ("session", "corrections", "steps")
+_CAPTION = "Corrections after the fact: their number, and their steps in total."
+
+
+def build_section(source: SectionSource) -> ReportSection | None:
+    """Build the table of corrections; None where there were none."""
+    logs = source.read_logs(source.table("corrections"))
+    rows = [
+        (name, str(len(log.corrections)), str(sum(len(correction.actions) for correction in log.corrections)))
+        for name, log in logs.items()
+        if log.corrections
+    ]
+    return ReportSection("Teaching", [CaptionedTable(Table(_HEADS, rows), _CAPTION)], rank=1) if rows else None

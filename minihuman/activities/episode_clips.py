@@ -1,0 +1,126 @@
+"""Clips of episodes, recreated from seeds and actions: what preferences compare and corrections review."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import MinihumanError
+from minihuman.experiment.machine.inputs import ActivityInput
+from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, catch_world_errors
+from minihuman.experiment.plan.session_plan import ShownView
+from minihuman.worlds.contract import Palette
+
+if TYPE_CHECKING:
+    from minihuman.worlds.adapters.world import World
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeClip:
+    """Some steps of an episode, by what makes it again: the world, its seed and every action up to its last step."""
+
+    episode: int  # of the session it was played in, 0 for the first
+    attempt: int  # 1, or more where the episode was begun again
+    first: int  # the step whose picture is the first; 0 is the reset
+    world: str
+    options: str  # JSON
+    seed: int
+    actions: tuple[int, ...]  # the world's, from the reset to the stretch's last step
+
+    @property
+    def last(self) -> int:
+        """The step whose picture is the last."""
+        return len(self.actions)
+
+
+@dataclass(frozen=True, slots=True)
+class ClipOffered(ActivityInput):
+    """A clip; None if no two differ."""
+
+    stretch: EpisodeClip | None
+
+
+ImageArray = NDArray[np.uint8]
+
+
+class EpisodeFilm(Sequence[ImageArray]):
+    """Pictures of a step and of each one after it, uint8[H, W, 3].
+
+    Args:
+        world: one made for the episode; others may use it between two looks.
+        seed: of its reset.
+        actions: the world's.
+        view: how much of the world is seen.
+        palette: its colours.
+        picture_px: the largest picture wanted, width and height; None draws none.
+        first: the step whose picture is the first; 0 is the reset.
+    """
+
+    def __init__(
+        self,
+        world: "World",
+        seed: int,
+        actions: Sequence[int],
+        *,
+        view: ShownView,
+        palette: Palette,
+        picture_px: tuple[int, int] | None,
+        first: int = 0,
+    ) -> None:
+        self._world = world
+        self._seed = seed
+        self._actions = tuple(actions)
+        self._view: ShownView = view
+        self._palette: Palette = palette
+        self._picture_px = picture_px
+        self._first = first
+        self._saved: list[Any] = []  # the world at each picture; none where it cannot be saved
+        with catch_world_errors():
+            self._lead_to(first)
+            self.first_hash = world.state_hash()
+            self._save()
+            for action in self._actions[first:]:
+                world.advance(action)
+                self._save()
+            self.last_hash = world.state_hash()
+
+    def __len__(self) -> int:
+        """One more than the steps from the first picture on."""
+        return len(self._actions) + 1 - self._first
+
+    @overload
+    def __getitem__(self, step: int) -> ImageArray: ...
+    @overload
+    def __getitem__(self, step: slice) -> Sequence[ImageArray]: ...
+    def __getitem__(self, step: int | slice) -> ImageArray | Sequence[ImageArray]:
+        """A picture, drawn now."""
+        if isinstance(step, slice):
+            return [self[number] for number in range(*step.indices(len(self)))]
+        if not -len(self) <= step < len(self):
+            raise IndexError(step)
+        if self._picture_px is None:
+            return EMPTY_IMAGE
+        with catch_world_errors():
+            self._go_to(step % len(self))
+            return self._world.frame(self._view, self._picture_px, self._palette).copy()
+
+    def _go_to(self, step: int) -> None:
+        if len(self._saved) == len(self):
+            self._world.restore(self._saved[step])
+        else:
+            self._lead_to(self._first + step)
+
+    def _lead_to(self, step: int) -> None:
+        self._world.reset(self._seed)
+        for action in self._actions[:step]:
+            self._world.advance(action)
+
+    def _save(self) -> None:
+        if self._picture_px is None:
+            return
+        try:
+            self._saved.append(self._world.save())
+        except MinihumanError:  # a world that cannot be saved is reset and stepped there each time
+            self._saved = []

@@ -1,0 +1,1 @@
+"""Keyboard check: every key of the pool must arrive once before data are recorded."""

@@ -1,0 +1,46 @@
+"""Keyboard check: every key of the pool must arrive once before data are recorded."""
+
+from minihuman.activities.keyboard_check.early_plans import find_early_check
+from minihuman.activities.keyboard_check.plan import KeyboardCheckPlan
+from minihuman.activities.keyboard_check.screens import build_keyboard_check_screen
+from minihuman.experiment.machine.activity import Activity, ActivityKind, PartEnding
+from minihuman.experiment.machine.events import Noted
+from minihuman.experiment.machine.inputs import Input, KeyDown
+from minihuman.experiment.machine.screens import TextScreen
+from minihuman.experiment.machine.transitions import Phase
+
+
+class KeyboardCheckActivity(Activity):
+    """Lights each key up when it has arrived, and says what it types."""
+
+    phase = Phase.KEYBOARD_CHECK
+    can_copy = True
+
+    def begin(self) -> None:
+        """Ask for every key."""
+        self._arrived: dict[str, str] = {}  # key -> symbol
+        self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
+
+    def receive(self, happened: Input) -> None:
+        """Take a key."""
+        if not isinstance(happened, KeyDown):
+            return
+        plan: KeyboardCheckPlan = self.part.plan
+        if happened.key not in plan.keys:
+            self.context.emit_key(happened, "unmapped", self.phase)
+            return
+        self.context.emit_key(happened, "accepted", self.phase)
+        self._arrived.setdefault(happened.key, happened.symbol)
+        if len(self._arrived) == len(set(plan.keys)):
+            typed = ", ".join(f"{key} types {self._arrived[key]!r}" for key in plan.keys)
+            self.context.emit(Noted(self.context.now_ns, "keyboard_check", f"every key arrived: {typed}"))
+            self.ended = PartEnding()
+
+    def screen(self) -> TextScreen:
+        """The keys, where they lie to each other."""
+        return build_keyboard_check_screen(self.context.words, self.part.plan.keys, frozenset(self._arrived))
+
+
+KEYBOARD_CHECK = ActivityKind(
+    "keyboard_check", KeyboardCheckPlan, KeyboardCheckActivity, find_early_parts=find_early_check
+)

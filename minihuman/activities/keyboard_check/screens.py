@@ -1,0 +1,19 @@
+"""The screens of keyboard checks."""
+
+from collections.abc import Sequence
+
+from minihuman.experiment.machine.screens import TextScreen
+from minihuman.experiment.words import InterfaceWords
+
+
+def build_keyboard_check_screen(words: InterfaceWords, keys: Sequence[str], pressed: frozenset[str]) -> TextScreen:
+    """Every key of the pool, and whether it has arrived yet."""
+    left = len(set(keys)) - len(pressed)
+    return TextScreen(
+        words["keyboard_check.title"],
+        words["keyboard_check.body"],
+        words["keyboard_check.one_left"] if left == 1 else words.fill("keyboard_check.left", count=left),
+        keys=tuple((key, key in pressed) for key in keys),
+        locale=words.locale,
+        labels=words.labels(tuple(keys)),
+    )

@@ -1,0 +1,1 @@
+"""Pages: a text read page by page, such as a consent text."""

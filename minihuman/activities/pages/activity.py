@@ -1,0 +1,149 @@
+"""Pages: a text read page by page. A consent text must be read to its end before agreement."""
+
+import io
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from minihuman.activities.pages.early_plans import find_early_pages
+from minihuman.activities.pages.page_reader import BACK_KEYS, FORWARD_KEYS, PageReader, build_page_shown
+from minihuman.activities.pages.plan import ExampleSpec, PagePlan
+from minihuman.activities.pages.screens import build_page_screen
+from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding, SessionContext
+from minihuman.experiment.machine.events import Noted
+from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, ScreenShown
+from minihuman.experiment.machine.points import fill_score_fields
+from minihuman.experiment.machine.running_episode import catch_world_errors
+from minihuman.experiment.machine.screens import PageScreen, PictureLabel
+from minihuman.experiment.machine.transitions import Phase
+
+EXAMPLE_SIZE_PX = (960, 720)
+
+
+_PROMPTS: dict[StrEnum, str] = {  # of the last page
+    Phase.CONSENT: "consent.prompt",
+    Phase.CLOSING: "closing.prompt",
+    Phase.PAGE: "go_on",
+}
+
+
+def _find_phase(plan: PagePlan) -> Phase:
+    if plan.agree:
+        return Phase.CONSENT
+    return Phase.CLOSING if plan.closing else Phase.PAGE
+
+
+def _find_direction(key: str) -> int:
+    """By how many pages a key turns."""
+    if key in FORWARD_KEYS:
+        return 1
+    return -1 if key in BACK_KEYS else 0
+
+
+class PagesActivity(Activity):
+    """Shows a text; on its last page Enter goes on."""
+
+    can_copy = True
+
+    def begin(self) -> None:
+        """Open the first page."""
+        plan: PagePlan = self.part.plan
+        self.phase = _find_phase(plan)
+        self._reader = PageReader(len(plan.pages))
+        self._pictures = {
+            number: np.asarray(Image.open(io.BytesIO(png)).convert("RGB")) for number, png in enumerate(plan.pictures)
+        }
+        self._marks: tuple[PictureLabel, ...] = ()
+        self._open: PageScreen | None = None
+        if plan.example is not None:
+            self._pictures[0], self._marks = _draw_example(self.context, plan.example)
+        self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
+
+    def receive(self, happened: Input) -> None:
+        """Turn a page, or go on from the last."""
+        match happened:
+            case ScreenShown():
+                self.context.emit(build_page_shown(self.number, self._reader, happened))
+            case KeyDown(key=key):
+                has_moved = self._moved(_find_direction(key), by_enter=key in ENTER_KEYS)
+                self.context.emit_key(happened, "accepted" if has_moved else "unmapped", self.phase)
+                self._note_agreement()
+            case PointerPressed(target="go_on"):
+                self._moved(1, by_enter=True)
+                self._note_agreement()
+            case PointerPressed(target="back"):
+                self._moved(-1, by_enter=False)
+            case PointerPressed(target="decline") if self.part.plan.agree:
+                self.ended = PartEnding("failed", reason="declined", detail="the participant did not agree")
+
+    def _moved(self, by: int, *, by_enter: bool) -> bool:
+        """Whether it led anywhere. The last page is left by Enter or its button only, never by an arrow too many."""
+        if not by:
+            return False
+        if self._reader.turn(by):
+            return True
+        if by > 0 and by_enter:
+            self.ended = PartEnding()
+            return True
+        return False
+
+    def _note_agreement(self) -> None:
+        plan: PagePlan = self.part.plan
+        if self.ended and plan.agree:
+            text = f"agreed to the text with SHA-256 {plan.sha256}"
+            self.context.emit(Noted(self.context.now_ns, "consent", text))
+
+    def screen(self) -> PageScreen:
+        """The open page."""
+        if self._open is None or self._open.page != self._reader.page + 1:
+            self._open = self._screen()
+        return self._open
+
+    def _screen(self) -> PageScreen:
+        plan: PagePlan = self.part.plan
+        words = self.context.words
+        reader = self._reader
+        return build_page_screen(
+            words,
+            title=plan.title,
+            decline_label=words["consent.decline"] if plan.agree else "",
+            body=fill_score_fields(self.context, plan.pages[reader.page] if plan.pages else ""),
+            page=reader.page,
+            pages=reader.pages,
+            last=words[_PROMPTS[self.phase]],
+            button=words["consent.button"] if plan.agree else words["button.go_on"],
+            picture=self._pictures.get(reader.page),
+            marks=self._marks if reader.page == 0 else (),
+        )
+
+
+def _draw_example(context: SessionContext, example: ExampleSpec) -> tuple[NDArray[np.uint8], tuple[PictureLabel, ...]]:
+    """The world from above, and where in it the marked things are."""
+    world = context.world(example.world, example.options)
+    with catch_world_errors():
+        world.reset(example.seed)
+        picture = world.frame("full", context.picture_px or EXAMPLE_SIZE_PX)
+        floor = world.map()
+        pose = world.pose()
+    if floor is None:
+        return picture, ()
+    x0, z0, x1, z1 = floor.bounds
+    places = {thing.name: (thing.x, thing.z) for thing in reversed(floor.things)}
+    if pose is not None:
+        places["agent"] = (pose.x, pose.z)
+    return picture, tuple(
+        PictureLabel((places[name][0] - x0) / (x1 - x0), (places[name][1] - z0) / (z1 - z0), label)
+        for name, label in example.marks.items()
+        if name in places
+    )
+
+
+PAGE = ActivityKind(
+    "page",
+    PagePlan,
+    PagesActivity,
+    tables="minihuman.activities.pages.tables:PAGE_TABLES",
+    find_early_parts=find_early_pages,
+)

@@ -1,0 +1,38 @@
+"""Which page of a text is open: shared by every text that has pages."""
+
+from minihuman.experiment.machine.activity import ENTER_KEYS
+from minihuman.experiment.machine.events import PageShown
+from minihuman.experiment.machine.inputs import ScreenShown
+
+FORWARD_KEYS = (*ENTER_KEYS, "right", "page_down", "space")
+BACK_KEYS = ("left", "page_up", "backspace")
+
+
+class PageReader:
+    """Which page is open, and which were: shared by every text that has pages."""
+
+    def __init__(self, pages: int) -> None:
+        self.pages = max(1, pages)
+        self.page = 0
+        self.furthest = 0
+
+    @property
+    def at_end(self) -> bool:
+        """Whether the last page is open."""
+        return self.page == self.pages - 1
+
+    def turn(self, by: int) -> bool:
+        """Open the next or the previous page; False if there is none."""
+        page = self.page + by
+        if not 0 <= page < self.pages:
+            return False
+        self.page = page
+        self.furthest = max(self.furthest, page)
+        return True
+
+
+def build_page_shown(part: int, reader: PageReader, screen_shown: ScreenShown) -> PageShown:
+    """Say that the open page reached the display."""
+    return PageShown(
+        screen_shown.t_ns, part, reader.page + 1, reader.pages, screen_shown.submit_ns, screen_shown.flip_ns
+    )

@@ -1,0 +1,1 @@
+"""Play: a block of episodes, with instructions, feedback and rest."""

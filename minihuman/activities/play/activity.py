@@ -1,0 +1,462 @@
+"""Play: the episodes of one block, with instructions, fixation, feedback and rest.
+
+Holds the block's transition table, time limits (playing time only, pauses excluded), timed screens, tally of outcomes
+and screens.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from minihuman.activities.pages.page_reader import BACK_KEYS, FORWARD_KEYS, PageReader, build_page_shown
+from minihuman.activities.play.clocks import BlockTimeLimits, PhaseTimer
+from minihuman.activities.play.design import BlockDesign
+from minihuman.activities.play.early_plans import find_early_blocks
+from minihuman.activities.play.plan import PlayPlan
+from minihuman.activities.play.screens import BlockScreens
+from minihuman.activities.play.tally import BlockTally
+from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding, SessionContext
+from minihuman.experiment.machine.events import (
+    EndCause,
+    EpisodesSkipped,
+    KeyMapDrawn,
+    Noted,
+    Paused,
+    PauseReason,
+    Resumed,
+    Scored,
+    Stepped,
+)
+from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, ScreenShown
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.screens import PlayScreen, Screen
+from minihuman.experiment.machine.transitions import Phase, PhaseTransition, TransitionCause, TransitionTable
+from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart
+
+
+def _another_episode_follows(play: "PlayActivity") -> bool:
+    return play.has_next_episode
+
+
+PLAY_TRANSITIONS: "TransitionTable[PlayActivity]" = TransitionTable(
+    [
+        PhaseTransition(Phase.START, TransitionCause.BEGAN, Phase.INSTRUCTIONS),
+        PhaseTransition(Phase.INSTRUCTIONS, TransitionCause.DONE, Phase.PREPARING),
+        PhaseTransition(Phase.PREPARING, TransitionCause.DONE, Phase.READY),
+        PhaseTransition(Phase.READY, TransitionCause.DONE, Phase.INTERVAL),
+        PhaseTransition(Phase.INTERVAL, TransitionCause.DONE, Phase.FIXATION),
+        PhaseTransition(Phase.FIXATION, TransitionCause.DONE, Phase.PLAYING),
+        PhaseTransition(Phase.PLAYING, TransitionCause.EPISODE_ENDED, Phase.HOLD),
+        PhaseTransition(Phase.HOLD, TransitionCause.DONE, Phase.FEEDBACK),
+        PhaseTransition(Phase.FEEDBACK, TransitionCause.DONE, Phase.LEARNING, _another_episode_follows),
+        PhaseTransition(Phase.LEARNING, TransitionCause.DONE, Phase.PREPARING),
+        PhaseTransition(Phase.FEEDBACK, TransitionCause.DONE, Phase.REST),
+        PhaseTransition(Phase.REST, TransitionCause.DONE, Phase.OVER),
+    ]
+)
+
+
+PHASE_CONDITIONS: "Mapping[Phase, Callable[[PlayActivity], bool]]" = {
+    Phase.INSTRUCTIONS: lambda play: bool(play.plan.instruction),
+    Phase.LEARNING: lambda play: play.learning_s > 0,
+    Phase.PREPARING: lambda play: play.needs_new_world,
+    Phase.READY: lambda play: play.shows_ready_screen and play.waits_for_ready,
+    Phase.INTERVAL: lambda play: play.interval_ms > 0,
+    Phase.FIXATION: lambda play: play.plan.fixation_ms > 0,
+    Phase.HOLD: lambda play: play.plan.hold_ms > 0,
+    Phase.FEEDBACK: lambda play: bool(play.feedback_text),
+    Phase.REST: lambda play: bool(play.plan.rest) or play.plan.rest_s > 0,
+}
+
+
+POINTER = "pointer"  # a step's key where a click made it
+_TEXT_PHASES = (Phase.READY, Phase.FEEDBACK)
+
+
+class PlayActivity(Activity):
+    """Plays a block's episodes from the next one that the session has not completed."""
+
+    plan: PlayPlan
+    can_copy = True
+    transitions: "TransitionTable[Any]" = PLAY_TRANSITIONS
+    phase_conditions: "Mapping[Phase, Callable[[Any], bool]]" = PHASE_CONDITIONS
+    play: RunningEpisode | None = None
+    learning_s = 0.0  # how long the next episode may wait for an agent that learns
+    shows_progress = True  # which episode of how many it is
+    has_begun = False  # an episode of the block, in this segment
+
+    def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
+        super().__init__(number, part, context)
+        self.plan = part.plan
+        self.phase = Phase.START
+        self.shows_ready_screen: bool = True
+        self._play: RunningEpisode | None = None  # from the ready screen to the end of the feedback
+        self._timer = PhaseTimer(self.plan, lambda: self.learning_s, lambda: self.interval_ms)
+        self._limits = BlockTimeLimits(self.plan.max_s, self.plan.block_max_s)
+        self._reader = PageReader(len(self.plan.instruction))
+        self._tally = BlockTally(self.plan)
+        self._design = BlockDesign(self.plan.design, number, part.name, context) if self.plan.design else None
+        self._view = BlockScreens(self.plan, context, shows_progress=self.shows_progress)
+        self._flip_ns: int | None = None  # when the present text reached the display
+        self._drawn: tuple[object, Screen] | None = None  # a world's picture is drawn once
+
+    # What the conditions beside the table ask
+
+    @property
+    def has_next_episode(self) -> bool:
+        """Whether the block goes on."""
+        return self._tally.has_next(self.context.next_episode)
+
+    @property
+    def needs_new_world(self) -> bool:
+        """Whether the next episode's world has to be made."""
+        plan = self.next_plan
+        return not self.context.has_world(plan.world, plan.options)
+
+    @property
+    def next_plan(self) -> EpisodePlan:
+        """The next episode; a block whose episodes are resolved while it runs overrides it."""
+        plan = self.context.plan.episodes[self.context.next_episode]
+        return plan if self._design is None else self._design.resolve(plan)
+
+    @property
+    def waits_for_ready(self) -> bool:
+        """Whether the next episode waits for Enter."""
+        ready = self.plan.trial.ready if self.plan.trial else "each"
+        return ready == "each" or (ready == "first" and not self.has_begun)
+
+    @property
+    def interval_ms(self) -> float:
+        """How long the screen is empty before the next episode."""
+        intervals_ms = self.plan.trial.intervals_ms if self.plan.trial else ()
+        place = self.context.next_episode - self.plan.first
+        if place < len(intervals_ms):  # after the last episode there is none
+            return intervals_ms[place]
+        return self.plan.interval_ms
+
+    @property
+    def feedback_text(self) -> str:
+        """The feedback on the last episode; "" if there is none."""
+        return self.plan.feedback.get(self._play.outcome or "", "") if self._play else ""
+
+    # The port
+
+    def begin(self) -> None:
+        """Begin the block, or go on with it."""
+        if (
+            self.number == self.context.plan.standing.part
+            and self.context.next_episode == self.context.plan.first_episode
+        ):
+            self._tally.outcomes += self.context.plan.standing.outcomes
+            if self._design is not None:
+                self._design.history += self.context.plan.standing.history or ()
+        self._decide()
+        if not self.has_next_episode:
+            self._end()
+            return
+        self._move(TransitionCause.BEGAN)
+
+    def receive(self, happened: Input) -> None:
+        """Take an input."""
+        match happened:
+            case ScreenShown():
+                self._shown(happened)
+                return
+        self._let_time_pass()
+        if self.ended:
+            if isinstance(happened, KeyDown):
+                self.context.emit_key(happened, "not_playing", self.phase)
+            return
+        match happened:
+            case KeyDown() if self.phase is Phase.PLAYING:
+                self._key_in_play(happened)
+            case KeyDown(repeat=True):
+                self.context.emit_key(happened, "repeat", self.phase)
+            case KeyDown():
+                self._key_outside_play(happened)
+            case PointerPressed(target="picture") if self.phase is Phase.PLAYING and self._current.takes_clicks:
+                self._click_in_play(happened)
+            case PointerPressed(target="go_on" | "back" as target) if self.phase is Phase.INSTRUCTIONS:
+                self._turn(1 if target == "go_on" else -1, by_enter=True)
+
+    def suspend(self, reason: PauseReason) -> None:
+        """Stop the clocks."""
+        self._timer.suspend(self.phase)
+        if self.phase is Phase.PLAYING:
+            self._current.suspend()
+            self._limits.stop(self.context.now_ns)
+            self.context.emit(Paused(self.context.now_ns, reason))
+
+    def resume(self) -> None:
+        """Let them run again."""
+        super().resume()
+        if self.phase is Phase.PLAYING:
+            self._limits.resume(self.context.now_ns)
+            self.context.emit(Resumed(self.context.now_ns))
+        else:
+            self._timer.resume(self.phase, self.context.now_ns)
+
+    def stop(self) -> None:
+        """Abandon what is being played."""
+        if self._play and self._play.started and self._play.outcome is None:
+            self.context.emit(self._play.end(self.context.now_ns))
+
+    @property
+    def playing(self) -> bool:  # type: ignore[override]
+        """Whether an episode runs."""
+        return self.phase is Phase.PLAYING
+
+    @property
+    def real_time(self) -> bool:  # type: ignore[override]
+        """Whether time makes its steps."""
+        return self.playing and self._current.real_time
+
+    @property
+    def limit_ns(self) -> int | None:
+        """When the time for the episode, or for the block, is over; None while nothing is played or without a limit."""
+        return self._limits.due_ns if self.playing else None
+
+    @property
+    def next_tick_ns(self) -> int | None:  # type: ignore[override]
+        """The next step of real time, a limit, the end of a timed screen, or a rest's next second."""
+        if self.phase is Phase.PLAYING:
+            self.play = self._current
+            due = [t for t in (self._current.next_tick_ns, self._limits.due_ns) if t is not None]
+            return min(due, default=None)
+        if self.phase is Phase.PREPARING:
+            return self.context.now_ns
+        return self._timer.due_ns(self.phase, self.context.now_ns)
+
+    def screen(self) -> Screen:
+        """What belongs to the phase."""
+        steps = self._play and self._play.steps
+        now = (self.phase, self._reader.page, self._play, steps, self._rest_left_s, self._look)
+        if self._drawn is None or self._drawn[0] != now:
+            self._drawn = (now, self._screen())
+        return self._drawn[1]
+
+    def _screen(self) -> Screen:
+        before = self._view.before(self.phase, self._reader)
+        if before is not None:
+            return before
+        match self.phase:
+            case Phase.READY:
+                return self._view.ready(self._current)
+            case Phase.FEEDBACK:
+                return self._view.feedback(self._current, self._tally.scored)
+            case Phase.REST:
+                return self._view.rest(self._rest_left_s)
+        return self._play_screen()
+
+    def _play_screen(self) -> PlayScreen:
+        return self._view.play(self._current, held=self.phase is Phase.HOLD, scored=self._tally.scored)
+
+    # Inputs
+
+    def _shown(self, screen_shown: ScreenShown) -> None:
+        if self.phase in (Phase.PLAYING, Phase.HOLD):
+            self.context.emit(self._current.record_shown(screen_shown))
+            if screen_shown.step is not None and screen_shown.step < self._current.steps:
+                return
+        elif screen_shown.step is not None:  # late word of a picture: the episode is over by now
+            if self._play is not None and self._play.started:
+                self.context.emit(self._play.record_shown(screen_shown))
+            return
+        elif self.phase is Phase.INSTRUCTIONS:
+            self.context.emit(build_page_shown(self.number, self._reader, screen_shown))
+        self._flip_ns = screen_shown.flip_ns
+        self._timer.seen(self.phase, screen_shown.flip_ns)
+
+    def _let_time_pass(self) -> None:
+        """Do what was due by now, before any later input."""
+        now_ns = self.context.now_ns
+        if self.phase is Phase.PLAYING:
+            cause = self._limits.over(now_ns)
+            if cause:
+                self._episode_ended(cause)
+            elif stepped := self._current.tick(now_ns):
+                self._stepped(stepped)
+        elif self.phase is Phase.PREPARING or self._timer.over(self.phase, now_ns):
+            self._move(TransitionCause.DONE)
+
+    def _key_in_play(self, press: KeyDown) -> None:
+        play = self._current
+        emit_key = self.context.emit_key
+        action = play.action_of(press.key)
+        if press.repeat and (play.real_time or not play.plan.auto_repeat or action is None):
+            emit_key(press, "repeat", self.phase, action)
+        elif action is None:
+            emit_key(press, "spare" if press.key in play.plan.key_map.spare_keys else "unmapped", self.phase)
+        elif play.real_time:
+            play.queue(press.t_ns, press.key, action)
+            emit_key(press, "queued", self.phase, action)
+        else:
+            emit_key(press, "accepted", self.phase, action)
+            self._stepped(play.step(self.context.now_ns, action, key=press.key, key_t_ns=press.t_ns))
+
+    def _click_in_play(self, press: PointerPressed) -> None:
+        play = self._current
+        action = play.find_click_action(press.x, press.y)
+        if play.real_time:
+            play.queue(press.t_ns, POINTER, action)
+        else:
+            self._stepped(play.step(self.context.now_ns, action, key=POINTER, key_t_ns=press.t_ns))
+
+    def _key_outside_play(self, press: KeyDown) -> None:
+        key = press.key
+        phase = self.phase
+        emit_key = self.context.emit_key
+        if phase is Phase.INSTRUCTIONS and key in (*FORWARD_KEYS, *BACK_KEYS):
+            by = 1 if key in FORWARD_KEYS else -1
+            can = self._reader.page + by in range(self._reader.pages) or (by > 0 and key in ENTER_KEYS)
+            emit_key(press, "accepted" if can else "unmapped", phase)
+            self._turn(by, by_enter=key in ENTER_KEYS)
+        elif phase is Phase.READY and key in ENTER_KEYS and self._flip_ns is not None and press.t_ns < self._flip_ns:
+            emit_key(press, "not_playing", phase)  # meant for the screen before: this one is not on the display yet
+        elif key in ENTER_KEYS and (
+            (phase in _TEXT_PHASES and not self._timer.ends(phase)) or (phase is Phase.REST and not self._rest_left_s)
+        ):
+            emit_key(press, "accepted", phase)
+            self._move(TransitionCause.DONE)
+        else:
+            meant = key in ENTER_KEYS or (self._play is not None and self._play.action_of(key) is not None)
+            emit_key(press, "not_playing" if meant else "unmapped", phase)
+
+    def _turn(self, by: int, *, by_enter: bool) -> None:
+        if not self._reader.turn(by) and by > 0 and by_enter:
+            self._move(TransitionCause.DONE)
+
+    # Moving on
+
+    def _move(self, cause: TransitionCause) -> None:
+        """Follow the table, and on through phases that have nothing to show. An impossible move changes nothing."""
+        move = self.transitions.find(self.phase, cause, self)
+        if move is None:
+            return
+        assert isinstance(move.end, Phase)
+        before = self.phase
+        self.phase = move.end
+        if self.phase is Phase.OVER:
+            self._end()
+            return
+        if before is Phase.FEEDBACK:
+            self.shows_ready_screen = not self.feedback_text  # a participant who has just left the feedback is ready
+        elif self.phase is Phase.READY:
+            self._prepare()
+        self._flip_ns = None
+        if not self.phase_conditions.get(self.phase, lambda _: True)(self):
+            self._move(TransitionCause.DONE)
+            return
+        self._timer.begin(self.phase, self.context.now_ns)
+        self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
+        if self.phase is Phase.PLAYING:
+            self._start_episode()
+
+    def _prepare(self) -> None:
+        """Reset the world behind a text, so that play starts at once."""
+        self._play = self._make_episode(self.next_plan)
+        if self.context.renders_steps:
+            self._play.picture()  # a world's first picture takes longer: not after the key that starts play
+        self.next_play = self._play
+
+    def _make_episode(self, plan: EpisodePlan) -> RunningEpisode:
+        world = self.context.world(plan.world, plan.options)
+        context = self.context
+        return RunningEpisode(
+            plan,
+            world,
+            picture_px=context.picture_px,
+            keys_down=context.keys_down,
+            bindings=self.plan.bindings,
+            axes=context.axes,
+        )
+
+    def _start_episode(self) -> None:
+        play = self._current
+        now_ns = self.context.now_ns
+        self.play = play
+        self.next_play = None
+        self.has_begun = True
+        if self.context.key_map != play.plan.key_map:
+            self.context.key_map = play.plan.key_map
+            self.context.emit(KeyMapDrawn(now_ns, play.plan.episode, play.plan.key_map))
+        self.context.emit(play.start(now_ns), *play.stored_observations(now_ns))
+        self._limits.begin(now_ns)
+        self._episode_started()
+
+    def _episode_started(self) -> None:
+        """Called when an episode has begun; subclasses override it."""
+
+    def _between_episodes(self) -> None:
+        """Called when an episode is over; subclasses override it."""
+
+    def _stepped(self, stepped: Stepped) -> None:
+        play = self._current
+        now_ns = self.context.now_ns
+        self.context.emit(*play.stored_observations(now_ns), *play.clauses_done(now_ns), stepped)
+        if self._current.outcome is not None:
+            self._episode_ended("")
+
+    def _episode_ended(self, cause: EndCause) -> None:
+        play = self._current
+        context = self.context
+        self.play = None
+        self._limits.stop(context.now_ns)
+        context.emit(play.end(context.now_ns, cause))
+        scored = self._tally.add_episode(play)
+        if scored is not None:
+            context.points += scored
+            context.emit(Scored(context.now_ns, play.plan.episode, scored, context.points))
+        context.next_episode += 1
+        context.completed += 1
+        if self._design is not None:
+            self._design.add_episode(play)
+        self._decide()
+        self._between_episodes()
+        self._move(TransitionCause.EPISODE_ENDED)
+
+    def _decide(self) -> None:
+        self._tally.decide(time_is_up=self._limits.block_is_over(self.context.now_ns))
+        if (
+            self._design is not None
+            and (self.has_next_episode or self._design.history)  # else the block was completed before
+            and self._design.decide(goes_on=self.has_next_episode)
+        ):
+            self._tally.skip = "design"
+
+    def _end(self) -> None:
+        self.phase = Phase.OVER
+        context = self.context
+        past = self.plan.first + self.plan.count
+        skip = self._tally.skip
+        if skip is not None and context.next_episode < past:
+            context.emit(EpisodesSkipped(context.now_ns, context.next_episode, past - context.next_episode, skip))
+            context.next_episode = past
+        if self._tally.failed:
+            self.ended = PartEnding("failed", reason="screened_out", detail=f"{self.part.name}: criterion not reached")
+        else:
+            self.ended = PartEnding()
+
+    # Small things
+
+    @property
+    def _look(self) -> object:
+        """What else the screen depends on; subclasses override it."""
+        return None
+
+    @property
+    def _current(self) -> RunningEpisode:
+        assert self._play is not None
+        return self._play
+
+    @property
+    def _rest_left_s(self) -> int:
+        return self._timer.left_s(self.context.now_ns)
+
+
+PLAY = ActivityKind(
+    "play",
+    PlayPlan,
+    PlayActivity,
+    tables="minihuman.activities.play.tables:PLAY_TABLES",
+    find_early_parts=find_early_blocks,
+)

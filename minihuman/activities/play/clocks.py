@@ -1,0 +1,135 @@
+"""The clocks of a block: limits of playing time, and phases that end by themselves."""
+
+from collections.abc import Callable
+from enum import StrEnum
+
+from minihuman.activities.play.plan import PlayPlan
+from minihuman.experiment.machine.events import EndCause
+from minihuman.experiment.machine.running_episode import NS_PER_MS
+from minihuman.experiment.machine.transitions import Phase
+
+NS_PER_S = 1_000_000_000
+
+
+class BlockTimeLimits:
+    """Two clocks that run while an episode is played; 0 s is no limit."""
+
+    def __init__(self, episode_s: float, block_s: float) -> None:
+        self._episode_ns = round(episode_s * NS_PER_S)
+        self._block_ns = round(block_s * NS_PER_S)
+        self._played_ns = 0  # of the episode, when the clock last stood
+        self._block_played_ns = 0
+        self._running_since_ns: int | None = None
+
+    def begin(self, now_ns: int) -> None:
+        """An episode starts."""
+        self._played_ns = 0
+        self._running_since_ns = now_ns
+
+    def resume(self, now_ns: int) -> None:
+        """It goes on."""
+        self._running_since_ns = now_ns
+
+    def stop(self, now_ns: int) -> None:
+        """It pauses or is over."""
+        if self._running_since_ns is not None:
+            ran_ns = now_ns - self._running_since_ns
+            self._played_ns += ran_ns
+            self._block_played_ns += ran_ns
+            self._running_since_ns = None
+
+    @property
+    def due_ns(self) -> int | None:
+        """When the next limit is reached; None: there is none, or the clocks stand."""
+        if self._running_since_ns is None or not (self._episode_ns or self._block_ns):
+            return None
+        return self._running_since_ns + max(0, min(limit - played for limit, played in self._pairs if limit))
+
+    def over(self, now_ns: int) -> EndCause:
+        """Which limit has been reached; "" for none."""
+        due_ns = self.due_ns
+        if due_ns is None or now_ns < due_ns:
+            return ""
+        return "block_max_s" if self.block_is_over(now_ns) else "max_s"
+
+    def block_is_over(self, now_ns: int) -> bool:
+        """Whether the block's time has been played."""
+        running_ns = 0 if self._running_since_ns is None else now_ns - self._running_since_ns
+        return bool(self._block_ns) and self._block_played_ns + running_ns >= self._block_ns
+
+    @property
+    def _pairs(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        return (self._episode_ns, self._played_ns), (self._block_ns, self._block_played_ns)
+
+
+_TIMED = (Phase.INTERVAL, Phase.FIXATION, Phase.HOLD, Phase.LEARNING)  # time ends them, no key
+
+
+class PhaseTimer:
+    """The time of the phase that stands; phases without a length leave it alone.
+
+    Args:
+        plan: the block's.
+        learning_s: how long the next episode may wait for an agent that learns.
+        interval_ms: how long the interval before the next episode is.
+    """
+
+    def __init__(self, plan: PlayPlan, learning_s: Callable[[], float], interval_ms: Callable[[], float]) -> None:
+        self._plan = plan
+        self._learning_s = learning_s
+        self._interval_ms = interval_ms
+        self._feedback_ms = plan.trial.feedback_ms if plan.trial else 0.0
+        self._timed: tuple[StrEnum, ...] = (*_TIMED, Phase.FEEDBACK) if self._feedback_ms else _TIMED
+        self._until_ns: int | None = None
+
+    def begin(self, phase: StrEnum, now_ns: int) -> None:
+        """A phase begins."""
+        if phase in self._timed:
+            self._until_ns = now_ns + self._lasts_ns(phase)
+        elif phase is Phase.REST:
+            self._until_ns = now_ns + round(self._plan.rest_s * NS_PER_S)
+
+    def seen(self, phase: StrEnum, flip_ns: int) -> None:
+        """Its screen reached the display: it stands from then on. Learning lasts however late it was seen."""
+        if phase in self._timed and phase is not Phase.LEARNING and self._until_ns is not None:
+            self._until_ns = flip_ns + self._lasts_ns(phase)
+
+    def suspend(self, phase: StrEnum) -> None:
+        """Something is in front; a rest goes on even so."""
+        if phase in self._timed:
+            self._until_ns = None
+
+    def resume(self, phase: StrEnum, now_ns: int) -> None:
+        """It stands again, for its whole time."""
+        if phase in self._timed:
+            self._until_ns = now_ns + self._lasts_ns(phase)
+
+    def over(self, phase: StrEnum, now_ns: int) -> bool:
+        """Whether a phase that time ends has stood long enough."""
+        return phase in self._timed and self._until_ns is not None and now_ns >= self._until_ns
+
+    def ends(self, phase: StrEnum) -> bool:
+        """Whether time ends a phase, and no key."""
+        return phase in self._timed
+
+    def due_ns(self, phase: StrEnum, now_ns: int) -> int | None:
+        """When something changes by itself, a rest's next second too; None: never."""
+        if self._until_ns is None or now_ns >= self._until_ns:
+            return None
+        if phase is Phase.REST:
+            return self._until_ns - (self.left_s(now_ns) - 1) * NS_PER_S
+        return self._until_ns
+
+    def left_s(self, now_ns: int) -> int:
+        """Seconds that are left, begun ones counted whole."""
+        return max(0, -(-((self._until_ns or 0) - now_ns) // NS_PER_S))
+
+    def _lasts_ns(self, phase: StrEnum) -> int:
+        ms: dict[StrEnum, float] = {
+            Phase.INTERVAL: self._interval_ms(),
+            Phase.FEEDBACK: self._feedback_ms,
+            Phase.FIXATION: self._plan.fixation_ms,
+            Phase.HOLD: self._plan.hold_ms,
+            Phase.LEARNING: self._learning_s() * 1_000,
+        }
+        return round(ms[phase] * NS_PER_MS)

@@ -1,0 +1,63 @@
+"""A block's design, asked before each episode."""
+
+import msgspec
+
+from minihuman.experiment.machine.activity import SessionContext
+from minihuman.experiment.machine.events import DesignDecided
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.plan.designs import DesignSpec, PlayedEpisode, make_design
+from minihuman.experiment.plan.random_streams import make_draw
+from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.worlds.hashing import hash64
+
+
+class BlockDesign:
+    """A block's design: asked before each episode, and once when the block is over.
+
+    Args:
+        spec: the design.
+        number: the part's index in the plan.
+        name: the part's.
+        context: the session, which takes the events.
+    """
+
+    def __init__(self, spec: DesignSpec, number: int, name: str, context: SessionContext) -> None:
+        self._spec = spec
+        self._number = number
+        self._name = name
+        self._context = context
+        self._design = make_design(spec)
+        self._decided: DesignDecided | None = None
+        self.history: list[PlayedEpisode] = []
+
+    def add_episode(self, play: RunningEpisode) -> None:
+        """An episode is over."""
+        plan = play.plan
+        outcome = play.outcome
+        assert outcome is not None
+        self.history.append(PlayedEpisode(plan.options, plan.seed, outcome, play.steps, play.return_))
+
+    def decide(self, *, goes_on: bool) -> bool:
+        """Ask about the next episode, or for the last estimates; whether the design ends the block."""
+        context = self._context
+        plan = self._context.plan
+        purpose = f"design-{self._name}-session-{plan.session}-episode-{context.next_episode}"
+        decision = self._design.decide(self.history, make_draw(plan.study_seed, purpose, plan.participant.index))
+        options, seed = (dict(decision.options), decision.seed) if goes_on and not decision.stop else ({}, None)
+        self._decided = DesignDecided(
+            *(context.now_ns, self._number, context.next_episode, self._spec.name, self._design.version),
+            options=options,
+            seed=seed,
+            stop=decision.stop or not goes_on,
+            estimates=dict(decision.estimates),
+            posterior=hash64(decision.posterior),
+        )
+        context.emit(self._decided)
+        return decision.stop and goes_on
+
+    def resolve(self, plan: EpisodePlan) -> EpisodePlan:
+        """The next episode as the design wants it."""
+        assert self._decided is not None, "a design decides before each episode"
+        options = plan.options | self._decided.options
+        seed = self._decided.seed
+        return msgspec.structs.replace(plan, options=options, seed=plan.seed if seed is None else seed)

@@ -1,0 +1,169 @@
+"""The screens of a block."""
+
+from enum import StrEnum
+from functools import partial
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from minihuman.activities.pages.page_reader import PageReader
+from minihuman.activities.pages.screens import build_page_screen
+from minihuman.activities.play.plan import PlayPlan
+from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.activity import SessionContext
+from minihuman.experiment.machine.events import Outcome
+from minihuman.experiment.machine.points import (
+    PointsNumber,
+    fill_score_fields,
+    format_score,
+    format_total,
+    isolate_signs,
+)
+from minihuman.experiment.machine.running_episode import EMPTY_IMAGE, RunningEpisode
+from minihuman.experiment.machine.screen_texts import capitalise
+from minihuman.experiment.machine.screens import BlankScreen, Motion, OutcomeMark, PlayScreen, Screen, TextScreen
+from minihuman.experiment.machine.transitions import Phase
+from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.experiment.words import InterfaceWords
+from minihuman.worlds.pose import Pose
+
+if TYPE_CHECKING:
+    from minihuman.experiment.machine.activity import SessionContext
+
+OUTCOME_MARKS: dict[Outcome | None, OutcomeMark] = {"goal": "good", "timeout": "neutral", "failure": "bad"}
+
+
+def format_progress(context: "SessionContext", block: PlayPlan, episode: EpisodePlan, points: float | None) -> str:
+    """Where in the session an episode is: "Part 1 of 2, episode 3 of 10", and the points so far."""
+    words = context.words
+    fields = {
+        "part": block.block + 1,
+        "parts": block.blocks,
+        "episode": episode.episode_in_block + 1,
+        "episodes": episode.episodes_in_block,
+    }
+    key = "progress.of_one" if block.blocks < 2 else "progress.of_many"
+    if block.until is not None:
+        key += "_open"  # the number of episodes is open
+    line = words.fill(key, **fields)
+    if points is None:
+        return line
+    return f"{line}    {format_total(words, points)}"
+
+
+def build_feedback_screen(
+    words: InterfaceWords, block: PlayPlan, played: RunningEpisode, progress_line: str, points: float, total: float
+) -> TextScreen:
+    """The block's feedback for this outcome, its fields filled in."""
+    outcome = played.outcome or "abandoned"
+    body = block.feedback[outcome].format(
+        outcome=words[f"outcome.{outcome}"],
+        reward=played.return_,
+        steps=played.steps,
+        episode=played.plan.episode_in_block + 1,
+        episodes=played.plan.episodes_in_block,
+        points=PointsNumber(points),
+        total=PointsNumber(total),
+    )
+    body = isolate_signs(words, capitalise(body.strip()))
+    prompt = "" if block.trial and block.trial.feedback_ms else words["go_on"]
+    return TextScreen("", body, prompt, progress_line, locale=words.locale)
+
+
+def build_rest_screen(words: InterfaceWords, text: str, left_s: int) -> TextScreen:
+    """The rest after a block, with the seconds that must still pass."""
+    prompt = words["go_on"] if left_s <= 0 else words.fill("rest.wait", seconds=left_s)
+    return TextScreen(words["rest.title"], text.strip() or words["rest.body"], prompt, locale=words.locale)
+
+
+class BlockScreens:
+    """A block's screens. Decides nothing.
+
+    Args:
+        plan: the block's.
+        context: the session around it, for its words and points.
+        shows_progress: whether a line says which episode it is.
+    """
+
+    def __init__(self, plan: PlayPlan, context: SessionContext, *, shows_progress: bool = True) -> None:
+        self._plan = plan
+        self._context = context
+        self._shows_progress = shows_progress
+        self._seen: tuple[int, int, Pose | None] | None = None  # the latest step's episode, number and pose
+
+    def before(self, phase: StrEnum, reader: PageReader) -> Screen | None:
+        """A screen without an episode; None where the phase shows one."""
+        words = self._context.words
+        match phase:
+            case Phase.INSTRUCTIONS:
+                return build_page_screen(
+                    words,
+                    title=self._plan.title or words["instructions.title"],
+                    body=self._plan.instruction[reader.page],
+                    page=reader.page,
+                    pages=reader.pages,
+                    last=words["go_on"],
+                    button=words["button.go_on"],
+                )
+            case Phase.LEARNING:
+                return screen_texts.build_notice_screen(words, words["learning.title"], words["learning.body"])
+            case Phase.PREPARING:
+                return screen_texts.build_wait_screen(words)
+            case Phase.INTERVAL | Phase.FIXATION:
+                return BlankScreen(cross=phase is Phase.FIXATION)
+        return None
+
+    def rest(self, left_s: int) -> TextScreen:
+        """The rest after the block."""
+        return build_rest_screen(self._context.words, fill_score_fields(self._context, self._plan.rest), left_s)
+
+    def ready(self, play: RunningEpisode) -> TextScreen:
+        """The last screen before an episode."""
+        words = self._context.words
+        mission = screen_texts.capitalise(self._mission(play))
+        return TextScreen(
+            words["ready.title"], mission, words["ready.prompt"], self._progress(play), locale=words.locale
+        )
+
+    def feedback(self, play: RunningEpisode, scored: float) -> TextScreen:
+        """The feedback on an episode."""
+        return build_feedback_screen(
+            self._context.words, self._plan, play, self._progress(play), scored, self._context.points
+        )
+
+    def play(self, play: RunningEpisode, *, held: bool, scored: float) -> PlayScreen:
+        """An episode's picture; ``held``: its last one, with what it was worth."""
+        words = self._context.words
+        legend = sorted(play.plan.key_map.keys.items()) if play.plan.show_keys else []
+        return PlayScreen(
+            picture=play.picture() if held or self._context.renders_steps else EMPTY_IMAGE,
+            mission=self._mission(play),
+            progress=self._progress(play),
+            legend=tuple((key, words.action(action)) for key, action in legend),
+            episode=play.plan.episode,
+            step=play.steps,
+            locale=words.locale,
+            mark=OUTCOME_MARKS.get(play.outcome, "") if held and self._plan.marks else "",
+            score_text=format_score(words, scored) if held and self._plan.points is not None else "",
+            labels=words.labels(tuple(key for key, _ in legend)),
+            accepts_pointer=play.takes_clicks,
+            motion=self._motion(play) if self._plan.motion_ms and self._context.renders_steps else None,
+        )
+
+    def _motion(self, play: RunningEpisode) -> Motion | None:
+        """How the view gets to a step's picture from the one before."""
+        before = self._seen
+        self._seen = (play.plan.episode, play.steps, play.world.pose())
+        if before is None or before[2] is None or before[:2] != (play.plan.episode, play.steps - 1):
+            return None
+        assert self._plan.motion_ms is not msgspec.UNSET
+        return Motion(round(self._plan.motion_ms * 1e6), partial(play.picture_between, before[2]))
+
+    def _mission(self, play: RunningEpisode) -> str:
+        return self._plan.mission or self._context.words.mission(play.mission)
+
+    def _progress(self, play: RunningEpisode) -> str:
+        total = self._context.points if self._plan.show_points else None
+        if not self._shows_progress:
+            return "" if total is None else format_total(self._context.words, total)
+        return format_progress(self._context, self._plan, play.plan, total)

@@ -1,0 +1,46 @@
+"""The tally of a block's episodes: outcomes, points, and whether another follows."""
+
+from minihuman.activities.play.plan import PlayPlan
+from minihuman.experiment.machine.events import SkipReason
+from minihuman.experiment.machine.running_episode import RunningEpisode
+
+
+class BlockTally:
+    """Counts a block's episodes that are over.
+
+    Args:
+        plan: the block's.
+    """
+
+    def __init__(self, plan: PlayPlan) -> None:
+        self._plan = plan
+        self.outcomes: list[str] = []  # in order, those of earlier segments first
+        self.scored = 0.0  # by the last one
+        self.skip: SkipReason | None = None  # why no other episode is played
+
+    def add_episode(self, play: RunningEpisode) -> float | None:
+        """Count an episode that is over; return its points, None in a block without points."""
+        assert play.outcome is not None
+        self.outcomes.append(play.outcome)
+        if self._plan.points is None:
+            return None
+        self.scored = self._plan.points.compute(play.outcome, play.steps, play.return_)
+        return self.scored
+
+    def decide(self, *, time_is_up: bool) -> None:
+        """Settle whether the block is over before its last episode."""
+        until = self._plan.until
+        if until is not None and until.is_met(self.outcomes):
+            self.skip = "criterion"
+        elif time_is_up:
+            self.skip = "time"
+
+    def has_next(self, next_episode: int) -> bool:
+        """Whether the block goes on with that episode."""
+        return self.skip is None and next_episode < self._plan.first + self._plan.count
+
+    @property
+    def failed(self) -> bool:
+        """Whether the block ends the session because its criterion was not reached."""
+        until = self._plan.until
+        return until is not None and not until.is_met(self.outcomes) and until.otherwise == "end"

@@ -1,0 +1,1 @@
+"""Preferences: which of two clips of episodes is better."""

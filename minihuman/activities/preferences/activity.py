@@ -1,0 +1,232 @@
+"""Preferences: compare two clips of episodes side by side, recreated from seeds and actions.
+
+Which clips are compared is decided outside. Which one is on the left is drawn here, so that each side shows half of
+the first clips. Clips repeat until the participant answers.
+"""
+
+import json
+from typing import Any
+
+from minihuman.activities.episode_clips import ClipOffered, EpisodeClip, EpisodeFilm
+from minihuman.activities.preferences.events import (
+    NothingToCompare,
+    PairAnswer,
+    PairSeen,
+    Preferred,
+    Side,
+    StretchShown,
+)
+from minihuman.activities.preferences.plan import PreferencesPlan
+from minihuman.activities.preferences.requests import ClipRequest
+from minihuman.activities.preferences.screens import PairScreen
+from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.activity import Activity, ActivityKind, ActivityRequest, PartEnding
+from minihuman.experiment.machine.events import ActivityEvent, Noted, PauseReason
+from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown
+from minihuman.experiment.machine.running_episode import NS_PER_MS, catch_world_errors
+from minihuman.experiment.machine.screens import Screen
+from minihuman.experiment.machine.transitions import Phase
+from minihuman.experiment.plan.random_streams import draw_permutation
+
+
+class PreferencesActivity(Activity):
+    """Asks for pair after pair."""
+
+    def begin(self) -> None:
+        """Wait for the first pair."""
+        self._plan: PreferencesPlan = self.part.plan
+        self._pair = 0
+        self._drawn: tuple[object, Screen] | None = None
+        plan = self.context.plan
+        session = self.context.plan.session
+        purpose = f"pair-sides-{self.part.name}-session-{session}"
+        order = draw_permutation(self._plan.pairs, seed=plan.study_seed, purpose=purpose, index=plan.participant.index)
+        self._first_is_right = [place % 2 == 1 for place in order]
+        self._wait()
+
+    def _wait(self) -> None:
+        self.phase = Phase.PREPARING
+        self._offered: list[EpisodeClip] = []
+        self._films: dict[Side, EpisodeFilm] = {}
+        self._step = self._replays = self._shown_ns = 0
+        self._seen_whole = False
+        self._until_ns: int | None = None  # the present pictures are seen until then
+        if self._pair == self._plan.pairs:
+            self.ended = PartEnding()
+            return
+        self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
+
+    @property
+    def request(self) -> ActivityRequest | None:  # type: ignore[override]
+        """The next clip."""
+        if self.ended or self.phase is not Phase.PREPARING:
+            return None
+        first = self._offered[0] if self._offered else None
+        plan = self._plan
+        place = len(self._offered)
+        pairing = plan.pairing, plan.wait_s
+        return ClipRequest(self.number, plan.source, self._pair, place, plan.steps, first, *pairing)
+
+    @staticmethod
+    def input_of(event: ActivityEvent) -> Input | None:
+        """The clips from the session host, and when their pictures were shown."""
+        match event:
+            case PairSeen():
+                return ScreenShown(event.t_ns, event.submit_ns, event.flip_ns)
+            case StretchShown():
+                return ClipOffered(event.t_ns, event.stretch)
+            case NothingToCompare():
+                return ClipOffered(event.t_ns, None)
+        return None
+
+    def receive(self, happened: Input) -> None:
+        """Take an input."""
+        self._let_time_pass()
+        match happened:
+            case ClipOffered() if self.request is not None:
+                self._offer(happened.stretch)
+            case KeyDown():
+                self._key(happened)
+            case ScreenShown() if self.phase is Phase.COMPARING:
+                place = (self.number, self._pair, min(self._step, self.length - 1))
+                self.context.emit(PairSeen(happened.t_ns, *place, happened.submit_ns, happened.flip_ns))
+                self._shown_ns = self._shown_ns or happened.flip_ns
+                if self._until_ns is None:
+                    self._until_ns = happened.flip_ns + round(self._plan.step_ms * NS_PER_MS)
+
+    @property
+    def next_tick_ns(self) -> int | None:  # type: ignore[override]
+        """The next pictures."""
+        return self._until_ns
+
+    def suspend(self, reason: PauseReason) -> None:
+        """Stop the clips."""
+        self._until_ns = None
+
+    # Pairs
+
+    def _offer(self, stretch: EpisodeClip | None) -> None:
+        now_ns = self.context.now_ns
+        if stretch is None:
+            self.context.emit(NothingToCompare(now_ns, self.number, self._pair))
+            self.ended = PartEnding("failed")
+            return
+        side: Side = "right" if self._first_is_right[self._pair] != bool(self._offered) else "left"
+        film = self._films[side] = self._film_of(stretch)
+        self._offered.append(stretch)
+        fields = (stretch.world, stretch.options, stretch.seed, stretch.actions)
+        place = (self._pair, side, stretch.episode, stretch.attempt, stretch.first)
+        self.context.emit(StretchShown(now_ns, self.number, *place, *fields, film.first_hash, film.last_hash))
+        if len(self._offered) == 2:
+            self.phase = Phase.COMPARING
+            self.context.emit(Noted(now_ns, "phase", self.phase))
+
+    def _film_of(self, stretch: EpisodeClip) -> EpisodeFilm:
+        with catch_world_errors():
+            options: dict[str, Any] = json.loads(stretch.options)
+        plan = self._plan
+        return EpisodeFilm(
+            self.context.world(stretch.world, options),
+            stretch.seed,
+            stretch.actions,
+            view=plan.view,
+            palette=plan.palette,
+            picture_px=self.context.picture_px,
+            first=stretch.first,
+        )
+
+    @property
+    def pair(self) -> tuple[EpisodeClip, EpisodeClip] | None:
+        """The left and the right clip, for simulated participants; None if no pair is shown."""
+        if self.phase is not Phase.COMPARING:
+            return None
+        first, second = self._offered
+        return (second, first) if self._first_is_right[self._pair] else (first, second)
+
+    @property
+    def pair_id(self) -> tuple[int, int]:
+        """The part, and the pair in it."""
+        return self.number, self._pair
+
+    @property
+    def length(self) -> int:
+        """The number of pictures of the longer clip."""
+        return max(map(len, self._films.values()))
+
+    def _let_time_pass(self) -> None:
+        """Go on to the next picture; both stand for one more period at the end."""
+        if self._until_ns is None or self.context.now_ns < self._until_ns:
+            return
+        self._until_ns = None
+        self._step += 1
+        if self._step > self.length:
+            self._step = 0
+            self._seen_whole = True
+
+    def _key(self, press: KeyDown) -> None:
+        plan = self._plan
+        emit_key = self.context.emit_key
+        answers: dict[str, PairAnswer] = {
+            plan.left: "left",
+            plan.right: "right",
+            plan.equal: "equal",
+            plan.cannot_tell: "cannot_tell",
+        }
+        if press.repeat:
+            emit_key(press, "repeat", self.phase)
+        elif self.phase is not Phase.COMPARING:
+            emit_key(press, "not_playing" if press.key in answers else "unmapped", self.phase)
+        elif press.key == plan.again:
+            emit_key(press, "accepted", self.phase)
+            self._step = 0
+            self._until_ns = None
+            self._replays += 1
+        elif press.key in answers and (self._seen_whole or self._step >= self.length):
+            emit_key(press, "accepted", self.phase)
+            answer = (answers[press.key], self._shown_ns, self._replays, press.t_ns)
+            self.context.emit(Preferred(self.context.now_ns, self.number, self._pair, *answer))
+            self._pair += 1
+            self._wait()
+        else:  # both are to be seen to their ends first
+            emit_key(press, "not_playing" if press.key in answers else "unmapped", self.phase)
+
+    # What is seen
+
+    def screen(self) -> Screen:
+        """Both clips at the same step, or the waiting screen."""
+        if self.phase is not Phase.COMPARING:
+            return screen_texts.build_wait_screen(self.context.words)
+        now = (self._pair, self._step, self._replays)
+        if self._drawn is None or self._drawn[0] != now:
+            self._drawn = (now, self._screen())
+        return self._drawn[1]
+
+    def _screen(self) -> PairScreen:
+        words = self.context.words
+        plan = self._plan
+        keys = ("left", "right", "equal", "cannot_tell", "again")
+        caps = words.labels(tuple(getattr(plan, key) for key in keys))
+        return PairScreen(
+            lefts=self._films["left"],
+            rights=self._films["right"],
+            step=self._step,
+            title=words["pair.title"],
+            prompt=words.fill("pair.prompt", **{key: cap for key, (_, cap, _) in zip(keys, caps, strict=True)}),
+            progress=words.fill("pair.progress", number=self._pair + 1, count=plan.pairs),
+            period_ns=round(plan.step_ms * NS_PER_MS),
+            replay_key=plan.again,
+            pair=(self.number, self._pair),
+            locale=words.locale,
+        )
+
+
+PREFERENCES = ActivityKind(
+    "preferences",
+    PreferencesPlan,
+    PreferencesActivity,
+    messages="minihuman.activities.preferences.rows:PREFERENCE_ROWS",
+    tables="minihuman.activities.preferences.tables:PREFERENCE_TABLES",
+    report="minihuman.activities.preferences.report:build_section",
+    screens=(PairScreen,),
+    block_field="source",
+)

@@ -1,0 +1,25 @@
+"""Draw a comparison: two films side by side."""
+
+from minihuman.activities.preferences.screens import PairScreen
+from minihuman.display.drawing import sheet as theme
+from minihuman.display.drawing.play_screens import paste_picture
+from minihuman.display.drawing.sheet import MARGIN, Sheet, Size
+
+
+def draw_pair(screen: PairScreen, size_px: Size) -> Sheet:
+    """Draw it: both sides alike, so that nothing but what they show tells them apart."""
+    sheet = Sheet(size_px, screen.locale)
+    width, height = size_px
+    margin = height * MARGIN
+    wide = width - 2 * margin
+    sheet.put_line((width / 2, height * 0.07), screen.title, round(height / 20), wide, theme.INK)
+    top, bottom, gap = height * 0.14, height * 0.80, margin
+    paste_picture(sheet, screen.left, (margin, top, width / 2 - gap, bottom))
+    paste_picture(sheet, screen.right, (width / 2 + gap, top, width - margin, bottom))
+    y, thick = height * 0.835, max(3, round(height / 180))
+    left, right = width * 0.3, width * 0.7
+    sheet.draw.rectangle((left, y, right, y + thick), fill=theme.SURFACE)
+    sheet.draw.rectangle((left, y, left + (right - left) * screen.along, y + thick), fill=theme.HIGHLIGHT)
+    sheet.put_line((width / 2, height * 0.895), screen.prompt, round(height / 30), wide, theme.INK)
+    sheet.put_line((width / 2, height * 0.955), screen.progress, round(height / 36), wide, theme.MUTED_INK)
+    return sheet

@@ -1,0 +1,28 @@
+"""Plans of comparisons of clips."""
+
+from typing import Literal
+
+import msgspec
+
+from minihuman.experiment.plan.session_plan import ShownView
+from minihuman.worlds.contract import Palette
+
+PairingPolicy = Literal["random", "disagreement"]  # any pair, or one that an ensemble of reward models disagrees on
+
+
+class PreferencesPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """``plan`` of an activity of kind "preferences"."""
+
+    source: str  # the block of this session whose episodes are compared
+    pairs: int = 20
+    steps: int = 12  # of a stretch
+    step_ms: float = 200.0  # each picture is seen so long
+    pairing: PairingPolicy = "random"
+    wait_s: float = 15.0  # for a pair that is disagreed on; then any pair comes
+    left: str = "f"
+    right: str = "j"
+    equal: str = "b"
+    cannot_tell: str = "n"
+    again: str = "r"
+    view: ShownView = "partial"
+    palette: Palette = "classic"

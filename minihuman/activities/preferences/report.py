@@ -1,0 +1,32 @@
+"""The report's table on comparisons of clips: the answers, and how long they took."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from minihuman.log.model.session_log import SessionLog
+from minihuman.reporting.activity_sections import CaptionedTable, ReportSection, SectionSource
+from minihuman.reporting.template import Table, format_number
+
+_HEADS = ("session", "pairs", "left", "right", "equal", "cannot tell", "s", "replays")
+_CAPTION = "Comparisons: the answers, the median response time, and how often pairs were replayed."
+_MS_PER_S = 1e3
+
+
+def build_section(source: SectionSource) -> ReportSection | None:
+    """Build the table of comparisons; None where there were none."""
+    rows = _build_rows(source.read_logs(source.table("preferences")))
+    return ReportSection("Teaching", [CaptionedTable(Table(_HEADS, rows), _CAPTION)], rank=2) if rows else None
+
+
+def _build_rows(logs: Mapping[str, SessionLog]) -> list[tuple[str, ...]]:
+    rows = []
+    for name, log in logs.items():
+        answers = [comparison.preference.answer for comparison in log.comparisons]
+        if answers:
+            times_ms = [comparison.answer_ms for comparison in log.comparisons if not np.isnan(comparison.answer_ms)]
+            counts = [str(answers.count(answer)) for answer in ("left", "right", "equal", "cannot_tell")]
+            replays = str(sum(comparison.preference.replays for comparison in log.comparisons))
+            median = format_number(float(np.median(times_ms)) / _MS_PER_S, 2)
+            rows.append((name, str(len(answers)), *counts, median, replays))
+    return rows

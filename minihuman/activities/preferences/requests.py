@@ -1,0 +1,21 @@
+"""What comparisons of clips ask of the session host."""
+
+from dataclasses import dataclass
+
+from minihuman.activities.episode_clips import EpisodeClip
+from minihuman.activities.preferences.plan import PairingPolicy
+from minihuman.experiment.machine.activity import ActivityRequest
+
+
+@dataclass(frozen=True, slots=True)
+class ClipRequest(ActivityRequest):
+    """A clip to compare; two are requested, one after the other."""
+
+    part: int
+    source: str  # the block whose episodes are compared
+    pair: int  # 0 for the first
+    place: int  # 0, then 1
+    steps: int
+    again: EpisodeClip | None  # what the first of the pair is
+    pairing: PairingPolicy = "random"
+    wait_s: float = 0.0  # how long a pair that is disagreed on may be waited for

@@ -1,0 +1,1 @@
+"""Questions: a folder for each kind, and the questionnaire that asks them."""

@@ -1,0 +1,211 @@
+"""A questionnaire: ask questions one after the other; some have a correct answer and a number of tries."""
+
+from typing import Any
+
+import msgspec
+
+from minihuman.activities.questions.number.draft import NUMBER_RULES
+from minihuman.activities.questions.plan import QuestionsPlan
+from minihuman.activities.questions.question import (
+    AnswerDraft,
+    AnswerValue,
+    build_draft,
+    find_question_kind,
+    is_correct,
+)
+from minihuman.activities.questions.screens import build_question_screen, build_wrong_answer_screen
+from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding
+from minihuman.experiment.machine.events import AnswerChanged, Answered, Noted
+from minihuman.experiment.machine.inputs import Input, KeyDown, PointerMoved, PointerPressed, ScreenShown, TextInput
+from minihuman.experiment.machine.screens import QuestionScreen, TextScreen
+from minihuman.experiment.machine.transitions import Phase
+
+
+class QuestionsActivity(Activity):
+    """Asks each question; may step back to the one before."""
+
+    phase = Phase.QUESTIONS
+    can_copy = True
+
+    def begin(self) -> None:
+        """Ask the first."""
+        self._plan: QuestionsPlan = self.part.plan
+        self._tries = self.context.tries.get(self.part.name, 0)
+        self._wrong = False  # the screen that says so is shown
+        self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
+        self._ask_all()
+
+    def _ask_all(self) -> None:
+        words = self.context.words
+        today = self.context.facts.get("number_rules", "1") == NUMBER_RULES
+        language = words.language if today else None
+        self._drafts = [build_draft(question, rtl=words.rtl, language=language) for question in self._plan.items]
+        self._right: list[bool | None] = [None] * len(self._drafts)
+        self._open(0)
+
+    def _open(self, number: int) -> None:
+        self._number = number
+        self._shown_ns = self._first_ns = self._changes = 0
+        self._note = ""
+
+    def receive(self, happened: Input) -> None:
+        """Take an input."""
+        match happened:
+            case ScreenShown():
+                self._shown_ns = self._shown_ns or happened.flip_ns
+            case KeyDown() if self._wrong:
+                self._go_on_after_wrong(happened)
+            case PointerPressed(target="go_on") if self._wrong:
+                self._leave_wrong()
+            case KeyDown():
+                self._key(happened)
+            case TextInput() if not self._wrong:
+                before = self._answer
+                self.draft.type_text(happened.text)
+                self._changed_from(before)
+            case PointerPressed(target="go_on"):
+                self._give()
+            case PointerPressed(target="back"):
+                self._step_back()
+            case PointerPressed() | PointerMoved() if not self._wrong:
+                before = self._answer
+                self.draft.point_at(happened.target, happened.along, down=isinstance(happened, PointerPressed))
+                self._changed_from(before)
+
+    def _key(self, press: KeyDown) -> None:
+        before = self._answer
+        if self.draft.key(press):
+            self.context.emit_key(press, "accepted", self.phase)
+            self._changed_from(before)
+        elif press.repeat:
+            self.context.emit_key(press, "repeat", self.phase)
+        elif press.key in (*ENTER_KEYS, "tab"):
+            self.context.emit_key(press, "accepted", self.phase)
+            self._give()
+        elif press.key == "page_up" and self._number > self._asked_numbers[0]:
+            self.context.emit_key(press, "accepted", self.phase)
+            self._step_back()
+        else:
+            takes_text = find_question_kind(self.draft.question.kind).takes_text
+            self.context.emit_key(press, "typing" if takes_text else "unmapped", self.phase)
+
+    @property
+    def _answer(self) -> tuple[AnswerValue, str]:
+        return self.draft.value, self.draft.display_text
+
+    def _changed_from(self, before: tuple[AnswerValue, str]) -> None:
+        """Say so if the answer is another now."""
+        if self._answer == before:
+            return
+        self._note = ""
+        self._changes += 1
+        self._first_ns = self._first_ns or self.context.now_ns
+        if find_question_kind(self.draft.question.kind).answer_type != "text":
+            value = msgspec.json.encode(self.draft.value).decode()
+            self.context.emit(AnswerChanged(self.context.now_ns, self.number, self.draft.question.name, value))
+
+    def _step_back(self) -> None:
+        before = [number for number in self._asked_numbers if number < self._number]
+        if before:
+            self._open(before[-1])
+
+    def _give(self) -> None:
+        """Give the answer, unless something is missing."""
+        draft = self.draft
+        now_ns = self.context.now_ns
+        if draft.error is not None:
+            key, fields = draft.error
+            self._note = self.context.words.fill(key, **fields)
+            return
+        right = is_correct(draft.question, draft.value)
+        self._right[self._number] = right
+        for name, value, display_text in draft.answers:
+            self.context.emit(
+                Answered(
+                    now_ns,
+                    self.number,
+                    self.part.name,
+                    name,
+                    draft.question.kind,
+                    self._tries + 1,
+                    msgspec.json.encode(value).decode(),
+                    display_text,
+                    self._shown_ns,
+                    self._first_ns,
+                    self._changes,
+                    right,
+                )
+            )
+        following = [number for number in self._asked_numbers if number > self._number]
+        if following:
+            self._open(following[0])
+        else:
+            self._conclude()
+
+    @property
+    def _asked_numbers(self) -> list[int]:
+        """The questions that are asked as the answers are now; those that an answer rules out are passed over."""
+        answers_by_name: dict[str, list[Any]] = {}
+        numbers = []
+        for number, draft in enumerate(self._drafts):
+            if all(
+                {*answers_by_name.get(name, ())} & {*answers}
+                for name, answers in (draft.question.only_if or {}).items()
+            ):
+                numbers.append(number)
+                answers_by_name |= {
+                    name: value if isinstance(value, list) else [value] for name, value, _ in draft.answers
+                }
+        return numbers
+
+    def _conclude(self) -> None:
+        if not any(self._right[number] is False for number in self._asked_numbers):
+            self.ended = PartEnding()
+            return
+        self._tries += 1
+        self.context.tries[self.part.name] = self._tries
+        if self._tries < self._plan.tries:
+            self._wrong = True
+        elif self._plan.failed == "end":
+            detail = f"{self.part.name}: wrong answers after {self._tries} tries"
+            self.ended = PartEnding("failed", reason="screened_out", detail=detail)
+        else:
+            self.ended = PartEnding("failed")
+
+    def _go_on_after_wrong(self, press: KeyDown) -> None:
+        if press.key in ENTER_KEYS and not press.repeat:
+            self.context.emit_key(press, "accepted", self.phase)
+            self._leave_wrong()
+        else:
+            self.context.emit_key(press, "repeat" if press.repeat else "unmapped", self.phase)
+
+    def _leave_wrong(self) -> None:
+        self._wrong = False
+        if self._plan.back_to is not None:
+            self.ended = PartEnding("again", back_to=self._plan.back_to)
+        else:
+            self._ask_all()
+
+    def screen(self) -> QuestionScreen | TextScreen:
+        """The question that is asked, or that something was wrong."""
+        words = self.context.words
+        if self._wrong:
+            return build_wrong_answer_screen(words, self._plan.wrong)
+        return build_question_screen(
+            words,
+            title=self._plan.title,
+            draft=self.draft,
+            number=self._asked_numbers.index(self._number),
+            count=len(self._asked_numbers),
+            note=self._note,
+        )
+
+    @property
+    def draft(self) -> AnswerDraft:
+        """The answer in progress."""
+        return self._drafts[self._number]
+
+
+QUESTIONS = ActivityKind(
+    "questions", QuestionsPlan, QuestionsActivity, tables="minihuman.activities.questions.tables:QUESTION_TABLES"
+)

@@ -1,0 +1,1 @@
+"""Questions of kinds `text` and `long_text`: words that are typed."""

@@ -1,0 +1,87 @@
+"""Questions of kind ``text`` and ``long_text``: typed on one line, or on several."""
+
+from collections.abc import Callable
+from typing import Any
+
+from minihuman.activities.questions.question import (
+    AnswerDraft,
+    AnswerValue,
+    QuestionItemSpec,
+    QuestionKind,
+    horizontal_step,
+)
+from minihuman.experiment.machine.inputs import KeyDown
+from minihuman.experiment.machine.screens import TextField
+
+
+class TextDraft(AnswerDraft):
+    """One line of text."""
+
+    long = False
+
+    def __init__(self, question: QuestionItemSpec, settings: Any, *, rtl: bool, language: str | None) -> None:
+        super().__init__(question, settings, rtl=rtl, language=language)
+        self._text = ""
+        self._caret = 0
+
+    def key(self, press: KeyDown) -> bool:
+        """Move the caret, or delete; what other keys type comes as text."""
+        before = self._text[: self._caret]
+        after = self._text[self._caret :]
+        match press.key:
+            case "backspace":
+                self._put(before[:-1], after)
+            case "delete":
+                self._put(before, after[1:])
+            case "left" | "right":
+                by = horizontal_step(press.key, rtl=self.rtl)
+                self._caret = min(len(self._text), max(0, self._caret + by))
+            case "home" | "end":
+                self._caret = 0 if press.key == "home" else len(self._text)
+            case "enter" | "kp_enter" if self.long:
+                self.type_text("\n")
+            case _:
+                return False
+        return True
+
+    def type_text(self, text: str) -> None:
+        """Insert the characters that may be in the text at the caret, as many as there is room for."""
+        accepted = [c for c in text if self.accepts(c)]
+        room = max(0, self.question.longest - len(self._text))
+        self._put(self._text[: self._caret] + "".join(accepted[:room]), self._text[self._caret :])
+
+    def accepts(self, character: str) -> bool:
+        """Whether a character may be in the text."""
+        return character.isprintable() or (self.long and character == "\n")
+
+    def _put(self, before: str, after: str) -> None:
+        self._text = before + after
+        self._caret = len(before)
+
+    @property
+    def value(self) -> AnswerValue:
+        """The text without blanks around it; None for nothing."""
+        return self.display_text or None
+
+    @property
+    def display_text(self) -> str:
+        """The text itself."""
+        return self._text.strip()
+
+    def widget(self) -> TextField:
+        """The field."""
+        return TextField(self._text, self._caret, self.long, self.question.unit)
+
+    def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> str | None:
+        """A number that could be an age."""
+        return None if self._text else str(18 + choose(50))
+
+
+class LongTextDraft(TextDraft):
+    """Several lines of text."""
+
+    long = True
+
+
+TEXT = QuestionKind("text", TextDraft, "text", takes_text=True)
+LONG_TEXT = QuestionKind("long_text", LongTextDraft, "text", takes_text=True)

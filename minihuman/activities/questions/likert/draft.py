@@ -1,0 +1,156 @@
+"""Questions of kind ``likert``: a point on a rating scale, or on the same scale for each statement of a matrix."""
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+from minihuman.activities.questions.question import (
+    AnswerDraft,
+    AnswerValue,
+    Click,
+    ItemErrors,
+    QuestionItemSpec,
+    QuestionKind,
+    horizontal_step,
+    parse_digit,
+    parse_option,
+)
+from minihuman.experiment.machine.inputs import KeyDown
+from minihuman.experiment.machine.screens import RatingMatrix, RatingScale
+
+
+class LikertDraft(AnswerDraft):
+    """A point in a row."""
+
+    def __init__(self, question: QuestionItemSpec, settings: Any, *, rtl: bool, language: str | None) -> None:
+        super().__init__(question, settings, rtl=rtl, language=language)
+        self._n_points = len(question.options) or question.points
+        self._chosen: int | None = None
+
+    def key(self, press: KeyDown) -> bool:
+        """Left and right move, a digit chooses."""
+        if (digit := parse_digit(press.key)) and digit <= self._n_points:
+            self._chosen = digit - 1
+        elif by := horizontal_step(press.key, rtl=self.rtl):
+            middle = (self._n_points - 1) // 2
+            now = self._chosen
+            self._chosen = middle if now is None else min(self._n_points - 1, max(0, now + by))
+        else:
+            return False
+        return True
+
+    def point_at(self, target: str, along: float, *, down: bool) -> None:
+        """Choose the point that was hit."""
+        number = parse_option(target)
+        if down and number is not None and number < self._n_points:
+            self._chosen = number
+
+    @property
+    def value(self) -> AnswerValue:
+        """The point's code, 1 for the first unless the protocol says otherwise."""
+        return None if self._chosen is None else self.question.all_codes[self._chosen]
+
+    @property
+    def display_text(self) -> str:
+        """The point's words, or its number."""
+        return "" if self._chosen is None else self._labels[self._chosen]
+
+    @property
+    def _labels(self) -> tuple[str, ...]:
+        return self.question.options or tuple(str(number + 1) for number in range(self._n_points))
+
+    def widget(self) -> RatingScale:
+        """The points."""
+        return RatingScale(self._labels, self.question.low, self.question.high, self._chosen)
+
+    def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
+        """Any point."""
+        return Click(f"option:{choose(self._n_points)}") if self._chosen is None else None
+
+
+class MatrixDraft(LikertDraft):
+    """A point in each of several rows; the keyboard is at one of them."""
+
+    def __init__(self, question: QuestionItemSpec, settings: Any, *, rtl: bool, language: str | None) -> None:
+        super().__init__(question, settings, rtl=rtl, language=language)
+        self._rows: list[int | None] = [None] * len(question.asked)
+        self._row = 0
+
+    def key(self, press: KeyDown) -> bool:
+        """Up and down choose the row; a digit also goes on to the next one."""
+        by = {"up": -1, "down": 1}.get(press.key, 0)
+        if not by:
+            self._chosen = self._rows[self._row]
+            if not super().key(press):
+                return False
+            self._rows[self._row] = self._chosen
+            by = int(parse_digit(press.key) > 0)
+        self._row = min(len(self._rows) - 1, max(0, self._row + by))
+        return True
+
+    def point_at(self, target: str, along: float, *, down: bool) -> None:
+        """Choose the point that was hit; they are numbered row by row."""
+        number = parse_option(target)
+        if down and number is not None and number < len(self._rows) * self._n_points:
+            self._row, point = divmod(number, self._n_points)
+            self._rows[self._row] = point
+
+    @property
+    def value(self) -> AnswerValue:
+        """The points' codes in order of the rows, "" for a row without one."""
+        codes = self.question.all_codes
+        return ["" if point is None else codes[point] for point in self._rows]
+
+    @property
+    def display_text(self) -> str:
+        """The words or numbers of all rows."""
+        return ", ".join("" if point is None else self._labels[point] for point in self._rows)
+
+    @property
+    def answers(self) -> tuple[tuple[str, AnswerValue, str], ...]:
+        """A rating for each statement."""
+        codes = self.question.all_codes
+        labels = self._labels
+        return tuple(
+            (name, None if point is None else codes[point], "" if point is None else labels[point])
+            for name, point in zip(self.question.asked, self._rows, strict=True)
+        )
+
+    def widget(self) -> RatingMatrix:  # type: ignore[override]
+        """The rows."""
+        asked = self.question
+        rows = tuple((asked.statements or {}).values())
+        return RatingMatrix(rows, self._labels, asked.low, asked.high, tuple(self._rows), self._row)
+
+    def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
+        """Any point in the first row without one."""
+        if None not in self._rows:
+            return None
+        return Click(f"option:{self._rows.index(None) * self._n_points + choose(self._n_points)}")
+
+    @property
+    def error(self) -> tuple[str, dict[str, Any]] | None:
+        """Each row needs a point."""
+        return ("note.required", {}) if self.question.required and None in self._rows else None
+
+
+def _build(question: QuestionItemSpec, settings: Any, *, rtl: bool, language: str | None) -> LikertDraft:
+    kind = MatrixDraft if question.statements else LikertDraft
+    return kind(question, settings, rtl=rtl, language=language)
+
+
+_MAX_STATEMENTS = 8  # that fit a screen
+
+
+def _check(item: QuestionItemSpec) -> ItemErrors:
+    if item.statements is not msgspec.UNSET:
+        if not 2 <= len(item.statements) <= _MAX_STATEMENTS:
+            yield "statements", f"has {len(item.statements)}; give 2 to {_MAX_STATEMENTS}, each its name = its text"
+        if item.right is not None:
+            yield "right", "is one answer, but a matrix has one for each statement; remove it"
+    if not 2 <= (n_points := len(item.options) or item.points) <= 11:
+        yield "points", f"is {n_points}; use 2 to 11"
+
+
+LIKERT = QuestionKind("likert", _build, "rating", _check)

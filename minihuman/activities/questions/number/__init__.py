@@ -1,0 +1,1 @@
+"""Questions of kind `number`: a number that is typed."""

@@ -1,0 +1,115 @@
+"""Questions of kind ``number``: typed as people write numbers in their language."""
+
+import math
+import re
+import unicodedata
+from collections.abc import Callable
+from typing import Any
+
+from minihuman.activities.questions.free_text.draft import TextDraft
+from minihuman.activities.questions.question import AnswerValue, QuestionKind, check_range
+
+NUMBER_RULES = "2"  # the fact "number_rules" of a session; a log without it was recorded under the first rules
+_DECIMAL_MARKS = {"en": ".", "ja": ".", "zh": ".", "de": ",", "es": ",", "fr": ","}
+_SAME = str.maketrans("\N{MINUS SIGN}\N{FULLWIDTH HYPHEN-MINUS}\N{FULLWIDTH FULL STOP}\N{FULLWIDTH COMMA}", "--.,")
+_NUMBER = re.compile(r"-?(\d+(?:[.,]\d+)*|[.,]\d+)[.,]?")
+
+
+def _plain_character(character: str) -> str:
+    """A digit of any script as one of 0 to 9, and every minus, point and comma as the ASCII one."""
+    digit = unicodedata.decimal(character, None)
+    return character.translate(_SAME) if digit is None else str(digit)
+
+
+def parse_number(text: str, language: str, *, whole: bool = False) -> float | None:
+    """Read a number as it is written in a language; None for no number, and where two readings are possible.
+
+    A mark before exactly three digits may divide thousands or decimals. The language decides: "1,000" is 1000 in
+    English. Where the language has no known decimal mark, or its decimal mark divides off "000" or stands in a whole
+    number, both readings are likely, so there is none.
+    """
+    plain = "".join(map(_plain_character, text.strip())).replace("\N{ARABIC THOUSANDS SEPARATOR}", "")
+    if "\N{ARABIC DECIMAL SEPARATOR}" in plain:
+        plain = plain.replace(",", "").replace("\N{ARABIC DECIMAL SEPARATOR}", ".")
+        return float(plain) if re.fullmatch(r"-?\d*\.\d+", plain) else None
+    if not _NUMBER.fullmatch(plain):
+        return None
+    marks = [c for c in plain if c in ".,"]
+    if not marks:
+        return float(plain)
+    decimal = marks[-1]
+    groups = re.fullmatch(r"-?[1-9]\d{0,2}(?:[.,]\d{3})+", plain)
+    if len(marks) > 1 and len(set(marks)) == 1:
+        return float(plain.replace(decimal, "")) if groups else None
+    if len(marks) == 1 and groups:
+        expected = _DECIMAL_MARKS.get(language)
+        if expected is None or (decimal == expected and (whole or plain.endswith("000"))):
+            return None
+        if decimal != expected:
+            return float(plain.replace(decimal, ""))
+    if len(marks) > 1:
+        other = "," if decimal == "." else "."
+        if not re.fullmatch(rf"-?\d{{1,3}}(?:\{other}\d{{3}})+\{decimal}\d*", plain):
+            return None
+        plain = plain.replace(other, "")
+    return float(plain.replace(decimal, "."))
+
+
+class NumberDraft(TextDraft):
+    """A number, typed."""
+
+    def accepts(self, character: str) -> bool:
+        """Whether a character may be in a number."""
+        if self.language is None:
+            return character in "0123456789-.,"
+        marks = "\N{ARABIC DECIMAL SEPARATOR}\N{ARABIC THOUSANDS SEPARATOR}"
+        return character.isprintable() and _plain_character(character) in f"0123456789-.,{marks}"
+
+    @property
+    def value(self) -> AnswerValue:
+        """The number; None for nothing, or for no number."""
+        number = self._parse(self.display_text)
+        if number is None or not math.isfinite(number):  # more digits than a number holds
+            return None
+        if self.question.whole:
+            return int(number) if number == int(number) else None
+        return number
+
+    def _parse(self, text: str) -> float | None:
+        if self.language is not None:
+            return parse_number(text, self.language, whole=self.question.whole)
+        try:
+            return float(text.replace(",", "."))
+        except ValueError:
+            return None
+
+    @property
+    def error(self) -> tuple[str, dict[str, Any]] | None:
+        """Nothing typed, no number, or one out of range."""
+        question = self.question
+        number = self.value
+        if not self.display_text:
+            return super().error
+        if number is None:
+            return "note.whole_number" if question.whole else "note.number", {}
+        assert isinstance(number, int | float)
+        if not question.minimum <= number <= question.maximum:
+            return "note.range", {"minimum": _format(question.minimum), "maximum": _format(question.maximum)}
+        return None
+
+    def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> str | None:
+        """A number in range, one that could be an age where the range has any."""
+        if self.display_text:
+            return None
+        low = math.ceil(self.question.minimum)
+        high = math.floor(self.question.maximum)
+        low = 18 if low <= 18 <= high else low
+        return str(low + choose(max(1, min(50, high - low + 1))))
+
+
+def _format(value: float) -> str:
+    """A number as people write it, without an exponent."""
+    return f"{value:.9f}".rstrip("0").rstrip(".")
+
+
+NUMBER = QuestionKind("number", NumberDraft, "number", check_range, takes_text=True)

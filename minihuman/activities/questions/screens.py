@@ -1,0 +1,28 @@
+"""The screens of questionnaires."""
+
+from minihuman.activities.questions.question import AnswerDraft, find_question_kind
+from minihuman.experiment.machine.screens import Button, QuestionScreen, TextScreen
+from minihuman.experiment.words import InterfaceWords
+
+
+def build_question_screen(
+    words: InterfaceWords,
+    *,
+    title: str,
+    draft: AnswerDraft,
+    number: int,
+    count: int,
+    note: str,
+) -> QuestionScreen:
+    """One question and its answer so far."""
+    buttons: tuple[Button, ...] = (Button("back", words["button.back"]),) if number else ()
+    buttons += (Button("go_on", words["button.go_on"]),)
+    progress = words.fill("question.progress", number=number + 1, count=count) if count > 1 else ""
+    question = draft.question
+    prompt = words.find(f"prompt.{question.kind}", find_question_kind(question.kind).prompt)
+    return QuestionScreen(title, question.ask, draft.widget(), prompt, buttons, progress, note, words.locale)
+
+
+def build_wrong_answer_screen(words: InterfaceWords, text: str) -> TextScreen:
+    """Some answers were wrong, and there is another try."""
+    return TextScreen(words["wrong.title"], text.strip() or words["wrong.body"], words["go_on"], locale=words.locale)

@@ -1,0 +1,1 @@
+"""Questions of kind `slider`: a number on a line."""

@@ -1,0 +1,69 @@
+"""Questions of kind ``slider``: a number on a line, in steps."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from minihuman.activities.questions.question import (
+    AnswerDraft,
+    AnswerValue,
+    Click,
+    QuestionItemSpec,
+    QuestionKind,
+    check_range,
+    horizontal_step,
+)
+from minihuman.experiment.machine.inputs import KeyDown
+from minihuman.experiment.machine.screens import Slider
+
+
+class SliderDraft(AnswerDraft):
+    """A place on the line. There is none until the line is touched, so that its start suggests nothing."""
+
+    def __init__(self, question: QuestionItemSpec, settings: Any, *, rtl: bool, language: str | None) -> None:
+        super().__init__(question, settings, rtl=rtl, language=language)
+        self._n_steps = max(1, round((question.maximum - question.minimum) / question.step))
+        self._step: int | None = None  # from the minimum
+
+    def key(self, press: KeyDown) -> bool:
+        """Arrows move by a step, page keys by a tenth, home and end to the ends."""
+        tenth = max(1, self._n_steps // 10)
+        moves = {"page_up": tenth, "page_down": -tenth, "up": 1, "down": -1}
+        if by := horizontal_step(press.key, rtl=self.rtl) or moves.get(press.key, 0):
+            self._step = self._n_steps // 2 if self._step is None else min(self._n_steps, max(0, self._step + by))
+        elif press.key in ("home", "end"):
+            self._step = 0 if press.key == "home" else self._n_steps
+        else:
+            return False
+        return True
+
+    def point_at(self, target: str, along: float, *, down: bool) -> None:
+        """Move the thumb to the pointer."""
+        if target == "slider":
+            self._step = min(self._n_steps, max(0, math.floor(along * self._n_steps + 0.5)))
+
+    @property
+    def value(self) -> AnswerValue:
+        """The number at the thumb."""
+        if self._step is None:
+            return None
+        number = round(self.question.minimum + self._step * self.question.step, 9)
+        return int(number) if number == int(number) else number
+
+    @property
+    def display_text(self) -> str:
+        """The number."""
+        return "" if self.value is None else f"{self.value:g}"
+
+    def widget(self) -> Slider:
+        """The line and its thumb."""
+        position = None if self._step is None else self._step / self._n_steps
+        text = self.display_text if self.question.show_value else ""
+        return Slider(self.question.low, self.question.high, position, text, min(self._n_steps, 20))
+
+    def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
+        """Any place on the line."""
+        return Click("slider", choose(21) / 20) if self._step is None else None
+
+
+SLIDER = QuestionKind("slider", SliderDraft, "number", check_range)

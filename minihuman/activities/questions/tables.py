@@ -1,0 +1,48 @@
+"""Tables of answers to questions: each answer, and each change before it was given."""
+
+import json
+
+from minihuman.activities.questions.columns import ANSWER_CHANGES, ANSWERS
+from minihuman.dataset.activity_tables import ActivityTable, TableRow
+from minihuman.experiment.machine.events import AnswerChanged, Answered
+from minihuman.log import topics
+from minihuman.log.model.session_log import SessionLog
+
+_MS_PER_NS = 1e-6
+
+
+def _build_answer_row(event: Answered, log: SessionLog) -> TableRow:
+    answer = json.loads(event.value)
+    is_number = isinstance(answer, int | float) and not isinstance(answer, bool)
+    was_shown = bool(event.shown_ns)
+    return {
+        "part": event.part + 1,
+        "questions": event.part_name,
+        "item": event.item,
+        "kind": event.kind,
+        "attempt": event.attempt,
+        "answer": _format_answer(answer),
+        "number": float(answer) if is_number else None,
+        "said": event.words,
+        "right": event.right,
+        "shown_ns": event.shown_ns or None,
+        "first_ms": (event.first_ns - event.shown_ns) * _MS_PER_NS if event.first_ns and was_shown else None,
+        "answer_ms": (event.t_ns - event.shown_ns) * _MS_PER_NS if was_shown else None,
+        "changes": event.changes,
+    }
+
+
+def _format_answer(answer: object) -> str:
+    if isinstance(answer, str):
+        return answer
+    return "" if answer is None else json.dumps(answer, ensure_ascii=False)
+
+
+def _build_change_row(event: AnswerChanged, log: SessionLog) -> TableRow:
+    return {"part": event.part + 1, "item": event.item, "answer": event.value}
+
+
+QUESTION_TABLES = (
+    ActivityTable("answers", ANSWERS, {Answered: _build_answer_row}, topics=(topics.ANSWER,)),
+    ActivityTable("answer_changes", ANSWER_CHANGES, {AnswerChanged: _build_change_row}, topics=(topics.ANSWER_CHANGE,)),
+)

@@ -1,0 +1,1 @@
+"""Rating: an agent plays, and the person says what is good and bad."""

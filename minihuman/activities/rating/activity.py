@@ -1,0 +1,131 @@
+"""Rating: only the agent plays a block, and the person says by keys what is good and bad."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from minihuman.activities.agent_blocks.activity import AgentPlayActivity
+from minihuman.activities.agent_blocks.events import Controller
+from minihuman.activities.agent_blocks.plan import AgentPlayPlan
+from minihuman.activities.agent_blocks.requests import Advice
+from minihuman.activities.agent_blocks.rules import check_block
+from minihuman.activities.rating.events import Rated
+from minihuman.experiment.machine.activity import ActivityKind
+from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.screens import OutcomeMark, PlayScreen
+from minihuman.experiment.machine.transitions import Phase
+
+FLASH_NS = 150_000_000  # how long a press is seen
+REPEAT_INTERVAL_NS = 100_000_000  # a held key counts once in so long
+
+
+class RatingActivity(AgentPlayActivity):
+    """Only the agent acts. If it fails, its episode ends; where there is none, all actions are equally likely."""
+
+    alone = True
+
+    def __init__(self, *arguments: object) -> None:
+        super().__init__(*arguments)  # type: ignore[arg-type]
+        self._flash = 0.0  # the value of the press that is seen
+        self._flash_until_ns: int | None = None
+        self._last_ns: int | None = None  # of the last press that counted
+
+    def receive(self, happened: Input) -> None:
+        """Take an input."""
+        self._end_flash()
+        can_rate = self.phase in (Phase.PLAYING, Phase.HOLD) and self._current.started
+        if can_rate and isinstance(happened, KeyDown) and happened.key in self._values:
+            self._let_time_pass()
+            self._rate(happened)
+        else:
+            super().receive(happened)
+
+    @property
+    def _values(self) -> dict[str, float]:
+        return {self.agent.good: 1.0, self.agent.bad: -1.0}
+
+    def _rate(self, press: KeyDown) -> None:
+        if press.repeat and self._last_ns is not None and press.t_ns < self._last_ns + REPEAT_INTERVAL_NS:
+            self.context.emit_key(press, "repeat", self.phase)
+            return
+        now_ns = self.context.now_ns
+        play = self._current
+        rating = self._values[press.key]
+        self.context.emit_key(press, "accepted", self.phase)
+        self.context.emit(Rated(now_ns, play.plan.episode, play.steps, rating, press.t_ns))
+        self._last_ns = press.t_ns
+        self._flash = rating
+        self._flash_until_ns = now_ns + FLASH_NS
+
+    def _key_in_play(self, press: KeyDown) -> None:
+        """The keys of actions do nothing: only the agent acts."""
+        self.context.emit_key(press, "repeat" if press.repeat else "unmapped", self.phase)
+
+    @property
+    def _first_policy(self) -> str:
+        return self.agent.policy or "random"  # an agent has to act before it can be rated
+
+    def _shown(self, screen_shown: ScreenShown) -> None:
+        super()._shown(screen_shown)
+        if not self.playing or self.policy or self.advised is not None:
+            return
+        if self._failed and self._names_failures:
+            self._episode_ended("agent_failed")
+        else:
+            playable = self._playable
+            count = len(self._current.world.action_names)
+            share = float(np.float32(1 / len(playable)))
+            chances = tuple(share if action in playable else 0.0 for action in range(count))
+            self._take_advice(Advice(self.context.now_ns, self._current.steps, chances))
+
+    def _end_flash(self) -> None:
+        if self._flash_until_ns is not None and self.context.now_ns >= self._flash_until_ns:
+            self._flash = 0.0
+            self._flash_until_ns = None
+
+    @property
+    def next_tick_ns(self) -> int | None:  # type: ignore[override]
+        """The end of a flash, beside what every agent waits for."""
+        due = (super().next_tick_ns, self._flash_until_ns)
+        return min((t for t in due if t is not None), default=None)
+
+    @property
+    def held(self) -> RunningEpisode | None:
+        """The episode whose last picture is held, for players who rate it; None in every other phase."""
+        return self._current if self.phase is Phase.HOLD else None
+
+    @property
+    def rating_keys(self) -> tuple[str, str]:
+        """The keys that say good and bad."""
+        return self.agent.good, self.agent.bad
+
+    @property
+    def _look(self) -> object:
+        return self.who, self._flash
+
+    def _play_screen(self) -> PlayScreen:
+        return replace(super()._play_screen(), flash=_find_mark(self._flash))
+
+    def control_text(self, controller: Controller) -> str:
+        """The text below the picture: the rating keys."""
+        words = self.context.words
+        good, bad = (cap for _, cap, _ in words.labels(self.rating_keys))
+        return words.fill("rating.prompt", good=good, bad=bad)
+
+
+def _find_mark(rating: float) -> OutcomeMark:
+    if not rating:
+        return ""
+    return "good" if rating > 0 else "bad"
+
+
+RATING = ActivityKind(
+    "rating",
+    AgentPlayPlan,
+    RatingActivity,
+    messages="minihuman.activities.rating.rows:RATING_ROWS",
+    tables="minihuman.activities.rating.tables:RATING_TABLES",
+    check_block=check_block,
+    report="minihuman.activities.agent_blocks.report:build_section",
+)

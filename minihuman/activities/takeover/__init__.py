@@ -1,0 +1,1 @@
+"""Takeover: an agent plays, and a key of the person takes control."""

@@ -1,0 +1,56 @@
+"""Takeover: an agent plays a block; a key of the person takes control, and another gives it back."""
+
+from minihuman.activities.agent_blocks.activity import AgentPlayActivity
+from minihuman.activities.agent_blocks.events import Controller
+from minihuman.activities.agent_blocks.plan import AgentPlayPlan
+from minihuman.activities.agent_blocks.rules import check_block
+from minihuman.experiment.machine.activity import ActivityKind
+from minihuman.experiment.machine.inputs import KeyDown
+
+
+class TakeoverActivity(AgentPlayActivity):
+    """A key of the person takes control; the hand-back key returns it to the agent."""
+
+    takes_over = True
+
+    def _key_in_play(self, press: KeyDown) -> None:
+        play = self._current
+        emit_key = self.context.emit_key
+        action = play.action_of(press.key)
+        if press.key == self.agent.hand_back and not press.repeat:
+            can = self.who == "person" and bool(self.policy)
+            emit_key(press, "accepted" if can else "not_playing", self.phase)
+            if can:
+                self._steer("agent", "hand_back", press.t_ns)
+        elif action is None or (press.repeat and not play.plan.auto_repeat):
+            super()._key_in_play(press)
+        else:
+            emit_key(press, "accepted", self.phase, action)
+            if self.who == "agent":
+                self._steer("person", "key", press.t_ns)
+            self._step(action, key=press.key, key_t_ns=press.t_ns)
+
+    @property
+    def hand_back_key(self) -> str:
+        """The key that gives the agent control back; "" where there is no agent to give it to."""
+        return self.agent.hand_back if self.policy else ""
+
+    def control_text(self, controller: Controller) -> str:
+        """The text below the picture, with how to hand back."""
+        words = self.context.words
+        text = super().control_text(controller)
+        if controller == "agent" or not self.policy:
+            return text
+        key = words.labels((self.agent.hand_back,))[0][1]
+        return f"{text}  {words.fill('steers.hand_back', name=key)}"
+
+
+TAKEOVER = ActivityKind(
+    "takeover",
+    AgentPlayPlan,
+    TakeoverActivity,
+    messages="minihuman.activities.agent_blocks.rows:AGENT_ROWS",
+    tables="minihuman.activities.agent_blocks.tables:AGENT_TABLES",
+    check_block=check_block,
+    report="minihuman.activities.agent_blocks.report:build_section",
+)

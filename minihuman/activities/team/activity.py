@@ -1,0 +1,331 @@
+"""Team: a block played in a world with several bodies, by people and agents. One session machine for each person.
+
+A machine submits its own person's action and waits for the joint action, which a team host closes; the joint action is
+an input, so a log alone replays all bodies. Others are seat 0, 1, ... and never a code. The team, its seat and the
+seeds of its episodes are open in the plan and resolved by `TeamFormed` before the first reset.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+
+from minihuman.activities.play.activity import PLAY_TRANSITIONS, PlayActivity
+from minihuman.activities.team.episode import Submission, TeamEpisode
+from minihuman.activities.team.events import (
+    GoneReason,
+    InputLate,
+    JointStepped,
+    SeatHolder,
+    SeatsReadied,
+    SeatTaken,
+    TeamEnded,
+    TeamFormed,
+)
+from minihuman.activities.team.message_events import MessageGiven, MessageShown, MessageTyped
+from minihuman.activities.team.messages import INTERVAL_NS, TeamMessages
+from minihuman.activities.team.plan import PERSON, TeamPlayPlan
+from minihuman.activities.team.requests import (
+    JointRequest,
+    JointTaken,
+    ReadyRequest,
+    SeatsReady,
+    Team,
+    TeamJoined,
+    TeamLost,
+    TeamRequest,
+)
+from minihuman.activities.team.rules import check_block
+from minihuman.experiment.machine import screen_texts
+from minihuman.experiment.machine.activity import (
+    ActivityKind,
+    ActivityRequest,
+    SessionContext,
+)
+from minihuman.experiment.machine.events import ActivityEvent
+from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, TextInput
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.screens import PlayScreen, Screen
+from minihuman.experiment.machine.transitions import Phase, PhaseTransition, TransitionCause, TransitionTable
+from minihuman.experiment.plan.random_streams import draw_seeds
+from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart
+
+POLL_NS = 250_000_000  # how often a waiting machine asks again, if nothing else happens
+
+
+TEAM_TRANSITIONS: "TransitionTable[Any]" = TransitionTable(
+    [
+        PhaseTransition(Phase.INSTRUCTIONS, TransitionCause.DONE, Phase.LOBBY),
+        PhaseTransition(Phase.LOBBY, TransitionCause.DONE, Phase.PREPARING),
+        PhaseTransition(Phase.READY, TransitionCause.DONE, Phase.WAITING),
+        PhaseTransition(Phase.WAITING, TransitionCause.DONE, Phase.INTERVAL),
+        PhaseTransition(Phase.WAITING, TransitionCause.GO_BACK, Phase.LOBBY),
+        *PLAY_TRANSITIONS.rows,
+    ]
+)
+
+
+class TeamPlayActivity(PlayActivity):
+    """Plays a block's episodes in one seat of a team."""
+
+    plan: TeamPlayPlan
+    can_copy = False
+    transitions = TEAM_TRANSITIONS
+    typed_event = MessageTyped
+
+    def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
+        super().__init__(number, part, context)
+        self.formed: Team | None = None
+        self._holders: tuple[SeatHolder, ...] = ()
+        self._lobby_ns = 0  # when it was entered
+        self._messages = TeamMessages(self.plan.team, context)
+
+    @property
+    def next_plan(self) -> EpisodePlan:
+        """The next episode, with what the team resolved: its seed, and the seat."""
+        plan = super().next_plan
+        assert self.formed is not None, "a team is formed before its first episode"
+        options = {**plan.options, "seat": self.formed.seat}
+        keys = self.plan.team.seat_keys or ()
+        key_map = plan.key_map
+        if keys:
+            key_map = msgspec.structs.replace(key_map, keys=keys[self.formed.seat], spare_keys=())
+        return msgspec.structs.replace(plan, options=options, seed=self._seed(plan), key_map=key_map)
+
+    def _seed(self, plan: EpisodePlan) -> int:
+        assert self.formed is not None
+        if self.plan.seeds == "listed":
+            return plan.seed
+        plan_of_session = self.context.plan
+        number = 0 if self.plan.seeds == "same" else plan.episode_in_block
+        purpose = (
+            f"team-layouts-{plan.block_name}-session-{plan_of_session.session}-{len(set(self.formed.seats) - {PERSON})}"
+        )
+        return draw_seeds(number + 1, seed=plan_of_session.study_seed, purpose=purpose, index=self.formed.index)[-1]
+
+    def _make_episode(self, plan: EpisodePlan) -> RunningEpisode:
+        assert self.formed is not None
+        return TeamEpisode(
+            plan,
+            self.context.world(plan.world, plan.options),
+            self.formed,
+            picture_px=self.context.picture_px,
+            keys_down=self.context.keys_down,
+        )
+
+    @property
+    def team_episode(self) -> TeamEpisode:
+        """The running episode."""
+        assert isinstance(self._play, TeamEpisode)
+        return self._play
+
+    # From outside
+
+    @property
+    def request(self) -> ActivityRequest | None:  # type: ignore[override]
+        """The team, the start of an episode, the next joint action."""
+        if self.phase is Phase.LOBBY:
+            return TeamRequest(self.number, self.part.name, self.plan, self.context.teams)
+        if self.phase is Phase.WAITING and self.formed is not None:
+            return ReadyRequest(self.formed, self.team_episode.plan, self.plan)
+        if self.playing and self.formed is not None:
+            play = self.team_episode
+            action, is_key = (None, False) if (mine := play.submitted) is None else (mine.action, bool(mine.key))
+            return JointRequest(
+                self.formed,
+                play.plan,
+                self.plan,
+                play.steps + 1,
+                action,
+                is_key,
+                self._messages.sent,
+                self._messages.received,
+            )
+        return None
+
+    def receive(self, happened: Input) -> None:
+        """Take an input."""
+        match happened:
+            case TeamJoined() if self.phase is Phase.LOBBY:
+                self._join(happened.team, happened.salt)
+            case SeatsReady() if self.phase is Phase.WAITING and happened.episode == self.team_episode.plan.episode:
+                self.context.emit(SeatsReadied(self.context.now_ns, happened.episode, self.team_episode.poses()))
+                self._move(TransitionCause.DONE)
+            case JointTaken() if self.playing:
+                self._let_time_pass()
+                self._take_joint(happened)
+            case MessageGiven() if self.playing and happened.message.seat != self._messages.seat:
+                self._messages.show(happened.message, self.team_episode)
+            case TextInput() if self.playing and self._messages.draft is not None:
+                self._messages.draft.type_text(happened.text)
+            case TeamLost() if self.phase in (Phase.LOBBY, Phase.WAITING, Phase.PLAYING):
+                self._lose(happened.reason)
+            case ActivityInput():
+                pass
+            case _:
+                super().receive(happened)
+
+    @staticmethod
+    def input_of(event: ActivityEvent) -> Input | None:
+        """What came from the team host."""
+        match event:
+            case TeamFormed():
+                return TeamJoined(event.t_ns, Team(event.team, event.index, event.seat, event.seats), event.salt)
+            case MessageTyped():
+                return TextInput(event.t_ns, event.text)
+            case MessageShown():
+                return MessageGiven(event.t_ns, event)
+            case SeatsReadied():
+                return SeatsReady(event.t_ns, event.episode)
+            case JointStepped():
+                return JointTaken(event.t_ns, event.episode, event.step, event.actions, event.sources)  # type: ignore[arg-type]
+            case TeamEnded():
+                return TeamLost(event.t_ns, event.reason)
+        return None
+
+    def _join(self, team: Team, salt: str) -> None:
+        self.formed = team
+        self._messages.seat = team.seat
+        self._messages.salt = salt
+        self._count_waiting()
+        self._holders = tuple("person" if kind == PERSON else "agent" for kind in team.seats)
+        roles = self.plan.team.roles
+        context = self.context
+        role = roles[team.seat] if roles else ""
+        context.teams = (*context.teams, team.team)
+        self._note_partners()
+        context.emit(TeamFormed(context.now_ns, self.number, team.team, team.index, team.seat, role, team.seats, salt))
+        self._move(TransitionCause.DONE)
+
+    def _note_partners(self) -> None:
+        assert self.formed is not None
+        self.context.partners |= {holder for seat, holder in enumerate(self._holders) if seat != self.formed.seat}
+
+    def _count_waiting(self) -> None:
+        self.context.waited_ns += self.context.now_ns - self._lobby_ns
+
+    def _move(self, cause: TransitionCause) -> None:
+        super()._move(cause)
+        if self.phase is Phase.LOBBY:
+            self._lobby_ns = self.context.now_ns
+
+    def _lose(self, reason: GoneReason) -> None:
+        self.context.emit(TeamEnded(self.context.now_ns, self.number, reason))
+        if reason == "declined":
+            self.formed = None
+            self.context.teams = self.context.teams[:-1]
+            self._move(TransitionCause.GO_BACK)
+            return
+        if self.phase is Phase.LOBBY:
+            self._count_waiting()
+        self.context.stranded |= reason != "replaced"
+        self._tally.skip = reason
+        if self.playing:
+            self._episode_ended("partner_left")
+        else:
+            self._end()
+
+    def _take_joint(self, taken: JointTaken) -> None:
+        if not self.playing or (taken.episode, taken.step) != (self._current.plan.episode, self._current.steps + 1):
+            return
+        play = self.team_episode
+        now_ns = self.context.now_ns
+        seat = self.team_episode.team.seat
+        stepped, rewards, mine = play.step_joint(now_ns, taken)
+        place = (taken.episode, taken.step)
+        self.context.emit(
+            JointStepped(now_ns, *place, taken.actions, rewards, taken.sources, play.digest, play.poses())
+        )
+        if mine is not None and mine.key and taken.sources[seat] != "person":
+            self.context.emit(InputLate(now_ns, *place, mine.action, mine.key, mine.key_t_ns))
+        holders = tuple(
+            before if source == "late" else source for source, before in zip(taken.sources, self._holders, strict=True)
+        )
+        for other, (before, after) in enumerate(zip(self._holders, holders, strict=True)):
+            if before != after:
+                self.context.emit(SeatTaken(now_ns, *place, other, after))
+        self._holders = holders
+        self._note_partners()
+        self._stepped(stepped)
+
+    # Keys and time
+
+    def _key_in_play(self, press: KeyDown) -> None:
+        play = self.team_episode
+        action = play.action_of(press.key)
+        if self._messages.take_key(press, play):
+            return
+        if play.real_time or action is None or press.repeat:
+            super()._key_in_play(press)
+        elif play.submitted is None:
+            self.context.emit_key(press, "queued", self.phase, action)
+            play.submitted = Submission(action, press.key, press.t_ns)
+        else:
+            self.context.emit_key(press, "not_playing", self.phase, action)
+
+    @property
+    def next_tick_ns(self) -> int | None:  # type: ignore[override]
+        """What every block waits for, and the next time to ask for what has not come."""
+        due = super().next_tick_ns
+        waits = self.phase in (Phase.LOBBY, Phase.WAITING) or (self.playing and self.team_episode.submitted is not None)
+        gone = [mark.t_ns + INTERVAL_NS for mark in self._messages.marks if self.playing]
+        asks = self.context.now_ns + POLL_NS if waits else None
+        return min((t for t in (due, asks, *gone) if t is not None), default=None)
+
+    # What is seen
+
+    @property
+    def _look(self) -> object:
+        return self._waits, self._holders, self._messages.look(self._play)
+
+    @property
+    def _waits(self) -> bool:
+        return isinstance(self._play, TeamEpisode) and not self._play.real_time and self._play.submitted is not None
+
+    def _screen(self) -> Screen:
+        words = self.context.words
+        match self.phase:
+            case Phase.LOBBY | Phase.WAITING:
+                body = words["team.lobby" if self.phase is Phase.LOBBY else "team.not_ready"]
+                return screen_texts.build_notice_screen(words, words["team.title"], body)
+            case Phase.READY:
+                ready = self._view.ready(self._current)
+                lines = (
+                    *self._describe_role(),
+                    *(self._describe_partners() if self.plan.team.partner_disclosure == "always" else ()),
+                )
+                return replace(ready, body="\n\n".join(filter(None, (ready.body, *lines)))) if lines else ready
+        return super()._screen()
+
+    def _describe_role(self) -> tuple[str, ...]:
+        roles = self.plan.team.roles
+        return (self.context.words.fill("team.role", role=roles[self.formed.seat]),) if roles and self.formed else ()
+
+    def _describe_partners(self) -> tuple[str, ...]:
+        assert self.formed is not None
+        partners = [holder for seat, holder in enumerate(self._holders) if seat != self.formed.seat]
+        return tuple(
+            self.context.words[f"team.is_{holder_kind}"]
+            for holder_kind in ("person", "agent")
+            if holder_kind in partners
+        )
+
+    def _play_screen(self) -> PlayScreen:
+        words = self.context.words
+        screen = replace(super()._play_screen(), messages=self._messages.look(self._play))
+        text = "  ".join(self._describe_role())
+        if self.playing and self.formed is not None and self._holders[self.formed.seat] == "agent":
+            text = words["team.replaced"]
+        elif self.playing and self._waits:
+            text = words["team.waits"]
+        return replace(screen, controller="person", controller_text=text) if text else screen
+
+
+TEAM = ActivityKind(
+    "team",
+    TeamPlayPlan,
+    TeamPlayActivity,
+    messages="minihuman.activities.team.rows:TEAM_ROWS",
+    tables="minihuman.activities.team.tables:TEAM_TABLES",
+    check_block=check_block,
+)

@@ -1,0 +1,131 @@
+"""A team's episode, seen from one seat: what its person submits, and joint steps with their digest."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from minihuman.activities.team.events import ActionSource
+from minihuman.activities.team.requests import JointTaken, Team
+from minihuman.experiment.machine.events import FrameShown, Stepped
+from minihuman.experiment.machine.inputs import ScreenShown
+from minihuman.experiment.machine.running_episode import RunningEpisode, catch_world_errors
+from minihuman.experiment.plan.session_plan import EpisodePlan
+
+if TYPE_CHECKING:
+    from minihuman.worlds.adapters.world import World
+
+
+def digest_joint_actions(team: str, seed: int, actions: Sequence[Sequence[int]]) -> int:
+    """A digest of an episode's joint actions, uint64: BLAKE2b chained over team, seed and each step's actions."""
+    return reduce(extend_digest, actions, start_digest(team, seed))
+
+
+def start_digest(team: str, seed: int) -> int:
+    """The digest of an episode before its first step."""
+    return _hash(f"{team} {seed}".encode())
+
+
+def extend_digest(digest: int, actions: Sequence[int]) -> int:
+    """The digest with one more step."""
+    return _hash(np.array([digest, *actions], np.uint64).astype("<u8").tobytes())
+
+
+def _hash(data: bytes) -> int:
+    return int.from_bytes(hashlib.blake2b(data, digest_size=8).digest(), "little")
+
+
+@dataclass(frozen=True, slots=True)
+class Submission:
+    """This seat's action for the next step, until that is closed."""
+
+    action: int
+    key: str
+    key_t_ns: int
+    is_new: bool = True  # its key went down since the step before, and is not only held
+
+
+class TeamEpisode(RunningEpisode):
+    """An episode of a team, seen from one seat: each step needs a joint action."""
+
+    def __init__(
+        self,
+        plan: EpisodePlan,
+        world: "World",
+        team: Team,
+        *,
+        picture_px: tuple[int, int] | None,
+        keys_down: Mapping[str, int] | None = None,
+    ) -> None:
+        super().__init__(plan, world, picture_px=picture_px, keys_down=keys_down)
+        self.team = team
+        self.joint_actions: list[tuple[int, ...]] = []
+        self.sources: list[tuple[ActionSource, ...]] = []
+        self.submitted: Submission | None = None
+        self.digest = start_digest(team.team, plan.seed)
+        self._due_ns: int | None = None  # of the tick that is submitted
+
+    def poses(self) -> tuple[float, ...]:
+        """Where every body stands: x, y, z and yaw_rad of each, by seat."""
+        with catch_world_errors():
+            poses = self.world.unwrapped.poses()
+        return tuple(number for pose in poses for number in (pose.x, pose.y, pose.z, pose.yaw_rad))
+
+    def record_shown(self, screen_shown: ScreenShown) -> FrameShown:
+        """Take note that a picture reached the display; a tick that waits for its joint action goes on waiting."""
+        event = super().record_shown(screen_shown)
+        if self.submitted is not None:
+            self.next_tick_ns = None
+        return event
+
+    def tick(self, t_ns: int) -> Stepped | None:
+        """If a period has run out, submit the queued key's action, or the idle one; the step comes with the others'."""
+        if self.next_tick_ns is not None and t_ns >= self.next_tick_ns and self.submitted is None:
+            self._due_ns = self.next_tick_ns
+            self.next_tick_ns = None
+            self.submitted = self._take_press(t_ns)
+        return None
+
+    def _take_press(self, t_ns: int) -> Submission:
+        """This seat's action at a tick: the queued key's, or that of the keys that are down; else the idle one."""
+        idle: int = self.world.unwrapped.team.idle_action
+        if not self.repeats_held:
+            press = self._queued
+            self._queued = None
+            if press is None:
+                return Submission(idle, "", t_ns)
+            return Submission(press.action, press.key, press.t_ns)  # type: ignore[arg-type]  # bodies act by number
+        pressed = self._pressed
+        self._pressed = {}
+        keys = [*(key for key in self._keys_down if key in self._action_of and key not in pressed), *pressed]
+        if not keys:
+            return Submission(idle, "", t_ns)
+        with catch_world_errors():
+            number, _ = self.world.actions.combine([self._action_of[key] for key in keys])
+        return Submission(number, keys[-1], pressed.get(keys[-1], t_ns), keys[-1] in pressed)
+
+    def step_joint(self, t_ns: int, taken: JointTaken) -> tuple[Stepped, tuple[float, ...], Submission | None]:
+        """Make the joint step: its event, the rewards by seat, and what this seat had submitted."""
+        mine = self.submitted
+        self.submitted = None
+        key = mine if mine is not None and taken.sources[self.team.seat] == "person" else None
+        env = self.world.unwrapped
+        env.joint = taken.actions
+        with catch_world_errors():
+            stepped = self.step(
+                t_ns,
+                taken.actions[self.team.seat],
+                key="" if key is None else key.key,
+                key_t_ns=t_ns if key is None or not key.key else key.key_t_ns,
+                held={} if key is not None and not key.is_new else None,
+            )
+        self.joint_actions.append(taken.actions)
+        self.sources.append(taken.sources)
+        self.digest = extend_digest(self.digest, taken.actions)
+        if self._due_ns is not None:
+            self.next_tick_ns = self._due_ns + self._period_ns * (max(0, t_ns - self._due_ns) // self._period_ns + 1)
+            self._due_ns = None
+        return stepped, env.rewards, mine

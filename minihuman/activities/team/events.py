@@ -1,0 +1,84 @@
+"""Events of blocks that a team plays."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from minihuman.experiment.machine.events import ActivityEvent
+
+ActionSource = Literal["person", "late", "agent"]  # late: the idle action, since no input came in time
+SeatHolder = Literal["person", "agent"]
+# replaced: the seat is an agent's for good; declined: one of the team left before its first step
+GoneReason = Literal["no_partner", "partner_left", "replaced", "declined"]
+
+
+@dataclass(frozen=True, slots=True)
+class TeamFormed(ActivityEvent):
+    """The team of a block is complete: what the plan left open is resolved."""
+
+    part: int
+    team: str
+    index: int
+    seat: int
+    role: str  # of this seat; "" where the protocol names none
+    seats: tuple[str, ...]
+    salt: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SeatsReadied(ActivityEvent):
+    """Every seat was ready."""
+
+    episode: int
+    poses: tuple[float, ...]  # at the reset, by seat: x, y, z and yaw_rad of each
+
+
+@dataclass(frozen=True, slots=True)
+class JointStepped(ActivityEvent):
+    """A joint step: what every body did and got. Before the event of the seat's own step."""
+
+    episode: int
+    step: int
+    actions: tuple[int, ...]
+    rewards: tuple[float, ...]
+    sources: tuple[str, ...]
+    digest: int  # of the episode's joint actions so far: see digest_joint_actions
+    poses: tuple[float, ...]  # after it, by seat: x, y, z and yaw_rad of each
+
+
+@dataclass(frozen=True, slots=True)
+class InputLate(ActivityEvent):
+    """This seat's input came after its step was closed: it changed nothing."""
+
+    episode: int
+    step: int
+    action: int
+    key: str
+    key_t_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class PictureCorrected(ActivityEvent):
+    """A picture that showed a step before it was closed: this seat's action, the others idle. Theirs changed it."""
+
+    episode: int
+    step: int
+    submit_ns: int
+    flip_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class SeatTaken(ActivityEvent):
+    """Another holds a person's seat from this step on: an agent, or the person who is back."""
+
+    episode: int
+    step: int
+    seat: int
+    by: SeatHolder
+
+
+@dataclass(frozen=True, slots=True)
+class TeamEnded(ActivityEvent):
+    """The block ends before its last episode, as no partner came or one left; or the team before its first step."""
+
+    part: int
+    reason: GoneReason

@@ -1,0 +1,154 @@
+"""Messages in a team: what people type to each other while they play, and cells that they mark. No clock, no socket.
+
+Typed words are in their author's log alone. Another's log holds the digest of those that came onto its screen, salted
+with a secret of the author's log: withdrawing a person removes their words, and `verify` still compares both logs.
+"""
+
+import hashlib
+import math
+from dataclasses import dataclass, field, replace
+
+from minihuman.activities.questions.free_text.draft import TextDraft
+from minihuman.activities.questions.question import QuestionItemSpec
+from minihuman.activities.team.message_events import MessageShown
+from minihuman.activities.team.plan import REPORT_KEY, TeamPlan
+from minihuman.experiment.keys import key_label
+from minihuman.experiment.machine.activity import ENTER_KEYS, SessionContext
+from minihuman.experiment.machine.events import KeyVerdict, Noted
+from minihuman.experiment.machine.inputs import KeyDown
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.transitions import Phase
+
+MESSAGE_LETTERS = 200  # at most, in a message
+N_LINES = 4  # that are seen
+INTERVAL_NS = 2_000_000_000  # from one message of a person to the next, and how long a mark is seen
+
+
+@dataclass(slots=True)
+class TeamMessages:
+    """The messages of a block, seen from one seat."""
+
+    rules: TeamPlan
+    context: SessionContext
+    seat: int = -1
+    salt: str = ""  # of the digests of this seat's messages
+    sent: tuple[MessageShown, ...] = ()
+    shown: dict[str, MessageShown] = field(default_factory=dict)  # by digest, in the order in which they came
+    draft: TextDraft | None = None  # what is being typed
+    _reported: str = ""  # the digest of the words that were reported last
+
+    @property
+    def received(self) -> frozenset[str]:
+        """The digests of what need not be given again: a session that was resumed from its log lacks others' words."""
+        return frozenset(digest for digest, message in self.shown.items() if message.text or message.cell)
+
+    @property
+    def marks(self) -> list[MessageShown]:
+        """The marks that are to be seen now."""
+        over_ns = self.context.now_ns - INTERVAL_NS
+        return [message for message in self.shown.values() if message.cell and message.t_ns > over_ns]
+
+    def take_key(self, press: KeyDown, play: RunningEpisode) -> bool:
+        """Take a key; False where it has nothing to do with messages."""
+        if self.draft is None and (press.repeat or press.key not in self._keys):
+            return False
+        verdict = self._judge(press)
+        self.context.emit_key(press, verdict, Phase.PLAYING)
+        if self.draft is not None and verdict != "accepted":
+            self.draft.key(press)
+        elif self.draft is not None:
+            self._finish_draft(self.draft, play)
+        elif press.key in ENTER_KEYS:
+            self._open_draft()
+        elif press.key == self.rules.ping:
+            self._mark_cell_ahead(play)
+        else:
+            self._report_latest()
+        return True
+
+    @property
+    def _keys(self) -> tuple[object, ...]:
+        """The keys that do something while nothing is typed."""
+        return (*ENTER_KEYS, REPORT_KEY, self.rules.ping) if self.rules.chat else (self.rules.ping,)
+
+    def _judge(self, press: KeyDown) -> KeyVerdict:
+        if press.repeat:
+            return "repeat"
+        return "accepted" if press.key in ENTER_KEYS or self.draft is None else "typing"
+
+    def _open_draft(self) -> None:
+        question = QuestionItemSpec("chat", "text", "", longest=MESSAGE_LETTERS)
+        words = self.context.words
+        self.draft = TextDraft(question, None, rtl=words.rtl, language=words.language)
+
+    def _finish_draft(self, draft: TextDraft, play: RunningEpisode) -> None:
+        """Send what was typed; it stays open where it is too soon for another message."""
+        if not draft.value or self._send(play, draft.display_text, ()):
+            self.draft = None
+
+    def _mark_cell_ahead(self, play: RunningEpisode) -> None:
+        pose = play.world.pose()
+        if pose is not None:
+            self._send(play, "", (round(pose.x + math.cos(pose.yaw_rad)), round(pose.z - math.sin(pose.yaw_rad))))
+
+    def _report_latest(self) -> None:
+        """Report the latest words of another."""
+        messages = [message for message in self.shown.values() if message.seat != self.seat and not message.cell]
+        if messages:
+            message = messages[-1]
+            self._reported = message.digest
+            text = f"message {message.digest} of seat {message.seat}"
+            self.context.emit(Noted(self.context.now_ns, "report", text))
+
+    def _send(self, play: RunningEpisode, text: str, cell: tuple[float, ...]) -> bool:
+        """Send a message, unless it is too soon after the last one."""
+        now_ns = self.context.now_ns
+        if self.sent and now_ns < self.sent[-1].t_ns + INTERVAL_NS:
+            return False
+        digest = hashlib.blake2b(
+            f"{self.seat} {now_ns} {text} {cell}".encode(), key=self.salt.encode(), digest_size=16
+        ).hexdigest()
+        self.sent += (MessageShown(now_ns, play.plan.episode, play.steps, self.seat, text, cell, digest),)
+        self.show(self.sent[-1], play)
+        return True
+
+    def show(self, message: MessageShown, play: RunningEpisode) -> None:
+        """Show a message; the words of one that was shown before only come again."""
+        message_here = replace(message, t_ns=self.context.now_ns, episode=play.plan.episode, step=play.steps)
+        if message.digest not in self.shown:
+            self.context.emit(message_here if message.seat == self.seat else replace(message_here, text=""))
+        self.shown[message.digest] = message_here
+
+    def look(self, play: RunningEpisode | None) -> dict[str, object] | None:
+        """What a page has of them; None where people neither write nor mark."""
+        hints = self._hints
+        if not hints:
+            return None
+        marks = self.marks
+        lines = [message for message in self.shown.values() if not message.cell][-N_LINES:]
+        return {
+            "writes": bool(self.rules.chat),
+            "hint": "   ".join(hints),
+            "lines": [(self._name_author(message.seat), self._format_text(message)) for message in lines],
+            "entry": self.draft and self.draft.widget(),
+            "cells": [(*mark.cell, mark.seat == self.seat) for mark in marks],
+            "bounds": play.world.unwrapped.map().bounds if play and marks else (),
+        }
+
+    @property
+    def _hints(self) -> list[str]:
+        words = self.context.words
+        hints = [words["team.chat_keys"]] if self.rules.chat else []
+        if self.rules.ping:
+            hints.append(words.fill("team.ping_key", ping=key_label(self.rules.ping)))
+        return hints
+
+    def _name_author(self, seat: int) -> str:
+        words = self.context.words
+        if seat == self.seat:
+            return words["team.you"]
+        return self.rules.roles[seat] if self.rules.roles else words.fill("team.person", number=seat + 1)
+
+    def _format_text(self, message: MessageShown) -> str:
+        text = message.text or "…"
+        return f"{text} ({self.context.words['team.reported']})" if message.digest == self._reported else text

@@ -1,0 +1,56 @@
+"""Plans of blocks that a team plays: who sits where."""
+
+from typing import Literal
+
+import msgspec
+
+from minihuman.activities.play.plan import PlayPlan
+
+PERSON = "person"
+SIMULATED = "simulated"  # a seat that a simulated participant has, by the keys that it presses
+REPORT_KEY = "f2"  # where people write to each other: reports the latest words of another
+SEAT_GRAMMAR = "'person', 'policy:FILE', 'scripted:NAME', 'simulated:NAME' or 'planner'"
+
+
+class TeamPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """``[blocks.team]`` in the protocol: who sits where in a world with several bodies."""
+
+    seats: tuple[str, ...] = ()  # by body: "person", "policy:FILE", "scripted:NAME", "simulated:NAME" or "planner"
+    roles: tuple[str, ...] = ()  # what each seat is called on its screen; none: no word
+    pairing: Literal["drawn", "fixed", "same", "round_robin"] = "drawn"  # who plays with whom
+    seat_keys: tuple[dict[str, str], ...] | msgspec.UnsetType = msgspec.UNSET  # key -> action, at one machine
+    late_ms: float = 100.0  # real_time: how long a tick waits for a seat's input
+    lobby_s: float = 300.0  # the longest wait for partners
+    partner_wait_s: float = 60.0  # the longest wait for a partner's input before partner_leaves
+    partner_leaves: Literal["agent", "end"] = "agent"  # an agent takes the seat, or the block ends
+    stand_in: str = "scripted:random"  # the agent that takes a seat
+    partner_return: Literal["seat", "watch", "end"] | msgspec.UnsetType = msgspec.UNSET  # unset: "seat", at once
+    partner_disclosure: Literal["", "always", "debrief"] = ""  # when people learn which partners are agents
+    chat: bool | msgspec.UnsetType = msgspec.UNSET  # people write to each other while they play
+    ping: str | msgspec.UnsetType = msgspec.UNSET  # the key that marks the cell in front on all screens
+
+    @property
+    def persons(self) -> tuple[int, ...]:
+        """The seats of people."""
+        return tuple(seat for seat, kind in enumerate(self.seats) if kind == PERSON)
+
+    @property
+    def agents(self) -> tuple[str, ...]:
+        """The names of the agents that may hold a seat, as the agent registry and the protocol's files have them."""
+        kinds = [*self.seats, *([self.stand_in] if len(self.persons) > 1 and self.partner_leaves == "agent" else [])]
+        return tuple(dict.fromkeys(find_seat_agent(kind) for kind in kinds if kind != PERSON))
+
+
+def find_seat_agent(kind: str) -> str:
+    """The agent of a seat: a registered agent with its settings, a policy file's name, or a simulated participant."""
+    seat_kind, _, name = kind.partition(":")
+    if seat_kind == SIMULATED:
+        return kind
+    return "optimal" if seat_kind == "planner" and not name else name
+
+
+class TeamPlayPlan(PlayPlan, frozen=True):
+    """A block that a team plays."""
+
+    team: TeamPlan = TeamPlan()
+    seeds: Literal["new", "same", "listed"] = "new"  # of a team's episodes: drawn for it, one for all, or the plan's

@@ -1,0 +1,59 @@
+"""Tables of a team's blocks: each episode's team, and each joint step."""
+
+import json
+
+from minihuman.activities.team import rows
+from minihuman.activities.team.columns import JOINT_STEPS, TEAMS
+from minihuman.activities.team.events import JointStepped
+from minihuman.dataset.activity_tables import ActivityTable, TableRow
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
+
+
+def _build_team_row(episode: EpisodeLog) -> TableRow | None:
+    team = episode.team
+    if team is None:  # one body played it
+        return None
+    return {
+        "team": team.team,
+        "team_index": team.index + 1,
+        "seat": team.seat,
+        "role": team.role,
+        "partner": team.partner,
+        "seats": json.dumps(team.seats, sort_keys=True),
+        "outcome": episode.outcome_word,
+        "joint_steps": len(team.actions),
+        "team_reward": float(team.rewards.mean(axis=1).sum()),
+        "late": team.late,
+        "idled": sum(sources[team.seat] == "late" for sources in team.sources),
+        "corrected": team.corrected,
+        "takeovers": team.takeovers,
+        "agent_steps": sum(any(sources[seat] == "agent" for seat in team.persons) for sources in team.sources),
+        "digest": f"{team.digest:016x}",
+    }
+
+
+def _build_joint_step_row(event: JointStepped, log: SessionLog) -> TableRow:
+    return {
+        "episode": event.episode + 1,
+        "step": event.step,
+        "actions": json.dumps(event.actions),
+        "rewards": json.dumps(event.rewards),
+        "sources": json.dumps(event.sources),
+    }
+
+
+TEAM_TABLES = (
+    ActivityTable(
+        "teams",
+        TEAMS,
+        episode_row=_build_team_row,
+        topics=(
+            rows.TEAM_TOPIC,
+            rows.JOINT_STEP_TOPIC,
+            rows.PICTURE_CORRECTION_TOPIC,
+            rows.LATE_TOPIC,
+            rows.SEAT_TOPIC,
+        ),
+    ),
+    ActivityTable("joint_steps", JOINT_STEPS, {JointStepped: _build_joint_step_row}, topics=(rows.JOINT_STEP_TOPIC,)),
+)

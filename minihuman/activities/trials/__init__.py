@@ -1,0 +1,1 @@
+"""Trials: short episodes that follow each other by the clock."""

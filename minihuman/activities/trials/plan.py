@@ -1,0 +1,19 @@
+"""Plans of blocks of trials, and the tables that their options come from."""
+
+from typing import Literal
+
+import msgspec
+
+from minihuman.activities.play.plan import PlayPlan
+
+
+class TrialsPlan(PlayPlan, frozen=True):
+    """A block of trials."""
+
+
+class StimuliSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """``[blocks.stimuli]`` in the protocol: a table with the options that each trial has for its world."""
+
+    file: str = ""  # CSV beside the protocol, columns by name
+    rows: tuple[dict[str, str | int | float | bool], ...] = ()  # or the rows themselves
+    order: Literal["shuffled", "fixed"] = "shuffled"

@@ -1,0 +1,102 @@
+"""Tables that kinds of activity add to those of every session: what a kind says of one, and all that are installed."""
+
+import re
+import sys
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from minihuman.dataset.episode_columns import list_episode_columns
+from minihuman.dataset.table_columns import SESSION_TABLES, TableColumn
+from minihuman.errors import ProtocolError, QueryError
+from minihuman.experiment.machine.activity import GROUP, ActivityKind, find_kind, list_built_in_kinds
+from minihuman.plugins import list_plugin_names
+
+if TYPE_CHECKING:
+    from minihuman.log.model.session_log import EpisodeLog, SessionLog
+
+TableRow = dict[str, Any]  # by column
+_TABLE_NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ActivityTable:
+    """A table that a kind of activity fills from its events, or from the episodes of its blocks.
+
+    Args:
+        name: the table's, in SQL and in files: lower case, digits and underscores.
+        columns: all of them. A row of an event is given the `SESSION_COLUMNS`, the segment and ``t_ns``; one of an
+            episode those that say which episode it is.
+        event_rows: by the class of an event, its row; None where it has none.
+        episode_row: the row of an episode; None for an episode that has none.
+        topics: of the log, whose contents the table has.
+    """
+
+    name: str
+    columns: tuple[TableColumn, ...]
+    event_rows: Mapping[type[Any], Callable[[Any, "SessionLog"], TableRow | None]] = field(default_factory=dict)
+    episode_row: Callable[["EpisodeLog"], TableRow | None] | None = None
+    topics: tuple[str, ...] = ()
+
+
+def list_activity_tables() -> tuple[ActivityTable, ...]:
+    """List the tables of every kind that is installed, in the order of the kinds' names.
+
+    Raises:
+        QueryError: if two tables have one name, or a name that SQL does not take as it is.
+    """
+    built_in = list_built_in_kinds()
+    others = tuple(name for name in list_plugin_names(GROUP) if name not in built_in)
+    return _load_tables((*_find_built_in_kinds(built_in), *_find_kinds(others)))
+
+
+@cache
+def _find_built_in_kinds(names: tuple[str, ...]) -> tuple[ActivityKind, ...]:
+    return tuple(_find_kinds(names))
+
+
+def _find_kinds(names: Iterable[str]) -> Iterator[ActivityKind]:
+    """Find the kinds that can be loaded here: of a session with others, the other tables are read even so."""
+    for name in names:
+        with suppress(ProtocolError):
+            yield find_kind(name)
+
+
+@cache
+def _load_tables(kinds: tuple[ActivityKind, ...]) -> tuple[ActivityTable, ...]:
+    owners: dict[str, tuple[ActivityTable, str]] = {}
+    for kind in (kind for kind in kinds if kind.tables):
+        module, _, attribute = kind.tables.partition(":")
+        for table in getattr(import_module(module), attribute):
+            if table.name in SESSION_TABLES:
+                raise QueryError(f"activity {kind.name!r} has a table {table.name!r}, as every session has; rename it")
+            if not _TABLE_NAME.fullmatch(table.name):
+                raise QueryError(f"activity {kind.name!r} has a table {table.name!r}; use a to z, 0 to 9 and _")
+            other, owner = owners.setdefault(table.name, (table, kind.name))
+            if other is not table:
+                raise QueryError(f"activities {owner!r} and {kind.name!r} both have a table {table.name!r}; rename one")
+    return tuple(table for table, _ in owners.values())
+
+
+def list_table_sources() -> tuple[Path, ...]:
+    """List the files whose code makes the rows of these tables: a cache that other code filled is stale."""
+    modules = {kind.tables.partition(":")[0] for kind in _find_kinds(list_plugin_names(GROUP)) if kind.tables}
+    tables = list_activity_tables()
+    makers = [maker for table in tables for maker in (*table.event_rows.values(), table.episode_row) if maker]
+    modules |= {maker.__module__ for maker in (*makers, *(column.compute for column in list_episode_columns()))}
+    files = {sys.modules[name].__file__ for name in modules if name in sys.modules}
+    return tuple(sorted(Path(file) for file in files if file))
+
+
+def list_tables_of_topics() -> dict[str, tuple[str, ...]]:
+    """List the tables that have the contents of each topic."""
+    tables: dict[str, list[str]] = defaultdict(list)
+    for table in list_activity_tables():
+        for topic in table.topics:
+            tables[topic].append(table.name)
+    return {topic: tuple(names) for topic, names in tables.items()}

@@ -1,0 +1,195 @@
+"""All tables: those of every session and those of the installed kinds of activity.
+
+The data dictionary, the tables' primary keys, the names of partitions' files, and the tables' description as a
+Frictionless data package, so that no reader has to guess a type (R, pandas, polars and DuckDB read the files without
+it, too). Sources: Data Package and Table Schema, https://specs.frictionlessdata.io. No Arrow here: importing it takes
+longer than many a command.
+"""
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from minihuman.dataset.activity_tables import ActivityTable, list_activity_tables
+from minihuman.dataset.episode_columns import EpisodeColumn, list_episode_columns
+from minihuman.dataset.table_columns import COLUMN_ALIASES, SESSION_TABLES, TableColumn
+
+
+class _TableCatalogue(Mapping[str, tuple[TableColumn, ...]]):
+    """The columns of each table by its name; a kind's tables are loaded when they are asked for."""
+
+    def __getitem__(self, name: str) -> tuple[TableColumn, ...]:
+        return list_tables().columns[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(list_tables().columns)
+
+    def __len__(self) -> int:
+        return len(list_tables().columns)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TableSet:
+    """The columns of each table, with the plug-ins that are installed."""
+
+    columns: Mapping[str, tuple[TableColumn, ...]]
+
+
+def list_tables() -> TableSet:
+    """List the tables; the same object as long as the same plug-ins are installed."""
+    return _gather_columns(list_activity_tables(), list_episode_columns())
+
+
+@cache
+def _gather_columns(tables: tuple[ActivityTable, ...], further: tuple[EpisodeColumn, ...]) -> TableSet:
+    episodes = (*SESSION_TABLES["episodes"], *(column.column for column in further))
+    return TableSet(SESSION_TABLES | {"episodes": episodes} | {table.name: table.columns for table in tables})
+
+
+TABLES: Mapping[str, tuple[TableColumn, ...]] = _TableCatalogue()
+"""The tables of every session first, with the columns of plug-ins, then those that kinds of activity add."""
+
+EVERY_MOMENT = frozenset({"steps", "presses", "other_presses", "frames", "samples"})
+"""The tables with a row per step, key press, picture or sample."""
+
+
+def build_data_dictionary(*, without: frozenset[str] = frozenset()) -> dict[str, dict[str, dict[str, str]]]:
+    """The data dictionary, some columns excluded: table, column, then its type, unit and meaning."""
+    return {
+        table: {
+            column.name: {"type": column.kind, "unit": column.unit, "meaning": column.meaning, **_history(column)}
+            for column in columns
+            if column.name not in without
+        }
+        for table, columns in TABLES.items()
+    }
+
+
+def _history(column: TableColumn) -> dict[str, str]:
+    """The number of a column's definition and its name in earlier versions, where it has them."""
+    old = next((old for old, now in COLUMN_ALIASES.items() if now == column.name), "")
+    found = {"definition": str(column.definition or ""), "earlier_name": old}
+    return {name: value for name, value in found.items() if value}
+
+
+_TYPES = {"text": "string", "key": "string", "integer": "integer", "number": "number", "boolean": "boolean"}
+
+
+_SESSION = ("participant", "session")
+
+
+_EPISODE = (*_SESSION, "episode", "attempt")
+
+
+_PRIMARY_KEYS: Mapping[
+    str, tuple[str, ...]
+] = {  # that no two rows share; tables of what may happen twice at once have none
+    "steps": (*_EPISODE, "step"),
+    "keys": (*_SESSION, "first_episode", "key"),
+    "episodes": _EPISODE,
+    "blocks": (*_SESSION, "block"),
+    "participants": _SESSION,
+    "segments": (*_SESSION, "segment"),
+    "plan": (*_SESSION, "episode"),
+    "starts": _EPISODE,
+}
+
+
+_PARTITION = re.compile(r"(\w+)/study=([^/]+)/participant=([^/]+)/ses-(\d+)-([0-9a-f]{16})\.parquet")
+
+
+@dataclass(frozen=True, slots=True)
+class TablePartition:
+    """One session's rows of one table, in a Parquet file whose name tells them from other rows of that session."""
+
+    table: str
+    study: str
+    participant: str
+    session: int
+    digest: str  # of the rows, the table's columns and the selection; 16 hexadecimal digits
+
+    @property
+    def name(self) -> str:
+        """The file's, in a folder or a remote store, as Hive lays out partitions."""
+        return (
+            f"{self.table}/study={self.study}/participant={self.participant}/"
+            f"ses-{self.session:02d}-{self.digest}.parquet"
+        )
+
+    @classmethod
+    def parse(cls, name: str) -> "TablePartition | None":
+        """Read a file's name; None where it is no partition's."""
+        found = _PARTITION.fullmatch(name)
+        return cls(found[1], found[2], found[3], int(found[4]), found[5]) if found else None
+
+    @property
+    def of_session(self) -> tuple[str, str, int]:
+        """Study, participant and session: partitions that have these in common replace each other."""
+        return self.study, self.participant, self.session
+
+
+_EPISODE_TABLES = frozenset({"steps", "presses", "starts", "frames"})
+
+
+def _find_episode_tables() -> set[str]:
+    return {table.name for table in list_activity_tables() if table.episode_row is not None}
+
+
+def is_episode_table(name: str) -> bool:
+    """Whether each row of a table belongs to a row of ``episodes``."""
+    return name in _EPISODE_TABLES or name in _find_episode_tables()
+
+
+def find_primary_key(name: str) -> tuple[str, ...]:
+    """Return the columns that no two rows of a table share; none for a table of what may happen twice at once."""
+    return _EPISODE if name in _find_episode_tables() else _PRIMARY_KEYS.get(name, ())
+
+
+def build_table_schema(name: str, columns: Iterable[TableColumn]) -> dict[str, Any]:
+    """One table's schema."""
+    schema: dict[str, Any] = {"fields": [_field(column) for column in columns], "missingValues": [""]}
+    if key := find_primary_key(name):
+        schema["primaryKey"] = list(key)
+    if name != "participants":
+        parent = "episodes" if is_episode_table(name) else "participants"
+        fields = list(_PRIMARY_KEYS[parent])
+        schema["foreignKeys"] = [{"fields": fields, "reference": {"resource": parent, "fields": fields}}]
+    return schema
+
+
+def build_data_package(
+    name: str, files: Iterable[tuple[str, Path]], *, without: frozenset[str] = frozenset(), **facts: Any
+) -> dict[str, Any]:
+    """A data package of table files, each with its table's name; ``facts`` are the package's further properties."""
+    return {
+        "profile": "tabular-data-package",
+        "name": name,
+        **facts,
+        "resources": [_resource(table, path, without) for table, path in files],
+    }
+
+
+def _resource(table: str, path: Path, without: frozenset[str]) -> dict[str, Any]:
+    kind = path.suffix.removeprefix(".")
+    columns = [column for column in TABLES[table] if column.name not in without]
+    return {
+        "name": table,
+        "path": path.name,
+        "profile": "tabular-data-resource",
+        "format": kind,
+        "mediatype": "text/csv" if kind == "csv" else "application/vnd.apache.parquet",
+        **({"encoding": "utf-8"} if kind == "csv" else {}),
+        "schema": build_table_schema(table, columns),
+    }
+
+
+def _field(column: TableColumn) -> dict[str, Any]:
+    field: dict[str, Any] = {"name": column.name, "type": _TYPES[column.kind], "description": column.meaning}
+    if column.unit:
+        field["unit"] = column.unit
+    if column.kind == "boolean":
+        field |= {"trueValues": ["TRUE"], "falseValues": ["FALSE"]}
+    return field

@@ -1,1 +1,0 @@
-"""Questions: a file for each kind, and the questionnaire that asks them."""

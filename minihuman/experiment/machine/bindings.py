@@ -1,0 +1,25 @@
+"""Bindings: what moves an action's vector beside keys."""
+
+import msgspec
+
+
+class AxisBinding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What an axis of a gamepad moves."""
+
+    component: int  # of the action's vector, from 0
+    scale: float = 1.0  # sensitivity; below 0 the axis is inverted
+
+
+class SpotBinding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a click in the world's picture does: an action with its place."""
+
+    x: int  # the component that gets the place from left to right
+    y: int  # and from top to bottom
+    action: str = ""  # an element that is done with it: "choice_0_6"
+
+
+class Bindings(msgspec.Struct, frozen=True):
+    """What moves an action's vector beside keys. In a plan where a block says so alone."""
+
+    axes: dict[str, AxisBinding] = {}  # of the gamepad
+    spot: SpotBinding | None = None

@@ -1,0 +1,69 @@
+"""Points and what they earn, in figures and in texts."""
+
+import re
+from typing import TYPE_CHECKING
+
+from minihuman.experiment.plan.session_plan import BonusSpec
+from minihuman.experiment.words import InterfaceWords
+
+if TYPE_CHECKING:
+    from minihuman.experiment.machine.activity import SessionContext
+
+_SIGNED = re.compile(r"(?<!\w)[-+\u2212](?=\d)")
+
+
+def format_total(words: InterfaceWords, points: float) -> str:
+    """The points so far."""
+    return isolate_signs(words, words.fill("progress.points", points=format_points(points)))
+
+
+def format_score(words: InterfaceWords, points: float) -> str:
+    """What an episode was worth: "+10 points"."""
+    return isolate_signs(words, words.fill("score", points=f"{'+' if points > 0 else ''}{format_points(points)}"))
+
+
+def fill_score_fields(context: "SessionContext", text: str) -> str:
+    """A text with {points}, {bonus} and {currency} filled in, if it asks for them."""
+    if not any(f"{{{field}}}" in text for field in ("points", "bonus", "currency")):
+        return text
+    bonus = context.plan.bonus or BonusSpec(0.0)
+    return isolate_signs(
+        context.words,
+        text.replace("{points}", format_points(context.points))
+        .replace("{bonus}", f"{compute_bonus(bonus, context.points, context.waited_ns, context.stranded):.2f}")
+        .replace("{currency}", bonus.currency),
+    )
+
+
+def compute_bonus(bonus: BonusSpec, points: float, waited_ns: int = 0, stranded: bool = False) -> float:
+    """What a session earns, in the bonus's currency.
+
+    Args:
+        bonus: the protocol's.
+        points: the session's.
+        waited_ns: spent in lobbies; paid on top of all else.
+        stranded: whether others, or the study, kept it from being played: it earns the base pay at least.
+    """
+    earned = max(0.0, bonus.base + bonus.per_point * points)
+    earned = earned if bonus.most is None else min(earned, bonus.most)
+    least = (bonus.base_pay or 0.0) if stranded else 0.0
+    return max(earned, least) + (bonus.waiting_per_min or 0.0) * waited_ns / 60e9
+
+
+def format_points(value: float) -> str:
+    """A number of points without needless decimals."""
+    shown = round(value, 1)
+    return f"{shown:.1f}".rstrip("0").rstrip(".") if shown else "0"
+
+
+class PointsNumber(float):
+    """A number that templates show without needless decimals."""
+
+    def __format__(self, spec: str) -> str:
+        """Format as `format_points` unless ``spec`` is given."""
+        return float.__format__(self, spec) if spec else format_points(self)
+
+
+def isolate_signs(words: InterfaceWords, text: str) -> str:
+    """A text in which signs stay before their numbers: from right to left, Unicode's rules put them behind."""
+    return _SIGNED.sub("\u200e\\g<0>", text) if words.rtl else text

@@ -1,0 +1,123 @@
+"""Sections of the report that kinds of activity write: what they are made of, and those of all installed kinds."""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+
+import pandas as pd
+
+from minihuman.dataset.selection import Selection
+from minihuman.dataset.store import CachedSession
+from minihuman.errors import ProtocolError
+from minihuman.experiment.machine.activity import GROUP, find_kind
+from minihuman.log.model.session_log import SessionLog
+from minihuman.log.read.session_reader import read_log
+from minihuman.plugins import list_plugin_names
+from minihuman.reporting.template import ReportFigure, Table
+
+
+@dataclass(frozen=True, slots=True)
+class CaptionedTable:
+    """A table of a section, and the text above it."""
+
+    table: Table
+    caption: str
+
+
+@dataclass(frozen=True, slots=True)
+class ReportSection:
+    """What a kind of activity adds to the report; sections of one title stand together.
+
+    Args:
+        title: the heading; nothing is shown of a section without tables.
+        tables: in order.
+        rank: of sections with one title, those with smaller numbers come first.
+        figures: drawn when they are asked for; shown among the report's other figures.
+        measure_tables: tables by name, with participant, session and block, that the measures of a protocol may use.
+    """
+
+    title: str
+    tables: Sequence[CaptionedTable] = ()
+    rank: int = 0
+    figures: Iterable[ReportFigure] = ()
+    measure_tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+
+    @property
+    def anchor(self) -> str:
+        """The heading's name in links."""
+        return self.title.lower().replace(" ", "-")
+
+
+class SectionSource:
+    """What a section is made of: a study's tables, and the logs behind them.
+
+    Args:
+        sessions: the study's, as the store lists them.
+        table: gives a table of the study by its name.
+        selection: which episodes are included.
+        figures: the folder for figures.
+    """
+
+    def __init__(
+        self,
+        sessions: Sequence[CachedSession],
+        table: Callable[[str], pd.DataFrame],
+        selection: Selection,
+        figures: Path,
+    ) -> None:
+        self.table = table
+        self.figures = figures
+        self._sessions = sessions
+        self._selection = selection
+
+    def read_logs(self, rows: pd.DataFrame) -> Mapping[str, SessionLog]:
+        """Read the sessions that have rows in a table, by participant and session, with the episodes included.
+
+        None is opened where the table is empty; a session of which nothing is included is left out.
+        """
+        if rows.empty:
+            return {}
+        wanted = set(zip(rows["participant"], rows["session"], strict=True))
+        return {
+            f"{code} session {number}": log for (code, number), log in self._logs.items() if (code, number) in wanted
+        }
+
+    @cached_property
+    def _logs(self) -> dict[tuple[str, int], SessionLog]:
+        """Every session's included episodes; read once, whichever sections ask."""
+        paths = [Path(session.path) for session in self._sessions if session.outline is not None]
+        selected = (self._selection.judge(read_log(path)) for path in paths)
+        logs = [session.session for session in selected if session.places]
+        return dict(sorted(((log.plan.participant.id, log.plan.session), log) for log in logs))
+
+
+def build_activity_sections(source: SectionSource) -> list[ReportSection]:
+    """Build the sections of every installed kind, in the order of the kinds' names; those that kinds share once."""
+    builders: dict[str, None] = {}
+    for name in list_plugin_names(GROUP):
+        with suppress(ProtocolError):  # a kind that cannot be loaded here has no section
+            if find_kind(name).report:
+                builders[find_kind(name).report] = None
+    sections = []
+    for builder in builders:
+        module, _, function = builder.partition(":")
+        section = getattr(import_module(module), function)(source)
+        if section is not None:
+            sections.append(section)
+    return sections
+
+
+def join_sections(sections: Iterable[ReportSection]) -> list[ReportSection]:
+    """Put the tables of sections with one title together, under a heading each."""
+    by_title: dict[str, list[ReportSection]] = defaultdict(list)
+    for section in sections:
+        if section.tables:
+            by_title[section.title].append(section)
+    return [
+        ReportSection(title, [table for part in sorted(parts, key=lambda part: part.rank) for table in part.tables])
+        for title, parts in by_title.items()
+    ]

@@ -1,0 +1,2 @@
+def build_page_values(screen, number):
+    return {"taps": screen.taps}

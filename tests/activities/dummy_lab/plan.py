@@ -1,0 +1,5 @@
+from minihuman.ext import PartPlan
+
+
+class TappingPlan(PartPlan, frozen=True, forbid_unknown_fields=True):
+    taps: int = 3
