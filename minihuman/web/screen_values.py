@@ -27,7 +27,7 @@ from minihuman.web.page_modules import find_module_address
 from minihuman.worlds.team import PictureTiles
 
 _WINDOW_PX = (960, 720)  # of a picture that a plug-in draws
-PENDING_PICTURE = -1  # the number of a picture that is not drawn yet: see ``number_film``
+PENDING_PICTURE = -1  # the number of a picture that is not drawn yet: see ``_number_film``
 NumberPicture = Callable[[NDArray[np.uint8]], int]  # a picture's number; it is sent before the screen
 
 
@@ -49,6 +49,8 @@ def _activity(screen: screens.ActivityScreen, locale: dict[str, Any], number: Nu
         return {"kind": "page", **locale, **_picture(screen, number)}
     module, _, function = view.values.partition(":")
     values: dict[str, Any] = getattr(import_module(module), function)(screen, number)
+    if isinstance(screen, screens.FilmsScreen):  # of which the page has one picture each; the others follow
+        values["films"] = [_number_film(film, screen.shown_step, number) for film in screen.films]
     own = {"kind": "activity", "view": view.name, "module": find_module_address(view.module)}
     return own | {"title": "", "prompt": "", "progress": ""} | locale | values
 
@@ -86,7 +88,7 @@ def _play(screen: screens.PlayScreen, number: NumberPicture) -> dict[str, Any]:
     }
 
 
-def number_film(pictures: Sequence[NDArray[np.uint8]], step: int, number: NumberPicture) -> list[int]:
+def _number_film(pictures: Sequence[NDArray[np.uint8]], step: int, number: NumberPicture) -> list[int]:
     """Number the picture of a film that is seen; the others, which are drawn later, are `PENDING_PICTURE`."""
     seen = min(step, len(pictures) - 1)
     return [number(pictures[index]) if index == seen else PENDING_PICTURE for index in range(len(pictures))]

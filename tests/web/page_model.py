@@ -8,7 +8,6 @@ from minihuman.web import messages
 from minihuman.web.session_host import SessionHost
 from tests.web.page_steps import PageSteps
 
-_REELS = ("pictures", "lefts", "rights")
 Press = tuple[int, str, bool]  # when, key, whether it goes down
 
 
@@ -154,5 +153,5 @@ class PageModel:
 
 def _pictures_of(screen: dict[str, Any]) -> set[int]:
     """The numbers that a screen names."""
-    found = [screen.get("picture"), *(number for reel in _REELS for number in screen.get(reel, ()))]
+    found = [screen.get("picture"), *(number for film in screen.get("films", ()) for number in film)]
     return {number for number in found if number is not None and number >= 0}

@@ -180,7 +180,7 @@ def test_films_are_told_once_a_pair_and_every_picture_of_theirs_is_logged(tmp_pa
     ]
     assert len(told) == 3
     for message in told:
-        assert_whole(page, message.name, [message.screen["lefts"], message.screen["rights"]], length=3)
+        assert_whole(page, message.name, message.screen["films"], length=3)
 
 
 def test_an_episode_is_told_whole_and_gone_through_and_corrected_as_in_a_window(tmp_path: Path) -> None:
@@ -197,7 +197,7 @@ def test_an_episode_is_told_whole_and_gone_through_and_corrected_as_in_a_window(
         if isinstance(message, messages.ScreenMessage) and message.screen.get("view") == "film"
     ]
     for message in told[:2]:
-        assert_whole(page, message.name, [message.screen["pictures"]], length=5)
+        assert_whole(page, message.name, message.screen["films"], length=5)
     shown = [message for message in page.told if isinstance(message, messages.EpisodeState) and message.step > 0]
     assert all(message.node > 0 for message in shown), "what a key of a correction leads to is not told ahead"
 

@@ -1,15 +1,15 @@
 // An episode that is reviewed in the page: one film, which keys go through.
 
 /** @import { ActivityScreen, PageTools, ScreenMessage } from "../../web/page/messages" */
-/** @typedef {ActivityScreen & { pictures: number[], step: number, back: string, forward: string }} FilmScreen */
+/** @typedef {ActivityScreen & { films: number[][], step: number, back: string, forward: string }} FilmScreen */
 
 /** @param {FilmScreen} s @param {ScreenMessage} message @param {PageTools} page */
 export const draw = (s, message, { films, words }) => [
   ...films.open(message, {
-    sides: [s.pictures], labels: [s.progress], room: [0.74], step: s.step, period: null,
+    sides: s.films, labels: [s.progress], room: [0.74], step: s.step, period: null,
     stepOf: (key, isRepeat, step) => {
       if (key !== s.back && key !== s.forward) return null;
-      const to = Math.min(Math.max(0, step + (key === s.forward ? 1 : -1)), s.pictures.length - 1);
+      const to = Math.min(Math.max(0, step + (key === s.forward ? 1 : -1)), s.films[0].length - 1);
       return to === step ? null : to;
     },
   }),

@@ -3,12 +3,9 @@
 from typing import Any
 
 from minihuman.activities.correction.screens import FilmScreen
-from minihuman.web.screen_values import NumberPicture, number_film, select_values
+from minihuman.web.screen_values import NumberPicture, select_values
 
 
 def build_page_values(screen: FilmScreen, number: NumberPicture) -> dict[str, Any]:
-    """Give the episode, which the page goes through by itself; all but one of its pictures follow."""
-    return {
-        **select_values(screen, "prompt progress step back forward film"),
-        "pictures": number_film(screen.pictures, screen.step, number),
-    }
+    """Give the words and the keys; the page goes through the episode by itself."""
+    return select_values(screen, "prompt progress step back forward film")

@@ -75,7 +75,10 @@ export interface TeamMessages {
   cells: [x: number, z: number, isOwn: boolean][];
 }
 /** A screen of one kind of activity, which the module at that address draws; it has fields of its own. */
-export type ActivityScreen = Common & { kind: "activity"; view: string; module: string };
+export type ActivityScreen = Common & {
+  kind: "activity"; view: string; module: string;
+  /** the numbers of the pictures of its films; -1 is still to come */ films?: number[][];
+};
 export type PageScreen = Common & {
   kind: "page"; body: string; picture: number | null; marks: [x: number, y: number, label: string][]; buttons: Button[];
 };

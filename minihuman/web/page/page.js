@@ -178,8 +178,8 @@ class Page {
   #usedPictures() {
     const used = new Set(this.#player.pictures);
     for (const m of [this.#screen, this.#prefetch.serverScreen, ...this.#prefetch.screens.values()]) {
-      const s = /** @type {Record<string, number | number[]>} */ (/** @type {unknown} */ (m?.screen ?? {}));
-      for (const number of [s.picture, s.pictures, s.lefts, s.rights].flat()) used.add(number);
+      const s = /** @type {{ picture?: number, films?: number[][] }} */ (/** @type {unknown} */ (m?.screen ?? {}));
+      for (const number of [s.picture, s.films].flat(2)) if (number !== undefined) used.add(number);
     }
     return used;
   }

@@ -130,6 +130,7 @@ export class FlipReporter {
 /** The films on the screen, side by side: they run by themselves, or keys go through them. */
 export class FilmViewer {
   /** @type {Film | null} */ #film = null;
+  /** @type {Frame[]} of one screen, which came before its films were opened: its module was still on its way */ #early = [];
   /** @type {WeakMap<number[], Map<number, ((picture: Picture) => void)[]>>} */ #wanted = new WeakMap();
 
   /** @param {ImageCache} images @param {FlipReporter} flips @param {() => void} schedule */
@@ -150,6 +151,8 @@ export class FilmViewer {
     const bar = el("progress", { max: 1, value: 0, "aria-hidden": "true" });
     const length = Math.max(...settings.sides.map((side) => side.length));
     this.#film = { settings, message, canvases, bar, step: 0, length, due: null };
+    for (const frame of this.#early) this.add(frame);
+    this.#early = [];
     return [el("div", { class: "films" }, canvases), bar];
   }
 
@@ -158,9 +161,14 @@ export class FilmViewer {
     if (this.#film) this.#turn(this.#film, this.#film.settings.step);
   }
 
-  /** @param {Frame} m */
-  add({ name, side, place, picture: number }) {
-    if (this.#film?.message.name !== name) return;
+  /** @param {Frame} frame */
+  add(frame) {
+    const { name, side, place, picture: number } = frame;
+    if (this.#film?.message.name !== name) {
+      if (this.#early[0]?.name !== name) this.#early = [];
+      this.#early.push(frame);
+      return;
+    }
     const numbers = this.#film.settings.sides[side];
     const wanted = this.#wanted.get(numbers);
     const picture = this.images.get(number);

@@ -20,7 +20,7 @@ const message = { id: 1, name: 2 };
 
 test("both films of a pair run by themselves, and its key begins them again", () => {
   const page = tools();
-  const screen = { title: "Which?", prompt: "f or j", progress: "1 of 2", lefts: [0, -1], rights: [1, -1], step: 0, period: 5, replay_key: "r" };
+  const screen = { title: "Which?", prompt: "f or j", progress: "1 of 2", films: [[0, -1], [1, -1]], step: 0, period: 5, replay_key: "r" };
   const words = drawPair(screen, message, page).filter((element) => element?.text);
   assert.deepEqual(words.map(({ text }) => text), ["Which?", "f or j", "1 of 2"]);
   const [{ settings }] = page.opened;
@@ -33,7 +33,7 @@ test("both films of a pair run by themselves, and its key begins them again", ()
 
 test("keys go through an episode, and no further than its ends", () => {
   const page = tools();
-  drawFilm({ title: "", prompt: "", progress: "1 of 3", pictures: [0, -1, -1], step: 1, back: "comma", forward: "period" }, message, page);
+  drawFilm({ title: "", prompt: "", progress: "1 of 3", films: [[0, -1, -1]], step: 1, back: "comma", forward: "period" }, message, page);
   const [{ settings }] = page.opened;
   assert.equal(settings.period, null);
   assert.deepEqual([settings.stepOf("period", false, 1), settings.stepOf("comma", true, 1)], [2, 0]);
