@@ -211,7 +211,7 @@ class LeftOut:
         self.tests |= Counter(tests)
         self.modules |= Counter(modules)
 
-    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+    def pytest_terminal_summary(self, terminalreporter: "pytest.TerminalReporter") -> None:
         """Say what was left out or skipped for want of something, and how to have it."""
         skipped = Counter(_skip_reason(report) for report in terminalreporter.stats.get("skipped", ()))
         lines = list(self.lines(skipped))

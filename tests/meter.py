@@ -86,7 +86,7 @@ class RunMeter:
         if report.when == "teardown" and costs is not None:
             self.tests[report.nodeid] = tuple(costs)
 
-    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+    def pytest_terminal_summary(self, terminalreporter: "pytest.TerminalReporter") -> None:
         """Print what the run cost, and the dearest tests where they are asked for."""
         total_s = self.workers_s + _measure_own_s() if self.workers_s else measure_cpu_s()
         terminalreporter.write_line(
@@ -99,7 +99,7 @@ class RunMeter:
                 for name, (cpu_s, wall_s) in self.tests.items():
                     lines.write(json.dumps({"test": name, "cpu_s": round(cpu_s, 3), "wall_s": round(wall_s, 3)}) + "\n")
 
-    def _print_dearest(self, terminalreporter: pytest.TerminalReporter) -> None:
+    def _print_dearest(self, terminalreporter: "pytest.TerminalReporter") -> None:
         terminalreporter.section("CPU seconds of the dearest tests")
         dear = [(name, cost) for name, cost in self.tests.items() if cost[0] >= _DEAR_S]
         for name, (cpu_s, wall_s) in sorted(dear, key=lambda test: -test[1][0])[:_DEAREST]:
