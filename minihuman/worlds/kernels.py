@@ -14,15 +14,15 @@ import logging
 import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import MinihumanError
+from minihuman.worlds.kernel_sources import COMPILERS, KernelSource as KernelSource
 from minihuman.worlds.library_manifest import (
     API_FUNCTIONS,
     HERE,
@@ -50,32 +50,6 @@ _HOLD_GIL: dict[str, Any] = {"_nrt": False}
 _NOGIL: dict[str, Any] = _HOLD_GIL | {"nogil": True}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class KernelSource:
-    """A function as it is written, and how it is to be compiled.
-
-    Args:
-        function: in Python.
-        options: for Numba.
-        variables: types of variables whose first value says too little.
-        signatures: Numba's words for arguments and result, of what Python calls it with.
-        only: it is compiled for these signatures alone, for other kernels too.
-    """
-
-    function: Callable[..., Any]
-    options: Mapping[str, Any] = field(default_factory=dict)
-    variables: Mapping[str, Any] = field(default_factory=dict)
-    signatures: tuple[str, ...] = ()
-    only: bool = False
-
-    @property
-    def name(self) -> str:
-        """With its module."""
-        return f"{self.function.__module__}.{self.function.__qualname__}"
-
-
-# What stands in modules for a kernel, or for what kernels call, by its `id`; and what Numba makes of it, for others
-COMPILERS: dict[int, tuple[Any, Callable[[], Any]]] = {}
 KERNELS: dict[str, tuple[Any, KernelSource]] = {}  # what Python calls, by name
 
 
@@ -135,13 +109,6 @@ def llvm_function(write: Callable[..., Any], plain: F, *, counts: bool) -> F:
         counts: whether a whole number is returned; otherwise it is nothing.
     """
     return cast(F, _or_plain(plain, lambda: _compiler(plain).llvm_function(write, plain, counts=counts)))
-
-
-class ArrayStart(NamedTuple):
-    """An array in a kernel that is being compiled: where it starts, in LLVM's words, and of what it is."""
-
-    start: Any
-    kind: str  # NumPy's name
 
 
 def array_at(kind: type[np.generic]) -> Callable[[int, int], NDArray[Any]]:

@@ -22,7 +22,7 @@ from numba import float64, int64, types
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
-from minihuman.worlds.kernels import COMPILERS, ArrayStart, KernelSource
+from minihuman.worlds.kernel_sources import COMPILERS, ArrayStart, KernelSource
 
 # A division by zero is infinite, as in NumPy: nothing is made to raise it. C calls no kernel.
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}

@@ -6,7 +6,7 @@ episode ends.
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import gymnasium
 import numpy as np
@@ -29,10 +29,11 @@ from minihuman.worlds.first_person.rooms import (
     outline_of,
     rectangle,
 )
-from minihuman.worlds.first_person.rules import FACE, GOAL, HEALTH, NEVER, PUT_NEXT, SIGN, TAKE_ALL
+from minihuman.worlds.first_person.rules import FACE, GOAL, HEALTH, PUT_NEXT, SIGN, TAKE_ALL
 from minihuman.worlds.first_person.state import (
     FirstPersonSnapshot,
     FlatState,
+    TerminationRule as TerminationRule,
     WorldState,
     floor_map,
     restore_state,
@@ -42,15 +43,6 @@ from minihuman.worlds.first_person.state import (
 from minihuman.worlds.options import MAX_PIXELS, check_bool, check_one_of, check_whole
 from minihuman.worlds.pose import Map, Pose
 from minihuman.worlds.step_limit import check_action, check_max_steps
-
-
-class TerminationRule(NamedTuple):
-    """A rule, and what it is about; made by the functions of this module."""
-
-    kind: int = NEVER
-    things: tuple[Entity, ...] = ()
-    numbers: tuple[float, ...] = ()
-    score: str = ""  # the world's attribute that it counts in
 
 
 def near_goal(goal: Entity, *, forbidden: Room | None = None) -> TerminationRule:

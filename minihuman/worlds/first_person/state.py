@@ -9,7 +9,8 @@ elsewhere they are made anew.
 
 import copy
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
@@ -29,10 +30,6 @@ from minihuman.worlds.first_person.walls import touches_wall
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import Map, Thing
 from minihuman.worlds.trigonometry import cosine, sine
-
-if TYPE_CHECKING:
-    from minihuman.worlds.first_person.env import FirstPersonEnv
-
 
 _MOST_TRIES = 100_000  # a world that needs more to place one thing has no room for it
 
@@ -339,10 +336,41 @@ _RADIANS = math.pi / 180
 _CHANGED = ~(rules.TERMINATED | rules.TRUNCATED)
 
 
+class TerminationRule(NamedTuple):
+    """A rule, and what it is about; the functions of `env` make it."""
+
+    kind: int = rules.NEVER
+    things: tuple[Entity, ...] = ()
+    numbers: tuple[float, ...] = ()
+    score: str = ""  # the world's attribute that it counts in
+
+
+class SteppedWorld(Protocol):
+    """What the arrays need of the world that is stepped in them; `FirstPersonEnv` has it."""
+
+    action_names: tuple[str, ...]
+    max_steps: int | None
+    step_count: int
+
+    @property
+    def stage(self) -> WorldState:
+        """Return what has been built."""
+
+    @property
+    def motions(self) -> Mapping[str, str]:
+        """Return which of rules.ACTIONS an action does, where its name does not say."""
+
+    def termination_rule(self) -> TerminationRule:
+        """Return by which rule a step earns and ends the episode."""
+
+    def place_entity(self, entity: Entity) -> Entity:
+        """Place a thing by chance where it touches nothing."""
+
+
 class FlatState:
     """One episode's; made when a world has been built, or restored from another one's state."""
 
-    def __init__(self, world: "FirstPersonEnv") -> None:
+    def __init__(self, world: SteppedWorld) -> None:
         stage = self.stage = world.stage
         ranges = [stage.parameters[name] for name in _DRAWN]
         self.reward = 0.0  # of the last step
@@ -371,7 +399,7 @@ class FlatState:
     def __reduce__(self) -> tuple[Any, ...]:
         return type(None), ()  # a copy of a world makes its own
 
-    def take_rule(self, world: "FirstPersonEnv") -> None:
+    def take_rule(self, world: SteppedWorld) -> None:
         """Go by the rule that the world says now."""
         self._rule = world.termination_rule()
         self._entities: list[Entity] = []  # none yet
@@ -412,13 +440,13 @@ class FlatState:
             for each in (self.numbers, self.things)
         )
 
-    def count(self, world: "FirstPersonEnv") -> None:
+    def count(self, world: SteppedWorld) -> None:
         """Put how many steps there were and what the rule counts into the arrays."""
         self._numbers[rules.STEPS] = world.step_count
         if self._rule.score:
             self._numbers[rules.SCORE] = getattr(world, self._rule.score)
 
-    def step(self, world: "FirstPersonEnv", action: int, parts: int) -> int:
+    def step(self, world: SteppedWorld, action: int, parts: int) -> int:
         """Do parts of a step, as `rules.act`; its reward is in ``reward`` then. After `refresh`."""
         agent, numbers = self.stage.agent, self._numbers
         self.count(world)
@@ -438,7 +466,7 @@ class FlatState:
         self.take(world, status, parts)
         return status
 
-    def take(self, world: "FirstPersonEnv", status: int, parts: int = rules.ACT | rules.JUDGE) -> None:
+    def take(self, world: SteppedWorld, status: int, parts: int = rules.ACT | rules.JUDGE) -> None:
         """Give the world and its things what a step changed."""
         if status & _CHANGED:
             self._give_back(status)

@@ -18,6 +18,7 @@ from minihuman.worlds.grid.core.rewards import is_open
 from minihuman.worlds.grid.core.rules import act
 from minihuman.worlds.grid.core.search import FAR, FOUND, FULL, distances, search
 from minihuman.worlds.grid.core.state import Row, State
+from minihuman.worlds.grid.descent import descend
 from minihuman.worlds.rng import RngState
 
 MAX_DODGING_STATES = 50_000  # a second or two
@@ -247,22 +248,3 @@ def facing(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def _anywhere(state: State) -> NDArray[np.int64]:
     return _standing(np.argwhere(np.ones(state.cells.shape, bool)))
-
-
-def descend(steps: NDArray[np.int32], x: int, y: int, direction: int) -> list[int]:
-    """Walk down the distances to where they are 0."""
-    actions = []
-    while steps[x, y, direction] > 0:
-        dx, dy = STEPS[direction]
-        choices = {
-            rewards.FORWARD: (x + dx, y + dy, direction),
-            rewards.LEFT: (x, y, (direction + 3) % 4),
-            rewards.RIGHT: (x, y, (direction + 1) % 4),
-        }
-        for action, pose in choices.items():
-            inside = 0 <= pose[0] < len(steps) and 0 <= pose[1] < steps.shape[1]
-            if inside and steps[pose] == steps[x, y, direction] - 1:
-                actions.append(action)
-                x, y, direction = pose
-                break
-    return actions

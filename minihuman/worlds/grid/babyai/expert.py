@@ -29,7 +29,7 @@ from minihuman.worlds.grid.core.rewards import DONE, DROP, PICKUP, RIGHT, cell_i
 from minihuman.worlds.grid.core.rules import TERMINATED
 from minihuman.worlds.grid.core.search import FAR, FOUND, NONE, distances
 from minihuman.worlds.grid.core.state import CARRYING, MAX_STEPS, PHASE, PLAYING, STEP, Row, State, cell_at
-from minihuman.worlds.grid.planner import descend
+from minihuman.worlds.grid.descent import descend
 
 MOST_CLEARED = 24
 LIMIT = 1 << 13  # states of each search on the way

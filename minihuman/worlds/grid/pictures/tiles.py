@@ -8,7 +8,7 @@ keeps all six colours apart for colour-blind viewers; `minigrid` has Minigrid's 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,18 @@ from minihuman.worlds.grid.core import cells
 from minihuman.worlds.grid.core.cells import colour_of, kind_of, state_of
 from minihuman.worlds.grid.core.state import FIRST_OWN_KIND
 
-if TYPE_CHECKING:
-    from minihuman.worlds.grid.object_kinds import ObjectKind
-
 RGB = tuple[int, int, int]
+
+
+class DrawnKind(Protocol):
+    """What a tile needs of a kind of object that is not ours: ``object_kinds`` has all of it."""
+
+    @property
+    def draw(self) -> "Callable[[Canvas, RGB, str], None]":
+        """Return what paints it on a tile, with its colour and state."""
+        ...
+
+
 GridPalette = Palette | Literal["minigrid"]
 GRID_PALETTES: tuple[GridPalette, ...] = ("classic", "colour-safe", "minigrid")
 
@@ -120,7 +128,7 @@ def shade(colour: RGB, amount: float) -> Colour:
     return red, green, blue
 
 
-def tile(code: int, size_px: int, palette: Palette, kinds: "Sequence[ObjectKind]" = ()) -> Canvas:
+def tile(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKind]" = ()) -> Canvas:
     """A cell with what lies in it, opaque."""
     canvas = Canvas(size_px)
     kind = kind_of(code)
@@ -148,7 +156,7 @@ def unseen(size_px: int) -> Canvas:
     return canvas
 
 
-def in_hand(code: int, size_px: int, palette: Palette, kinds: "Sequence[ObjectKind]" = ()) -> Canvas:
+def in_hand(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKind]" = ()) -> Canvas:
     """A carried object on a dark plate, the corners transparent."""
     canvas = Canvas(size_px)
     canvas.fill(canvas.disc(0.5, 0.5, 0.5), UNSEEN, opacity=0.85)
@@ -174,7 +182,7 @@ def agent(direction: int, size_px: int, palette: Palette, colour: RGB | None = N
 Part = tuple[Callable[..., Plane], tuple[Any, ...], float]  # a shape, its measures, how much lighter than the colour
 
 
-def paint(canvas: Canvas, code: int, palette: Palette, kinds: "Sequence[ObjectKind]" = ()) -> None:
+def paint(canvas: Canvas, code: int, palette: Palette, kinds: "Sequence[DrawnKind]" = ()) -> None:
     """Paint an object on a canvas."""
     colour, kind, state = colour_rgb(code, palette), kind_of(code), state_of(code)
     if kind >= FIRST_OWN_KIND:

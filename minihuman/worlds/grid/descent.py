@@ -1,0 +1,26 @@
+"""Read a list of actions off a table of distances."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.worlds.grid.core import rewards
+from minihuman.worlds.grid.core.cells import STEPS
+
+
+def descend(steps: NDArray[np.int32], x: int, y: int, direction: int) -> list[int]:
+    """Walk down the distances to where they are 0."""
+    actions = []
+    while steps[x, y, direction] > 0:
+        dx, dy = STEPS[direction]
+        choices = {
+            rewards.FORWARD: (x + dx, y + dy, direction),
+            rewards.LEFT: (x, y, (direction + 3) % 4),
+            rewards.RIGHT: (x, y, (direction + 1) % 4),
+        }
+        for action, pose in choices.items():
+            inside = 0 <= pose[0] < len(steps) and 0 <= pose[1] < steps.shape[1]
+            if inside and steps[pose] == steps[x, y, direction] - 1:
+                actions.append(action)
+                x, y, direction = pose
+                break
+    return actions
