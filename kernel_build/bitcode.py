@@ -43,12 +43,13 @@ def read_committed_manifest() -> dict[str, Any] | None:
 
 def is_of_the_sources(manifest: Mapping[str, Any]) -> bool:
     """Say whether bitcode has every kernel as it is written now, lowered as it would be lowered now."""
-    written = {name.rpartition(".")[0] for name in manifest["kernels"]}
-    return (
-        library_manifest.has_all_kernels(manifest)
-        and manifest["lowering"] == lowering_digest()
-        and written == set(find_kernel_modules())
-    )
+    return manifest["lowering"] == lowering_digest() and has_every_kernel(manifest)
+
+
+def has_every_kernel(manifest: Mapping[str, Any]) -> bool:
+    """Say whether bitcode or a library has all kernels as they are written now, those of new modules too."""
+    modules = {name.rpartition(".")[0] for name in manifest["kernels"]}
+    return library_manifest.has_all_kernels(manifest) and modules == set(find_kernel_modules())
 
 
 def lowering_digest() -> str:
