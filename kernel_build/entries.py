@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba.core import cgutils, sigutils, types
+from numba.core import callconv, cgutils, sigutils, types
 from numba.core.registry import cpu_target
 from numba.np.arrayobj import populate_array
 
@@ -69,6 +69,23 @@ end:
   ret i32 1
 }
 """  # of a contiguous array, as all in kernels are
+
+
+def _omit_places() -> None:
+    """Let errors in compiled code name no line of Numba's sources.
+
+    None of our kernels raises. With the lines, what is committed would hold the path of whoever built it, and would
+    differ from environment to environment. Breaks if Numba renames `CPUCallConv.build_excinfo_struct`.
+    """
+    build = callconv.CPUCallConv.build_excinfo_struct
+
+    def build_without_place(self: Any, exception: Any, arguments: Any, place: Any, function_name: str) -> Any:
+        return build(self, exception, arguments, None, function_name)
+
+    callconv.CPUCallConv.build_excinfo_struct = build_without_place
+
+
+_omit_places()
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ different log of the same session gets a name of its own beside it, here and the
 from pathlib import Path
 
 from minihuman.dataset.annotations import ANNOTATIONS_SUFFIX, open_annotations, read_annotation_file
-from minihuman.dataset.log_files import read_withdrawn_codes
+from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import LOG_SUFFIX, study_folder
 from minihuman.log.record.finalization import put_aside

@@ -24,7 +24,7 @@ from minihuman.admin.enrolment_entries import (
 )
 from minihuman.admin.session_index import SessionRow, find_double_sessions, read_session_index
 from minihuman.admin.session_summary import SessionSummary
-from minihuman.admin.withdrawal import find_unfinished_withdrawals
+from minihuman.admin.unfinished_withdrawals import find_unfinished_withdrawals
 from minihuman.log.paths import PART_SUFFIX, LogFolders, find_log_folders, group_sessions, require_folder
 from minihuman.log.record.file_lock import is_being_recorded
 

@@ -16,9 +16,10 @@ from minihuman.admin.enrolment_entries import NO_NOTE, AuditNote, ParticipantRep
 from minihuman.admin.enrolment_log import now_text, record_departure
 from minihuman.admin.recruitment import Recruitment
 from minihuman.admin.remote_logs import delete_remote_logs
+from minihuman.admin.unfinished_withdrawals import find_mark
 from minihuman.dataset.caches import list_caches
-from minihuman.dataset.log_files import read_withdrawn_codes
 from minihuman.dataset.remote_tables import delete_remote_tables
+from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 from minihuman.errors import AllocationError, LogError, MinihumanError, name_output_when_full
 from minihuman.experiment.plan.expansion import parse_participant_code
 from minihuman.log.paths import PART_SUFFIX
@@ -30,7 +31,6 @@ from minihuman.storage.remote_store import RemoteStoreError
 from minihuman.storage.system import current_system
 
 MAX_REASONS = 5  # that an error names
-MARK_SUFFIX = ".withdrawing"  # behind a participant's code: the name of a file that says that erasing them has begun
 
 
 class ErasureError(LogError):
@@ -94,18 +94,6 @@ def withdraw_participant(
     return WithdrawalResult(len(files), size_bytes, seal, sha256, partitions)
 
 
-def find_unfinished_withdrawals(study_dir: Path) -> Iterator[str]:
-    """Say of whom data may be left, although they have withdrawn: an erasure was cut short, or done on another machine.
-
-    Raises:
-        OSError: if the enrolment log is in a database that cannot be asked.
-        LogError: if one of its lines is damaged.
-    """
-    for code in sorted(read_withdrawn_codes(study_dir)):
-        if _mark_of(study_dir, code).exists() or (study_dir / code).exists():
-            yield f"{code} has withdrawn, but data of theirs may be left; run `minihuman withdraw {code}` again"
-
-
 def _erase_everywhere(study_dir: Path, code: str) -> int | None:
     """Erase a participant's data in each place that has any, whatever goes wrong in another.
 
@@ -155,17 +143,13 @@ def _forget_leases(study_dir: Path, code: str) -> None:
         leases.forget(f"{study_dir.name}/{code}/")
 
 
-def _mark_of(study_dir: Path, code: str) -> Path:
-    return study_dir / f"{code}{MARK_SUFFIX}"
-
-
 @contextmanager
 def _mark_as_begun(study_dir: Path, code: str) -> Iterator[None]:
     """Leave a file that says that an erasure has begun, until all is erased; an error inside takes it away again.
 
     If the program is killed, it stays, and ``status`` and ``verify`` know.
     """
-    mark = _mark_of(study_dir, code)
+    mark = find_mark(study_dir, code)
     if not study_dir.is_dir():  # no study, which whoever reads its enrolment log says
         yield
         return
@@ -188,7 +172,7 @@ def _write_mark(mark: Path, code: str) -> None:
 
 
 def _remove_mark(study_dir: Path, code: str) -> None:
-    errors = erase(_mark_of(study_dir, code))
+    errors = erase(find_mark(study_dir, code))
     if errors:
         raise _explain_leftovers(study_dir, code, [*errors]) from errors[0]
 

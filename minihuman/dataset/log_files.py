@@ -12,7 +12,7 @@ import re
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib import import_module
@@ -20,55 +20,15 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
-import msgspec
-
+from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 from minihuman.errors import LogError, ProtocolError
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.paths import find_log_folders, group_sessions, raise_as_log_error
 from minihuman.log.salvage.summary_section import read_first_metadata
 from minihuman.operating_system import count_processes
-from minihuman.storage.study_journals import ENROLMENT_FILE_NAME, URL_FILE_NAME, find_database_url, open_journal
-from minihuman.storage.system import current_system
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME, URL_FILE_NAME
 
 _UP = 3  # from a session's folder to its study's: <study>/sub-07/ses-01
-
-
-class _Line(msgspec.Struct, frozen=True):
-    """Of the register, which has one for each who withdrew: {"withdrawn": "sub-07", "at": ...}.
-
-    The enrolment log's declaration has a list there.
-    """
-
-    withdrawn: str | list[str] = ""
-
-
-def read_withdrawn_codes(study_dir: Path) -> frozenset[str]:
-    """The codes of those who withdrew from the study of this folder; none where it has no register.
-
-    Raises:
-        OSError: if the enrolment log is in a database that cannot be asked.
-        LogError: if one of its lines is damaged.
-    """
-    if url := find_database_url(study_dir):
-        from minihuman.storage.postgres_journal import PostgresJournal
-
-        open_one = current_system().open_database_journal or PostgresJournal  # not the one that is kept open
-        with closing(open_one(url, f"{study_dir.name}/{ENROLMENT_FILE_NAME}", _code, chained=True)) as register:
-            return frozenset(register.read())
-    if not (study_dir / ENROLMENT_FILE_NAME).is_file():
-        return frozenset()
-    return frozenset(open_journal(study_dir, ENROLMENT_FILE_NAME, _code, chained=True).read())
-
-
-def _code(line: bytes, number: int) -> str | None:
-    """Who withdrew by a line; None where it says nothing of that."""
-    try:
-        withdrawn = msgspec.json.decode(line, type=_Line).withdrawn
-        return withdrawn if withdrawn and isinstance(withdrawn, str) else None
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise LogError(
-            f"{ENROLMENT_FILE_NAME}:{number}: {line[:60]!r} cannot be read; restore the file from a copy"
-        ) from error
 
 
 T = TypeVar("T")

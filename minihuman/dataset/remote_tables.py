@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Iterator, Set
 from contextlib import suppress
 from pathlib import Path
 
-from minihuman.dataset.log_files import read_withdrawn_codes
 from minihuman.dataset.table_catalogue import TablePartition
+from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 from minihuman.errors import LogError
 from minihuman.storage.remote_store import (
     TABLES_URL_FILE_NAME,

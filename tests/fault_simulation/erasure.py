@@ -20,8 +20,9 @@ from minihuman.admin.enrolment_entries import SlotTaken, open_enrolment_log
 from minihuman.admin.manifest import MANIFEST_FILE_NAME, write_manifest
 from minihuman.admin.policies import PolicyStore
 from minihuman.admin.recruitment import IDS_FILE_NAME
-from minihuman.admin.withdrawal import find_unfinished_withdrawals, withdraw_participant
-from minihuman.dataset.log_files import read_withdrawn_codes
+from minihuman.admin.unfinished_withdrawals import find_unfinished_withdrawals
+from minihuman.admin.withdrawal import withdraw_participant
+from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 from minihuman.errors import MinihumanError
 from minihuman.storage import study_journals
 from minihuman.storage.durable_files import write_atomically

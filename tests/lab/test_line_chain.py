@@ -14,7 +14,7 @@ from minihuman.admin.enrolment_entries import (
 )
 from minihuman.admin.enrolment_log import take_slot
 from minihuman.dataset.annotations import Annotation, add_annotation, annotations_path, read_annotations
-from minihuman.dataset.log_files import read_withdrawn_codes
+from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 from minihuman.errors import AllocationError, LogError, MinihumanError
 from minihuman.storage.study_journals import ENROLMENT_FILE_NAME, _in_file
 from tests.builders import session

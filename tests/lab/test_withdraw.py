@@ -10,9 +10,9 @@ from click.testing import CliRunner, Result
 from minihuman.admin.enrolment_entries import ParticipantWithdrawn, read_enrolled, read_enrolment_log
 from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.status import format_status
+from minihuman.admin.unfinished_withdrawals import find_unfinished_withdrawals
 from minihuman.admin.withdrawal import (
     ErasureError,
-    find_unfinished_withdrawals,
     replace_participant,
     withdraw_participant,
 )

@@ -26,9 +26,9 @@ PLANTED = (
     ),
     Mutant(
         "an answer's time counts from the first change, not from the question's picture",
-        "dataset/session_tables.py",
-        '"answer_ms": (event.t_ns - event.shown_ns) * _MS if event.shown_ns else None,\n        "changes"',
-        '"answer_ms": (event.t_ns - event.first_ns) * _MS if event.shown_ns else None,\n        "changes"',
+        "activities/questions/tables.py",
+        '"answer_ms": (event.t_ns - event.shown_ns) * _MS_PER_NS if was_shown else None,\n        "changes"',
+        '"answer_ms": (event.t_ns - event.first_ns) * _MS_PER_NS if was_shown else None,\n        "changes"',
         ("tests/data/test_tables.py", "tests/activities/questions/test_questions.py", "tests/report/test_answers.py"),
     ),
     Mutant(

@@ -35,6 +35,7 @@ def browsing(*, size: tuple[int, int] | None = (1366, 768)) -> Iterator[Any]:
         {"no_viewport": True} if size is None else {"viewport": {"width": size[0], "height": size[1]}}
     )
     contexts = []
+    need("chromium")  # before its driver is started
 
     def sit_down(url: str, **options: Any) -> Somebody:
         contexts.append(_browser().new_context(**view, **options))

@@ -35,8 +35,8 @@ from minihuman.admin.enrolment_entries import (
 from minihuman.admin.manifest import find_changed_files
 from minihuman.admin.policies import verify_advice
 from minihuman.admin.session_index import find_double_sessions
+from minihuman.admin.unfinished_withdrawals import find_unfinished_withdrawals
 from minihuman.admin.verify.episodes import describe_other_rules, verify_episodes
-from minihuman.admin.withdrawal import find_unfinished_withdrawals
 from minihuman.display.text import is_division
 from minihuman.errors import LogError, MinihumanError
 from minihuman.experiment.machine.activity import WorldFactory

@@ -2,6 +2,7 @@
 
 import copy
 import json
+import lzma
 import re
 import tomllib
 from pathlib import Path
@@ -24,6 +25,10 @@ def test_the_committed_bitcode_is_of_the_kernels_beside_it(manifest):
     assert bitcode.is_of_the_sources(manifest), REMAKE
     assert bitcode.read_bitcode(bitcode.COMMITTED, manifest) is not None, "its digest is not the manifest's"
     assert {path.name for path in bitcode.COMMITTED.iterdir()} == {bitcode.BITCODE, library_manifest.MANIFEST}
+
+
+def test_it_names_no_folder_of_the_machine_that_wrote_it():
+    assert b"site-packages" not in lzma.decompress((bitcode.COMMITTED / bitcode.BITCODE).read_bytes())
 
 
 def test_it_has_no_code_for_one_kind_of_machine(manifest):

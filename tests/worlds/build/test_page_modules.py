@@ -35,6 +35,11 @@ def test_the_committed_modules_are_those_of_the_manifest_and_small():
     assert sum(path.stat().st_size for path in MODULES.iterdir()) <= MOST_BYTES
 
 
+def test_the_committed_modules_name_no_folder_of_the_machine_that_built_them():
+    for path in MODULES.glob("*.wasm"):
+        assert b"site-packages" not in path.read_bytes(), path
+
+
 def test_the_committed_modules_are_built_from_the_kernels_beside_them():
     assert _manifest()["sources"] == kernels_digest(), "run `python -m kernel_build`"
 
