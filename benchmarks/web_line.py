@@ -29,7 +29,8 @@ from minihuman.admin.verify.log import find_log_differences
 from minihuman.experiment.machine.events import FrameShown, KeyPressed, Stepped
 from minihuman.log.read.session_reader import read_events
 from minihuman.worlds.adapters.world import World
-from tests.web.browser import Somebody, browsing, chromium
+from tests.machine import need
+from tests.web.browser import Somebody, browsing
 from tests.web.protocols import FIRST_PERSON, GRID, study
 from tests.web.serving import line, serving
 
@@ -83,7 +84,7 @@ def main() -> None:
     asked = parser.parse_args()
     if asked.serve:
         return serve(Path(asked.serve[0]), Path(asked.serve[1]), bool(int(asked.serve[2])))
-    version = subprocess.run([chromium(), "--version"], capture_output=True, text=True).stdout.strip()
+    version = subprocess.run([need("chromium"), "--version"], capture_output=True, text=True).stdout.strip()
     print(f"minihuman {minihuman.__version__}, {version}, load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     if asked.first:
         for name in asked.world:

@@ -22,7 +22,8 @@ from minihuman.admin.verify.log import find_log_differences
 from minihuman.experiment.machine.events import Answered, Event, FrameShown, KeyPressed, PageShown
 from minihuman.log.read.session_reader import read_events
 from minihuman.worlds.adapters.world import World
-from tests.web.browser import Somebody, browsing, chromium
+from tests.machine import need
+from tests.web.browser import Somebody, browsing
 from tests.web.protocols import study
 from tests.web.serving import line
 
@@ -114,7 +115,7 @@ def main() -> None:
     parser.add_argument("--rtt", type=float, nargs="+", default=[0.0, 300.0])
     parser.add_argument("--rule", nargs="+", default=list(DEEPEST), choices=DEEPEST)
     asked = parser.parse_args()
-    browser = subprocess.run([chromium(), "--version"], capture_output=True, text=True).stdout.strip()
+    browser = subprocess.run([need("chromium"), "--version"], capture_output=True, text=True).stdout.strip()
     print(f"minihuman {minihuman.__version__}, {browser}, Python {sys.version.split()[0]}; ms, median and 95 %")
     print("line    rule      to a page         to a question     beyond the interval and the cross", flush=True)
     for rtt_ms in asked.rtt:
