@@ -77,12 +77,13 @@ def _omit_places() -> None:
     None of our kernels raises. With the lines, what is committed would hold the path of whoever built it, and would
     differ from environment to environment. Breaks if Numba renames `CPUCallConv.build_excinfo_struct`.
     """
-    build = callconv.CPUCallConv.build_excinfo_struct
+    call_convention: Any = callconv.CPUCallConv
+    build = call_convention.build_excinfo_struct
 
     def build_without_place(self: Any, exception: Any, arguments: Any, place: Any, function_name: str) -> Any:
         return build(self, exception, arguments, None, function_name)
 
-    callconv.CPUCallConv.build_excinfo_struct = build_without_place
+    call_convention.build_excinfo_struct = build_without_place
 
 
 _omit_places()
