@@ -1,5 +1,6 @@
 """Screens: what a participant should see now, as values. Windows and pages draw them."""
 
+import abc
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
@@ -246,23 +247,23 @@ class ActivityScreen:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FilmsScreen(ActivityScreen):
+class FilmsScreen(ActivityScreen, abc.ABC):
     """A screen of films, of which one picture each is seen at a time; the page has the others before they are."""
 
     @property
+    @abc.abstractmethod
     def films(self) -> tuple[Sequence[NDArray[np.uint8]], ...]:
         """The films, side by side; each picture is drawn when it is asked for."""
-        raise NotImplementedError
 
     @property
+    @abc.abstractmethod
     def shown_step(self) -> int:
         """The index of the pictures that are seen; of a shorter film the last one stands."""
-        raise NotImplementedError
 
     @property
+    @abc.abstractmethod
     def identity(self) -> tuple[object, ...]:
         """What tells the screen from another one, whatever step is seen."""
-        raise NotImplementedError
 
 
 Screen = TextScreen | BlankScreen | PlayScreen | PageScreen | QuestionScreen | ActivityScreen
