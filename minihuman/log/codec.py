@@ -297,6 +297,8 @@ class EventRow:
     codec: Codec | None = None
 
 
+Decoder = tuple[Callable[[bytes], Message], Callable[[Any], Any]]
+_DECODERS: dict[str, Decoder] = {}  # of each topic that was met; one that no kind has now may be a later plug-in's
 _PAUSE = CustomCodec(_encode_pause, _decode_pause)
 _OWN_ROWS = tuple(
     EventRow(event, topics.BY_NAME[topic], *rest)
@@ -380,10 +382,14 @@ def _find_encoder(event: type) -> tuple[str, Callable[[Any], Message]]:
     raise AssertionError(f"event {event.__name__} has no EventRow; add one to the rows of its activity kind")
 
 
-@cache
-def _find_decoder(topic: str) -> tuple[Callable[[bytes], Message], Callable[[Any], Any]] | None:
-    row = _find_row(topic)
-    return None if row is None else (row.topic.message.FromString, _codec_of_row(row).decode)
+def _find_decoder(topic: str) -> Decoder | None:
+    decoder = _DECODERS.get(topic)
+    if decoder is None:
+        row = _find_row(topic)
+        if row is None:
+            return None
+        decoder = _DECODERS[topic] = row.topic.message.FromString, _codec_of_row(row).decode
+    return decoder
 
 
 def _codec_of_row(row: EventRow) -> Codec:
@@ -405,7 +411,6 @@ def _rows() -> Iterator[EventRow]:
         yield from _rows_of_kind(kind)
 
 
-@cache
 def _rows_of_kind(kind: str) -> tuple[EventRow, ...]:
     """A kind's rows; none where it is not installed here or cannot be loaded: its topics are then another program's."""
     try:
@@ -414,6 +419,7 @@ def _rows_of_kind(kind: str) -> tuple[EventRow, ...]:
         return ()
 
 
+@cache
 def load_activity_rows(kind: ActivityKind) -> tuple[EventRow, ...]:
     """Load the rows that a kind of activity names."""
     module, _, name = kind.messages.partition(":")
@@ -426,11 +432,13 @@ def list_activity_topics(kinds: Iterable[str]) -> tuple[Topic, ...]:
     return tuple(dict.fromkeys(row.topic for row in rows))
 
 
-@cache
 def find_topic(topic: str) -> Topic | None:
     """Find a topic of ours or of a kind of activity; None for another program's."""
-    row = None if topic in topics.BY_NAME else _find_row(topic)
-    return topics.BY_NAME.get(topic) if row is None else row.topic
+    known = topics.BY_NAME.get(topic)
+    if known is None:
+        row = _find_row(topic)
+        known = None if row is None else row.topic
+    return known
 
 
 class RecordTopics:
