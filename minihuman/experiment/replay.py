@@ -44,7 +44,9 @@ from minihuman.experiment.machine.inputs import (
     FocusChanged,
     Input,
     KeyDown,
+    KeyReleaseCause,
     KeyUp,
+    PointerCause,
     PointerMoved,
     PointerPressed,
     PointerReleased,
@@ -71,10 +73,12 @@ _EXTERNAL_STOP_REASONS = (  # only the session host gives these
     "internal_error",
 )
 _COMMANDS: tuple[Any, ...] = get_args(get_type_hints(ExperimenterCommand)["what"])
-_POINTER_INPUTS: dict[str, type[PointerPressed | PointerMoved | PointerReleased]] = {
-    "pressed": PointerPressed,
-    "moved": PointerMoved,
-    "released": PointerReleased,
+_POINTER_INPUTS: dict[str, tuple[type[PointerPressed | PointerMoved | PointerReleased], PointerCause]] = {
+    "pressed": (PointerPressed, "finger"),
+    "moved": (PointerMoved, "finger"),
+    "released": (PointerReleased, "finger"),
+    "held_before_focus": (PointerPressed, "held_before_focus"),
+    "cancelled": (PointerReleased, "cancelled"),
 }
 _OVER_PARTS = (Phase.PAUSED, Phase.UNFOCUSED, Phase.QUIT_QUESTION, Phase.ABORT_QUESTION)
 _TIMED_PHASES = (
@@ -257,9 +261,13 @@ def _find_input(event: Event, session: SessionMachine) -> Input | None:
     """The input behind an event; None if there is none."""
     match event:
         case KeyPressed(down=True):
-            return KeyDown(event.t_ns - event.waited_ns, event.key, event.symbol, repeat=event.verdict == "repeat")
+            pressed_ns = event.t_ns - event.waited_ns
+            if event.verdict == "held_before_focus" or event.verdict == "shortcut":
+                return KeyDown(pressed_ns, event.key, event.symbol, cause=event.verdict)
+            return KeyDown(pressed_ns, event.key, event.symbol, repeat=event.verdict == "repeat")
         case KeyPressed():
-            return KeyUp(event.t_ns - event.waited_ns, event.key, event.symbol)
+            cause: KeyReleaseCause = "focus_loss" if event.verdict == "release_at_focus_loss" else "finger"
+            return KeyUp(event.t_ns - event.waited_ns, event.key, event.symbol, cause)
         case FrameShown():
             return ScreenShown(event.t_ns, event.submit_ns, event.flip_ns, event.step)
         case PageShown():
@@ -268,7 +276,8 @@ def _find_input(event: Event, session: SessionMachine) -> Input | None:
             return TextInput(event.t_ns, event.text)
         case PointerUsed():
             used_ns = event.t_ns - event.waited_ns
-            return _POINTER_INPUTS[event.what](used_ns, event.x, event.y, event.target, event.along)
+            pointer_input, pointer_cause = _POINTER_INPUTS[event.what]
+            return pointer_input(used_ns, event.x, event.y, event.target, event.along, pointer_cause)
         case AxisMoved():
             return AxisChanged(event.t_ns - event.waited_ns, event.axis, event.value)
         case Noted(kind="focus"):

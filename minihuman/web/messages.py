@@ -19,6 +19,7 @@ from msgspec import Meta
 
 from minihuman.errors import MinihumanError
 from minihuman.experiment.keys import DIGITS, FUNCTION, LETTERS, PAD_AXES
+from minihuman.experiment.machine.inputs import KeyReleaseCause, PointerCause, PressCause
 
 KEY_CODES: Mapping[str, str] = (
     {f"Digit{digit}": digit for digit in DIGITS}
@@ -39,7 +40,7 @@ KEY_CODES: Mapping[str, str] = (
     | {"CapsLock": "caps_lock", "NumLock": "num_lock"}
 )
 
-MESSAGE_VERSION = 6
+MESSAGE_VERSION = 7
 MAX_PAGE_MESSAGE_BYTES = 16 * 1024  # of a message of the page's
 _PICTURE = struct.Struct("<IIBBHH")  # stream number, picture number, encoding, spare, width, height
 _PART = struct.Struct("<BI")  # of several messages in one: 0 for text and 1 for a picture, bytes
@@ -68,6 +69,7 @@ class KeyMessage(msgspec.Struct, tag="key", tag_field="t", forbid_unknown_fields
     trusted: bool = True  # False: a script made it, no keyboard
     # of the step that the page made by itself, 16 hexadecimal digits; "" where it made none
     digest: Digest = ""
+    cause: PressCause | KeyReleaseCause = "finger"
 
 
 class DisplayedMessage(msgspec.Struct, tag="shown", tag_field="t", forbid_unknown_fields=True):
@@ -103,6 +105,7 @@ class PointerMessage(msgspec.Struct, tag="pointer", tag_field="t", forbid_unknow
     target: ShortText = ""
     along: Fraction = 0.0
     stamp: Ns = 2**53  # none: pages of before, which did not tell
+    cause: PointerCause = "finger"
 
 
 class AxisMessage(msgspec.Struct, tag="axis", tag_field="t", forbid_unknown_fields=True):

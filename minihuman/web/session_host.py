@@ -348,11 +348,7 @@ class SessionHost:
         match message:
             case messages.KeyMessage():
                 stamp_ns = min(message.stamp, at_ns)
-                if not message.down:
-                    return inputs.KeyUp(stamp_ns, message.key, message.symbol)
-                self._keys_down.add((stamp_ns, message.key))
-                self.presses += not message.repeat
-                return inputs.KeyDown(stamp_ns, message.key, message.symbol, repeat=message.repeat)
+                return self._find_key_input(message, stamp_ns)
             case messages.DisplayedMessage() if self.outbox.is_present(message):
                 return inputs.ScreenShown(at_ns, *_in_order(message, at_ns))
             case messages.TickMessage():
@@ -361,7 +357,8 @@ class SessionHost:
                 return inputs.TextInput(at_ns, "".join(letter for letter in message.text if letter.isprintable()))
             case messages.PointerMessage():
                 stamp_ns = min(message.stamp, at_ns)
-                return _POINTERS[message.what](stamp_ns, message.x, message.y, message.target, message.along)
+                place = (message.x, message.y, message.target, message.along)
+                return _POINTERS[message.what](stamp_ns, *place, message.cause)
             case messages.AxisMessage():
                 return inputs.AxisChanged(min(message.stamp, at_ns), message.axis, message.value)
             case messages.FocusMessage():
@@ -369,6 +366,16 @@ class SessionHost:
             case messages.CommandEcho() if message.number in self._asked:
                 return self._asked.pop(message.number)(at_ns)
         return None
+
+    def _find_key_input(self, message: messages.KeyMessage, stamp_ns: int) -> inputs.KeyDown | inputs.KeyUp:
+        """A key as the session takes it; a cause that does not fit, which our page never says, counts as a finger."""
+        if not message.down:
+            released: inputs.KeyReleaseCause = "focus_loss" if message.cause == "focus_loss" else "finger"
+            return inputs.KeyUp(stamp_ns, message.key, message.symbol, released)
+        cause = "finger" if message.cause == "focus_loss" else message.cause
+        self._keys_down.add((stamp_ns, message.key))
+        self.presses += cause == "finger" and not message.repeat
+        return inputs.KeyDown(stamp_ns, message.key, message.symbol, message.repeat, cause)
 
     def _step_shown(self, message: messages.DisplayedMessage, at_ns: int) -> list[Event]:
         """Word of a step's picture: held against where the session was then."""

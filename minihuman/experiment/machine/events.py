@@ -22,7 +22,18 @@ KeyVerdict = Literal[
     "not_playing",  # the session was not taking actions (paused, feedback, ...)
     "release",  # a key came up
     "typing",  # it types into a text; what it typed is TextTyped
+    "held_before_focus",  # it was down before the window had the focus, so nobody pressed it here
+    "shortcut",  # Ctrl, Alt or Meta was down: the system's or the browser's
+    "release_at_focus_loss",  # the window lost the focus with the key down; when the finger left it is unknown
 ]
+PointerUse = Literal[
+    "pressed",
+    "moved",
+    "released",
+    "held_before_focus",  # pressed before the window had the focus: the click that brought it
+    "cancelled",  # a release that no finger made
+]
+UNPRESSED_VERDICTS = ("repeat", "held_before_focus", "shortcut")  # of keys that went down without a press of this task
 EndCause = Literal["", "max_s", "block_max_s", "agent_failed", "partner_left"]  # what else than a step ended an episode
 ModelCallState = Literal[
     "asked",
@@ -239,7 +250,7 @@ class TextTyped(TimedEvent):
 class PointerUsed(TimedEvent):
     """A pointer went down, moved while down, or came up, at ``t_ns - waited_ns``; x and y are 0..1 of the picture."""
 
-    what: Literal["pressed", "moved", "released"]
+    what: PointerUse
     x: float
     y: float
     target: str

@@ -22,6 +22,7 @@ from minihuman.experiment.machine.events import (
     Event,
     Noted,
     PauseReason,
+    PointerUse,
     PointerUsed,
     SessionEnded,
     SessionStarted,
@@ -54,6 +55,7 @@ ABORT_CHORD = frozenset({"f9", "f12"})
 
 
 CONSENT_RULES = "2"  # the fact "consent_rules" of a session: Escape on a consent text declines; before, it quit
+KEY_RULES = "2"  # the fact "key_rules": what was down before the focus, and shortcuts, never act; before, they did
 
 
 HOLD_TO_END_NS = 2_000_000_000  # Escape, held over the question whether to end the session
@@ -113,10 +115,16 @@ _PAUSE_REASONS: dict[TransitionCause, PauseReason] = {
 }
 
 
-_POINTER_WORDS: dict[type[PointerInput], Literal["pressed", "moved", "released"]] = {
+_POINTER_WORDS: dict[type[PointerInput], PointerUse] = {
     PointerPressed: "pressed",
     PointerMoved: "moved",
     PointerReleased: "released",
+}
+
+
+_OTHER_POINTER_CAUSES: dict[type[PointerInput], Literal["held_before_focus", "cancelled"]] = {
+    PointerPressed: "held_before_focus",
+    PointerReleased: "cancelled",
 }
 
 
@@ -168,6 +176,7 @@ class SessionMachine:
         self._came_from: list[Phase] = []
         self._held = KeyState(self._context.keys_down)
         self._focused = True
+        self._pointer_acts = True  # the press that the pointer is down with is one of this window
         self._end_reason: EndReason = "complete"
         self._end_detail = ""
 
@@ -286,10 +295,7 @@ class SessionMachine:
                 self._context.emit(self.part.typed_event(self.now_ns, happened.text))
                 self._to_part(happened)
             case PointerInput():
-                what, waited_ns = _POINTER_WORDS[type(happened)], self.now_ns - happened.t_ns
-                place = (happened.x, happened.y, happened.target, happened.along)
-                self._context.emit(PointerUsed(self.now_ns, what, *place, waited_ns))
-                self._to_part(happened)
+                self._use_pointer(happened)
             case AxisChanged():
                 self._context.axes[happened.axis] = happened.value
                 self._context.emit(AxisMoved(self.now_ns, happened.axis, happened.value, self.now_ns - happened.t_ns))
@@ -343,9 +349,30 @@ class SessionMachine:
             case "abort":
                 self._end("aborted", asked.text)
 
+    @property
+    def _judges_causes(self) -> bool:
+        """Whether it matters why a key or a button is down; under the first key rules it did not."""
+        return self._facts.get("key_rules", "1") == KEY_RULES
+
+    def _use_pointer(self, happened: PointerInput) -> None:
+        """Log what the pointer did; a press that began before the focus, and what follows from it, reaches no part."""
+        other_cause = _OTHER_POINTER_CAUSES.get(type(happened))
+        is_other = self._judges_causes and happened.cause == other_cause
+        what = other_cause if is_other and other_cause else _POINTER_WORDS[type(happened)]
+        if isinstance(happened, PointerPressed):
+            self._pointer_acts = what == "pressed"
+        waited_ns = self.now_ns - happened.t_ns
+        place = (happened.x, happened.y, happened.target, happened.along)
+        self._context.emit(PointerUsed(self.now_ns, what, *place, waited_ns))
+        if self._pointer_acts and what != "cancelled":
+            self._to_part(happened)
+
     # Keys
 
     def _key_down(self, press: KeyDown) -> None:
+        if self._judges_causes and press.cause != "finger":
+            self._context.emit_key(press, press.cause, self.phase)
+            return
         self._held.down(press.key, press.t_ns)
         chord = self._held.completes_chord(press.key) and not press.repeat
         if chord and SESSION_TRANSITIONS.find(self._phase, TransitionCause.ASK_ABORT, self):
@@ -379,6 +406,9 @@ class SessionMachine:
 
     def _key_up(self, release: KeyUp) -> None:
         self._held.up(release.key)
+        if self._judges_causes and release.cause == "focus_loss":
+            self._context.emit_key(release, "release_at_focus_loss", self.phase)
+            return
         self._context.emit_key(release, "release", self.phase)
         if release.key == "escape" and self._held.release_escape():
             self._move(TransitionCause.STAY)

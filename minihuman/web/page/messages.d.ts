@@ -2,14 +2,14 @@
 
 export type Input =
   | { t: "tick"; digest?: string }
-  | { t: "key"; key: string; down: boolean; stamp: number; trusted?: boolean; symbol?: string; repeat?: boolean; digest?: string }
+  | { t: "key"; key: string; down: boolean; stamp: number; trusted?: boolean; symbol?: string; repeat?: boolean; digest?: string; cause?: string }
   | { t: "typed" | "unheard"; text: string }
   | { t: "focus"; focused: boolean }
   | { t: "axis"; axis: string; value: number; stamp?: number }
   | { t: "pad"; id: string; axes: number; buttons: number }
   | { t: "asked"; number: number }
   | { t: "link"; sent: number; received: number; answered: number; back: number; latest: number }
-  | { t: "pointer"; what: string; target?: string; along: number; x: number; y: number; stamp?: number }
+  | { t: "pointer"; what: string; target?: string; along: number; x: number; y: number; stamp?: number; cause?: string }
   | { t: "shown"; submit: number; flip: number; screen?: number; name?: number; episode?: number; step?: number; node?: number };
 export type Facts = Record<string, string | number | boolean>;
 export type Texts = Record<string, string>;
