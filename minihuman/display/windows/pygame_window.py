@@ -17,17 +17,16 @@ from pygame._sdl2 import controller
 from minihuman.display.drawing.play_screens import Box
 from minihuman.display.drawing.sheet import Size
 from minihuman.display.windows.blocking_window import DEFAULT_SIZE_PX, TITLE, BlockingWindow
-from minihuman.display.windows.keyboard import (
+from minihuman.display.windows.keyboard import key_from_scancode, key_to_scancode
+from minihuman.display.windows.window import Clock
+from minihuman.display.windows.x11_input import (
     MAIN_BUTTON,
     ON_RECEIPT,
     SERVER_TIME,
     KeyMove,
     X11InputRecord,
     has_shared_clock,
-    key_from_scancode,
-    key_to_scancode,
 )
-from minihuman.display.windows.window import Clock
 from minihuman.errors import WindowError
 from minihuman.experiment.keys import PAD_AXES, PAD_DEAD_ZONE, PAD_LEVELS, PadAxes
 from minihuman.experiment.machine.inputs import (

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 from minihuman.display.drawing.play_screens import Box
 from minihuman.display.drawing.sheet import Size
 from minihuman.display.windows.blocking_window import DEFAULT_SIZE_PX, TITLE, BlockingWindow
-from minihuman.display.windows.keyboard import (
+from minihuman.display.windows.window import Clock
+from minihuman.display.windows.x11_input import (
     MAIN_BUTTON,
     ON_RECEIPT,
     SERVER_TIME,
     X11InputRecord,
     convert_server_time,
 )
-from minihuman.display.windows.window import Clock
 from minihuman.errors import WindowError
 from minihuman.experiment.machine.inputs import (
     Input,

@@ -52,12 +52,8 @@ from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.moved import forward_names
 
 ABORT_CHORD = frozenset({"f9", "f12"})
-
-
 CONSENT_RULES = "2"  # the fact "consent_rules" of a session: Escape on a consent text declines; before, it quit
 KEY_RULES = "2"  # the fact "key_rules": what was down before the focus, and shortcuts, never act; before, they did
-
-
 HOLD_TO_END_NS = 2_000_000_000  # Escape, held over the question whether to end the session
 
 
