@@ -384,6 +384,10 @@ class Connection:
         """The last of the page's messages that may be acknowledged: that no crash and no other server can undo."""
         return self.host.safe(None if self.lease is None else self.lease.count_acknowledgeable(monotonic_s()))
 
+    def count_unsaved(self) -> int:
+        """How many of the page's messages were taken, and may not be on the disk."""
+        return max(0, self.host.outbox.through - self.safe())
+
     def dismiss(self, code: int) -> None:
         """Send the page away: this server does not host the session any more."""
         self.dismissed = code

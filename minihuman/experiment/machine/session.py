@@ -101,8 +101,6 @@ class KeyState:
 
 
 PAUSE_KEY = "f8"
-
-
 _PAUSE_REASONS: dict[TransitionCause, PauseReason] = {
     TransitionCause.PAUSE: "participant",
     TransitionCause.FOCUS_LOST: "focus_lost",
@@ -116,14 +114,10 @@ _POINTER_WORDS: dict[type[PointerInput], PointerUse] = {
     PointerMoved: "moved",
     PointerReleased: "released",
 }
-
-
 _OTHER_POINTER_CAUSES: dict[type[PointerInput], Literal["held_before_focus", "cancelled"]] = {
     PointerPressed: "held_before_focus",
     PointerReleased: "cancelled",
 }
-
-
 _TIMELESS = (Stop, ScreenShown, TextInput, PointerInput)  # what is due by now is not done before these
 
 
@@ -209,6 +203,11 @@ class SessionMachine:
     def end_reason(self) -> EndReason:
         """Why it ended; "complete" as long as it has not."""
         return self._end_reason
+
+    @property
+    def end_detail(self) -> str:
+        """What is known of that, for the log and the experimenter; never for a participant."""
+        return self._end_detail
 
     @property
     def next_tick_ns(self) -> int | None:

@@ -22,6 +22,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from minihuman.errors import MinihumanError
+from minihuman.experiment.machine.screen_texts import find_stop_code
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts
 from minihuman.storage.lease import RENEWAL_INTERVAL_S, TTL_S, LeaseLostError
 from minihuman.storage.system import monotonic_s
@@ -409,10 +410,15 @@ class WebServer:
             self._factory.isolate(connection)
             await asyncio.to_thread(self._arrivals.decline, admission, why)
         person = await asyncio.to_thread(self._arrivals.id_on_platform, admission.participant)
-        code = get_session_code(self._arrivals.protocol, admission.session)
-        found = build_completion(self._web, end, session_code=code, person=person)
+        session_code = get_session_code(self._arrivals.protocol, admission.session)
+        found = build_completion(self._web, end, session_code=session_code, person=person)
         words = get_page_texts(session.plan.language)
-        connection.over = messages.SessionOver(end, words[end], words["code"], found.code, words["leave"], found.url)
+        said, code = words[end], found.code
+        if end == "broken":
+            unsaved = connection.count_unsaved()
+            said = words["broken_in_part"].replace("{unsaved}", str(unsaved)) if unsaved else said
+            code = code or find_stop_code(session.end_reason, session.end_detail)
+        connection.over = messages.SessionOver(end, said, words["code"], code, words["leave"], found.url)
         connection.host.outgoing.add(connection.over)
         connection.changed.set()
 
