@@ -59,6 +59,7 @@ from minihuman.experiment.replay import MACHINE_VERSION, compare_replay
 from minihuman.log import integrity, names as log_names, topics
 from minihuman.log.codec import EventDecoder, encode_event, event_cause_ns, find_topic, select_decoder
 from minihuman.log.integrity import METADATA_PREFIX, HashChain, SegmentHead
+from minihuman.log.model.doubtful_presses import describe_doubtful_presses, find_doubtful_presses
 from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import (
     LOG_SUFFIX,
@@ -609,6 +610,8 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
         yield f"recorded with another file of the module {module}", True
     if steps.difference:
         yield steps.difference, False
+    if doubt := describe_doubtful_presses(find_doubtful_presses(session)):
+        yield doubt, True
     if steps.n_other_renderer:
         yield (
             f"{steps.n_other_renderer} episodes with an earlier renderer's pictures: these are not compared",
