@@ -62,7 +62,7 @@ def find_abort_reason(key: str) -> str | None:
 
 
 def find_stop_code(reason: str, detail: str) -> str:
-    """Return the code that a participant reads out in place of an error's text, "W-3F2A"; `minihuman info` says it too.
+    """Return the code that a participant reads out in place of an error's text, "W-3F2A"; the program prints both.
 
     Args:
         reason: why the session ended.

@@ -417,7 +417,9 @@ class WebServer:
         if end == "broken":
             unsaved = connection.count_unsaved()
             said = words["broken_in_part"].replace("{unsaved}", str(unsaved)) if unsaved else said
-            code = code or find_stop_code(session.end_reason, session.end_detail)
+            stop_code = find_stop_code(session.end_reason, session.end_detail)
+            LOG.warning("a session stopped, code %s on its page: %s", stop_code, session.end_detail)
+            code = code or stop_code
         connection.over = messages.SessionOver(end, said, words["code"], code, words["leave"], found.url)
         connection.host.outgoing.add(connection.over)
         connection.changed.set()
