@@ -58,7 +58,8 @@ from minihuman.web.eligibility import (
     needs_keyboard,
     requires_gamepad,
 )
-from minihuman.web.messages import KEY_CODES, IncomingStream
+from minihuman.web.key_codes import KEY_CODES
+from minihuman.web.message_streams import IncomingStream
 from minihuman.web.outbox import PageSettings
 from minihuman.web.session_host import SessionHost
 from minihuman.worlds.source_digest import kernels_digest

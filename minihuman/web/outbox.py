@@ -21,9 +21,11 @@ from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.web import messages
 from minihuman.web.computed import ComputedEpisode, can_compute
-from minihuman.web.messages import PREFETCH_BACKLOG, AgentControl, OutgoingStream
+from minihuman.web.message_streams import OutgoingStream
+from minihuman.web.messages import AgentControl
 from minihuman.web.prefetch import FilmPrefetcher, LookAheadGraph, ScreenPrefetcher, advances_by_itself, describe_screen
 from minihuman.web.screen_values import ImageCache, ImageEncoding
+from minihuman.web.traffic_limits import PREFETCH_BACKLOG
 from minihuman.worlds.adapters.world import World
 
 

@@ -23,7 +23,8 @@ from minihuman.experiment.pending_session import awaits_allocation
 from minihuman.experiment.replay import BROWSER_NOTE
 from minihuman.log.record.recorder import Recorder
 from minihuman.web import messages
-from minihuman.web.messages import OutgoingStream, RoundTripMessage
+from minihuman.web.message_streams import OutgoingStream
+from minihuman.web.messages import RoundTripMessage
 from minihuman.web.outbox import Outbox, PageSettings
 
 _DRIFT_AFTER_NS = 60_000_000_000  # before, jitter hides the drift

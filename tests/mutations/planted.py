@@ -68,7 +68,7 @@ PLANTED = (
     ),
     Mutant(
         "one missing message of a page is accepted",
-        "web/messages.py",
+        "web/message_streams.py",
         "if number > self.received + 1:",
         "if number > self.received + 2:",
         ("tests/web/test_stream.py",),

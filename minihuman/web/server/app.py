@@ -29,18 +29,18 @@ from minihuman.web import messages
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.connection import Connection, ConnectionFactory
 from minihuman.web.eligibility import build_completion, classify_ending, get_page_texts, get_session_code
-from minihuman.web.messages import (
-    HEADERS,
+from minihuman.web.http_security import HEADERS, is_same_origin
+from minihuman.web.message_codec import decode_page_message, encode_numbered, encode_text, encode_unnumbered
+from minihuman.web.messages import MessageError
+from minihuman.web.page_modules import list_page_modules
+from minihuman.web.traffic_limits import (
     HELLO_TIMEOUT_S,
     MAX_BACKLOG,
     MAX_TARGET_BYTES,
     MAX_WAITING,
     PREFETCH_BACKLOG,
-    MessageError,
     RateLimit,
-    is_same_origin,
 )
-from minihuman.web.page_modules import list_page_modules
 from minihuman.worlds.source_digest import kernels_digest
 
 _ENDS = (WebSocketDisconnect, RuntimeError)  # RuntimeError: something was sent after the end
@@ -259,7 +259,7 @@ class WebServer:
                 await page.close(CLOSE_BUSY)
                 return
             if isinstance(connection, messages.Refusal):
-                await page.send(messages.encode_unnumbered(connection))
+                await page.send(encode_unnumbered(connection))
                 await page.close(CLOSE_OLD if connection.reason == "old" else REFUSED)
                 return
             await self._serve(page, connection, hello)
@@ -276,7 +276,7 @@ class WebServer:
         """Wait for the hello, and connect its page."""
         self._silent[page] = None
         try:
-            hello = messages.decode_page_message(await asyncio.wait_for(page.receive(), HELLO_TIMEOUT_S))
+            hello = decode_page_message(await asyncio.wait_for(page.receive(), HELLO_TIMEOUT_S))
         finally:
             self._silent.pop(page, None)
         if not isinstance(hello, messages.Hello):
@@ -302,7 +302,7 @@ class WebServer:
                     while not allowance.take(now_s):
                         await asyncio.sleep(0.1)  # backpressure; a page that reconnects sends a lot at once
                         now_s = monotonic_s()
-                    message = messages.decode_page_message(text)
+                    message = decode_page_message(text)
                     if isinstance(message, messages.NumberedMessage):
                         connection.take(message, more=place < len(texts))
                     elif isinstance(message, messages.Ping) and place < len(texts):
@@ -338,9 +338,7 @@ class WebServer:
                     self._want_more(connection)
             case messages.Ping():
                 received_ns = connection.now_ns()
-                await page.send(
-                    messages.encode_unnumbered(messages.Pong(message.sent, received_ns, connection.now_ns()))
-                )
+                await page.send(encode_unnumbered(messages.Pong(message.sent, received_ns, connection.now_ns())))
             case messages.Hello():
                 raise messages.MessageError(
                     "a second hello arrived, but a page must send one per connection; reload the page"
@@ -350,7 +348,7 @@ class WebServer:
         self, page: PageSocket, connection: Connection, number: int, welcome: messages.Welcome, after: int
     ) -> None:
         """Send what there is to send, as long as this is the newest socket of its connection."""
-        await page.send(messages.encode_unnumbered(welcome))
+        await page.send(encode_unnumbered(welcome))
         sent, acked, outgoing = after, 0, connection.host.outgoing
         while True:
             await connection.changed.wait()
@@ -367,17 +365,17 @@ class WebServer:
             safe = connection.safe()  # asked first: a page that hears of a safe key has heard where it led
             parts, size = [], 0
             for last, message in outgoing.after(sent):
-                parts.append(messages.encode_numbered(last, message))
+                parts.append(encode_numbered(last, message))
                 sent, size = last, size + len(parts[-1])
                 if size > MAX_BATCH_BYTES:
                     await page.send(b"".join(parts))
                     parts, size = [], 0
             if safe > acked:
                 acked = safe
-                parts.append(messages.encode_text(messages.ServerAck(acked)))
+                parts.append(encode_text(messages.ServerAck(acked)))
             if connection.ping is not None:
                 ping, connection.ping = connection.ping, None
-                parts.append(messages.encode_text(messages.Pong(*ping, connection.now_ns())))
+                parts.append(encode_text(messages.Pong(*ping, connection.now_ns())))
             if parts:
                 await page.send(b"".join(parts))
 
