@@ -17,62 +17,15 @@ from minihuman.activities.team.requests import TeamAnswerRequest
 from minihuman.experiment.keys import PAD_DEAD_ZONE
 from minihuman.experiment.machine import inputs
 from minihuman.experiment.machine.activity import RequestHandler, WorldFactory
-from minihuman.experiment.machine.events import Event, KeyPressed, Linked, Noted, Stepped
+from minihuman.experiment.machine.events import Event, KeyPressed, Noted, Stepped
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.pending_session import awaits_allocation
 from minihuman.experiment.replay import BROWSER_NOTE
 from minihuman.log.record.recorder import Recorder
 from minihuman.web import messages
+from minihuman.web.clocks import PageClock
 from minihuman.web.message_streams import OutgoingStream
-from minihuman.web.messages import RoundTripMessage
 from minihuman.web.outbox import Outbox, PageSettings
-
-_DRIFT_AFTER_NS = 60_000_000_000  # before, jitter hides the drift
-_MAX_DRIFT_NS = 200_000_000  # of the page's clock against the server's: 2 % between two looks, which are 10 s apart
-_NEVER_NS = 1 << 62
-
-
-class PageClock:
-    """Takes what the page measured, and says it for the log."""
-
-    def __init__(self) -> None:
-        self.rtt_ns: int | None = None  # of the quickest of the latest; None until one was measured
-        self._first: tuple[int, int] | None = None  # time and offset of the first
-        # of the quickest message: since the last look, before that one, and in the first minute
-        self._lag_ns = self._last_lag_ns = self._least_lag_ns = _NEVER_NS
-
-    def arrive(self, at_ns: int, arrival_ns: int) -> None:
-        """Take the page's time of a message and the server's when it came: all but the quickest waited on the way."""
-        self._lag_ns = min(self._lag_ns, arrival_ns - at_ns)
-
-    def look(self, link: Linked) -> str:
-        """How far the page's time has moved against the server's clock, if that is too far; "" if not."""
-        lag_ns = min(self._lag_ns, self._last_lag_ns)
-        self._last_lag_ns, self._lag_ns = self._lag_ns, _NEVER_NS
-        if link.drift_ppm is None:
-            self._least_lag_ns = min(self._least_lag_ns, lag_ns)
-        drift_ns = self._least_lag_ns - lag_ns
-        if abs(drift_ns) <= _MAX_DRIFT_NS + link.error_ns:
-            return ""
-        self._least_lag_ns = lag_ns
-        return f"the page's time moved by {drift_ns / 1e6:+.0f} ms against the times at which its messages came"
-
-    def linked(self, at_ns: int, link: RoundTripMessage) -> Linked:
-        """An event for the log.
-
-        Args:
-            at_ns: the session's time.
-            link: the quickest of the page's latest messages there and back.
-        """
-        least_ns = max(0, (link.back - link.sent) - (link.answered - link.received))
-        offset_ns = ((link.received - link.sent) + (link.answered - link.back)) // 2
-        self.rtt_ns = least_ns
-        if self._first is None:
-            self._first = at_ns, offset_ns
-        passed_ns = at_ns - self._first[0]
-        drift = (offset_ns - self._first[1]) / passed_ns * 1e6 if passed_ns >= _DRIFT_AFTER_NS else None
-        return Linked(at_ns, offset_ns, -(-least_ns // 2), link.latest, least_ns, drift)
-
 
 _POINTERS: dict[str, type[inputs.PointerPressed | inputs.PointerMoved | inputs.PointerReleased]] = {
     "pressed": inputs.PointerPressed,

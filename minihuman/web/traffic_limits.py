@@ -1,6 +1,8 @@
 """How much a page may send, and how long it may keep a server waiting. No I/O; times come in as arguments."""
 
+from contextlib import suppress
 from dataclasses import dataclass
+from ipaddress import ip_address
 
 MESSAGES_PER_S = 200.0  # 60 steps a second with their pictures and keys are some 150
 MESSAGE_BURST = 200
@@ -26,3 +28,10 @@ class RateLimit:
             return False
         self.left -= 1
         return True
+
+
+def find_network(address: str) -> str:
+    """Return the network of an address whose sessions are counted together: of IPv6 the /64, which a household has."""
+    with suppress(ValueError):
+        return ip_address(address).exploded[:19]
+    return address
