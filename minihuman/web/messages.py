@@ -290,6 +290,9 @@ WorldState = GridState | FirstPersonState
 WorldPosition = GridPosition | FirstPersonPosition
 
 
+JointPace = Literal["", "turns", "ticks"]
+
+
 class EpisodeRules(msgspec.Struct, tag="rules", tag_field="t"):
     """What keys and time do in the episode that is played: what the page needs to go ahead of the session."""
 
@@ -304,7 +307,7 @@ class EpisodeRules(msgspec.Struct, tag="rules", tag_field="t"):
     keep: int  # pictures before this number are of no use any more, but for those on a screen
     computed: WorldState | None = None  # where the page computes it; else scenes are sent ahead
     motion: float = 0.0  # ms from a picture that the page computes to the next
-    team: Literal["", "turns", "ticks"] = ""  # whose joint steps the server closes
+    team: JointPace = ""  # whose joint steps the server closes
 
 
 class ArraysMessage(msgspec.Struct, tag="arrays", tag_field="t"):
