@@ -1,5 +1,7 @@
 """The messages between page and server: their fields, limits and version. No I/O.
 
+The page's types are generated from here: `python -m minihuman.web.page_types` writes `page/messages.d.ts`.
+
 Times are ns on the session's clock. The page repeats its messages until they are acknowledged, which happens when they
 are on the disk; the server repeats its own until the page has them. A numbered message of the page has a time of its
 own, later than the one before, so that the log's last time shows what is in it. Key positions are
@@ -13,6 +15,7 @@ from msgspec import Meta
 
 from minihuman.errors import MinihumanError
 from minihuman.experiment.keys import PAD_AXES
+from minihuman.web.screen_types import PageType, ScreenValues
 
 MESSAGE_VERSION = 6
 
@@ -23,6 +26,9 @@ LongText = Annotated[str, Meta(max_length=2000)]
 KeyName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_]{1,32}$")]
 Digest = Annotated[str, Meta(pattern=r"^([0-9a-f]{16})?$")]
 Fraction = Annotated[float, Meta(ge=0.0, le=1.0)]
+BrowserFacts = dict[ShortText, bool | float | Annotated[str, Meta(max_length=200)]]
+Texts = dict[str, str]
+ScreenDict = Annotated[dict[str, Any], PageType(ScreenValues)]
 
 
 class MessageError(MinihumanError, ValueError):
@@ -149,7 +155,7 @@ class Hello(msgspec.Struct, tag="hello", tag_field="t", forbid_unknown_fields=Tr
     segment: ShortText = ""  # the segment that its times belong to
     last: Ns = 0  # its last time
     kernels: ShortText = ""  # the digest of the worlds' rules that it has compiled; "" for none
-    facts: Annotated[dict[ShortText, bool | float | Annotated[str, Meta(max_length=200)]], Meta(max_length=40)] = {}
+    facts: Annotated[BrowserFacts, Meta(max_length=40)] = {}
 
 
 class NumberedMessage(msgspec.Struct, tag="n", tag_field="t", forbid_unknown_fields=True):
@@ -180,10 +186,10 @@ class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):
     again: bool  # the stream resumes; else it starts anew
     heard: int  # the last of the page's messages that was taken
     now: int  # the session's time, about
-    keys: dict[str, str]  # a browser's name of a key's place -> ours
-    touch: dict[str, str]  # our name of each key that the study is played with -> what a button for it says
+    keys: Texts  # a browser's name of a key's place -> ours
+    touch: Texts  # our name of each key that the study is played with -> what a button for it says
     token: str  # of a link made just now, to come back by; "" if the page had one
-    words: dict[str, str]  # what the page says around a session
+    words: Texts  # what the page says around a session
     taken: int  # the time of the last of the page's messages that the session has: it may not be acknowledged
     gamepad: bool  # whether the study is played with one
 
@@ -218,7 +224,7 @@ class ScreenMessage(msgspec.Struct, tag="screen", tag_field="t"):
     through: int  # the page's messages that led to it
     at: int  # the session's time then
     tick: int | None  # when the session wants a tick
-    screen: dict[str, Any]
+    screen: ScreenDict
     name: int = 0  # of what is shown, and where in the session
 
 
@@ -226,7 +232,7 @@ class PrefetchedScreen(msgspec.Struct):
     """A screen that an input may lead to."""
 
     name: int
-    screen: dict[str, Any]
+    screen: ScreenDict
     after: int | None  # ns from the input until the session wants a tick
     episode: int = -1  # that begins with it
     scene: int = -1  # in which it begins
@@ -351,7 +357,7 @@ class AgentControl(msgspec.Struct, tag="beside", tag_field="t"):
     bad: str
     flash: int  # ns that such a press is seen
     apart: int  # ns in which a held key counts once
-    controller_texts: dict[str, str]  # controller -> text
+    controller_texts: Texts  # controller -> text
 
 
 class LookAheadUpdate(msgspec.Struct, tag="ahead", tag_field="t"):
