@@ -1,7 +1,7 @@
 """A participant's connection: their session, what it records to, and the page in front of it. asyncio and disk.
 
 The parts know no asyncio: which streams resume (`page_protocol`), whether the page is here (`page_presence`), what time
-it is in the session (`clocks`), and what becomes of the log in the end (`hosted_session`).
+it is in the session (`session_clocks`), and what becomes of the log in the end (`hosted_session`).
 """
 
 import asyncio
@@ -19,12 +19,12 @@ from minihuman.runtime.session_loop import CommandInbox
 from minihuman.storage.system import current_system, monotonic_s
 from minihuman.web import messages
 from minihuman.web.arrivals import Admission
-from minihuman.web.clocks import SessionClock
 from minihuman.web.eligibility import get_page_texts, list_touch_keys
-from minihuman.web.hosted_session import HostedSession, SessionEnding
+from minihuman.web.hosted_session import HostedSession, SessionRecording
 from minihuman.web.key_codes import KEY_CODES
 from minihuman.web.page_presence import PagePresence
 from minihuman.web.page_protocol import PageSession, ServerMessages, StreamNames
+from minihuman.web.session_clocks import SegmentClock
 from minihuman.web.session_host import SessionHost
 from minihuman.worlds.source_digest import kernels_digest
 
@@ -49,7 +49,7 @@ class Connection(PageSession):
         self.admission = admission
         self.hosted = hosted
         self.lease = admission.lease if leases is not None else None
-        self.ending = SessionEnding(hosted, self.lease, leases)
+        self.recording = SessionRecording(hosted, self.lease, leases)
         self.presence = PagePresence(monotonic_s())
         self.loop = asyncio.get_running_loop()
         self.changed = asyncio.Event()  # there is something to send
@@ -60,7 +60,7 @@ class Connection(PageSession):
         self._is_blind = False  # what keys lead to cannot be found out
         clock = current_system().clock  # the wall clock may have been set back since a session began
         since_start_ns = max(clock.wall_ns() - hosted.started_ns, hosted.host.last_at_ns)
-        self._clock = SessionClock(clock.monotonic_ns() - since_start_ns)
+        self._clock = SegmentClock(clock.monotonic_ns() - since_start_ns)
 
     @property
     def host(self) -> SessionHost:
@@ -110,7 +110,7 @@ class Connection(PageSession):
 
     def _welcome(self, *, resumes: bool) -> messages.Welcome:
         plan = self.host.session.plan
-        own_words = {"quit_title": InterfaceWords(plan.language, plan.words)["quit.title"]}
+        quit_text = {"quit_title": InterfaceWords(plan.language, plan.words)["quit.title"]}
         return messages.Welcome(
             segment=self.hosted.segment,
             life=self._streams.life,
@@ -121,7 +121,7 @@ class Connection(PageSession):
             touch=list_touch_keys(plan),
             gamepad=needs_gamepad(plan),
             token=self.admission.token,
-            words=get_page_texts(plan.language) | own_words,
+            words=get_page_texts(plan.language) | quit_text,
             taken=self.host.last_at_ns,
         )
 
@@ -227,8 +227,8 @@ class Connection(PageSession):
             LeaseLostError: if another server has the session: it did not end here.
             OSError: if the enrolment log, the lease or the log cannot be written where other servers have them.
         """
-        self.ending.finish()
+        self.recording.finish()
 
     def leave(self) -> None:
         """Make the log durable and go: the next server goes on with it. Blocks for the disk."""
-        self.ending.leave(is_dismissed=bool(self.presence.dismissal_code))
+        self.recording.leave(is_dismissed=bool(self.presence.dismissal_code))

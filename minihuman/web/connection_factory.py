@@ -103,8 +103,8 @@ class ConnectionFactory:
         )
         if not reason:
             return None
-        visitor = identify_visitor(hello.platform, self._web.recruitment_platforms)
-        return self._refusals.turn_away(reason, person="" if visitor is None else visitor.id)
+        platform_visitor = identify_visitor(hello.platform, self._web.recruitment_platforms)
+        return self._refusals.turn_away(reason, person="" if platform_visitor is None else platform_visitor.id)
 
     def _is_full(self) -> bool:
         return len(self._connections) >= self._web.max_concurrent_sessions

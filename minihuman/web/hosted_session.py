@@ -166,8 +166,8 @@ def name_segment(data: Path, plan: SessionPlan) -> str:
     return hashlib.sha256(str(SegmentPath.of_plan(data, plan).part).encode()).hexdigest()[:16]
 
 
-class SessionEnding:
-    """What becomes of a session's log and lease once it is over, or its server stops. Blocks for the disk.
+class SessionRecording:
+    """What a session is recorded to once it is over, or its server stops: its log and lease. Blocks for the disk.
 
     Args:
         hosted: the session.
@@ -176,7 +176,7 @@ class SessionEnding:
     """
 
     def __init__(self, hosted: HostedSession, lease: Lease | None, leases: SessionLeases | None) -> None:
-        self.is_under_way = False  # a task is finishing it
+        self.is_finishing = False  # a task is finishing it
         self.is_delayed = False  # since the enrolment log is unavailable
         self.is_finished = False  # the log is on the disk, or never will be
         self.is_broken = False  # something of the log is lost

@@ -16,10 +16,10 @@ from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.replay import BROWSER_NOTE
 from minihuman.log.record.recorder import Recorder
 from minihuman.web import messages
-from minihuman.web.clocks import PageClock
 from minihuman.web.message_streams import OutgoingStream
 from minihuman.web.outbox import Outbox, PageSettings
 from minihuman.web.page_inputs import MakeInput, PageInputs, order_flip
+from minihuman.web.session_clocks import PageClock
 from minihuman.web.session_writer import SessionWriter
 
 _MOST_UNHEARD = 20  # a page has one in a segment

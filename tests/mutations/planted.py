@@ -82,7 +82,7 @@ PLANTED = (
     ),
     Mutant(
         "the offset between a page's clock and the server's has the wrong sign",
-        "web/clocks.py",
+        "web/session_clocks.py",
         "offset_ns = ((link.received - link.sent)",
         "offset_ns = -((link.received - link.sent)",
         ("tests/web/test_seat.py",),

@@ -215,26 +215,26 @@ class WebServer:
 
     async def _finish_if_over(self, connection: Connection) -> None:
         """Finish the log of a session that is over, then tell the page; later if the enrolment log is unavailable."""
-        ending = connection.ending
-        if not connection.host.over or ending.is_under_way:
+        recording = connection.recording
+        if not connection.host.over or recording.is_finishing:
             return
-        ending.is_under_way = True
+        recording.is_finishing = True
         try:
             await self._finish(connection)
         except LeaseLostError:
             await self._give_up(connection, CLOSE_BUSY)
         except OSError as error:
-            if not ending.is_delayed:
+            if not recording.is_delayed:
                 LOG.warning("a session is over, but its page is not told yet: %s", error)
-            ending.is_delayed = True
-            ending.is_under_way = False  # _look_after tries again
+            recording.is_delayed = True
+            recording.is_finishing = False  # _look_after tries again
 
     async def _finish(self, connection: Connection) -> None:
         session = connection.host.session
         admission = connection.admission
         await asyncio.to_thread(connection.finish)
         end = classify_ending(session.end_reason, agreed=connection.agreed, part_kind=session.part.part.kind)
-        if connection.ending.is_broken:
+        if connection.recording.is_broken:
             end = "broken"
         if not connection.agreed:
             why = "declined" if end == "declined" else session.end_reason
@@ -302,35 +302,37 @@ class WebServer:
         leases = self._arrivals.leases
         if leases is None:
             return
-        renewed_s, is_away = -RENEWAL_INTERVAL_S, False
+        renewed_s = -RENEWAL_INTERVAL_S
+        is_away = False
         thread = ThreadPoolExecutor(1, "minihuman-leases")  # its own: those who arrive may wait for the database
         while True:
             await asyncio.sleep(COPY_INTERVAL_S)
             now_s = monotonic_s()
             due = now_s >= renewed_s + RENEWAL_INTERVAL_S
             recorded = self._factory.recorded
-            some = set(self.connections.values()) if due else recorded.intersection(self.connections.values())
+            connections = set(self.connections.values())
+            candidates = connections if due else connections & recorded
             recorded.clear()
-            held = [one for one in some if one.lease is not None and not one.lease.lost and not one.ending.is_finished]
-            if not held:
+            leased = [connection for connection in candidates if _has_lease(connection)]
+            if not leased:
                 continue
             try:
                 await asyncio.get_running_loop().run_in_executor(
-                    thread, leases.renew, [one.lease for one in held if one.lease is not None]
+                    thread, leases.renew, [connection.lease for connection in leased if connection.lease is not None]
                 )
             except OSError as error:
                 if not is_away:
                     LOG.warning("leases are not renewed, and nothing is acknowledged: %s", error)
                 is_away = True
-                recorded.update(held)
+                recorded.update(leased)
                 await asyncio.sleep(CHECK_INTERVAL_S)
                 continue
             is_away = False
             renewed_s = now_s if due else renewed_s
-            for connection in held:
+            for connection in leased:
                 connection.changed.set()  # there is something to acknowledge
                 try:
-                    lease = None if connection.ending.is_under_way else connection.lease
+                    lease = None if connection.recording.is_finishing else connection.lease
                     if lease is not None and (lease.lost or lease.wanted):
                         await self._give_up(connection, CLOSE_BUSY if lease.lost else ANOTHER)
                 except Exception:  # of one connection; the others go on
@@ -356,7 +358,8 @@ class WebServer:
             if not self._growing:
                 self._to_grow.clear()
                 await self._to_grow.wait()
-            connection, began_s = self._growing.popleft(), monotonic_s()
+            connection = self._growing.popleft()
+            began_s = monotonic_s()
             turn_s = began_s
             while connection.presence.is_here and connection.grow():
                 now_s = monotonic_s()
@@ -368,6 +371,10 @@ class WebServer:
                     turn_s = monotonic_s()
             connection.send_prefetched()
             await asyncio.sleep(0)
+
+
+def _has_lease(connection: Connection) -> bool:
+    return connection.lease is not None and not connection.lease.lost and not connection.recording.is_finished
 
 
 async def _no_icon(_: Request) -> Response:

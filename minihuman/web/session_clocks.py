@@ -13,8 +13,8 @@ _MAX_DRIFT_NS = 200_000_000  # of the page's clock against the server's: 2 % bet
 _NEVER_NS = 1 << 62
 
 
-class SessionClock:
-    """The session's time by the server's clock, which bounds the times that a page claims.
+class SegmentClock:
+    """A segment's time by the server's clock, which bounds the times that a page claims.
 
     Args:
         zero_ns: the server's monotonic time at the session's time 0.

@@ -2,15 +2,15 @@
 
 import pytest
 
-from minihuman.web.clocks import SessionClock
 from minihuman.web.messages import MessageError
 from minihuman.web.page_presence import PagePresence
+from minihuman.web.session_clocks import SegmentClock
 
 S = 1_000_000_000
 
 
 def test_a_page_may_be_a_little_ahead_of_the_server_and_a_thousandth_more_with_time() -> None:
-    clock = SessionClock(0)
+    clock = SegmentClock(0)
     clock.check(1, 5 * S, 0)
     clock.check(1, 1_006 * S, 1_000 * S)
     with pytest.raises(MessageError, match="message 7 has time 5000000001 ns, but the session is at 0 ns"):
@@ -20,7 +20,7 @@ def test_a_page_may_be_a_little_ahead_of_the_server_and_a_thousandth_more_with_t
 
 
 def test_the_time_of_a_page_that_went_on_without_a_server_counts_unless_it_claims_more_than_a_day() -> None:
-    clock = SessionClock(100)
+    clock = SegmentClock(100)
     assert clock.at(150) == 50
     clock.catch_up(30)
     assert clock.at(150) == 80
