@@ -114,7 +114,8 @@ def running(command: Sequence[str | Path], **options: Any) -> Iterator[subproces
     """
     if options.get("env") is not None:  # whatever else it is not to know, it belongs to this run
         options["env"] = {RUN_VARIABLE: os.environ.get(RUN_VARIABLE, ""), **options["env"]}
-    with ended_with_block(subprocess.Popen(command, **options)) as process:
+    program = subprocess.Popen(command, **options)
+    with ended_with_block(program) as process:
         yield process
 
 

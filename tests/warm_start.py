@@ -7,6 +7,7 @@ it starts anew, as do the programs of the tests of the command line, of stations
 Run as a script, this is the process that has imported it, and forks whenever it is asked to.
 """
 
+import atexit
 import gc
 import importlib
 import json
@@ -19,10 +20,9 @@ import sys
 import threading
 import time
 from collections.abc import Mapping
+from importlib.util import find_spec
 from pathlib import Path
 from typing import IO
-
-from tests import processes
 
 _IMPORTED = (
     "minihuman.cli",
@@ -33,6 +33,7 @@ _IMPORTED = (
     "minihuman.worlds.grid.env",
 )
 _READ_AT_START = ("PYTHON", "NUMBA", "COVERAGE", "MINIHUMAN_KERNELS", "LD_", "LC_", "LANG")  # variables' names
+_STARTS_ANEW = {"COVERAGE_PROCESS_START", "PYTHONSAFEPATH"}  # under these every program does
 _MOST_BYTES = 1 << 17  # of a request
 
 
@@ -89,12 +90,18 @@ class _WarmProcess:
     """The process that has imported it, of this one; it ends with it."""
 
     def __init__(self) -> None:
-        self.start_environment = _choose_start_variables(os.environ)
+        from tests import processes  # not in the programs that are forked: it imports pytest
+
         self._one_at_a_time = threading.Lock()
         self._line, other_end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         command = [sys.executable, "-m", __name__, str(other_end.fileno())]
         with other_end, processes.kept_for_the_run():
             self._process = subprocess.Popen(command, cwd=Path(__file__).parents[1], pass_fds=[other_end.fileno()])
+        atexit.register(self._end)
+
+    def _end(self) -> None:
+        self._line.close()  # on which it ends
+        self._process.wait()
 
     def start(self, arguments: tuple[str, ...], errors: int) -> WarmProgram:
         """Start a program with these arguments and this standard error."""
@@ -112,17 +119,20 @@ _WARM: list[_WarmProcess] = []  # of this process: one, once it was asked for
 
 def start_program(*arguments: str, stderr: IO[str] | None = None) -> "subprocess.Popen[str] | WarmProgram":
     """Start `minihuman` with these arguments; its standard output is a pipe."""
-    if sys.platform == "linux" and "COVERAGE_PROCESS_START" not in os.environ:
+    is_changed = _choose_start_variables(os.environ) != _START_VARIABLES or _STARTS_ANEW & os.environ.keys()
+    if sys.platform == "linux" and not is_changed:
         if not _WARM:
             _WARM.append(_WarmProcess())
-        if _WARM[0].start_environment == _choose_start_variables(os.environ):
-            return _WARM[0].start(arguments, 2 if stderr is None else stderr.fileno())
+        return _WARM[0].start(arguments, 2 if stderr is None else stderr.fileno())
     command = [sys.executable, "-m", "minihuman", *arguments]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr, text=True)
 
 
 def _choose_start_variables(environment: Mapping[str, str]) -> dict[str, str]:
     return {name: text for name, text in environment.items() if name.startswith(_READ_AT_START)}
+
+
+_START_VARIABLES = _choose_start_variables(os.environ)  # before any test
 
 
 def fork_on_request(line: socket.socket) -> None:
@@ -165,6 +175,7 @@ def _become(request: dict[str, object], descriptors: list[int]) -> None:
     arguments = request["arguments"]
     assert isinstance(arguments, list)
     sys.argv = ["minihuman", *arguments]
+    sys.modules["__main__"].__spec__ = find_spec("minihuman.__main__")  # by which processes that it spawns begin
 
 
 if __name__ == "__main__":
