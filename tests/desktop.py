@@ -94,7 +94,9 @@ class Desktop:
 
     def find(self, part_of_title: str) -> int:
         """Return the X server's number of the window with these words in its title, which may change."""
-        return self._wait_for(lambda: [window.id for window in self._managed() if part_of_title in self._title(window)])[0]
+        return self._wait_for(
+            lambda: [window.id for window in self._managed() if part_of_title in self._title(window)]
+        )[0]
 
     def _window(self, title: str):
         found = self._wait_for(lambda: [window for window in self._managed() if self._title(window) == title])

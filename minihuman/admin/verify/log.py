@@ -610,8 +610,8 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
         yield f"recorded with another file of the module {module}", True
     if steps.difference:
         yield steps.difference, False
-    if doubt := describe_doubtful_presses(find_doubtful_presses(session)):
-        yield doubt, True
+    if warning := describe_doubtful_presses(find_doubtful_presses(session)):
+        yield warning, True
     if steps.n_other_renderer:
         yield (
             f"{steps.n_other_renderer} episodes with an earlier renderer's pictures: these are not compared",

@@ -129,7 +129,7 @@ _TO_REPAINT = (  # after these SDL's surface may be another, and black
     pygame.WINDOWDISPLAYCHANGED,
 )
 _KEYS = (pygame.KEYDOWN, pygame.KEYUP)
-_UNKNOWN = KeyMove(None, is_ours=True)
+_UNKNOWN = KeyMove(None, is_in_window=True)
 _SHORTCUT_MODIFIERS = pygame.KMOD_CTRL | pygame.KMOD_ALT | pygame.KMOD_GUI
 _MODIFIER_KEYS = frozenset(
     {
@@ -253,7 +253,7 @@ class PygameWindow(BlockingWindow):
             case pygame.TEXTINPUT:
                 return self._typed(event.text)
             case pygame.MOUSEBUTTONDOWN if event.button == pygame.BUTTON_LEFT:
-                pointer_cause: PointerCause = "finger" if move.is_ours else "held_before_focus"
+                pointer_cause: PointerCause = "finger" if move.is_in_window else "held_before_focus"
                 return self._pointer(PointerPressed, *self._along(event.pos), t_ns, pointer_cause)
             case pygame.MOUSEMOTION:
                 return self._pointer(PointerMoved, *self._along(event.pos), t_ns)
@@ -267,7 +267,7 @@ class PygameWindow(BlockingWindow):
 
     def _find_cause(self, event: pygame.event.Event, move: KeyMove) -> PressCause:
         """Whether a key was pressed here, before, or beside Ctrl, Alt or Meta, which AltGr is not."""
-        if not move.is_ours:
+        if not move.is_in_window:
             return "held_before_focus"
         modifiers = event.mod & _SHORTCUT_MODIFIERS
         if modifiers == pygame.KMOD_RALT and self._record is not None and self._record.has_alt_graph:
@@ -370,7 +370,7 @@ def _drop_invented_releases(
         if event.type == pygame.WINDOWFOCUSLOST:
             releases = list(takewhile(lambda pair: pair[0].type == pygame.KEYUP, reversed(kept)))
             kept = kept[: len(kept) - len(releases)]
-            kept += [pair for pair in reversed(releases) if pair[1].t_ns is not None and pair[1].is_ours]
+            kept += [pair for pair in reversed(releases) if pair[1].t_ns is not None and pair[1].is_in_window]
         kept.append((event, move))
     return kept
 

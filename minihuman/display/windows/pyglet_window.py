@@ -102,7 +102,11 @@ class PygletWindow(BlockingWindow):
             self._inputs += self._key(False, key, symbol, t_ns)
         elif not self._held.is_down(key):  # else it is the system's auto-repeat
             cause: PressCause = "shortcut" if is_shortcut else "finger"
-            if self._record is not None and server_ms is not None and not self._record.is_press_ours(key, server_ms):
+            if (
+                self._record is not None
+                and server_ms is not None
+                and not self._record.is_press_in_window(key, server_ms)
+            ):
                 cause = "held_before_focus"
             self._inputs += self._key(True, key, symbol, t_ns, cause)
 
@@ -124,7 +128,7 @@ class PygletWindow(BlockingWindow):
             button_ms = None if kind is PointerMoved else self._window.button_ms
             cause: PointerCause = "finger"
             if kind is PointerPressed and self._record is not None and button_ms is not None:
-                cause = "finger" if self._record.is_press_ours(MAIN_BUTTON, button_ms) else "held_before_focus"
+                cause = "finger" if self._record.is_press_in_window(MAIN_BUTTON, button_ms) else "held_before_focus"
             self._inputs += self._pointer(kind, (x + 0.5) / width, 1 - (y + 0.5) / height, self._time(button_ms), cause)
 
     def _want(self, *, text: bool, pointer: bool) -> None:

@@ -199,14 +199,14 @@ class _Move:
     key: str
     down: bool
     server_ms: int
-    is_ours: bool  # the window had the focus; False too of a press that was still down when the focus came
+    is_in_window: bool  # the window had the focus; False too of a press that was still down when the focus came
 
 
 class KeyMove(NamedTuple):
     """When a key moved, and whether it did so in the window; None and True where the server says nothing of it."""
 
     t_ns: int | None
-    is_ours: bool
+    is_in_window: bool
 
 
 class X11InputRecord(_Server):
@@ -265,20 +265,20 @@ class X11InputRecord(_Server):
         ]
 
     def _heard(self, move: _Move) -> KeyMove:
-        return KeyMove(convert_server_time(move.server_ms, self._clock), move.is_ours)
+        return KeyMove(convert_server_time(move.server_ms, self._clock), move.is_in_window)
 
     def _unheard(self, key: str, down: bool) -> KeyMove:
         presses = self._presses.get(key)
-        return KeyMove(None, presses[-1].is_ours if down and presses else True)
+        return KeyMove(None, presses[-1].is_in_window if down and presses else True)
 
-    def is_press_ours(self, key: str, server_ms: int) -> bool:
+    def is_press_in_window(self, key: str, server_ms: int) -> bool:
         """Whether a press that a window received was made in it; a repeat is the press's that it repeats."""
         self._read()
         if not any(move.server_ms == server_ms for move in self._presses[key]):
             self._wait()
         moves = (move for move in reversed(self._presses[key]) if (server_ms - move.server_ms) % _TICKS < _TICKS // 2)
         press = next(moves, None)
-        return press is None or press.is_ours
+        return press is None or press.is_in_window
 
     @property
     def is_focused(self) -> bool:
@@ -299,7 +299,7 @@ class X11InputRecord(_Server):
         if not self._focus_is_new:
             self._wait()
         self._focus_is_new = False
-        return [key for key in sorted(self._down) if key != MAIN_BUTTON and not self._presses[key][-1].is_ours]
+        return [key for key in sorted(self._down) if key != MAIN_BUTTON and not self._presses[key][-1].is_in_window]
 
     def _listen(self, xi: Any) -> None:
         display, window = ctypes.c_void_p, ctypes.c_ulong
@@ -326,7 +326,7 @@ class X11InputRecord(_Server):
         now_ms = time.monotonic_ns() // _NS_PER_MS % _TICKS
         for keycode in range(8, 256):
             if keys_down[keycode // 8] >> keycode % 8 & 1:
-                self._add_move(_Move(self._name_key(keycode), True, now_ms, is_ours=False))
+                self._add_move(_Move(self._name_key(keycode), True, now_ms, is_in_window=False))
 
     def _name_key(self, keycode: int) -> str:
         return key_from_xkb(self._positions.get(keycode, ""), keycode)
@@ -363,7 +363,7 @@ class X11InputRecord(_Server):
         self._focused = self._focus_is_new = event.type == _FOCUS_IN
         if self._focused:
             for key in self._down:
-                self._presses[key][-1].is_ours = False
+                self._presses[key][-1].is_in_window = False
 
     def _add_move(self, move: _Move) -> None:
         self._moves.append(move)

@@ -51,8 +51,8 @@ def _find_in_segment(segment: Segment) -> Iterator[DoubtfulPress]:
     for gain_ns, next_gain_ns in zip(gains_ns, [*gains_ns[1:], 1 << 62], strict=True):
         after = [press for press in downs if gain_ns <= press.t_ns < next_gain_ns]
         for place, press in enumerate(after):
-            if press.verdict in _ACTED and (doubt := _judge(press, gain_ns, segment.facts, is_first=place == 0)):
-                yield doubt
+            if press.verdict in _ACTED and (doubtful := _judge(press, gain_ns, segment.facts, is_first=place == 0)):
+                yield doubtful
 
 
 def _is_gain(note: Noted) -> bool:
