@@ -8,12 +8,11 @@ import math
 import secrets
 import threading
 from bisect import bisect_left as bisect
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from minihuman.activities.team.episode import TeamEpisode
 from minihuman.activities.team.events import ActionSource, JointStepped, TeamEnded, TeamFormed
@@ -34,7 +33,6 @@ from minihuman.admin.enrolment_entries import TeamRecorded, list_team_entries
 from minihuman.admin.enrolment_log import now_text, record_team
 from minihuman.admin.policies import PolicyStore
 from minihuman.agents.agent import BaseAgent, is_registered_agent, make_agent, make_policy_agent
-from minihuman.errors import AllocationError, WorldError
 from minihuman.experiment.machine.activity import ActivityRequest, RequestHandler
 from minihuman.experiment.machine.events import FINAL_END_REASONS, EpisodeStarted, SessionEnded
 from minihuman.experiment.machine.inputs import ActivityInput
@@ -46,111 +44,10 @@ from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.log.paths import PART_SUFFIX, session_folder
 from minihuman.log.read.reader import read_segment_starts
 from minihuman.log.read.session_reader import read_events
-from minihuman.simulation.participant import make_participant
+from minihuman.runtime.seat_agents import Row, SeatAgent, SimulatedAgent
 from minihuman.storage.system import monotonic_s
-from minihuman.worlds.adapters.world import World
 
 PRESENCE_S = 3.0  # who waits in a lobby asks several times a second
-Row = tuple[tuple[int, ...], tuple[ActionSource, ...]]
-
-
-def count_seats_at_machine(protocol: Protocol, group: str | None = None) -> int:
-    """How many people sit at one machine: as many as its blocks of teams seat, where these say each seat's keys."""
-    teams = [team for _, team in list_teams(protocol, group)]
-    return max((len(team.persons) for team in teams if team.seat_keys), default=1)
-
-
-def list_teams(protocol: Protocol, group: str | None) -> Iterator[tuple[str, TeamPlan]]:
-    """The blocks' names and teams, in a group or in all."""
-    for block in protocol.blocks:
-        for name in [one.name for one in protocol.groups] if group is None else [group]:
-            if (team := protocol.block_for(block.name, name).team) is not None:
-                yield block.name, team
-
-
-def require_one_process(protocol: Protocol, what: str, *, group: str | None = None, at_one_machine: int = 1) -> None:
-    """Refuse a way to run a study in which its people would never meet.
-
-    Args:
-        protocol: the study.
-        what: the way, and what to do instead, for the message.
-        group: of the participant; None: any.
-        at_one_machine: how many are there together.
-
-    Raises:
-        AllocationError: if several people sit in one world in a block of the group.
-    """
-    for block, team in list_teams(protocol, group):
-        if (seats := len(team.persons)) not in (1, at_one_machine):
-            raise AllocationError(f"block {block!r} is for {seats} people, who cannot play together {what}")
-
-
-class SeatAgent:
-    """An agent in one seat of one episode: follows the joint actions in a world of its own.
-
-    Args:
-        agent: chooses.
-        plan: the episode, of any seat.
-        team: whose index its random stream has.
-        seat: the agent's.
-        seed: the study's.
-    """
-
-    def __init__(self, agent: BaseAgent, plan: EpisodePlan, team: Team, seat: int, seed: int) -> None:
-        self._world = World(plan.world, {**plan.options, "seat": seat})
-        self._world.reset(plan.seed)
-        self._agent, self._seat, self._steps, self._asked = agent, seat, 0, 0  # asked: in how many states so far
-        self._stream = f"team-agent-{plan.block_name}-{plan.episode_in_block}-{seat}"
-        self._seed, self._index = seed, team.index
-        agent.begin(plan, self._world)
-
-    def choose(self, rows: Sequence[Row]) -> int:
-        """The action that follows these joint actions.
-
-        Raises:
-            WorldError: if the agent gives no chance to any action.
-        """
-        for actions, _ in rows[self._steps :]:
-            if self._asked == self._steps:  # an agent with a memory has to see every state, and each once
-                self._ask()
-            self._world.unwrapped.joint = actions
-            self._world.step(actions[self._seat])
-            self._steps += 1
-        chances = self._ask()
-        if chances.shape != (len(self._world.action_names),) or not chances.sum() > 0:
-            raise WorldError(
-                f"the agent of seat {self._seat} must give a probability for each action, at least one of them above 0"
-            )
-        purpose = f"{self._stream}-{self._steps}"
-        word = int(draw_words(1, seed=self._seed, purpose=purpose, index=self._index)[0])
-        sums = np.cumsum(chances)
-        return min(int(np.searchsorted(sums, (word >> 11) / 2**53 * sums[-1], side="right")), len(sums) - 1)
-
-    def _ask(self) -> NDArray[np.float64]:
-        self._asked = self._steps + 1
-        return np.asarray(self._agent.action_probabilities(self._world), np.float64)
-
-    def close(self) -> None:
-        """Close its world."""
-        self._world.close()
-
-
-class _SimulatedAgent(BaseAgent):
-    """A simulated participant in a seat: acts by the keys that it presses, and idles at a key without an action."""
-
-    def __init__(self, argument: str, rng: np.random.Generator, pool: tuple[str, ...]) -> None:
-        super().__init__(argument)
-        self._participant, self._pool = make_participant(argument, rng), pool
-
-    def begin(self, plan: EpisodePlan, world: World) -> None:
-        self._keys: Mapping[str, str] = plan.key_map.keys
-        self._participant.begin(plan, self._pool, world)
-
-    def action_probabilities(self, world: World) -> NDArray[np.float32]:
-        press, names = self._participant.press(world), world.action_names
-        name = "" if press is None else self._keys.get(press.key, "")
-        number: int = names.index(name) if name in names else world.unwrapped.team.idle_action
-        return np.array([action == number for action in range(len(names))], np.float32)
 
 
 @dataclass(slots=True)
@@ -497,7 +394,7 @@ class TeamTable:
         what, _, player = name.partition(":")
         if what == SIMULATED:
             [word] = draw_words(1, seed=self._protocol.study.seed, purpose=purpose, index=team.index)
-            return _SimulatedAgent(player, np.random.default_rng(int(word)), self._protocol.keys.pool)
+            return SimulatedAgent(player, np.random.default_rng(int(word)), self._protocol.keys.pool)
         if is_registered_agent(name):
             return make_agent(name)
         return make_policy_agent(self._policies.checked(self._policies.keep(self._protocol.files[name])))

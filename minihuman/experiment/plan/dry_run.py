@@ -17,7 +17,7 @@ from minihuman.experiment.machine.bindings import Bindings
 from minihuman.experiment.machine.points import compute_bonus
 from minihuman.experiment.machine.running_episode import check_bindings
 from minihuman.experiment.plan.allocation import build_allocation_list
-from minihuman.experiment.plan.expansion import list_world_options
+from minihuman.experiment.plan.part_plans import list_world_options
 from minihuman.experiment.plan.session_plan import BonusSpec, EpisodePlan, PlannedPart, SessionPlan
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.strata import build_strata
