@@ -17,6 +17,7 @@ from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import plan_next_session
 from minihuman.display.windows.window import VirtualClock
 from minihuman.errors import LogError, SimulationError
+from minihuman.experiment.machine.activity import find_kind, list_kinds
 from minihuman.experiment.machine.events import (
     Event,
     ModelCall,
@@ -46,8 +47,6 @@ from minihuman.simulation.model_conversation import (
 )
 from minihuman.storage.locks import hold_lock
 from minihuman.worlds.adapters.world import World
-
-_PLAYABLE = ("play", "team", "page", "questions", "keyboard_check")
 
 
 def simulate_models(
@@ -98,11 +97,13 @@ def require_playable(protocol: Protocol) -> None:
         SimulationError: if there is one, if groups are drawn after an answer, or if a world cannot be put into words.
     """
     require_one_process(protocol, "with a language model in a seat; give the other seats to agents")
-    kinds = {block.kind for block in protocol.blocks} | {one.kind for one in protocol.activities}
-    if kinds - {*_PLAYABLE}:
+    kinds = {block.kind for block in protocol.blocks} | {activity.kind for activity in protocol.activities}
+    impossible = sorted(kind for kind in kinds if not find_kind(kind).is_for_players)
+    if impossible:
+        possible = list_kinds(lambda kind: kind.is_for_players)
         raise SimulationError(
-            f"study {protocol.study.name!r} has {', '.join(sorted(kinds - {*_PLAYABLE}))}, which a language model "
-            f"cannot play; use only {', '.join(_PLAYABLE)}"
+            f"study {protocol.study.name!r} has {', '.join(impossible)}, which a language model "
+            f"cannot play; use only {', '.join(possible)}"
         )
     if protocol.allocation.stratify_by:
         raise SimulationError(

@@ -20,6 +20,7 @@ from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import plan_next_session
 from minihuman.display.windows.window import VirtualClock
 from minihuman.errors import MinihumanError, PlayerFailedError
+from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.pending_session import build_session
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.session_plan import SessionPlan
@@ -129,7 +130,8 @@ def _require_player(protocol: Protocol, player: str, seed: int) -> None:
         plan = expand_protocol(protocol, enrol_participant(protocol, 0, group.name), session=session, overridden=True)
         for episode in plan.episodes:
             made_from = episode.world, episode.options
-            if protocol.block(episode.block_name).kind in ("play", "team") and made_from not in tried:
+            kind = find_kind(protocol.block(episode.block_name).kind)
+            if kind.is_for_players and made_from not in tried:
                 tried.append(made_from)
                 with closing(World(*made_from)) as world:
                     world.reset(episode.seed)

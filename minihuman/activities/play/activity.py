@@ -459,4 +459,7 @@ PLAY = ActivityKind(
     PlayActivity,
     tables="minihuman.activities.play.tables:PLAY_TABLES",
     find_early_parts=find_early_blocks,
+    is_played_alone=True,
+    is_plain_play=True,
+    is_for_players=True,
 )

@@ -207,5 +207,10 @@ class QuestionsActivity(Activity):
 
 
 QUESTIONS = ActivityKind(
-    "questions", QuestionsPlan, QuestionsActivity, tables="minihuman.activities.questions.tables:QUESTION_TABLES"
+    "questions",
+    QuestionsPlan,
+    QuestionsActivity,
+    tables="minihuman.activities.questions.tables:QUESTION_TABLES",
+    is_for_players=True,
+    is_check=True,
 )

@@ -328,4 +328,5 @@ TEAM = ActivityKind(
     messages="minihuman.activities.team.rows:TEAM_ROWS",
     tables="minihuman.activities.team.tables:TEAM_TABLES",
     check_block=check_block,
+    is_for_players=True,
 )

@@ -219,6 +219,12 @@ class ActivityKind:
             is given the block and the keys that may have an action.
         find_early_parts: yields the kind's parts in a plan that was recorded before plans had parts, each with its
             place: 0 consent, 1 keyboard check, 2 blocks, 3 closing words.
+        is_played_alone: whether only the participant acts in a block's worlds, so that a touch screen's buttons, axes
+            and clicks can play it, and its actions may be of any space.
+        is_plain_play: whether a block is its worlds' steps by one person's keys and nothing else, so that a page can
+            compute it, and a study can be tried without sessions.
+        is_for_players: whether a language model, or a simulated player that decides on each key, can do it.
+        is_check: whether who is screened out in it has failed a check, and not a block's criterion.
     """
 
     name: str
@@ -234,6 +240,15 @@ class ActivityKind:
     find_early_parts: Callable[[SessionPlan], Iterable[tuple[int, PlannedPart]]] | None = field(
         default=None, kw_only=True
     )
+    is_played_alone: bool = field(default=False, kw_only=True)
+    is_plain_play: bool = field(default=False, kw_only=True)
+    is_for_players: bool = field(default=False, kw_only=True)
+    is_check: bool = field(default=False, kw_only=True)
+
+    @property
+    def plan_fields(self) -> tuple[str, ...]:
+        """The names of the fields of a part's plan: a block's table of the same name fills one."""
+        return self.plan.__struct_fields__
 
     def read(self, plan: Any) -> msgspec.Struct:
         """A part's plan from what JSON gave."""
@@ -261,6 +276,19 @@ def find_kind(name: str) -> ActivityKind:
             f"activity {name!r} is of type {type(kind).__name__}; register an instance of minihuman.ext.ActivityKind"
         )
     return kind
+
+
+def find_installed_kind(name: str) -> ActivityKind | None:
+    """The kind of that name; None where none is installed, which is an error of its own."""
+    try:
+        return find_kind(name)
+    except ProtocolError:
+        return None
+
+
+def list_kinds(condition: Callable[[ActivityKind], bool]) -> tuple[str, ...]:
+    """The names of the built-in kinds that meet a condition, in order."""
+    return tuple(name for name in list_built_in_kinds() if condition(find_kind(name)))
 
 
 def build_activity(number: int, part: PlannedPart, context: SessionContext) -> Activity:

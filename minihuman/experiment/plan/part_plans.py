@@ -11,7 +11,6 @@ from minihuman.activities.pages.plan import PagePlan
 from minihuman.activities.play.plan import ComputedBy, PlayPlan
 from minihuman.activities.questions.plan import QuestionsPlan
 from minihuman.activities.team.debrief import DebriefPlan
-from minihuman.activities.team.plan import TeamPlayPlan
 from minihuman.display.text import PAGINATION_RULES, paginate_text
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.activity import ActivityKind, find_kind
@@ -180,15 +179,16 @@ def _plan_block(
     play = _plan_play(protocol, blocks, number, episodes, words)
     if kind.plan is PlayPlan:
         return play
-    fields = {name: getattr(play, name) for name in play.__struct_fields__}
-    if blocks[number].agent is not None:
-        fields["agent"] = blocks[number].agent
-    if kind.plan is TeamPlayPlan and (team := blocks[number].team) is not None:
-        seeds = blocks[number].seeds
-        fields |= {"team": team, "seeds": "listed" if isinstance(seeds, tuple) else seeds}
-    made = kind.plan(**fields)
-    assert isinstance(made, PlayPlan)  # the protocol's check has seen to it
-    return made
+    block = blocks[number]
+    tables = {
+        "agent": block.agent,
+        "team": block.team,
+        "seeds": "listed" if isinstance(block.seeds, tuple) else block.seeds,
+    }
+    given = {name: table for name, table in tables.items() if name in kind.plan_fields and table is not None}
+    plan = kind.plan(**msgspec.structs.asdict(play) | given)
+    assert isinstance(plan, PlayPlan)  # the protocol's check has seen to it
+    return plan
 
 
 def _plan_play(
@@ -233,7 +233,7 @@ def _plan_play(
 def _computed_by(block: BlockSpec) -> ComputedBy:
     """The page, for an ordinary block in a world of ours; what the protocol says, if it does."""
     # what held keys combine to, and what a design decides, the server knows
-    ordinary = block.kind == "play" and block.hold == "once" and block.design is None
+    ordinary = find_kind(block.kind).is_plain_play and block.hold == "once" and block.design is None
     is_grid = is_compiled_grid(block.world, block.options) and block.view != "text"
     own = is_grid or (is_first_person(block.world) and block.view != "full")
     return block.computed or ("page" if ordinary and own else "server")
