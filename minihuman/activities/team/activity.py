@@ -219,7 +219,7 @@ class TeamPlayActivity(PlayActivity):
         if self.phase is Phase.LOBBY:
             self._count_waiting()
         self.context.stranded |= reason != "replaced"
-        self._tally.skip = reason
+        self.sequence.stop(reason)
         if self.playing:
             self._episode_ended("partner_left")
         else:
