@@ -1,24 +1,11 @@
 """A window with a simulated participant at the keys: texts are read in a second and answered as they ask."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import get_args
+from collections.abc import Callable
+from importlib import import_module
 
-from minihuman.activities.agent_blocks.activity import AgentPlayActivity
-from minihuman.activities.correction.activity import CorrectionActivity
-from minihuman.activities.correction.plan import CorrectionPlan
-from minihuman.activities.correction.screens import FilmScreen
-from minihuman.activities.preferences.activity import PreferencesActivity
-from minihuman.activities.preferences.events import PairAnswer
-from minihuman.activities.preferences.plan import PreferencesPlan
-from minihuman.activities.preferences.screens import PairScreen
-from minihuman.activities.questions.activity import QuestionsActivity
-from minihuman.activities.questions.question import Click
-from minihuman.activities.rating.activity import RatingActivity
 from minihuman.display.windows.window import VirtualClock, Window
-from minihuman.errors import MinihumanError, PlayerFailedError
-from minihuman.experiment.keys import BUTTON_NAMES
-from minihuman.experiment.machine.activity import Activity
+from minihuman.errors import PlayerFailedError
+from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.machine.inputs import (
     Input,
     KeyDown,
@@ -29,36 +16,25 @@ from minihuman.experiment.machine.inputs import (
     TextInput,
 )
 from minihuman.experiment.machine.running_episode import NS_PER_MS, RunningEpisode
-from minihuman.experiment.machine.screens import PageScreen, PlayScreen, QuestionScreen, Screen, TextScreen
+from minihuman.experiment.machine.screens import PageScreen, PlayScreen, Screen, TextScreen
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.random_streams import draw_words
-from minihuman.plugins import limit_answer_time, locate_error
-from minihuman.simulation.participant import (
-    KeyPress,
-    SimulatedParticipant,
-    SimulatedTeacher,
-    WatchedStep,
+from minihuman.simulation.part_simulation import (
+    HOLD_MS,
+    LONGEST_NS,
+    READING_MS,
+    PartSimulator,
+    SimulatedPerson,
+    ask_key,
+    name_failures,
 )
+from minihuman.simulation.participant import SimulatedParticipant
 
 FRAME_NS = 16_666_667
-
-
-READING_MS = 1_000.0
-
-
-STEPPING_MS = 200.0  # from one picture to the next, through an episode that is looked at
-
-
-HOLD_MS = 90.0
-
-
-LONGEST_NS = 3_600_000_000_000  # without a key and a new screen
-
-
 MOST_USELESS_PRESSES = 1_000  # in a row that lead to no step
 
 
-class SimulatedWindow(Window):
+class SimulatedWindow(Window, SimulatedPerson):
     """Presses keys for a simulated participant; texts are read in a second and answered as they ask.
 
     Args:
@@ -80,21 +56,19 @@ class SimulatedWindow(Window):
         wrong_in_ten: int = 1,
         at_rest: Callable[[], None] = lambda: None,
     ) -> None:
+        super().__init__(player)
         self._before = before
-        self._wrong_in_ten = wrong_in_ten
-        self._player = player
+        self.wrong_in_ten = wrong_in_ten
         self._session = session
         self._clock = clock
         self._at_rest = at_rest
         self._screen: Screen = TextScreen("", "", "")
-        self._playing: RunningEpisode | None = None
-        self._looked: tuple[str, int] | None = None  # who steered and which step it was when the player looked last
-        self._answers = 0  # given so far
+        self._last_play: RunningEpisode | None = None  # that the player was shown
+        self._simulators: dict[str, PartSimulator | None] = {}  # by kind
+        self._n_draws = 0
         self._steps_at_last_key = 0  # of the running episode, at the last key
         self._useless_presses = 0  # since then
         self._last_ns = 0  # of the last key, and of the last new screen
-        self._compared: tuple[int, int] | None = None  # part and pair that were looked at last
-        self._looked_through: tuple[int, int] | None = None  # part and episode
         self._coming: list[Input] = []  # in order of time
 
     def show(self, screen: Screen) -> ScreenShown:
@@ -128,85 +102,29 @@ class SimulatedWindow(Window):
     def close(self) -> None:
         """Nothing to give back."""
 
-    def _think(self) -> None:
-        """Decide on the next key."""
-        part = self._session.part
-        if self._session.phase is part.phase and (key := part.simulate(self._any)) is not None:
-            self._press(key, READING_MS)
-            return
-        match self._screen:
-            case PlayScreen() if self._session.play is not None and isinstance(self._session.part, AgentPlayActivity):
-                self._watch(self._session.part, self._session.play)
-            case PlayScreen() if isinstance(rating := self._session.part, RatingActivity) and rating.held is not None:
-                self._watch(rating, rating.held)
-            case PlayScreen() if self._session.play is not None:  # else the last picture is held
-                self._press(*self._play(self._session.play))
-            case PairScreen():
-                self._prefer(self._session.part)
-            case FilmScreen():
-                self._look(self._session.part)
-            case PageScreen():
-                self._press("enter", READING_MS)
-            case QuestionScreen() if isinstance(part, QuestionsActivity):
-                self._answer(part)
-            case TextScreen(keys=keys) if missing := [key for key, pressed in keys if not pressed]:
-                self._press(missing[0], READING_MS)
-            case TextScreen() if self._session.next_tick_ns is None:  # else a rest is running: nothing to press yet
-                self._press("enter", READING_MS)
+    # What the simulators of parts can do
 
-    def _look(self, part: Activity) -> None:
-        """Look an episode through; a teacher goes to the step from which they show what should have been done, once."""
-        if not isinstance(part, CorrectionActivity) or part.reviewed_episode is None:
-            return
-        plan: CorrectionPlan = part.part.plan
-        episode, at = part.reviewed_episode
-        step = None
-        if isinstance(self._player, SimulatedTeacher) and part.review_id != self._looked_through:
-            with _failures_named():
-                step = self._player.correct(episode)
-        self._looked_through = part.review_id
-        if step is None:
-            self._press("enter", READING_MS)
-            return
-        key, steps = plan.forward if step > at else plan.back, abs(step - at)
-        for number in range(steps):
-            self._press(key, READING_MS + number * STEPPING_MS)
-        self._press(plan.begin, 2 * READING_MS + steps * STEPPING_MS)
+    @property
+    def now_ns(self) -> int:
+        """The session's time."""
+        return self._clock()
 
-    def _prefer(self, part: Activity) -> None:
-        """Watch a pair to its end, then choose a side; a participant who is no teacher answers at random."""
-        if not isinstance(part, PreferencesActivity) or part.pair is None or self._compared == part.pair_id:
-            return
-        plan: PreferencesPlan = part.part.plan
-        seen_ms = (part.length + 1) * plan.step_ms
-        self._compared = part.pair_id
-        if isinstance(self._player, SimulatedTeacher):
-            with _failures_named():
-                answer, delay_ms = self._player.prefer(*part.pair)
-                key = str(getattr(plan, answer))
-        else:
-            key, delay_ms = str(getattr(plan, get_args(PairAnswer)[self._any(2)])), READING_MS
-        self._press(key, seen_ms + delay_ms)
+    def begin_episode(self, play: RunningEpisode) -> None:
+        """Let the player look at an episode, if it is a new one."""
+        if play is not self._last_play:
+            self._last_play = play
+            with name_failures():
+                self.participant.begin(play.plan, self._session.plan.key_pool, play.world)
 
-    def _answer(self, questions: QuestionsActivity) -> None:
-        """Answer as the question's kind says; nothing is known of what these people think, but most attend."""
-        match questions.draft.simulate(self._any, lambda: self._any(10) >= self._wrong_in_ten):
-            case Click(target, along):
-                self._point(target, along)
-            case str() as text:
-                self._type(text)
-            case None:
-                self._press("tab", READING_MS)
+    def press_key(self, key: str, delay_ms: float = READING_MS, hold_ms: float = HOLD_MS) -> None:
+        """Press a key."""
+        down_ns = self._clock() + round(delay_ms * NS_PER_MS)
+        up_ns = down_ns + round(hold_ms * NS_PER_MS)
+        self._coming += [KeyDown(down_ns, key, key), KeyUp(up_ns, key, key)]
+        self._coming.sort(key=lambda happened: happened.t_ns)
 
-    def _any(self, count: int) -> int:
-        """A number below ``count``, from the study's seed, who answers and how many answers came before."""
-        plan = self._session.plan
-        purpose = f"simulated-answers-session-{plan.session}" + (f"-after-{self._before}" if self._before else "")
-        self._answers += 1
-        drawn = draw_words(self._answers, seed=plan.study_seed, purpose=purpose, index=plan.participant.index)
-        return int(drawn[-1] % count)
-
-    def _point(self, target: str, along: float = 0.5) -> None:
+    def point(self, target: str, along: float) -> None:
+        """Click a target of the screen."""
         down_ns = self._clock() + round(READING_MS * NS_PER_MS)
         up_ns = down_ns + round(HOLD_MS * NS_PER_MS)
         self._coming += [
@@ -214,89 +132,57 @@ class SimulatedWindow(Window):
             PointerReleased(up_ns, 0.5, 0.5, target, along),
         ]
 
-    def _type(self, text: str) -> None:
+    def type_text(self, text: str) -> None:
+        """Type a text."""
         self._coming.append(TextInput(self._clock() + round(READING_MS * NS_PER_MS), text))
 
-    def _play(self, play: RunningEpisode) -> tuple[str, float, float]:
-        self._begin(play)
+    def choose(self, count: int) -> int:
+        """Draw a number below ``count``, from the study's seed, who answers and how many answers came before."""
+        plan = self._session.plan
+        purpose = f"simulated-answers-session-{plan.session}" + (f"-after-{self._before}" if self._before else "")
+        self._n_draws += 1
+        words = draw_words(self._n_draws, seed=plan.study_seed, purpose=purpose, index=plan.participant.index)
+        return int(words[-1] % count)
+
+    # What is pressed next
+
+    def _think(self) -> None:
+        """Decide on the next key."""
+        part = self._session.part
+        if self._session.phase is part.phase:
+            key = part.simulate(self.choose)
+            if key is not None:
+                self.press_key(key)
+                return
+        simulator = self._find_simulator(part.part.kind)
+        if simulator is None or not simulator.act(part, self._screen):
+            self._do_usual()
+
+    def _find_simulator(self, kind: str) -> PartSimulator | None:
+        """The simulator of a kind's parts; None where it has none."""
+        if kind not in self._simulators:
+            module, _, name = find_kind(kind).simulator.partition(":")
+            self._simulators[kind] = getattr(import_module(module), name)(self) if module else None
+        return self._simulators[kind]
+
+    def _do_usual(self) -> None:
+        """Do what is usual on screens that every kind may show."""
+        match self._screen:
+            case PlayScreen() if self._session.play is not None:  # else the last picture stays
+                self._play(self._session.play)
+            case PageScreen():
+                self.press_key("enter")
+            case TextScreen(keys=keys) if missing := [key for key, pressed in keys if not pressed]:
+                self.press_key(missing[0])
+            case TextScreen() if self._session.next_tick_ns is None:  # else a rest is running: nothing to press yet
+                self.press_key("enter")
+
+    def _play(self, play: RunningEpisode) -> None:
+        self.begin_episode(play)
         self._useless_presses = 0 if play.steps != self._steps_at_last_key else self._useless_presses + 1
         self._steps_at_last_key = play.steps
         if self._useless_presses > MOST_USELESS_PRESSES:
             message = f"{MOST_USELESS_PRESSES} keys in a row led to no step of {play.plan.world}"
             raise PlayerFailedError(message, "no key that steps")
-        press = self._ask(play)
-        return press.key, press.delay_ms, press.hold_ms
-
-    def _ask(self, play: RunningEpisode) -> KeyPress:
-        """The player's next key.
-
-        Raises:
-            PlayerFailedError: if there is none.
-        """
-        with _failures_named():
-            press = self._player.press(play.world)
-        if press is None:
-            raise PlayerFailedError("it gave no answer", "no answer")
-        return _checked(press)
-
-    def _begin(self, play: RunningEpisode) -> None:
-        if play is not self._playing:
-            self._playing, self._looked = play, None
-            with _failures_named():
-                self._player.begin(play.plan, self._session.plan.key_pool, play.world)
-
-    def _watch(self, part: AgentPlayActivity, play: RunningEpisode) -> None:
-        """Look once at each state; only a teacher intervenes, others play where no agent does."""
-        self._begin(play)
-        now = (part.who, play.steps)
-        if self._looked == now:
-            return
-        self._looked = now
-        if isinstance(self._player, SimulatedTeacher):
-            with _failures_named():
-                press = self._player.watch(play.world, build_watched_input(part, play, self._clock()))
-            press = None if press is None else _checked(press)
-        else:
-            press = self._ask(play) if part.who == "person" else None
-        if press is not None:
-            self._press(press.key, press.delay_ms, press.hold_ms)
-
-    def _press(self, key: str, delay_ms: float, hold_ms: float = HOLD_MS) -> None:
-        down_ns = self._clock() + round(delay_ms * NS_PER_MS)
-        self._coming += [KeyDown(down_ns, key, key), KeyUp(down_ns + round(hold_ms * NS_PER_MS), key, key)]
-        self._coming.sort(key=lambda happened: happened.t_ns)
-
-
-@contextmanager
-def _failures_named() -> Iterator[None]:
-    """Name whatever a player raises, and a player that takes too long."""
-    try:
-        with limit_answer_time():
-            yield
-    except MinihumanError as error:  # it says what is the matter
-        raise PlayerFailedError(str(error), type(error).__name__) from error
-    except Exception as error:  # of a lab's own player: its session has an end of its own
-        kind = type(error).__name__
-        raise PlayerFailedError(f"{kind} at {locate_error(error)}: {error}", kind) from error
-
-
-def _checked(press: object) -> KeyPress:
-    if not isinstance(press, KeyPress):
-        answered = f"a {type(press).__name__}, not a KeyPress"
-        raise PlayerFailedError(
-            f"it answered with {answered}, which is not a possible answer", f"answered with {answered}"
-        )
-    longest = max(press.delay_ms, press.hold_ms) * NS_PER_MS
-    if press.key not in BUTTON_NAMES or min(press.delay_ms, press.hold_ms) < 0 or not longest <= LONGEST_NS:
-        raise PlayerFailedError(
-            f"it answered with {press!r}, which is not a possible key press", "an impossible key press"
-        )
-    return press
-
-
-def build_watched_input(part: AgentPlayActivity, play: RunningEpisode, t_ns: int) -> WatchedStep:
-    """What a teacher sees of a state."""
-    advised = part.advised
-    action = "" if advised is None else play.world.action_names[advised.action]
-    reached = play.outcome == "goal"
-    return WatchedStep(part.who, play.steps, t_ns / NS_PER_MS, action, part.hand_back_key, *part.rating_keys, reached)
+        press = ask_key(self.participant, play)
+        self.press_key(press.key, press.delay_ms, press.hold_ms)

@@ -24,7 +24,7 @@ from minihuman.activities.play.activity import PlayActivity
 from minihuman.experiment.machine.activity import ActivityRequest, SessionContext
 from minihuman.experiment.machine.events import ActivityEvent, PauseReason
 from minihuman.experiment.machine.inputs import ActivityInput, Input, ScreenShown
-from minihuman.experiment.machine.running_episode import NS_PER_MS
+from minihuman.experiment.machine.running_episode import NS_PER_MS, RunningEpisode
 from minihuman.experiment.machine.screens import PlayScreen
 from minihuman.experiment.machine.transitions import Phase, TransitionCause
 from minihuman.experiment.plan.random_streams import draw_words
@@ -67,6 +67,11 @@ class AgentPlayActivity(PlayActivity):
     def rating_keys(self) -> tuple[str, str]:
         """The keys that say good and bad; "" where steps are not rated."""
         return "", ""
+
+    @property
+    def rated_episode(self) -> RunningEpisode | None:
+        """The episode that is over, but can still be rated; None in every other phase."""
+        return None
 
     @property
     def _names_failures(self) -> bool:

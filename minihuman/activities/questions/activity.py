@@ -211,6 +211,7 @@ QUESTIONS = ActivityKind(
     QuestionsPlan,
     QuestionsActivity,
     tables="minihuman.activities.questions.tables:QUESTION_TABLES",
+    simulator="minihuman.activities.questions.simulation:QuestionsSimulator",
     is_for_players=True,
     is_check=True,
 )

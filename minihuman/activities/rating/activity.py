@@ -91,8 +91,8 @@ class RatingActivity(AgentPlayActivity):
         return min((t for t in due if t is not None), default=None)
 
     @property
-    def held(self) -> RunningEpisode | None:
-        """The episode whose last picture is held, for players who rate it; None in every other phase."""
+    def rated_episode(self) -> RunningEpisode | None:
+        """The episode whose last picture stays."""
         return self._current if self.phase is Phase.HOLD else None
 
     @property
@@ -128,4 +128,5 @@ RATING = ActivityKind(
     tables="minihuman.activities.rating.tables:RATING_TABLES",
     check_block=check_block,
     report="minihuman.activities.agent_blocks.report:build_section",
+    simulator="minihuman.activities.agent_blocks.simulation:AgentBlockSimulator",
 )

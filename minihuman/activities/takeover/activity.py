@@ -53,4 +53,5 @@ TAKEOVER = ActivityKind(
     tables="minihuman.activities.agent_blocks.tables:AGENT_TABLES",
     check_block=check_block,
     report="minihuman.activities.agent_blocks.report:build_section",
+    simulator="minihuman.activities.agent_blocks.simulation:AgentBlockSimulator",
 )

@@ -215,6 +215,8 @@ class ActivityKind:
         tables: a tuple of ``minihuman.dataset.activity_tables.ActivityTable``.
         screens: its own screens; each names its drawing, and how the page shows it.
         report: a function that makes a ``ReportSection`` of a ``SectionSource`` (``minihuman.reporting``), or None.
+        simulator: a ``PartSimulator`` (``minihuman.simulation``), which does the parts in simulated sessions; without
+            one, the activity's own `Activity.simulate`, and what is usual on screens that every kind may show.
         check_block: yields what is wrong with a block of the kind in a protocol, each as a field and what is wrong; it
             is given the block and the keys that may have an action.
         find_early_parts: yields the kind's parts in a plan that was recorded before plans had parts, each with its
@@ -236,6 +238,7 @@ class ActivityKind:
     tables: str = field(default="", kw_only=True)
     screens: tuple[type[ActivityScreen], ...] = field(default=(), kw_only=True)
     report: str = field(default="", kw_only=True)
+    simulator: str = field(default="", kw_only=True)
     check_block: Callable[[Any, tuple[str, ...]], Iterable[tuple[str, str]]] | None = field(default=None, kw_only=True)
     find_early_parts: Callable[[SessionPlan], Iterable[tuple[int, PlannedPart]]] | None = field(
         default=None, kw_only=True
