@@ -89,7 +89,7 @@ class AgentHost(RequestHandler):
         self._disputed: list[tuple[EpisodeClip, EpisodeClip]] = []  # pairs that the learner was asked about
         self._pair: tuple[EpisodeClip, EpisodeClip] | None = None  # of which the first was offered
         self._agents: dict[str, BaseAgent] = {}  # the one that plays, by the name of its policy
-        self._begun: tuple[str, int] | None = None  # policy and episode of the last begin()
+        self._last_begun: tuple[str, int] | None = None  # policy and episode of the last begin()
 
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
         """An input for the session; None where there is nothing to say yet."""
@@ -129,7 +129,8 @@ class AgentHost(RequestHandler):
         """Load a policy before it plays, so that one that cannot be loaded never does."""
         if policy and policy not in self._agents:
             try:
-                self._agents, self._begun = {policy: self._load(policy)}, None
+                self._agents = {policy: self._load(policy)}
+                self._last_begun = None
             except Exception as error:  # of a lab's own agent
                 LOG.warning("the policy %s cannot be loaded: %s", policy, error)
                 return NewPolicy(t_ns, "", f"the agent failed: {describe_failure(error)}")
@@ -171,7 +172,8 @@ class AgentHost(RequestHandler):
         if want.pairing == "random" or self._learner is None:
             return ClipOffered(t_ns, stretches.draw(want))
         if want.place:
-            pair, self._pair = self._pair, None
+            pair = self._pair
+            self._pair = None
             return ClipOffered(t_ns, stretches.draw(want) if pair is None or pair[0] != want.again else pair[1])
         if not self._disputed:
             pairs = stretches.candidates(want, N_CANDIDATE_PAIRS)
@@ -206,9 +208,9 @@ class AgentHost(RequestHandler):
         try:
             with limit_answer_time():
                 agent = self._agent(want.policy)
-                if self._begun != now:
+                if self._last_begun != now:
                     self._begin(agent, play)
-                    self._begun = now
+                    self._last_begun = now
                 chances = tuple(float(chance) for chance in agent.action_probabilities(play.world))
         except Exception as error:  # of a lab's own agent: the person can still play
             LOG.warning("the agent failed: %s at %s: %s", type(error).__name__, locate_error(error), error)
@@ -222,7 +224,7 @@ class AgentHost(RequestHandler):
             MinihumanError: if it cannot be.
         """
         if policy not in self._agents:
-            self._begun = None
+            self._last_begun = None
             self._agents = {policy: self._load(policy)}
         return self._agents[policy]
 
@@ -267,15 +269,14 @@ def make_agent_host(
         changed: called when a member of the session's team did something that may answer a request of it.
     """
     if is_allocation_pending(plan):
-        return GroupDrawHost(
-            protocol,
-            plan,
-            data,
-            lambda drawn: make_agent_host(protocol, drawn, data, patient=patient, teams=teams, changed=changed),
-        )
+
+        def make_next(drawn_plan: SessionPlan) -> RequestHandler | None:
+            return make_agent_host(protocol, drawn_plan, data, patient=patient, teams=teams, changed=changed)
+
+        return GroupDrawHost(protocol, plan, data, make_next)
     if any(isinstance(part.plan, TeamPlayPlan) for part in plan.parts):
-        alone = _make_host(protocol, plan, data, patient=patient, logged=logged)
-        return TeamMember(teams or TeamTable(protocol, data), plan, alone, patient=patient, changed=changed)
+        own_host = _make_host(protocol, plan, data, patient=patient, logged=logged)
+        return TeamMember(teams or TeamTable(protocol, data), plan, own_host, patient=patient, changed=changed)
     return _make_host(protocol, plan, data, patient=patient, logged=logged)
 
 
@@ -293,10 +294,10 @@ def _make_host(
     disputes = any(
         isinstance(part.plan, PreferencesPlan) and part.plan.pairing == "disagreement" for part in plan.parts
     )
-    learner = LearnerProcess() if disputes or any(its.agent.learner for its in plans) else None
+    learner = LearnerProcess() if disputes or any(block.agent.learner for block in plans) else None
     if learner is not None:
         learner.start()
-    if any(its.agent.learner or its.agent.policy in protocol.files for its in plans):
+    if any(block.agent.learner or block.agent.policy in protocol.files for block in plans):
         with suppress(MinihumanError):  # reported when a policy is to play
             load_agent_class(POLICY_AGENT)  # seconds, for what it imports: now, and not between two episodes
     return AgentHost(

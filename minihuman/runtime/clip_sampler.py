@@ -34,18 +34,19 @@ class ClipSampler:
 
     def candidates(self, want: ClipRequest, count: int) -> list[tuple[EpisodeClip, EpisodeClip]]:
         """Draw ``count`` pairs of different clips; none where no two differ."""
-        found = []
+        pairs = []
         for number in range(count):
             first = self.draw(replace(want, place=0, again=None), candidate=number)
             other = None if first is None else self.draw(replace(want, place=1, again=first), candidate=number)
             if first is not None and other is not None:
-                found.append((first, other))
-        return found
+                pairs.append((first, other))
+        return pairs
 
     def draw(self, want: ClipRequest, *, candidate: int = 0) -> EpisodeClip | None:
         """Draw a clip; None where no two differ. Each candidate has a random stream of its own."""
         if self._part != want.part:
-            self._part, self._places = want.part, self._found(want)
+            self._part = want.part
+            self._places = self._list_starts(want)
         purpose = f"stretch-{want.source}-part-{want.part}-pair-{want.pair}-{want.place}"
         purpose += f"-candidate-{candidate}" if candidate else ""
         left = [place for place in self._places if _make_clip(place, want.steps) != want.again]
@@ -57,7 +58,8 @@ class ClipSampler:
     def episode(self, want: EpisodeRequest) -> EpisodeClip | None:
         """One of the block's latest episodes, all of it; None where there is no further one."""
         if self._part != want.part:
-            self._part, self._places = want.part, [(episode, 0) for episode in self._episodes(want.source)]
+            self._part = want.part
+            self._places = [(episode, 0) for episode in self._episodes(want.source)]
         latest = self._places[-want.count :]
         if want.number >= len(latest):
             return None
@@ -71,7 +73,7 @@ class ClipSampler:
         played = read_log(logs[0].parent).episodes
         return [episode for episode in played if episode.plan.block_name == block and len(episode.actions)]
 
-    def _found(self, want: ClipRequest) -> list[_ClipStart]:
+    def _list_starts(self, want: ClipRequest) -> list[_ClipStart]:
         return [
             (episode, first)
             for episode in self._episodes(want.source)

@@ -44,7 +44,7 @@ class ModelRun:
 
         def make_client(spec: ModelSpec) -> ChatClient:
             known = {"temperature": spec.temperature, "max_tokens": spec.max_tokens}
-            settings: dict[str, float] = {one: known[one.replace("_completion", "")] for one in spec.request_fields}
+            settings: dict[str, float] = {name: known[name.replace("_completion", "")] for name in spec.request_fields}
             return ChatClient(name, settings=settings, timeout_s=spec.timeout_s)
 
         return cls(player, make_client, **settings)

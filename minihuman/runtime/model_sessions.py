@@ -84,10 +84,10 @@ def simulate_models(
 
 def _yield_done(waiting: set[Future[list[Path]]]) -> Generator[Path, None, set[Future[list[Path]]]]:
     """Yield the logs of sessions that are done; return the others."""
-    done, left = wait(waiting, return_when=FIRST_COMPLETED)
-    for one in done:
-        yield from one.result()
-    return left
+    finished, unfinished = wait(waiting, return_when=FIRST_COMPLETED)
+    for session in finished:
+        yield from session.result()
+    return unfinished
 
 
 def require_playable(protocol: Protocol) -> None:
@@ -152,22 +152,25 @@ def play_participant(protocol: Protocol, data: Path, run: ModelRun) -> list[Path
         MinihumanError: as `simulate_models`.
     """
     run.check()
-    settings, left = RecorderSettings(group=run.group_commit), None
+    settings = RecorderSettings(group=run.group_commit)
+    left = None
     log: McapRecorder | None = None
     path: Path | None
     with _hold_slots(data):
-        begun = next(_find_cut_off(data / protocol.study.name, run.name), None)
-        if isinstance(begun, Path) and (ended := read_log(begun)).end_reason != CUT_OFF:
-            finished = recover_log(begun).path
+        unfinished_session = next(_find_cut_off(data / protocol.study.name, run.name), None)
+        if isinstance(unfinished_session, Path) and (ended := read_log(unfinished_session)).end_reason != CUT_OFF:
+            finished = recover_log(unfinished_session).path
             record_log_end(finished)
-            path, plan, reason = finished, ended.plan, ended.end_reason
-        elif isinstance(begun, Path):
-            left = resume_segment(begun)
+            path = finished
+            plan = ended.plan
+            reason = ended.end_reason
+        elif isinstance(unfinished_session, Path):
+            left = resume_segment(unfinished_session)
             assert isinstance(left.events[0], SessionStarted)
             plan = left.events[0].plan
             log = McapRecorder(data, plan, started_ns=left.started_ns, settings=settings, left=left)
         else:
-            plan = plan_next_session(protocol, data, participant=begun, prefix="model")
+            plan = plan_next_session(protocol, data, participant=unfinished_session, prefix="model")
             log = McapRecorder(data, plan, started_ns=time.time_ns(), settings=settings)
     if log is not None:
         path, reason = _play(protocol, data, plan, run, log, left)
@@ -192,7 +195,9 @@ def _play(
 ) -> tuple[Path | None, str]:
     """Play one session, or the rest of one; return its log and why it ended."""
     spec = decode_logged_protocol(plan.protocol_toml).model
-    clock, record, recorder = VirtualClock(), ConversationRecord(spec), ResumableRecorder(log)
+    clock = VirtualClock()
+    record = ConversationRecord(spec)
+    recorder = ResumableRecorder(log)
     recorder.leave = True  # until it runs, an error leaves it to be resumed
     try:
         if left is None:

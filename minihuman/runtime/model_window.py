@@ -66,10 +66,15 @@ class ModelWindow(Window):
         record: ConversationRecord,
         recorder: "ResumableRecorder",
     ) -> None:
-        self._session, self._clock, self._client = session, clock, client
-        self._spec, self._run, self._record, self._recorder = spec, run, record, recorder
+        self._session = session
+        self._clock = clock
+        self._client = client
+        self._spec = spec
+        self._run = run
+        self._record = record
+        self._recorder = recorder
         self._screen: Screen = TextScreen("", "", "")
-        self._waited: Screen | None = None  # the screen for which the answer was to wait
+        self._waiting_screen: Screen | None = None  # the screen for which the answer was to wait
         self._attempt = 1
         self._useless = 0
         self._step: tuple[int, int] | None = None  # episode and step at the last key
@@ -97,7 +102,7 @@ class ModelWindow(Window):
         Raises:
             SessionLeft: if the model gives no answer, or the run is to stop.
         """
-        if not any(isinstance(one, KeyDown | PointerPressed | TextInput | Stop) for one in self._record.coming):
+        if not any(isinstance(coming, KeyDown | PointerPressed | TextInput | Stop) for coming in self._record.coming):
             try:
                 self._think()
             except (ModelUnavailableError, RunStoppedError) as error:
@@ -123,7 +128,7 @@ class ModelWindow(Window):
     def _think(self) -> None:
         rule = find_answer_rule(self._screen, self._session)
         if rule is not None:
-            if self._waited is not self._screen:
+            if self._waiting_screen is not self._screen:
                 self._decide(rule)
             return
         match self._screen:
@@ -148,17 +153,19 @@ class ModelWindow(Window):
         if call.verdict == "valid":
             self._attempt = 1
             if call.reading == WAIT:
-                self._waited = self._screen
+                self._waiting_screen = self._screen
             return
         self._attempt += 1
         if self._spec.invalid == "end" or self._attempt > self._spec.retries + 1:
             self._stop("no valid answer")
         elif self._spec.invalid == "no_op" and rule.may_wait:
-            self._waited = self._screen
+            self._waiting_screen = self._screen
 
     def _find_end(self, rule: AnswerRule) -> str:
         """Why no further answer is asked for, "" for no reason."""
-        spec, spent, session = self._spec, self._record.spent, self._session
+        spec = self._spec
+        spent = self._record.spent
+        session = self._session
         for limit, used, unit in (
             (spec.max_price, spent.price, spec.currency or "money"),
             (spec.max_session_tokens, spent.tokens, "tokens"),
@@ -189,11 +196,13 @@ class ModelWindow(Window):
             ModelUnavailableError: if there is none.
             RunStoppedError: if the run is to stop.
         """
-        session, record, spec = self._session, self._record, self._spec
+        session = self._session
+        record = self._record
+        spec = self._spec
         prompt = record.conversation.build_prompt(self._screen, rule, session)
         for failures in range(spec.retries + 1):
             self._run.check()
-            asked = ModelCall(
+            request = ModelCall(
                 self._clock(),
                 call=1 + (0 if record.call is None else record.call.call),
                 state="asked",
@@ -210,20 +219,20 @@ class ModelWindow(Window):
                 prompt_tokens=prompt.tokens,
             )
             record.rule = rule
-            self._take(asked)
+            self._take(request)
             try:
-                return self._read(asked, rule, self._client.ask(prompt))
+                return self._read(request, rule, self._client.ask(prompt))
             except ModelUnavailableError as error:
-                self._take(replace(asked, state="failed", prompt_tokens=0, error=error.reason))
+                self._take(replace(request, state="failed", prompt_tokens=0, error=error.reason))
                 if failures == spec.retries or not error.temporary:
                     raise
             time.sleep(min(30.0, RETRY_WAIT_S * 2**failures))
         raise AssertionError("the last failure is raised")
 
-    def _read(self, asked: ModelCall, rule: AnswerRule, answer: ChatAnswer) -> ModelCall:
+    def _read(self, request: ModelCall, rule: AnswerRule, answer: ChatAnswer) -> ModelCall:
         reading = rule.read(answer.text)
         call = replace(
-            asked,
+            request,
             state="answered",
             model=answer.model,
             prompt_tokens=answer.prompt_tokens,

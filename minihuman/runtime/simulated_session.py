@@ -82,9 +82,9 @@ def _simulate_teams(
     """All at once, a thread each, as they wait for each other; what they do depends on no thread's speed."""
     teams = TeamTable(protocol, data, lambda: 0.0, gather=len(people))
 
-    def play(one: tuple[SessionPlan, SimulatedParticipant]) -> list[Path]:
+    def play(person: tuple[SessionPlan, SimulatedParticipant]) -> list[Path]:
         try:
-            return list(_play_sessions(protocol, data, *one, facts, Counter(), teams))
+            return list(_play_sessions(protocol, data, *person, facts, Counter(), teams))
         finally:
             teams.depart()
 
@@ -125,7 +125,8 @@ def _require_player(protocol: Protocol, player: str, seed: int) -> None:
     Raises:
         SimulationError: if there is no such player, or it cannot play one of the worlds.
     """
-    person, tried = make_participant(player, np.random.default_rng(seed)), list[tuple[str, dict[str, Any]]]()
+    person = make_participant(player, np.random.default_rng(seed))
+    tried: list[tuple[str, dict[str, Any]]] = []
     for group, session in product(protocol.groups, range(1, max(1, len(protocol.sessions)) + 1)):
         plan = expand_protocol(protocol, enrol_participant(protocol, 0, group.name), session=session, overridden=True)
         for episode in plan.episodes:
@@ -174,7 +175,9 @@ def _play(
 
 def _free(data: Path, plan: SessionPlan, error: PlayerFailedError) -> str:
     """Give the slot of a player that failed to the next one, and say where its log is."""
-    study_dir, code, why = data / plan.study, plan.participant.id, f"player_failed: {error.reason}"
+    study_dir = data / plan.study
+    code = plan.participant.id
+    why = f"player_failed: {error.reason}"
     log = SegmentPath.of_plan(data, plan).log
     if not log.exists():
         if plan.session == 1:

@@ -15,18 +15,20 @@ def count_seats_at_machine(protocol: Protocol, group: str | None = None) -> int:
 
 def list_teams(protocol: Protocol, group: str | None) -> Iterator[tuple[str, TeamPlan]]:
     """The blocks' names and teams, in a group or in all."""
+    groups = [spec.name for spec in protocol.groups] if group is None else [group]
     for block in protocol.blocks:
-        for name in [one.name for one in protocol.groups] if group is None else [group]:
-            if (team := protocol.block_for(block.name, name).team) is not None:
+        for name in groups:
+            team = protocol.block_for(block.name, name).team
+            if team is not None:
                 yield block.name, team
 
 
-def require_one_process(protocol: Protocol, what: str, *, group: str | None = None, at_one_machine: int = 1) -> None:
+def require_one_process(protocol: Protocol, way: str, *, group: str | None = None, at_one_machine: int = 1) -> None:
     """Refuse a way to run a study in which its people would never meet.
 
     Args:
         protocol: the study.
-        what: the way, and what to do instead, for the message.
+        way: how it is run, and what to do instead, for the message.
         group: of the participant; None: any.
         at_one_machine: how many are there together.
 
@@ -35,4 +37,4 @@ def require_one_process(protocol: Protocol, what: str, *, group: str | None = No
     """
     for block, team in list_teams(protocol, group):
         if (seats := len(team.persons)) not in (1, at_one_machine):
-            raise AllocationError(f"block {block!r} is for {seats} people, who cannot play together {what}")
+            raise AllocationError(f"block {block!r} is for {seats} people, who cannot play together {way}")

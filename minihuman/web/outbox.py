@@ -351,7 +351,7 @@ class Outbox:
         step = -1 if play is None else play.steps
         who, action, limit_ns = "", -1, None
         if play is not None and isinstance(part, AgentPlayActivity):
-            who, limit_ns, advised = part.who, part.limit_ns, part.advised
+            who, limit_ns, advised = part.controller, part.limit_ns, part.advised
             action = advised.action if advised is not None and advised.step == step else -1
             self._send_control(part, play.plan.episode, action)
         elif isinstance(play, TeamEpisode) and not play.real_time and play.submitted is not None:
@@ -393,7 +393,7 @@ class Outbox:
         if control != self._sent_control:
             self._sent_control = control
             self.outgoing.add(control)
-        if self._look_ahead_graph is not None and action >= 0 and part.who == "agent":
+        if self._look_ahead_graph is not None and action >= 0 and part.controller == "agent":
             self._look_ahead_graph.look(action)
             self._send_look_ahead()
 

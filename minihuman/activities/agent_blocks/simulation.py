@@ -20,7 +20,7 @@ def build_watched_step(part: AgentPlayActivity, play: RunningEpisode, t_ns: int)
     action = "" if advised is None else play.world.action_names[advised.action]
     has_reached_goal = play.outcome == "goal"
     return WatchedStep(
-        part.who, play.steps, t_ns / NS_PER_MS, action, part.hand_back_key, *part.rating_keys, has_reached_goal
+        part.controller, play.steps, t_ns / NS_PER_MS, action, part.hand_back_key, *part.rating_keys, has_reached_goal
     )
 
 
@@ -40,7 +40,7 @@ class AgentBlockSimulator(PartSimulator):
         if play is None:
             return True
         self.person.begin_episode(play)
-        look = (part.who, play.steps)
+        look = (part.controller, play.steps)
         if self._last_play is play and self._last_look == look:
             return True
         self._last_play = play
@@ -56,4 +56,4 @@ class AgentBlockSimulator(PartSimulator):
             with name_failures():
                 press = participant.watch(play.world, build_watched_step(part, play, self.person.now_ns))
             return None if press is None else check_press(press)
-        return ask_key(participant, play) if part.who == "person" else None
+        return ask_key(participant, play) if part.controller == "person" else None

@@ -95,7 +95,7 @@ class PlayActivity(Activity):
         self._text_keys = TextKeys(self._reader, self._timer)
         self._view = BlockScreens(self.plan, context, shows_progress=self.shows_progress)
         self._flip_ns: int | None = None  # when the present text reached the display
-        self._drawn: tuple[object, Screen] | None = None  # a world's picture is drawn once
+        self._latest_screen: tuple[object, Screen] | None = None  # a world's picture is drawn once
 
     # What the conditions beside the table ask
 
@@ -213,9 +213,9 @@ class PlayActivity(Activity):
         steps = self._play and self._play.steps
         rest_s = self._timer.left_s(self.context.now_ns)
         now = (self.phase, self._reader.page, self._play, steps, rest_s, self._look)
-        if self._drawn is None or self._drawn[0] != now:
-            self._drawn = (now, self._screen())
-        return self._drawn[1]
+        if self._latest_screen is None or self._latest_screen[0] != now:
+            self._latest_screen = (now, self._screen())
+        return self._latest_screen[1]
 
     def _screen(self) -> Screen:
         before = self._view.before(self.phase, self._reader)

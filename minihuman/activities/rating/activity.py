@@ -23,7 +23,7 @@ REPEAT_INTERVAL_NS = 100_000_000  # a held key counts once in so long
 class RatingActivity(AgentPlayActivity):
     """Only the agent acts. If it fails, its episode ends; where there is none, all actions are equally likely."""
 
-    alone = True
+    acts_without_policy = True
 
     def __init__(self, *arguments: object) -> None:
         super().__init__(*arguments)  # type: ignore[arg-type]
@@ -102,7 +102,7 @@ class RatingActivity(AgentPlayActivity):
 
     @property
     def _look(self) -> object:
-        return self.who, self._flash
+        return self.controller, self._flash
 
     def _play_screen(self) -> PlayScreen:
         return replace(super()._play_screen(), flash=_find_mark(self._flash))

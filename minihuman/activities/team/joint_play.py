@@ -95,7 +95,8 @@ class JointPlay:
 
     def answer_ready(self, want: ReadyRequest, now_s: float) -> SeatsReady | TeamLost | None:
         """Tell a seat that is ready whether the episode may begin; None as long as partners are waited for."""
-        seat, episode = want.team.seat, want.plan.episode
+        seat = want.team.seat
+        episode = want.plan.episode
         if self.is_over:
             return TeamLost(0, "declined")
         if self.presence.has_ended:
@@ -133,7 +134,8 @@ class JointPlay:
         Returns:
             The joint action of a step that is closed; or what to ask of agents, to `close` the step with.
         """
-        seat, episode = want.team.seat, want.plan.episode
+        seat = want.team.seat
+        episode = want.plan.episode
         is_idle = self._is_idle(want, now_s)
         if want.action is not None and self.presence.is_shut_out(seat):
             return TeamLost(0, "replaced")

@@ -114,7 +114,7 @@ class Lobby(Generic[Member]):
 
     def _list_candidates(self, entry: LobbyEntry[Member], present_since_s: float) -> list[LobbyEntry[Member]]:
         """Return who may play with an entry, in the order in which they came."""
-        others = [
+        present = [
             other
             for other in self._entries
             if other is not entry
@@ -122,7 +122,7 @@ class Lobby(Generic[Member]):
             and other.asked_s >= present_since_s
             and other.participant.group == entry.participant.group
         ]
-        return [other for other in others if self._may_pair(entry, other)]
+        return [other for other in present if self._may_pair(entry, other)]
 
     def _may_pair(self, entry: LobbyEntry[Member], other: LobbyEntry[Member]) -> bool:
         match entry.rules.pairing:

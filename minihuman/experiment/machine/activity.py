@@ -77,12 +77,14 @@ class SessionContext:
 
     def emit_key(self, key: KeyDown | KeyUp, verdict: KeyVerdict, phase: str, action: int | None = None) -> None:
         """Emit a key and its verdict."""
-        down, waited_ns = isinstance(key, KeyDown), self.now_ns - key.t_ns
-        self.emit(KeyPressed(self.now_ns, key.key, key.symbol, down, action, verdict, phase, waited_ns))
+        is_down = isinstance(key, KeyDown)
+        waited_ns = self.now_ns - key.t_ns
+        self.emit(KeyPressed(self.now_ns, key.key, key.symbol, is_down, action, verdict, phase, waited_ns))
 
     def pop_events(self) -> list[Event]:
         """The events since the last call."""
-        events, self._events = self._events, []
+        events = self._events
+        self._events = []
         return events
 
     def has_world(self, world_id: str, options: dict[str, Any]) -> bool:

@@ -43,15 +43,15 @@ def enrol_participant(
     return assign_slot(protocol, Participant(format_participant_code(index), index, group or ""), slot)
 
 
-def assign_slot(protocol: Protocol, who: Participant, slot: AllocationSlot) -> Participant:
+def assign_slot(protocol: Protocol, participant: Participant, slot: AllocationSlot) -> Participant:
     """A participant in a slot, in its group unless they are in one already.
 
     Raises:
         ProtocolError: if there is no such group.
     """
-    group = protocol.group(who.group or slot.group).name
+    group = protocol.group(participant.group or slot.group).name
     own = slot.index if slot.stratum else None
-    return msgspec.structs.replace(who, group=group, stratum=slot.stratum, slot=own)
+    return msgspec.structs.replace(participant, group=group, stratum=slot.stratum, slot=own)
 
 
 def expand_protocol(
@@ -71,7 +71,8 @@ def expand_protocol(
     """
     slots = build_allocation_list(protocol)
     slot = slots[participant.place if participant.group else 0]
-    drawn, participant = participant, assign_slot(protocol, participant, slot)
+    enrolled = participant
+    participant = assign_slot(protocol, enrolled, slot)
     names = list_part_names(protocol, slot, participant.group, session)
     blocks = [protocol.block_for(name, participant.group) for name in names if is_block(protocol, name)]
     if (count := sum(block.episodes for block in blocks)) > MAX_SESSION_EPISODES:
@@ -104,7 +105,7 @@ def expand_protocol(
         study_version=protocol.study.version,
         protocol_toml=protocol.toml,
         protocol_sha256=protocol.sha256,
-        participant=drawn,
+        participant=enrolled,
         session=session,
         study_seed=protocol.study.seed,
         allocation_sha256=allocation_sha256(slots),
@@ -138,7 +139,7 @@ def _plan_episodes(
     protocol: Protocol,
     block: BlockSpec,
     number: int,
-    drawn: int,
+    draw: int,
     key_map: KeyMap,
     participant: Participant,
     session: int,
@@ -170,7 +171,7 @@ def _plan_episodes(
             hold=block.hold,
             response_deadline_ms=block.response_deadline_ms,
         )
-        for place, layout in enumerate(_draw_layout_seeds(protocol, block, drawn, participant, session))
+        for place, layout in enumerate(_draw_layout_seeds(protocol, block, draw, participant, session))
     ]
 
 
@@ -181,5 +182,5 @@ def _draw_layout_seeds(
     if isinstance(block.seeds, tuple):
         return block.seeds
     purpose = f"layouts-{number}-{block.name}-session-{session}"
-    drawn = draw_seeds(block.episodes, seed=protocol.study.seed, purpose=purpose, index=participant.index)
-    return drawn if block.seeds == "new" else drawn[:1] * block.episodes
+    seeds = draw_seeds(block.episodes, seed=protocol.study.seed, purpose=purpose, index=participant.index)
+    return seeds if block.seeds == "new" else seeds[:1] * block.episodes

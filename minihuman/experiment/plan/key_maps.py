@@ -55,5 +55,6 @@ def deal_spare_keys(
     if block.distractors:
         order = draw_permutation(len(spare), seed=seed, purpose=purpose, index=participant.index)
         dealt = {spare[place]: block.distractors[turn % len(block.distractors)] for turn, place in enumerate(order)}
-        keys, spare = {**keys, **dealt}, ()
+        keys = {**keys, **dealt}
+        spare = ()
     return KeyMap(keys=keys, spare_keys=spare, spare=protocol.keys.spare_keys, seed=seed)

@@ -4,7 +4,10 @@ from minihuman.errors import AllocationError
 from minihuman.experiment.plan.allocation import AllocationSlot
 from minihuman.experiment.protocol.protocol import Protocol
 
-CONSENT, KEYBOARD, DEBRIEF, CLOSING = "consent", "keyboard_check", "debrief", "closing"
+CONSENT = "consent"
+KEYBOARD = "keyboard_check"
+DEBRIEF = "debrief"
+CLOSING = "closing"
 
 
 def list_part_names(protocol: Protocol, slot: AllocationSlot, group: str, session: int) -> list[str]:
@@ -70,8 +73,8 @@ def _add_debrief(protocol: Protocol, names: list[str], group: str) -> list[str]:
     return [*names[:at], DEBRIEF, *names[at:]]
 
 
-def _has_page(protocol: Protocol, names: list[str], what: str) -> bool:
-    return any(page.name in names and getattr(page, what) for page in protocol.pages)
+def _has_page(protocol: Protocol, names: list[str], role: str) -> bool:
+    return any(page.name in names and getattr(page, role) for page in protocol.pages)
 
 
 def is_block(protocol: Protocol, name: str) -> bool:

@@ -29,7 +29,8 @@ OUTCOMES = ("goal", "timeout", "failure", "abandoned")
 
 def list_changed_words(protocol: Protocol) -> dict[str, str]:
     """The interface's words of a study, as far as they are not English's: none for most English studies."""
-    language, instead = protocol.study.language, flatten_words(protocol.words)
+    language = protocol.study.language
+    instead = flatten_words(protocol.words)
     if protocol.study.theme != "dark":
         instead["theme"] = protocol.study.theme  # so that it is in the log, with how else words are shown
     return instead if language == ENGLISH or language not in LANGUAGES else {**load_words(language), **instead}
@@ -56,15 +57,17 @@ def plan_parts(
     episodes: Sequence[EpisodePlan],
 ) -> Iterator[PlannedPart]:
     """A plan for each part of a session, in order."""
-    words, group = load_study_words(protocol), participant.group
+    words = load_study_words(protocol)
+    group = participant.group
     number = 0
     for name in names:
         page = protocol.page_for(name, group)
-        asked = next((apply_overrides(asked, group) for asked in protocol.questions if asked.name == name), None)
+        questionnaire = next((spec for spec in protocol.questions if spec.name == name), None)
         if page is not None:
             yield PlannedPart("page", name, _plan_page(protocol, page, words))
-        elif asked is not None:
-            yield PlannedPart("questions", name, _plan_questionnaire(protocol, participant, session, asked, names))
+        elif questionnaire is not None:
+            spec = apply_overrides(questionnaire, group)
+            yield PlannedPart("questions", name, _plan_questionnaire(protocol, participant, session, spec, names))
         elif any(block.name == name for block in protocol.blocks):
             kind = find_kind(blocks[number].kind)
             play = _plan_block(kind, protocol, blocks, number, episodes, words)
@@ -142,28 +145,30 @@ def find_paged_text(protocol: Protocol, name: str, group: str) -> str | None:
 
 
 def _plan_questionnaire(
-    protocol: Protocol, participant: Participant, session: int, asked: QuestionnaireSpec, names: Sequence[str]
+    protocol: Protocol, participant: Participant, session: int, spec: QuestionnaireSpec, names: Sequence[str]
 ) -> QuestionsPlan:
-    title, items = asked.title, asked.items
-    if asked.form:
-        shipped = load_form(asked.form, protocol.study.language)
-        title, items = title or shipped.title, shipped.items
-    if asked.shuffle:
-        purpose = f"items-{asked.name}-session-{session}"
+    title = spec.title
+    items = spec.items
+    if spec.form:
+        shipped = load_form(spec.form, protocol.study.language)
+        title = title or shipped.title
+        items = shipped.items
+    if spec.shuffle:
+        purpose = f"items-{spec.name}-session-{session}"
         order = draw_permutation(len(items), seed=protocol.study.seed, purpose=purpose, index=participant.index)
         items = tuple(items[place] for place in order)
-    back_to = protocol.group(participant.group).replace_parts.get(asked.return_to, asked.return_to)
+    back_to = protocol.group(participant.group).replace_parts.get(spec.return_to, spec.return_to)
     if back_to and back_to not in names:
         raise ProtocolError(
-            f"questions {asked.name!r} return to {back_to!r}, which is not in session {session}; add it to the session"
+            f"questions {spec.name!r} return to {back_to!r}, which is not in session {session}; add it to the session"
         )
     return QuestionsPlan(
         title=title,
         items=items,
-        tries=asked.max_attempts,
-        wrong=asked.wrong_answer_text,
+        tries=spec.max_attempts,
+        wrong=spec.wrong_answer_text,
         back_to=names.index(back_to) if back_to else None,
-        failed=asked.on_failure,
+        failed=spec.on_failure,
     )
 
 
@@ -185,8 +190,8 @@ def _plan_block(
         "team": block.team,
         "seeds": "listed" if isinstance(block.seeds, tuple) else block.seeds,
     }
-    given = {name: table for name, table in tables.items() if name in kind.plan_fields and table is not None}
-    plan = kind.plan(**msgspec.structs.asdict(play) | given)
+    own_fields = {name: table for name, table in tables.items() if name in kind.plan_fields and table is not None}
+    plan = kind.plan(**msgspec.structs.asdict(play) | own_fields)
     assert isinstance(plan, PlayPlan)  # the protocol's check has seen to it
     return plan
 
@@ -198,8 +203,9 @@ def _plan_play(
     episodes: Sequence[EpisodePlan],
     words: InterfaceWords,
 ) -> PlayPlan:
-    block, count = blocks[number], len(blocks)
-    its = [episode for episode in episodes if episode.block == number]
+    block = blocks[number]
+    count = len(blocks)
+    own_episodes = [episode for episode in episodes if episode.block == number]
     last = number + 1 == count
     title = words.fill("progress.part", part=number + 1, parts=count) if count > 1 else ""
     feedback = dict.fromkeys(OUTCOMES, block.feedback) if isinstance(block.feedback, str) else dict(block.feedback)
@@ -207,8 +213,8 @@ def _plan_play(
     return PlayPlan(
         block=number,
         blocks=count,
-        first=its[0].episode,
-        count=len(its),
+        first=own_episodes[0].episode,
+        count=len(own_episodes),
         title=block.title or title,
         instruction=instruction,
         feedback={outcome: text for outcome, text in feedback.items() if text},
