@@ -11,7 +11,7 @@ from minihuman.activities.pages.plan import PagePlan
 from minihuman.errors import ProtocolError
 from minihuman.experiment.plan import trials
 from minihuman.experiment.plan.allocation import AllocationSlot, allocation_sha256, build_allocation_list, find_slot
-from minihuman.experiment.plan.key_maps import carry_key_map, deal_spare_keys, draw_key_map, map_row_to_keys
+from minihuman.experiment.plan.key_maps import KeyMapPlanner
 from minihuman.experiment.plan.part_names import KEYBOARD, is_block, list_part_names
 from minihuman.experiment.plan.part_plans import (
     find_consent_text,
@@ -75,31 +75,11 @@ def expand_protocol(
     participant = assign_slot(protocol, enrolled, slot)
     names = list_part_names(protocol, slot, participant.group, session)
     blocks = [protocol.block_for(name, participant.group) for name in names if is_block(protocol, name)]
-    if (count := sum(block.episodes for block in blocks)) > MAX_SESSION_EPISODES:
-        raise ProtocolError(f"session {session} has {count} episodes; use at most {MAX_SESSION_EPISODES}")
-    episodes: list[EpisodePlan] = []
-    key_map: KeyMap | None = None
-    for number, block in enumerate(blocks):
-        place = _find_draw(protocol, block, blocks, number)
-        if block.key_map == "fixed":
-            key_map = deal_spare_keys(protocol, block, dict(block.fixed_keys), participant, session, place)
-        elif block.key_map == "constant":
-            key_map = map_row_to_keys(protocol, block, slot.kept, participant, session, place)
-        elif key_map is None or block.key_map != "carry_over":
-            key_map = draw_key_map(protocol, block, slot.positions[place], participant, session, place)
-        else:
-            key_map = carry_key_map(protocol, blocks[number - 1], block, key_map, participant, session, place)
-        episodes += _plan_episodes(protocol, block, number, place, key_map, participant, session, len(episodes))
-    words = load_study_words(protocol)
-    texts = tuple(
-        BlockText(
-            b.instructions, b.feedback if isinstance(b.feedback, str) else "", b.rest_text, protocol.study.min_rest_s
-        )
-        for b in blocks
-    )
+    _require_few_episodes(blocks, session)
+    episodes = _plan_blocks(protocol, blocks, participant, session, slot)
     parts = tuple(plan_parts(protocol, participant, session, names, blocks, episodes))
     agreed = [part.plan for part in parts if isinstance(part.plan, PagePlan) and part.plan.agree]
-    consent = find_consent_text(protocol, participant.group, names)
+    consent_text = find_consent_text(protocol, participant.group, names) if agreed else ""
     return SessionPlan(
         study=protocol.study.name,
         study_version=protocol.study.version,
@@ -110,12 +90,12 @@ def expand_protocol(
         study_seed=protocol.study.seed,
         allocation_sha256=allocation_sha256(slots),
         overridden=overridden,
-        consent_text=consent if agreed else "",
-        consent_sha256=hashlib.sha256((consent if agreed else "").encode()).hexdigest(),
+        consent_text=consent_text,
+        consent_sha256=hashlib.sha256(consent_text.encode()).hexdigest(),
         key_pool=protocol.keys.pool,
         keyboard_check=KEYBOARD in names,
-        texts=texts,
-        closing_text=words["closing.text"] if protocol.study.closing is None else protocol.study.closing,
+        texts=tuple(_list_texts(protocol, block) for block in blocks),
+        closing_text=_find_closing_text(protocol),
         episodes=tuple(episodes),
         first_episode=first_episode,
         segment=segment,
@@ -128,7 +108,36 @@ def expand_protocol(
     )
 
 
-def _find_draw(protocol: Protocol, block: BlockSpec, blocks: list[BlockSpec], number: int) -> int:
+def _require_few_episodes(blocks: list[BlockSpec], session: int) -> None:
+    count = sum(block.episodes for block in blocks)
+    if count > MAX_SESSION_EPISODES:
+        raise ProtocolError(f"session {session} has {count} episodes; use at most {MAX_SESSION_EPISODES}")
+
+
+def _find_closing_text(protocol: Protocol) -> str:
+    closing = protocol.study.closing
+    return load_study_words(protocol)["closing.text"] if closing is None else closing
+
+
+def _list_texts(protocol: Protocol, block: BlockSpec) -> BlockText:
+    feedback = block.feedback if isinstance(block.feedback, str) else ""
+    return BlockText(block.instructions, feedback, block.rest_text, protocol.study.min_rest_s)
+
+
+def _plan_blocks(
+    protocol: Protocol, blocks: list[BlockSpec], participant: Participant, session: int, slot: AllocationSlot
+) -> list[EpisodePlan]:
+    """Plan the episodes of a session's blocks, in order."""
+    key_maps = KeyMapPlanner(protocol, participant, session, slot)
+    episodes: list[EpisodePlan] = []
+    for number, block in enumerate(blocks):
+        draw = _find_draw(protocol, block, number)
+        key_map = key_maps.plan(block, draw)
+        episodes += _plan_episodes(protocol, block, number, draw, key_map, participant, session, len(episodes))
+    return episodes
+
+
+def _find_draw(protocol: Protocol, block: BlockSpec, number: int) -> int:
     """Which draw is the block's: its place in its group, or in the file where its place in the session varies."""
     if not protocol.lists_parts:
         return number
