@@ -18,16 +18,17 @@ SHARED_FOLDERS = {"play"}  # a block is a PlayPlan: the contract of kinds of blo
 TAKERS_OF_KINDS = ("find_kind", "find_installed_kind", "PlannedPart")
 
 
-def _read_modules() -> Iterator[tuple[str, ast.Module]]:
+@cache
+def _modules() -> dict[str, ast.Module]:
+    """The modules outside the kinds' folders that have a kind's name in quotes, or name a folder.."""
+    marks = ("minihuman.activities", *(f'"{kind}"' for kind in list_built_in_kinds()))
+    trees = {}
     for path in sorted(PACKAGE.rglob("*.py")):
         name = path.relative_to(PACKAGE).as_posix()
-        if not name.startswith("activities/") and not name.endswith("_pb2.py"):
-            yield name, ast.parse(path.read_text(encoding="utf-8"))
-
-
-@cache
-def _modules() -> tuple[tuple[str, ast.Module], ...]:
-    return tuple(_read_modules())
+        text = path.read_text(encoding="utf-8")
+        if not name.startswith("activities/") and any(mark in text for mark in marks):
+            trees[name] = ast.parse(text)
+    return trees
 
 
 def _find_literals(tree: ast.Module) -> dict[str, set[str]]:
@@ -83,7 +84,7 @@ def test_no_module_outside_a_kinds_folder_asks_for_the_kind_by_its_name():
     kinds = {*list_built_in_kinds()}
     places = {
         f"{module}:{line}"
-        for module, tree in _modules()
+        for module, tree in _modules().items()
         if module not in NAME_EXCEPTIONS
         for line, strings in _list_compared(tree)
         if strings & kinds
@@ -93,9 +94,8 @@ def test_no_module_outside_a_kinds_folder_asks_for_the_kind_by_its_name():
 
 def test_every_module_that_may_name_a_kind_does():
     kinds = {*list_built_in_kinds()}
-    trees = dict(_modules())
     for module in NAME_EXCEPTIONS:
-        assert any(strings & kinds for _, strings in _list_compared(trees[module])), f"{module} needs no exception"
+        assert any(strings & kinds for _, strings in _list_compared(_modules()[module])), f"{module} needs no exception"
 
 
 def test_a_comparison_with_a_kinds_name_is_seen_in_each_form():
@@ -130,6 +130,6 @@ def _list_imported_kinds(module: str, tree: ast.Module) -> Iterator[tuple[str, s
 
 def test_the_modules_that_import_a_kinds_folder_only_become_fewer():
     known = {tuple(line.split("\t")) for line in EXCEPTIONS.read_text(encoding="utf-8").splitlines()[1:]}
-    imported = {pair for module, tree in _modules() for pair in _list_imported_kinds(module, tree)}
+    imported = {pair for module, tree in _modules().items() for pair in _list_imported_kinds(module, tree)}
     assert imported - known == set(), "ask the registry, or the kind's own folder, instead"
     assert known - imported == set(), f"take these lines out of {EXCEPTIONS.name}: they are needed no longer"
