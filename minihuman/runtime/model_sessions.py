@@ -26,6 +26,7 @@ from minihuman.experiment.machine.events import (
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
+from minihuman.experiment.protocol.specs import ModelSpec
 from minihuman.experiment.replay import resume_from_events
 from minihuman.log.model.session_log import CUT_OFF
 from minihuman.log.paths import LOG_SUFFIX, MODELS_FOLDER, PART_SUFFIX
@@ -185,6 +186,29 @@ def play_participant(protocol: Protocol, data: Path, run: ModelRun) -> list[Path
     return logs
 
 
+def _build_session(plan: SessionPlan, run: ModelRun, spec: ModelSpec) -> SessionMachine:
+    """Build a session before its first input."""
+    facts = {"player": run.name, **collect_machine_facts(), **collect_world_facts(list_world_ids(plan))}
+    facts |= {"window": "model", "answer_rules": ANSWER_RULES}
+    return SessionMachine(plan, World, facts, picture_px=find_picture_size(spec))
+
+
+def _resume_session(
+    left: LeftoverSegment, spec: ModelSpec, record: ConversationRecord, log: McapRecorder
+) -> SessionMachine:
+    """Replay what was left of a session; its conversation so far is in the record then."""
+
+    def follow(session: SessionMachine, event: Event | None) -> None:
+        if event is None or isinstance(event, ModelCall):
+            record.follow(session, event)
+        else:
+            record.see_input(event)
+
+    session, unwritten = resume_from_events(left.events, World, picture_px=find_picture_size(spec), follow=follow)
+    log.begin(unwritten)
+    return session
+
+
 def _play(
     protocol: Protocol,
     data: Path,
@@ -201,21 +225,10 @@ def _play(
     recorder.leave = True  # until it runs, an error leaves it to be resumed
     try:
         if left is None:
-            facts = {"player": run.name, **collect_machine_facts(), **collect_world_facts(list_world_ids(plan))}
-            facts |= {"window": "model", "answer_rules": ANSWER_RULES}
-            session = SessionMachine(plan, World, facts, picture_px=find_picture_size(spec))
+            session = _build_session(plan, run, spec)
         else:
-
-            def follow(session: SessionMachine, event: Event | None) -> None:
-                if event is None or isinstance(event, ModelCall):
-                    record.follow(session, event)
-                else:
-                    record.see_input(event)
-
-            picture_px = find_picture_size(spec)
-            session, unwritten = resume_from_events(left.events, World, picture_px=picture_px, follow=follow)
+            session = _resume_session(left, spec, record, log)
             clock.advance_to(max(event.t_ns for event in left.events))
-            log.begin(unwritten)
         window = ModelWindow(session, clock, run.make_client(spec), spec, run, record, recorder)
         agent = make_agent_host(protocol, plan, data, patient=True)
     except BaseException:

@@ -20,7 +20,7 @@ TAKERS_OF_KINDS = ("find_kind", "find_installed_kind", "PlannedPart")
 
 @cache
 def _modules() -> dict[str, ast.Module]:
-    """The modules outside the kinds' folders that have a kind's name in quotes, or name a folder.."""
+    """The modules outside the kinds' folders that have a kind's name in quotes, or name a folder."""
     marks = ("minihuman.activities", *(f'"{kind}"' for kind in list_built_in_kinds()))
     trees = {}
     for path in sorted(PACKAGE.rglob("*.py")):
