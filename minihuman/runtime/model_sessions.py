@@ -10,6 +10,7 @@ from collections.abc import Generator, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from minihuman.admin.enrolment_entries import read_enrolled
 from minihuman.admin.enrolment_log import require_free_slots
@@ -35,6 +36,7 @@ from minihuman.log.record.disk import RecorderSettings
 from minihuman.log.record.file_lock import is_being_recorded
 from minihuman.log.record.finalization import recover_log
 from minihuman.log.record.mcap_recorder import LeftoverSegment, McapRecorder, resume_segment
+from minihuman.moved import forward_names
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
 from minihuman.runtime.model_run import ModelRun
@@ -244,3 +246,7 @@ def _play(
     if session.failure is not None:
         raise session.failure
     return path, session.end_reason
+
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)

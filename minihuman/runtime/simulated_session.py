@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.log.paths import SegmentPath
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.log.record.recorder import BufferedRecorder, DeferredRecorder
+from minihuman.moved import forward_names
 from minihuman.plugins import limit_answer_time
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
@@ -186,3 +187,7 @@ def _free(data: Path, plan: SessionPlan, error: PlayerFailedError) -> str:
     record_log_end(log)
     record_departure(study_dir, ParticipantReplaced(code, now_text(), reason=why))
     return f"{log} has the session up to there, and the slot is free again"
+
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from minihuman.activities.team.episode import TeamEpisode
 from minihuman.activities.team.joint_play import JointPlay
@@ -36,6 +37,7 @@ from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.moved import forward_names
 from minihuman.runtime.seat_agents import SeatAgents
 from minihuman.runtime.team_history import TeamBlockKey, read_team_history
 from minihuman.storage.system import monotonic_s
@@ -313,3 +315,7 @@ class TeamMember(RequestHandler):
         self.table.leave(self)
         if self._then is not None:
             self._then.close()
+
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)

@@ -4,6 +4,7 @@ Resolves groups, orders and sessions into parts, texts into pages, and blocks in
 """
 
 import hashlib
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -24,6 +25,7 @@ from minihuman.experiment.plan.participant_codes import format_participant_code
 from minihuman.experiment.plan.random_streams import draw_seeds
 from minihuman.experiment.plan.session_plan import BlockText, EpisodePlan, KeyMap, Participant, SessionPlan
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
+from minihuman.moved import forward_names
 
 MAX_SESSION_EPISODES = 20_000  # the plan is made and logged whole
 
@@ -193,3 +195,7 @@ def _draw_layout_seeds(
     purpose = f"layouts-{number}-{block.name}-session-{session}"
     seeds = draw_seeds(block.episodes, seed=protocol.study.seed, purpose=purpose, index=participant.index)
     return seeds if block.seeds == "new" else seeds[:1] * block.episodes
+
+
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)
