@@ -30,12 +30,8 @@ from minihuman.admin.enrolment_entries import (
 )
 from minihuman.errors import AllocationError
 from minihuman.experiment.plan.allocation import AllocationSlot, allocation_sha256, build_allocation_list, find_slot
-from minihuman.experiment.plan.expansion import (
-    assign_slot,
-    enrol_participant,
-    format_participant_code,
-    parse_participant_code,
-)
+from minihuman.experiment.plan.expansion import assign_slot, enrol_participant
+from minihuman.experiment.plan.participant_codes import format_participant_code, parse_participant_code
 from minihuman.experiment.plan.session_plan import Participant
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.operating_system import find_case_twin

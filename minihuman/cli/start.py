@@ -134,7 +134,8 @@ def check(
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.dataset.selection import check_exclusion_measures
     from minihuman.experiment.plan.dry_run import check_worlds, describe_plan, describe_strata, describe_worlds
-    from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol, parse_participant_code
+    from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+    from minihuman.experiment.plan.participant_codes import parse_participant_code
 
     if effect and preregistration is None:
         raise MinihumanError(f"--effect {effect} only adds to a preregistration; add --preregistration FILE as well")

@@ -24,6 +24,7 @@ from minihuman.dataset.measures import log_excess_steps, log_steps_ratio, spl
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
 from minihuman.errors import PlayerFailedError, ReportError
+from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
@@ -54,7 +55,7 @@ _PRESSES_PER_STEP = 20  # of the limit: who needs more will never find the keys
 def can_run_headless(protocol: Protocol) -> bool:
     """Whether a study can be played headless: one session, self-paced, without an agent."""
     return len(protocol.sessions) <= 1 and all(
-        block.kind == "play"
+        find_kind(block.kind).is_plain_play
         and block.pace == "on_key"
         and not (block.stop_criterion or block.design or block.auto_repeat or block.max_episode_s or block.max_block_s)
         for block in protocol.blocks

@@ -35,7 +35,7 @@ from minihuman.log.record.finalization import recover_log
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.session_loop import run_session
-from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.runtime.simulated_window import SimulatedWindow
 from minihuman.simulation.participant import KeyPress, SimulatedTeacher, make_participant
 from minihuman.worlds.adapters.world import World
 from tests.golden.guests import again

@@ -5,11 +5,10 @@ from itertools import pairwise, permutations, product
 
 import msgspec
 
-from minihuman.activities.agent_blocks.plan import AgentPlayPlan
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.activities.questions.question import check_item, find_question_kind
 from minihuman.errors import ProtocolError
-from minihuman.experiment.machine.activity import find_kind
+from minihuman.experiment.machine.activity import find_installed_kind, find_kind, list_kinds
 from minihuman.experiment.plan.designs import make_design
 from minihuman.experiment.protocol.model import BlockSpec, GroupSpec, Protocol
 from minihuman.experiment.protocol.specs import (
@@ -343,7 +342,7 @@ def _check_block(block: BlockSpec, protocol: Protocol) -> Iterator[FieldError]:
     yield from select_errors(
         [
             (
-                on_page and block.kind != "play",
+                on_page and not _can_page_compute(block.kind),
                 "computed",
                 f"is 'page' for a {block.kind} block; a page computes play alone: use 'server'",
             ),
@@ -391,8 +390,6 @@ def _check_block(block: BlockSpec, protocol: Protocol) -> Iterator[FieldError]:
     if block.design is not None:
         if on_page:
             yield "computed", "is 'page', but a design resolves each episode on the server; use 'server'"
-        if block.kind == "team":
-            yield "design", "would decide for each seat by itself; leave it out of a team block"
         try:
             make_design(block.design)
         except ProtocolError as error:
@@ -437,19 +434,36 @@ def _check_unused_fields(protocol: Protocol) -> Iterator[FieldError]:
                     f"is given, but key_map is {block.key_map!r}; set it to 'fixed'",
                 ),
                 (
-                    block.agent is not None and not any(map(_has_agent, kinds)),
+                    block.agent is not None and not any(_has_table(kind, "agent") for kind in kinds),
                     f"{path}.agent",
-                    f"{none} 'takeover' or 'rating'",
+                    f"{none} {_name_kinds_with('agent')}",
                 ),
-                (block.team is not None and "team" not in kinds, f"{path}.team", f"{none} 'team'"),
+                (
+                    block.team is not None and not any(_has_table(kind, "team") for kind in kinds),
+                    f"{path}.team",
+                    f"{none} {_name_kinds_with('team')}",
+                ),
             ]
         )
 
 
-def _has_agent(kind: str) -> bool:
-    """Whether a kind of block has one; what is no kind of block is a complaint of its own."""
-    try:
-        plan = find_kind(kind).plan
-    except ProtocolError:
-        return True
-    return not issubclass(plan, PlayPlan) or issubclass(plan, AgentPlayPlan)
+def is_played_alone(kind: str) -> bool:
+    """Tell whether only the participant acts in blocks of a kind; one that is not installed is an error of its own."""
+    installed = find_installed_kind(kind)
+    return installed is None or installed.is_played_alone
+
+
+def _can_page_compute(kind: str) -> bool:
+    installed = find_installed_kind(kind)
+    return installed is None or installed.is_plain_play
+
+
+def _has_table(kind: str, table: str) -> bool:
+    """Tell whether blocks of a kind have a table of that name; what is no kind of block is an error of its own."""
+    installed = find_installed_kind(kind)
+    return installed is None or not issubclass(installed.plan, PlayPlan) or table in installed.plan_fields
+
+
+def _name_kinds_with(table: str) -> str:
+    kinds = list_kinds(lambda kind: issubclass(kind.plan, PlayPlan) and table in kind.plan_fields)
+    return " or ".join(map(repr, kinds))
