@@ -35,6 +35,7 @@ from minihuman.statistics.comparison import Values, permutation_tests
 from minihuman.statistics.scores import wilson_interval
 from minihuman.statistics.two_part_model import summarise_people, two_parts_p
 from minihuman.worlds.adapters.world import World
+from minihuman.worlds.outcomes import OutcomeJudge
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,19 +78,24 @@ def _play(plan: EpisodePlan, pool: tuple[str, ...], player: SimulatedParticipant
     world.reset(plan.seed)
     shortest = world.path_length_bounds().feasible
     player.begin(plan, pool, world)
-    presses, steps, reward, outcome = 0, 0, 0.0, "timeout"
-    while outcome == "timeout" and steps < plan.max_steps and presses < _PRESSES_PER_STEP * plan.max_steps:
+    judge = OutcomeJudge(plan.outcome_rule)
+    outcome: str | None = None
+    presses = 0
+    steps = 0
+    reward = 0.0
+    while outcome is None and presses < _PRESSES_PER_STEP * plan.max_steps:
         press = player.press(world)
         if press is None:
             raise PlayerFailedError(f"the simulated participant gave no answer in {plan.world}", "no answer")
         action = plan.key_map.keys.get(press.key, "")
         presses += 1
         if action:
-            made = world.step(world.action_names.index(action))
-            steps, reward = steps + 1, reward + made.reward
-            if made.terminated:
-                outcome = "goal" if made.reward > 0 else "failure"
-    return HeadlessEpisode(outcome, reward, steps, shortest, plan.max_steps)
+            transition = world.step(world.action_names.index(action))
+            steps += 1
+            reward += transition.reward
+            facts = transition.collect_facts(judge.rule, return_=reward, spent=steps >= plan.max_steps)
+            outcome = judge.judge_step(facts)
+    return HeadlessEpisode(outcome or judge.judge_time_limit(), reward, steps, shortest, plan.max_steps)
 
 
 _COLUMNS = [
@@ -256,13 +262,19 @@ def _best(value: float) -> int | None:
     return None if pd.isna(value) else int(value)
 
 
+def _known(rows: pd.DataFrame, values: "pd.Series[float]") -> list[float]:
+    """Leave out episodes whose outcome no rule tells."""
+    known: list[float] = values.where(rows["outcome"] != "ended").tolist()
+    return known
+
+
 MEASURES: Mapping[str, Callable[[pd.DataFrame], Sequence[float]]] = {
     "log_excess_steps": lambda rows: _each(rows, lambda s, b, m, o: log_excess_steps(s, _best(b), int(m), o)),
     "log_steps_ratio": lambda rows: _each(rows, lambda s, b, m, o: log_steps_ratio(s, _best(b), int(m), o)),
     "spl": lambda rows: _each(rows, lambda s, b, m, o: spl(s, _best(b), o)),
-    "steps_at_limit": lambda rows: rows["steps"].where(rows["outcome"] == "goal", rows["max_steps"]).tolist(),
+    "steps_at_limit": lambda rows: _known(rows, rows["steps"].where(rows["outcome"] == "goal", rows["max_steps"])),
     "reward": lambda rows: rows["reward"].tolist(),
-    "success": lambda rows: (rows["outcome"] == "goal").astype(float).tolist(),
+    "success": lambda rows: _known(rows, (rows["outcome"] == "goal").astype(float)),
 }
 
 

@@ -24,10 +24,12 @@ from minihuman.experiment.plan import trials
 from minihuman.experiment.plan.allocation import AllocationSlot, allocation_sha256, build_allocation_list, find_slot
 from minihuman.experiment.plan.random_streams import draw_permutation, draw_seeds
 from minihuman.experiment.plan.session_plan import BlockText, EpisodePlan, KeyMap, Participant, PlannedPart, SessionPlan
+from minihuman.experiment.plan.stated_outcomes import find_outcome_rule
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.specs import PageSpec, QuestionnaireSpec, apply_overrides, load_form
 from minihuman.experiment.words import ENGLISH, LANGUAGES, InterfaceWords, flatten_words, load_words
 from minihuman.worlds.catalogue import is_compiled_grid, is_first_person
+from minihuman.worlds.outcomes import OUTCOME_RULES
 
 MAX_SESSION_EPISODES = 20_000  # the plan is made and logged whole
 
@@ -101,7 +103,7 @@ def _has_page(protocol: Protocol, names: list[str], what: str) -> bool:
     return any(page.name in names and getattr(page, what) for page in protocol.pages)
 
 
-OUTCOMES = ("goal", "timeout", "failure", "abandoned")
+OUTCOMES = ("goal", "timeout", "failure", "abandoned", "ended")
 
 
 def list_changed_words(protocol: Protocol) -> dict[str, str]:
@@ -379,12 +381,13 @@ def expand_protocol(
     overridden: bool = False,
     first_episode: int = 0,
     segment: int = 1,
+    outcome_rules: int = OUTCOME_RULES,
 ) -> SessionPlan:
     """Everything the session will ask for, before the first key press.
 
     ``overridden`` says that participant or group was chosen by hand; ``first_episode`` and ``segment`` say where
-    the session resumes, and change nothing else. For a participant whose group is not drawn yet the plan is right up
-    to the draw, and some group's from there on.
+    the session resumes, and change nothing else; ``outcome_rules`` is 0 in a study that began before there were any.
+    For a participant whose group is not drawn yet the plan is right up to the draw, and some group's from there on.
     """
     slots = build_allocation_list(protocol)
     slot = slots[participant.place if participant.group else 0]
@@ -405,7 +408,9 @@ def expand_protocol(
             key_map = _draw_key_map(protocol, block, slot.positions[place], participant, session, place)
         else:
             key_map = _carry_key_map(protocol, blocks[number - 1], block, key_map, participant, session, place)
-        episodes += _plan_episodes(protocol, block, number, place, key_map, participant, session, len(episodes))
+        planned = _plan_episodes(protocol, block, number, place, key_map, participant, session, len(episodes))
+        rule = find_outcome_rule(block, outcome_rules=outcome_rules).rule
+        episodes += [msgspec.structs.replace(episode, outcome_rule=rule) for episode in planned] if rule else planned
     words = load_study_words(protocol)
     texts = tuple(
         BlockText(
@@ -441,6 +446,7 @@ def expand_protocol(
         bonus=protocol.bonus,
         fonts=protocol.study.fonts,
         files=trials.find_files(protocol),
+        outcome_rules=outcome_rules,
     )
 
 
@@ -538,6 +544,7 @@ def _plan_episodes(
             view=block.view,
             palette=block.palette,
             record_observations=block.record_observations,
+            record_info=block.record_info,
             onset_at_reset=block.stimulus_onset == "reset",
             hold=block.hold,
             response_deadline_ms=block.response_deadline_ms,
