@@ -1,7 +1,7 @@
 """Outcome rules: what the end of an episode means. This is the one place that says so.
 
 A rule is a text of conditions, all of which success needs: ``info:is_success``, ``return >= 195``, ``reward > 0``,
-``terminated``, joined by "and"; or one word, ``world`` (the world says it, or nobody does) or ``none``. It is read at
+``terminated``, joined by "and"; or one word, ``world`` (what the world says) or ``none`` (unknown). It is read at
 the last step, or at every step where it ends in "at any step". What a rule cannot tell is unknown, never guessed.
 """
 

@@ -1,4 +1,4 @@
-"""What an end means is said by a rule that somebody stated; where nobody did, the episode has just ended."""
+"""What an end means is said by a rule that was stated; where none was, the episode has just ended."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Check what the ends of a protocol's episodes mean: who says so, and that nothing needs what nobody says."""
+"""Check what the ends of a protocol's episodes mean: who says so, and that nothing needs what is unknown."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import closing
