@@ -101,7 +101,8 @@ def select_known(column: NDArray[Any]) -> NDArray[Any]:
     if column.dtype == object:
         return np.array([value for value in column if isinstance(value, bool)], np.bool_)
     if column.dtype.kind == "f" and column.ndim == 1:
-        return column[np.isfinite(column)]
+        known: NDArray[Any] = column[np.isfinite(column)]
+        return known
     return column
 
 

@@ -116,6 +116,14 @@ def test_what_is_chosen_of_info_is_in_steps(data: Path, tmp_path: Path) -> None:
     export_study("parquet", data / "odd-ends", tmp_path, Selection())
     (found,) = tmp_path.rglob("steps.parquet")
     rows = [row["info"] for row in pq.read_table(found).to_pylist() if row["block"] == "coins"]
+    columns = pq.read_table(found).to_pydict()
+    assert {value for value in columns["info_coins"] if value is not None} == {7.0}
+    assert {value for value in columns["info_where"] if value is not None} == {"[1, 2]"}
+    described = json.loads((found.parent / "dictionary.json").read_text(encoding="utf-8"))["steps"]
+    assert {name: described[name]["type"] for name in ("info_coins", "info_said")} == {
+        "info_coins": "number",
+        "info_said": "text",
+    }
     assert [json.loads(text) for text in rows] == [{}, {}, {"coins": 7, "said": "oh", "set": None, "where": [1, 2]}]
 
 

@@ -415,8 +415,8 @@ def _check_outcome(block: BlockSpec) -> Iterator[FieldError]:
         except ProtocolError as error:
             yield "success", str(error)
     for key in block.record_info:
-        if not key.strip() or block.record_info.count(key) > 1:
-            yield "record_info", f"has {key!r}; name each key of the world's info once"
+        if not key.strip() or '"' in key or block.record_info.count(key) > 1:
+            yield "record_info", f"has {key!r}; name each key of the world's info once, without quotation marks"
 
 
 def _check_block_kind(block: BlockSpec, pool: tuple[str, ...]) -> Iterator[FieldError]:
