@@ -26,6 +26,7 @@ from minihuman.dataset.sessions import StudySessions
 from minihuman.errors import PlayerFailedError, ReportError
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan
+from minihuman.experiment.plan.stated_outcomes import HOW_TO_STATE_A_RULE
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.figures.style import COLUMN_CM, MUTED, SERIES, figure_style, save_figure
 from minihuman.operating_system import count_processes
@@ -300,6 +301,11 @@ def compute_values(rows: pd.DataFrame, measure: str) -> Values:
         return summarise_people(rows, "reward")
     if measure not in MEASURES:
         raise ReportError(f"--measure {measure!r} is unknown; use all or one of {', '.join((*MEASURES, TWO_PARTS))}")
+    if measure != "reward" and (rows["outcome"] == "ended").all():
+        raise ReportError(
+            f"--measure {measure} needs success, but no rule says what success is in the block; {HOW_TO_STATE_A_RULE}, "
+            "or use --measure reward"
+        )
     told = rows.assign(value=MEASURES[measure](rows)).groupby("participant")["value"].mean().dropna()
     if len(told) < 2:
         raise ReportError(

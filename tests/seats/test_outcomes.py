@@ -5,25 +5,33 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
+import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
 import tests.worlds.odd_ends  # noqa: F401 - registers the worlds
+from minihuman.activities.play.screens import build_feedback_screen
 from minihuman.admin.enrolment_entries import SlotTaken, open_enrolment_log
 from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.verify.log import verify_session
 from minihuman.dataset.recording_quality import PlanOutline
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
-from minihuman.errors import NewerLogError, ProtocolError
+from minihuman.errors import NewerLogError, ProtocolError, ReportError
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.screen_texts import capitalise
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.outcome_check import check_outcome_rules
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
+from minihuman.experiment.words import LANGUAGES, InterfaceWords
 from minihuman.exporters.exporter import export_study
 from minihuman.log.codec import DECODERS, select_decoder
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.read.session_reader import read_log
+from minihuman.planning.power import compute_values
 from minihuman.reporting.methods import build_methods
 from minihuman.runtime.simulated_session import simulate
+from minihuman.worlds.adapters.world import World
 
 KINDS = {
     "paid": "ended",
@@ -85,6 +93,19 @@ def test_the_log_says_of_each_end_what_its_rule_says(log: SessionLog) -> None:
     assert {episode.plan.block_name: episode.outcome for episode in log.episodes} == KINDS
     success = {"goal": True, "failure": False, "timeout": False, "ended": None}
     assert [episode.success for episode in log.episodes] == [success[outcome] for outcome in KINDS.values()]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_page_and_desk_say_that_the_episode_is_over(language: str) -> None:
+    plan = expand_protocol(study("paid"), enrol_participant(study("paid"), 0))
+    episode = RunningEpisode(plan.episodes[0], World(plan.episodes[0].world, {"kind": "paid"}), picture_px=None)
+    episode.start(0)
+    while episode.outcome is None:
+        episode.step(0, 0, key="", key_t_ns=0)
+    words = InterfaceWords(language)
+    screen = build_feedback_screen(words, plan.parts[0].plan, episode, "", 0.0, 0.0)
+    assert screen.body == capitalise(f"{words['outcome.ended']}.")
+    assert language != "en" or screen.body == "The episode is over."
 
 
 def test_the_log_is_proved(log: SessionLog) -> None:
@@ -173,6 +194,13 @@ def test_what_needs_success_is_refused_where_no_rule_says_it() -> None:
         check_outcome_rules(study("paid", more=f'{more}\nsuccess = "terminated"'), "odd.toml")
     check_outcome_rules(study("paid", more="points = { per_reward = 1 }"), "odd.toml")
     check_outcome_rules(study("array", more="points = { goal = 1 }"), "odd.toml")
+
+
+def test_power_says_how_to_state_a_rule_where_success_is_unknown() -> None:
+    episodes = pd.DataFrame({"outcome": ["ended"] * 4, "participant": list("aabb"), "steps": 3, "max_steps": 9})
+    with pytest.raises(ReportError, match=r"success needs success, but no rule says what success is .* state one"):
+        compute_values(episodes, "success")
+    assert compute_values(episodes.assign(reward=1.0), "reward").tolist() == [1.0, 1.0]
 
 
 def test_check_says_which_rule_holds_and_what_is_not_kept() -> None:
