@@ -12,7 +12,6 @@ from starlette.applications import Starlette
 from starlette.testclient import TestClient
 
 import minihuman
-from minihuman.activities.questions.question import find_question_kind
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.dataset.activity_tables import list_activity_tables
 from minihuman.dataset.table_catalogue import TABLES
@@ -82,8 +81,6 @@ def lab(tmp_path_factory):
         yield place
     for name in [name for name in sys.modules if name.partition(".")[0] == "dummy_lab"]:
         del sys.modules[name]
-    for find in (find_kind, find_question_kind):
-        find.cache_clear()
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,6 @@ import abc
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -28,7 +27,7 @@ from minihuman.experiment.machine.running_episode import RunningEpisode, catch_w
 from minihuman.experiment.machine.screens import ActivityScreen, Screen
 from minihuman.experiment.plan.session_plan import KeyMap, PlannedPart, SessionPlan
 from minihuman.experiment.words import InterfaceWords
-from minihuman.plugins import list_plugin_names, load_plugin
+from minihuman.plugins import list_plugin_names, load_plugin, remember_by_name
 
 if TYPE_CHECKING:
     from minihuman.worlds.adapters.world import World
@@ -248,7 +247,7 @@ def list_built_in_kinds() -> tuple[str, ...]:
     return list_plugin_names(GROUP, built_in=True)
 
 
-@cache
+@remember_by_name
 def find_kind(name: str) -> ActivityKind:
     """The kind of that name.
 
