@@ -153,7 +153,7 @@ def serve(
         require_legible(study, str(protocol))
     socket = open_listening_socket(port, host)
     if workers > 1:
-        from minihuman.runtime.team_host import require_one_process
+        from minihuman.runtime.team_seating import require_one_process
 
         require_one_process(study, "in several server processes; leave out --workers")
     others = list_process_commands(

@@ -32,7 +32,8 @@ from minihuman.log.model.session_log import EpisodeLog
 from minihuman.log.model.teaching_events import NO_ADVICE
 from minihuman.log.observations import verify_observations
 from minihuman.worlds.adapters.spaces import VectorActions
-from minihuman.worlds.adapters.world import ResetResult, StepResult, World
+from minihuman.worlds.adapters.transition import ResetResult, StepResult
+from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import resolve_files
 
 _CHARACTERS = frozenset(string.printable)

@@ -33,6 +33,7 @@ from minihuman.exporters.flat_observations import (
     to_standard_space,
 )
 from minihuman.exporters.study_metadata import get_action_names, get_plain_facts, get_plan_study_facts
+from minihuman.exporters.world_info import add_reset, build_info_columns
 from minihuman.plugins import DISTRIBUTION
 
 NAMESPACE = "minihuman"
@@ -166,5 +167,6 @@ def _buffer(demonstration: ReplayedEpisode) -> EpisodeBuffer:
             "t_ns": episode.t_ns,
             "pose": episode.poses,
             **build_steering_columns(episode, with_reset=True),
+            **{key: add_reset(column) for key, column in build_info_columns(episode).items()},
         },
     )

@@ -22,7 +22,7 @@ from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.runtime.session_loop import run_session
-from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.runtime.simulated_window import SimulatedWindow
 from minihuman.simulation.participant import make_participant
 from minihuman.worlds.adapters.world import World
 

@@ -31,7 +31,8 @@ class TeamStep(NamedTuple):  # three times as quick to make as a frozen dataclas
     rewards: tuple[float, ...]  # by body; all the same where the world shares its reward
     terminated: bool  # the task is over, for all bodies at once
     truncated: bool  # the step limit is reached
-    info: Mapping[str, Any] = NO_INFO
+    info: Mapping[str, Any] = NO_INFO  # the same for all bodies
+    infos: tuple[Mapping[str, Any], ...] = ()  # by body, beside ``info``; empty where all have the same
 
 
 class PictureTiles(NamedTuple):

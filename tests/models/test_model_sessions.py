@@ -26,7 +26,8 @@ from minihuman.log.model.session_log import SessionLog
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.reporting.scorecard import build_scorecard, write_scorecard
-from minihuman.runtime.model_sessions import ModelWindow, RunStoppedError, SessionLeft
+from minihuman.runtime.model_run import RunStoppedError
+from minihuman.runtime.model_window import ModelWindow, SessionLeft
 from minihuman.simulation import model_conversation
 from minihuman.simulation.chat_client import ModelUnavailableError
 from minihuman.simulation.model_conversation import AnswerRule
@@ -39,7 +40,7 @@ pytestmark = pytest.mark.program
 @pytest.fixture
 def environment(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
-    monkeypatch.setattr("minihuman.runtime.model_sessions.RETRY_WAIT_S", 0.0)
+    monkeypatch.setattr("minihuman.runtime.model_window.RETRY_WAIT_S", 0.0)
     return monkeypatch
 
 

@@ -117,7 +117,9 @@ def _at_step(episode: EpisodeLog, index: int, again: Stepped, where: str) -> Ite
         int(episode.observation_hashes[index + 1]),
         again.observation_hash,
     )
+    said = np.nan if episode.successes is None else episode.successes[index]
     for name, logged, now in (
+        ("success", None if np.isnan(said) else bool(said), again.success),
         ("reward", float(episode.rewards[index]), again.reward),
         ("terminated", bool(episode.terminated[index]), again.terminated),
         ("truncated", bool(episode.truncated[index]), again.truncated),

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from minihuman.experiment.plan.session_plan import EpisodePlan, KeyMap, SessionPlan
 from minihuman.worlds.hashing import hash64
+from minihuman.worlds.outcomes import OutcomeJudge
 from minihuman.worlds.pose import Map, Pose
 
-Outcome = Literal["goal", "timeout", "failure", "abandoned", "agent_failed"]
+Outcome = Literal["goal", "timeout", "failure", "abandoned", "agent_failed", "ended"]
 KeyVerdict = Literal[
     "accepted",  # it stepped the world, or moved the session on
     "unmapped",  # no meaning here
@@ -176,6 +177,8 @@ class Stepped(TimedEvent, EpisodeStep):
     observation_hash: int
     onset: bool = False  # the picture after it shows a stimulus onset
     action_vector: tuple[float, ...] = ()  # the action, flat, where actions are no numbers; ``action`` names it then
+    success: bool | None = None  # what the world says of success, where the outcome rule asks; None: it does not say
+    info_json: str = ""  # the keys of its ``info`` that the plan keeps; "" where it keeps none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -494,6 +497,8 @@ class _StreamChecker:
         self._part: int | None = None
         self._shown = -1  # the episode that runs, or ended last
         self._key_map: KeyMap | None = None
+        self._judge = OutcomeJudge("")
+        self._outcome: Outcome | None = None  # of the running episode, once a step has ended it
 
     def read(self, number: int, event: Event) -> None:
         """Hold one event against what came before."""
@@ -559,6 +564,8 @@ class _StreamChecker:
         self._rule(event.plan.key_map == self._key_map, "an episode's key map was drawn before")
         self._playing, self._last_step, self._steps, self._return, self._paused = event, None, 0, 0.0, False
         self._observations, self._shown = 0, event.plan.episode
+        self._judge = OutcomeJudge(event.plan.outcome_rule)
+        self._outcome = None
 
     def _observed(self, event: ObservationStored) -> None:
         asked = self._playing is not None and self._playing.plan.record_observations
@@ -586,6 +593,7 @@ class _StreamChecker:
         last = self._last_step
         self._rule(last is None or not (last.terminated or last.truncated), "nothing steps after the end")
         self._last_step = event
+        self._outcome = self._judge.judge_step(event)
 
     def _episode_ended(self, event: EpisodeEnded) -> None:
         playing, last = self._playing, self._last_step
@@ -595,13 +603,13 @@ class _StreamChecker:
         self._rule((event.steps, event.return_) == (self._steps, self._return), "an end counts the episode's steps")
         final = playing.state_hash if last is None else last.state_hash
         self._rule(event.state_hash == final, "an episode ends in the state of its last step")
-        expected = "abandoned"
-        if last is not None and last.terminated:
-            expected = "goal" if last.reward > 0 else "failure"
+        expected: Outcome = "abandoned"
+        if self._outcome is not None:
+            expected = self._outcome
         elif event.cause == "agent_failed":
             expected = "agent_failed"
-        elif (last is not None and last.truncated) or event.cause:
-            expected = "timeout"
+        elif event.cause:
+            expected = self._judge.judge_time_limit()
         self._rule(event.outcome == expected, f"the last step makes it {expected}, not {event.outcome}")
         self._playing, self._paused = None, False
         self._next += event.outcome != "abandoned"

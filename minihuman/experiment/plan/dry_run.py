@@ -13,11 +13,12 @@ from minihuman.activities.play.plan import PlayPlan
 from minihuman.activities.questions.plan import QuestionsPlan
 from minihuman.activities.team.plan import TeamPlayPlan
 from minihuman.errors import ProtocolError, WorldError
+from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.machine.bindings import Bindings
 from minihuman.experiment.machine.points import compute_bonus
 from minihuman.experiment.machine.running_episode import check_bindings
 from minihuman.experiment.plan.allocation import build_allocation_list
-from minihuman.experiment.plan.expansion import list_world_options
+from minihuman.experiment.plan.part_plans import list_world_options
 from minihuman.experiment.plan.session_plan import BonusSpec, EpisodePlan, PlannedPart, SessionPlan
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.strata import build_strata
@@ -157,7 +158,6 @@ def _describe_limits(play: PlayPlan) -> Iterator[str]:
 
 _OURS = "minihuman/"
 
-_PLAYED_KINDS = ("play", "trials")  # by a person alone
 N_TRIED_SEEDS = 5  # that are laid out where a block does not say which
 
 
@@ -278,7 +278,7 @@ def _find_world_errors(block: BlockSpec) -> Iterator[tuple[str, str]]:
         return
     world.name_actions(block.actions)
     known, limit = world.action_names, world.step_limit
-    if block.kind not in _PLAYED_KINDS and not world.actions.is_discrete:
+    if not find_kind(block.kind).is_played_alone and not world.actions.is_discrete:
         yield (
             "kind",
             f"is {block.kind!r}, but {block.world} has {world.action_space}; its agents choose Discrete actions",

@@ -9,7 +9,6 @@ import math
 import tomllib
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
 from enum import EnumMeta
 from functools import cache
 from importlib.resources import files
@@ -24,6 +23,7 @@ from minihuman.errors import WorldError
 from minihuman.trust import locate_world
 from minihuman.worlds.adapters.seat import SeatEnv, make_seat
 from minihuman.worlds.adapters.spaces import Action, ActionInterface, DiscreteActions, VectorActions, find_chords
+from minihuman.worlds.adapters.transition import ResetResult, StepResult
 from minihuman.worlds.adapters.upstream import MinigridAdapter, MiniworldAdapter, is_minigrid_like, is_miniworld_like
 from minihuman.worlds.adapters.world_text import describe_observation, draw_text
 from minihuman.worlds.contract import (
@@ -38,26 +38,6 @@ from minihuman.worlds.hashing import hash64, resolve_files
 from minihuman.worlds.pose import Map, Pose
 from minihuman.worlds.step_limit import elapsed_steps, set_elapsed_steps, step_limit_of
 from minihuman.worlds.team import PictureTiles
-
-
-@dataclass(frozen=True, slots=True)
-class ResetResult:
-    """What a reset gave."""
-
-    observation_hash: int
-    mission: str  # "" where the world states none
-    onset: bool = False  # info["onset"]: the first picture shows a stimulus onset
-
-
-@dataclass(frozen=True, slots=True)
-class StepResult:
-    """What a step gave."""
-
-    reward: float
-    terminated: bool
-    truncated: bool  # the environment's own limit; a session adds its plan's
-    observation_hash: int
-    onset: bool = False  # info["onset"]: the picture after the step shows a stimulus onset
 
 
 class World:
@@ -78,6 +58,7 @@ class World:
         self._env = _make(world_id, self.options if trusted else locate_world(world_id, self.options))
         native = self._env.unwrapped
         self.drawn = isinstance(native, NativeWorld) and native.drawn  # see there
+        self.reward_means_success = _has_own_rule(native)
         self.actions = _build_actions(world_id, self._env)
         self.action_names = self.actions.names
         self._wrappers = WrapperState(self._env)
@@ -145,8 +126,15 @@ class World:
         self._observation, reward, terminated, truncated, info = self._env.step(self._action_value(action))
         self._has_advanced = False
         self._steps += 1
-        hashed = self._observation_hash()
-        return StepResult(float(reward), bool(terminated), bool(truncated), hashed, bool(info.get("onset")))
+        return StepResult(
+            float(reward),
+            bool(terminated),
+            bool(truncated),
+            self._observation_hash(),
+            bool(info.get("onset")),
+            info,
+            self.reward_means_success,
+        )
 
     def advance(self, action: Action) -> tuple[bool, bool]:
         """Act without making an observation, where the world is native and no wrapper needs one.
@@ -322,6 +310,12 @@ class World:
 
 
 answer_to_old_names(World)
+
+
+def _has_own_rule(native: Any) -> bool:
+    """Whether a world's author says, by the ``reward_and_done`` of our classes, which end earns a reward."""
+    inner = native.team if isinstance(native, SeatEnv) else vars(native).get("grid", native)  # seen from inside
+    return isinstance(native, NativeWorld) and hasattr(inner, "reward_and_done")
 
 
 def _make(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
