@@ -60,3 +60,10 @@ def test_verify_and_the_report_name_them(tmp_path: Path) -> None:
     assert (words, True) in list(verify_session(path))
     assert words in quality_section([measure_recording_quality(read_log(path))]).lead
     assert describe_doubtful_presses([]) == ""
+
+
+def test_a_session_that_never_lost_the_focus_has_none(tmp_path: Path) -> None:
+    machine = SessionMachine(PLAN, World, {"player": "human", "window": "pygame"})
+    events = machine.receive(Tick(0)) + machine.receive(KeyDown(1 * MS, "enter"))
+    events += machine.receive(Stop(2 * MS, "window_closed"))
+    assert find_doubtful_presses(read_log(record(tmp_path, PLAN, events))) == []

@@ -5,6 +5,7 @@ down when the focus comes; to pyglet the X server sends the key's auto-repeat; a
 """
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 from minihuman.experiment.machine.events import KeyPressed, Noted
@@ -14,6 +15,7 @@ _NS_PER_MS = 1_000_000
 _SURELY_BEFORE_NS = 100 * _NS_PER_MS  # a window that waits for the focus takes it up within a few milliseconds
 _AUTO_REPEAT_NS = 2_000 * _NS_PER_MS  # no system that we know of waits longer before a held key repeats
 _PAD_FRAME_NS = 100 * _NS_PER_MS  # a page reads a gamepad once a frame
+_NEVER_NS = 1 << 62
 _ACTED = ("accepted", "queued")
 
 
@@ -48,7 +50,7 @@ def describe_doubtful_presses(presses: Sequence[DoubtfulPress]) -> str:
 def _find_in_segment(segment: Segment) -> Iterator[DoubtfulPress]:
     gains_ns = [note.t_ns for note in segment.notes if isinstance(note, Noted) and _is_gain(note)]
     downs = [press for press in segment.keys if press.down and press.verdict != "repeat"]
-    for gain_ns, next_gain_ns in zip(gains_ns, [*gains_ns[1:], 1 << 62], strict=True):
+    for gain_ns, next_gain_ns in pairwise([*gains_ns, _NEVER_NS]):
         after = [press for press in downs if gain_ns <= press.t_ns < next_gain_ns]
         for place, press in enumerate(after):
             if press.verdict in _ACTED and (doubtful := _judge(press, gain_ns, segment.facts, is_first=place == 0)):
