@@ -43,7 +43,7 @@ from minihuman.log.record.mcap_recorder import LeftoverSegment, McapRecorder, re
 from minihuman.log.record.recorder import WrappedRecorder
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
-from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.session_loop import describe_world_failure, run_session
 from minihuman.runtime.team_host import require_one_process
 from minihuman.simulation.chat_client import ChatAnswer, ChatClient, ModelClient, ModelUnavailableError
 from minihuman.simulation.model_conversation import (
@@ -529,5 +529,5 @@ def _play(
     finally:
         window.close()
     if session.failure is not None:
-        raise session.failure
+        raise describe_world_failure(session, path) from session.failure
     return path, session.end_reason

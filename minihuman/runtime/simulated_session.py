@@ -56,7 +56,7 @@ from minihuman.log.record.recorder import BufferedRecorder, DeferredRecorder
 from minihuman.plugins import limit_answer_time, locate_error
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
-from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.session_loop import describe_world_failure, run_session
 from minihuman.runtime.team_host import TeamTable, list_teams
 from minihuman.simulation.participant import (
     KeyPress,
@@ -444,7 +444,7 @@ def _play(
     except PlayerFailedError as error:
         raise PlayerFailedError(f"{facts['player']}: {error}; {_free(data, plan, error)}", error.reason) from error
     if session.failure is not None:
-        raise session.failure
+        raise describe_world_failure(session, path) from session.failure
     return path, session.end_reason
 
 
