@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from minihuman import __version__
 from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisodes
 from minihuman.display.video import ENCODINGS, VideoWriter, pad_to_even
+from minihuman.errors import ExportError
 from minihuman.experiment.protocol.specs import AboutSpec
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (
@@ -95,6 +96,11 @@ PICTURE, STATE = "observation.image", "observation.state"
 def build_features(item: IncludedEpisode, first: ReplayedEpisode) -> dict[str, dict[str, Any]]:
     """What a frame of the episode's dataset has: type, shape and names of each feature, as ``info.json`` says them."""
     names = name_state(first)
+    if not names:
+        raise ExportError(
+            f"{item.log.path}: {item.episode.name}: the observation has no numbers, which LeRobot's observation.state "
+            "needs; export as minari, robomimic, rlds or imitation"
+        )
     seen = {PICTURE: _video_feature(pad_to_even(first.pictures[0]))} if first.pictures else {}
     actions = name_actions(item)
     number = {"dtype": "int64", "shape": [1], "names": ["what the environment's step takes"]}
@@ -314,7 +320,8 @@ class _Dataset:
         self._video.write(pictures)
         places: dict[str, Any] = {"chunk_index": chunk, "file_index": file}
         places |= {"from_timestamp": first / FPS, "to_timestamp": self._video.frames / FPS}
-        if path.stat().st_size >= VIDEO_BYTES:
+        written_bytes = path.stat().st_size if path.exists() else 0  # the encoder holds the first pictures back
+        if written_bytes >= VIDEO_BYTES:
             self._video.close()
             self._video_file, self._video = self._video_file + 1, None
         return {f"videos/{PICTURE}/{name}": value for name, value in places.items()}
