@@ -166,6 +166,7 @@ N_TRIED_SEEDS = 5  # that are laid out where a block does not say which
 
 N_CHECKED_STEPS = 300  # that `check` plays of a foreign world, over several episodes
 N_STARTED_STEPS = 60  # that are played before sessions begin
+MOVING_FPS = 15  # Gymnasium's puzzles state 4 and Minigrid 10 frames a second, its games of motion 15 to 50
 
 
 def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool = False) -> list[str]:
@@ -233,15 +234,22 @@ def _rehearse(block: BlockSpec, steps: int) -> Rehearsal:
 def _list_block_notices(block: BlockSpec) -> Iterator[str]:
     """Yield what is odd in how a block plays a foreign world."""
     with closing(World(block.world, list_world_options(block))) as world:
-        if world.is_built_in:
+        if world.is_built_in or isinstance(world.unwrapped, NativeWorld):
             return
         world.name_actions(block.actions)
         used = {*block.actions, *block.distractors, block.noop_action}
         unused = [name for name in world.action_names if name not in used] if world.actions.is_discrete else []
-        rate = world.unwrapped.metadata.get("render_fps")
+        stated = world.unwrapped.metadata.get("render_fps")
+        rate = stated if isinstance(stated, int | float) else None
     if unused:
         yield f"block {block.name!r}: no key does {', '.join(unused)}"
-    if block.pace == "on_key" and rate and not block.response_deadline_ms and block.noop_action is None:
+    if (
+        block.pace == "on_key"
+        and rate
+        and rate >= MOVING_FPS
+        and not block.response_deadline_ms
+        and block.noop_action is None
+    ):
         yield (
             f"block {block.name!r}: {block.world} states {rate} frames a second and steps only when a key is pressed; "
             "if it is to move by itself, set pace = 'real_time', and noop_action if one of its actions does nothing"
@@ -318,11 +326,12 @@ def _check_actions(protocol: Protocol, source: str) -> None:
 def _find_world_errors(block: BlockSpec) -> Iterator[tuple[str, str]]:
     try:
         world = World(block.world, list_world_options(block))
+        limit = world.step_limit
     except WorldError as error:
         yield "world", f"is {block.world!r}: {_explain_world_error(block, error)}"
         return
     world.name_actions(block.actions)
-    known, limit = world.action_names, world.step_limit
+    known = world.action_names
     if block.kind not in _PLAYED_KINDS and not world.actions.is_discrete:
         yield (
             "kind",

@@ -131,8 +131,13 @@ class World:
 
     @property
     def step_limit(self) -> int | None:
-        """The environment's own limit on an episode's steps; None where it has none."""
-        return step_limit_of(self._env)
+        """The environment's own limit on an episode's steps; None where it has none, or states no number."""
+        if self.is_built_in:
+            return step_limit_of(self._env)
+        own = self._call("max_steps", getattr, self._env.unwrapped, "max_steps", None)
+        registered = self._env.spec.max_episode_steps if self._env.spec else None
+        limits = [limit for limit in (own, registered) if isinstance(limit, int | float | np.number)]
+        return min((int(limit) for limit in limits if math.isfinite(limit)), default=None)
 
     def name_actions(self, chosen: Iterable[str]) -> None:
         """Call the actions by number where a plan does, as it may be older than their names; else by name."""

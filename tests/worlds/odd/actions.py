@@ -136,3 +136,8 @@ class MeaningsRaise(Plain):
 @odd(noticed="states 30 frames a second")
 class MovesByItself(Plain):
     metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012
+
+
+@odd()
+class FrameRateText(Plain):
+    metadata = {"render_modes": ["rgb_array"], "render_fps": "fast"}  # noqa: RUF012

@@ -168,6 +168,23 @@ class TwoLimits(Plain):
 
 
 @odd()
+class LimitInfinite(Plain):
+    max_steps = float("inf")
+
+
+@odd()
+class LimitText(Plain):
+    max_steps = "many"
+
+
+@odd(r"max_steps raised RuntimeError: no level yet")
+class LimitRaises(Plain):
+    @property
+    def max_steps(self):
+        raise RuntimeError("no level yet")
+
+
+@odd()
 class StepsAfterEnd(Plain):
     def step(self, action):
         observation, reward, _, _, info = super().step(action)
