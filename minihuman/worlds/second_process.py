@@ -28,10 +28,11 @@ def play_in_second_process(rehearsal: Rehearsal) -> Sequence[Moment] | str:
         out = Path(folder, "moments.msgpack")
         try:
             completed = subprocess.run(
-                [sys.executable, "-m", __name__, str(out)],
+                # -P: do not import what lies in the current folder, unless the path has it
+                [sys.executable, "-P", "-m", __name__, str(out)],
                 input=msgspec.msgpack.encode(whole),
                 capture_output=True,
-                env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+                env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PYTHONHASHSEED": "random"},
                 timeout=TIMEOUT_S,
                 check=False,
             )
