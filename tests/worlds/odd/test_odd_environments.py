@@ -1,12 +1,15 @@
 """Every odd environment is refused in one sentence that names the cause, or plays, is proven and is exported."""
 
 import random
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from minihuman.admin.verify.log import verify_session
 from minihuman.errors import WorldError
+from minihuman.experiment.machine.events import SessionEnded
+from minihuman.experiment.replay import is_same_event
 from minihuman.log.read.session_reader import read_log
 from minihuman.runtime.simulated_session import simulate
 from minihuman.worlds.adapters.world import World
@@ -74,3 +77,11 @@ def test_what_is_left_of_an_attribute_that_came_later_is_gone_after_a_restore() 
     assert hasattr(world.unwrapped, "bonus")
     world.restore(saved)
     assert not hasattr(world.unwrapped, "bonus")
+
+
+def test_a_world_that_fails_in_other_words_fails_the_same() -> None:
+    failed = SessionEnded(5, "world_error", "TypeError: float() argument must be a string", 0)
+    assert is_same_event(failed, replace(failed, detail="the reward must be one number"))
+    assert not is_same_event(failed, replace(failed, t_ns=6))
+    left = replace(failed, reason="quit")
+    assert not is_same_event(left, replace(left, detail="another"))
