@@ -250,11 +250,27 @@ def build_state(demonstration: ReplayedEpisode) -> NDArray[np.float32]:
     episode, space = demonstration.episode, demonstration.observation_space
     if not is_picture(space):
         rows = [flatten_observation(observation, space) for observation in demonstration.observations]
-        return np.stack(rows).astype(np.float32)
+        return _narrow(np.stack(rows), episode)
     if np.isnan(episode.poses).any():
         return (np.arange(len(episode.poses)) / episode.plan.max_steps).astype(np.float32).reshape(-1, 1)
     x, _, z, yaw_rad = episode.poses.T
     return np.stack([x, z, np.cos(yaw_rad), np.sin(yaw_rad)], axis=1).astype(np.float32)
+
+
+def _narrow(rows: NDArray[Any], episode: EpisodeLog) -> NDArray[np.float32]:
+    """Rows of numbers as float32.
+
+    Raises:
+        ExportError: if one is beyond what float32 holds.
+    """
+    beyond = np.argwhere(np.isfinite(rows) & (np.abs(rows.astype(np.float64)) > np.finfo(np.float32).max))
+    if len(beyond):
+        step, column = beyond[0].tolist()
+        raise ExportError(
+            f"{episode.name} step {step}: the observation has {rows[step, column]:g}, beyond float32; "
+            "export as minari or imitation, which keep float64, as this format does not"
+        )
+    return rows.astype(np.float32)
 
 
 def name_actions(item: IncludedEpisode) -> list[str]:

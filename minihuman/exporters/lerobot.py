@@ -37,6 +37,7 @@ from minihuman.exporters.flat_observations import (
 )
 from minihuman.exporters.study_metadata import get_plain_facts, get_plan_study_facts
 
+LARGEST_REWARD = float(np.sqrt(np.finfo(np.float64).max))
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
@@ -151,6 +152,13 @@ def build_columns(
 ) -> dict[str, NDArray[Any]]:
     """The features that come from the episode, ``n`` rows each."""
     episode = item.episode
+    too_large = np.flatnonzero(np.isfinite(episode.rewards) & (np.abs(episode.rewards) > LARGEST_REWARD))
+    if len(too_large):
+        step = int(too_large[0])
+        raise ExportError(
+            f"{item.log.path}: {episode.name} step {step + 1}: the reward {episode.rewards[step]:g} has no square, of "
+            "which LeRobot's statistics are made; export as minari, robomimic or imitation"
+        )
     pictures = [pad_to_even(picture) for picture in demonstration.pictures[:-1]]
     done = np.zeros(len(episode.actions), bool)
     done[-1] = True

@@ -64,7 +64,7 @@ def build_steps(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[s
         step = int(beyond[0])
         raise ExportError(
             f"{item.log.path}: {episode.name} step {step + 1}: the reward {episode.rewards[step]:g} is beyond the "
-            "float32 of RLDS; export as minari, lerobot, robomimic or imitation, which hold float64"
+            "float32 of RLDS; export as minari, robomimic or imitation, which hold float64"
         )
     discount = np.ones(n + 1, np.float32)
     discount[n - 1] = 0.0 if episode.terminated[-1] else 1.0

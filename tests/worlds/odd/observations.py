@@ -64,7 +64,7 @@ class ObservationNaN(Plain):
         return np.array([np.nan, self.count], np.float32)
 
 
-@odd()
+@odd(unexportable="beyond float32; export as minari or imitation")
 class ObservationUnbounded(Observing):
     space = spaces.Box(-np.inf, np.inf, (2,), np.float64)
 

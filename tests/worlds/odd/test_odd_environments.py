@@ -25,6 +25,7 @@ def trusted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MINIHUMAN_TRUST", "tests.worlds.odd.table")
 
 
+@pytest.mark.filterwarnings("ignore::UserWarning")  # Gymnasium's own, of what is odd
 @pytest.mark.nightly(sample=True)
 @pytest.mark.parametrize("name", SAMPLE)
 def test_an_odd_environment_is_refused_in_a_sentence_or_plays_and_is_proven(name: str, tmp_path: Path) -> None:

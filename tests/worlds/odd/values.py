@@ -122,7 +122,7 @@ class RewardHuge(Plain):
         return 10**400
 
 
-@odd(unexportable="beyond the float32 of RLDS")
+@odd(unexportable="beyond the float32 of RLDS|has no square, of which")
 class RewardBeyondFloat32(Plain):
     def reward(self):
         return 1e300
