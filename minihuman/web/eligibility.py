@@ -34,6 +34,7 @@ _TEXTS = {
     "language": re.compile(r"[A-Za-z-]{2,12}"),
 }
 _NUMBERS = ("timer_step_ms", "refresh_hz", "pixel_ratio")
+_WINDOW_SIZE = re.compile(r"(\d{1,5}) x (\d{1,5})")
 _MAX_UTC_OFFSET_MIN = 18 * 60
 _TRUTHS = ("isolated", "touch", "mouse")
 
@@ -77,6 +78,23 @@ class BrowserProperties(msgspec.Struct, frozen=True):
     rtt_ms: float | None = None  # the least of a few pings; None: not measured
     keyboard: bool = True  # not only a touch screen, as far as the browser can tell
     gamepad: bool = False  # one whose button was pressed: before, a browser shows none
+
+
+def read_browser_properties(facts: Mapping[str, bool | float | str]) -> BrowserProperties:
+    """Read what eligibility depends on from a page's facts."""
+    family = str(facts.get("browser", "other")).lower()
+    size = _WINDOW_SIZE.fullmatch(str(facts.get("window_px", "")))
+    known = next((name for name in ("chrome", "edge", "firefox", "safari") if name in family), "other")
+    if "chromium" in family:
+        known = "chrome"
+    rtt = facts.get("rtt_ms")
+    return BrowserProperties(
+        browser=known,
+        window_px=(int(size[1]), int(size[2])) if size else (0, 0),
+        rtt_ms=float(rtt) if isinstance(rtt, int | float) else None,
+        keyboard=facts.get("mouse") is not False or facts.get("touch") is not True,
+        gamepad=facts.get("gamepad") is True,
+    )
 
 
 def check_eligibility(

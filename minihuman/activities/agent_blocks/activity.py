@@ -21,24 +21,26 @@ from minihuman.activities.agent_blocks.events import (
 from minihuman.activities.agent_blocks.plan import AgentPlan, AgentPlayPlan
 from minihuman.activities.agent_blocks.requests import Advice, AdviceRequest, NewPolicy, PolicyRequest
 from minihuman.activities.play.activity import PlayActivity
-from minihuman.experiment.machine.activity import ActivityRequest, SessionContext
+from minihuman.experiment.machine.activity import ActivityRequest, SessionContext, Steering, SteeringRules
 from minihuman.experiment.machine.events import ActivityEvent, PauseReason
 from minihuman.experiment.machine.inputs import ActivityInput, Input, ScreenShown
-from minihuman.experiment.machine.running_episode import NS_PER_MS
+from minihuman.experiment.machine.running_episode import NS_PER_MS, RunningEpisode
 from minihuman.experiment.machine.screens import PlayScreen
 from minihuman.experiment.machine.transitions import Phase, TransitionCause
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.experiment.plan.session_plan import PlannedPart
 
 AGENT_RULES = "2"  # the fact "agent_rules": an agent that fails is named so; before, the random agent rated on
+FLASH_NS = 150_000_000  # how long a rating is seen
+REPEAT_INTERVAL_NS = 100_000_000  # a held rating key counts once in so long
 
 
 class AgentPlayActivity(PlayActivity):
     """Plays a block's episodes by a policy's advice."""
 
     can_copy = False
+    agent_plays = True
     alone = False  # whether the agent acts even without a policy, since the person cannot
-    takes_over = False  # whether a key that has an action takes over from it
 
     def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
         super().__init__(number, part, context)
@@ -253,6 +255,22 @@ class AgentPlayActivity(PlayActivity):
     def period_ns(self) -> int:
         """From the picture of one of the agent's steps to the next step."""
         return round(self.agent.step_ms * NS_PER_MS)
+
+    def describe_steering(self, play: RunningEpisode) -> Steering:
+        """Return who steers, what the agent does next, and what keys do meanwhile."""
+        rules = SteeringRules(
+            period_ns=self.period_ns,
+            person_acts=self.takes_over,
+            hand_back_key=self.hand_back_key,
+            rating_keys=self.rating_keys,
+            flash_ns=FLASH_NS,
+            repeat_interval_ns=REPEAT_INTERVAL_NS,
+            controller_texts={"agent": self.control_text("agent"), "person": self.control_text("person")},
+        )
+        action = None
+        if self.advised is not None and self.advised.step == play.steps:
+            action = self.advised.action
+        return Steering(self.who, action, self.limit_ns, rules)
 
     def control_text(self, controller: Controller) -> str:
         """The text below the picture."""

@@ -211,7 +211,7 @@ class PlayActivity(Activity):
         return self.playing and self._current.real_time
 
     @property
-    def limit_ns(self) -> int | None:
+    def limit_ns(self) -> int | None:  # type: ignore[override]
         """When the time for the episode, or for the block, is over; None while nothing is played or without a limit."""
         return self._limits.due_ns if self.playing else None
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from minihuman.activities.agent_blocks.activity import AgentPlayActivity
+from minihuman.activities.agent_blocks.activity import FLASH_NS, REPEAT_INTERVAL_NS, AgentPlayActivity
 from minihuman.activities.agent_blocks.events import Controller
 from minihuman.activities.agent_blocks.plan import AgentPlayPlan
 from minihuman.activities.agent_blocks.requests import Advice
@@ -15,9 +15,6 @@ from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import OutcomeMark, PlayScreen
 from minihuman.experiment.machine.transitions import Phase
-
-FLASH_NS = 150_000_000  # how long a press is seen
-REPEAT_INTERVAL_NS = 100_000_000  # a held key counts once in so long
 
 
 class RatingActivity(AgentPlayActivity):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from minihuman.activities.team.events import ActionSource
+from minihuman.activities.team.events import ActionSource, PictureCorrected
 from minihuman.activities.team.requests import JointTaken, Team
 from minihuman.experiment.machine.events import FrameShown, Stepped
 from minihuman.experiment.machine.inputs import ScreenShown
@@ -51,6 +51,8 @@ class Submission:
 class TeamEpisode(RunningEpisode):
     """An episode of a team, seen from one seat: each step needs a joint action."""
 
+    is_joint = True
+
     def __init__(
         self,
         plan: EpisodePlan,
@@ -67,6 +69,17 @@ class TeamEpisode(RunningEpisode):
         self.submitted: Submission | None = None
         self.digest = start_digest(team.team, plan.seed)
         self._due_ns: int | None = None  # of the tick that is submitted
+
+    @property
+    def open_action(self) -> int | None:  # type: ignore[override]
+        """What this seat has submitted in turns; None where time closes the steps."""
+        if self.real_time or self.submitted is None:
+            return None
+        return self.submitted.action
+
+    def describe_correction(self, t_ns: int, step: int, submit_ns: int, flip_ns: int) -> PictureCorrected:
+        """Return the event of a picture that showed this seat's action alone, before the others' changed the step."""
+        return PictureCorrected(t_ns, self.plan.episode, step, submit_ns, flip_ns)
 
     def poses(self) -> tuple[float, ...]:
         """Where every body stands: x, y, z and yaw_rad of each, by seat."""

@@ -17,6 +17,7 @@ from minihuman.experiment.machine.activity import ENTER_KEYS, SessionContext
 from minihuman.experiment.machine.events import KeyVerdict, Noted
 from minihuman.experiment.machine.inputs import KeyDown
 from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.screens import PlayMessages
 from minihuman.experiment.machine.transitions import Phase
 
 MESSAGE_LETTERS = 200  # at most, in a message
@@ -119,7 +120,7 @@ class TeamMessages:
             self.context.emit(message_here if message.seat == self.seat else replace(message_here, text=""))
         self.shown[message.digest] = message_here
 
-    def look(self, play: RunningEpisode | None) -> dict[str, object] | None:
+    def look(self, play: RunningEpisode | None) -> PlayMessages | None:
         """What a page has of them; None where people neither write nor mark."""
         hints = self._hints
         if not hints:
@@ -130,8 +131,8 @@ class TeamMessages:
             "writes": bool(self.rules.chat),
             "hint": "   ".join(hints),
             "lines": [(self._name_author(message.seat), self._format_text(message)) for message in lines],
-            "entry": self.draft and self.draft.widget(),
-            "cells": [(*mark.cell, mark.seat == self.seat) for mark in marks],
+            "entry": None if self.draft is None else self.draft.widget(),
+            "cells": [(mark.cell[0], mark.cell[1], mark.seat == self.seat) for mark in marks],
             "bounds": play.world.unwrapped.map().bounds if play and marks else (),
         }
 

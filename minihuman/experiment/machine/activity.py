@@ -6,8 +6,7 @@ import abc
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import msgspec
 
@@ -28,7 +27,7 @@ from minihuman.experiment.machine.running_episode import RunningEpisode, catch_w
 from minihuman.experiment.machine.screens import ActivityScreen, Screen
 from minihuman.experiment.plan.session_plan import KeyMap, PlannedPart, SessionPlan
 from minihuman.experiment.words import InterfaceWords
-from minihuman.plugins import list_plugin_names, load_plugin
+from minihuman.plugins import list_plugin_names, load_plugin, remember_by_name
 
 if TYPE_CHECKING:
     from minihuman.worlds.adapters.world import World
@@ -118,6 +117,36 @@ class PartEnding:
 class ActivityRequest:
     """What a part needs from its session host; a kind of activity adds the fields. The answer is an input."""
 
+    awaits_others: ClassVar[bool] = False  # others' sessions answer it, so that it is asked again when nothing comes
+
+    @property
+    def takes_long(self) -> bool:
+        """Whether the answer is made while the session goes on, and taken at a time that is still to come."""
+        return False
+
+
+@dataclass(frozen=True, slots=True)
+class SteeringRules:
+    """What keys and time do in an episode that an agent plays, for a window that goes ahead of the session."""
+
+    period_ns: int  # from the picture of one of the agent's steps to the next step
+    person_acts: bool  # by a key that has an action
+    hand_back_key: str  # "" where control cannot be handed back
+    rating_keys: tuple[str, str]  # good and bad; "" where steps are not rated
+    flash_ns: int  # how long a rating is seen
+    repeat_interval_ns: int  # a held rating key counts once in so long
+    controller_texts: Mapping[str, str]  # below the picture, by who steers
+
+
+@dataclass(frozen=True, slots=True)
+class Steering:
+    """Who steers a running episode that an agent plays, and what comes next."""
+
+    controller: str
+    action: int | None  # that the agent makes next; None until it is known
+    limit_ns: int | None  # from when on keys do nothing
+    rules: SteeringRules
+
 
 class RequestHandler(abc.ABC):
     """Answers the requests of parts, in a session of a window, of a browser or simulated."""
@@ -155,6 +184,9 @@ class Activity(abc.ABC):
     play: RunningEpisode | None = None  # the running episode, for simulated participants that look at its world
     next_play: RunningEpisode | None = None  # the next one, its world reset, so that its pictures can be prepared
     request: ActivityRequest | None = None  # to the session host
+    agent_plays: ClassVar[bool] = False  # whether an agent makes steps, beside the person or alone
+    takes_over: ClassVar[bool] = False  # whether the person's keys make steps where an agent plays
+    limit_ns: int | None = None  # when the time to play is over, if it is limited
     typed_event: Callable[[int, str], Event] = TextTyped  # what is logged of text
 
     def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
@@ -173,6 +205,10 @@ class Activity(abc.ABC):
     @abc.abstractmethod
     def screen(self) -> Screen:
         """What to show now."""
+
+    def describe_steering(self, play: RunningEpisode) -> Steering | None:
+        """Return who steers a running episode; None where no agent does."""
+        return None
 
     def suspend(self, reason: PauseReason) -> None:  # noqa: B027 - most kinds have nothing to stop
         """Stop until ``resume``: a pause, a question or another window is in front."""
@@ -248,7 +284,7 @@ def list_built_in_kinds() -> tuple[str, ...]:
     return list_plugin_names(GROUP, built_in=True)
 
 
-@cache
+@remember_by_name
 def find_kind(name: str) -> ActivityKind:
     """The kind of that name.
 

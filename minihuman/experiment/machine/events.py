@@ -6,7 +6,7 @@ Times are integer ns on the monotonic clock since the session (segment) started.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from minihuman.experiment.plan.session_plan import EpisodePlan, KeyMap, SessionPlan
 from minihuman.worlds.hashing import hash64
@@ -62,6 +62,38 @@ class TimedEvent:
     t_ns: int
 
 
+class EpisodeBeginning:
+    """An event from which on the steps of an episode are made: of its reset, or of a state that it was in before."""
+
+    __slots__ = ()
+
+    @property
+    def begins_at(self) -> tuple[int, int]:
+        """The episode's index, and the step after which it begins."""
+        raise NotImplementedError
+
+
+class EpisodeStep:
+    """An event that is a step of the episode that was begun."""
+
+    __slots__ = ()
+    if TYPE_CHECKING:
+
+        @property
+        def episode(self) -> int:
+            """The episode's index."""
+
+        @property
+        def action(self) -> int:
+            """What was done."""
+
+
+class EpisodeEnding:
+    """An event after which no step of the episode that was begun is made."""
+
+    __slots__ = ()
+
+
 @dataclass(frozen=True, slots=True)
 class SessionStarted(TimedEvent):
     """The first event: the whole plan, and the machine's facts (versions, platform, display; no names)."""
@@ -79,7 +111,7 @@ class KeyMapDrawn(TimedEvent):
 
 
 @dataclass(frozen=True, slots=True)
-class EpisodeStarted(TimedEvent):
+class EpisodeStarted(TimedEvent, EpisodeBeginning):
     """The world was reset. Pose and map are None where the world cannot tell."""
 
     plan: EpisodePlan
@@ -90,6 +122,11 @@ class EpisodeStarted(TimedEvent):
     state_hash: int
     observation_hash: int
     onset: bool = False  # the first picture shows a stimulus onset
+
+    @property
+    def begins_at(self) -> tuple[int, int]:
+        """The episode, at its reset."""
+        return self.plan.episode, 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +147,7 @@ class KeyPressed(TimedEvent):
 
 
 @dataclass(frozen=True, slots=True)
-class Stepped(TimedEvent):
+class Stepped(TimedEvent, EpisodeStep):
     """One step of the world; the last event of its step."""
 
     episode: int
@@ -160,7 +197,7 @@ class FrameShown(TimedEvent):
 
 
 @dataclass(frozen=True, slots=True)
-class EpisodeEnded(TimedEvent):
+class EpisodeEnded(TimedEvent, EpisodeEnding):
     """An episode ended, for the stated reason."""
 
     episode: int

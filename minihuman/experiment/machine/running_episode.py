@@ -3,7 +3,7 @@
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import msgspec
 import numpy as np
@@ -15,6 +15,7 @@ from minihuman.experiment.machine.events import (
     EndCause,
     EpisodeEnded,
     EpisodeStarted,
+    Event,
     FrameShown,
     ObservationStored,
     Outcome,
@@ -65,6 +66,8 @@ class _QueuedKey:
 class RunningEpisode:
     """An episode from reset to outcome.
 
+    A kind whose episodes others act in, too, says so by ``is_joint``.
+
     Args:
         plan: the episode.
         world: one made for ``plan.world`` and ``plan.options``; it is reset here.
@@ -73,6 +76,9 @@ class RunningEpisode:
         bindings: what moves an action's vector beside keys.
         axes: where the gamepad's axes are; they change meanwhile.
     """
+
+    is_joint: ClassVar[bool] = False  # others act in it, too: the session host closes each step
+    open_action: int | None = None  # the person's own, of a step that is not closed yet
 
     def __init__(
         self,
@@ -112,6 +118,12 @@ class RunningEpisode:
     def steps(self) -> int:
         """How many were made."""
         return len(self.actions)
+
+    def describe_correction(self, t_ns: int, step: int, submit_ns: int, flip_ns: int) -> Event | None:
+        """Return the event of a picture that was shown before its step was closed, and that the step came out otherwise
+        than; None where no picture is shown before.
+        """
+        return None
 
     @property
     def mission(self) -> str:
