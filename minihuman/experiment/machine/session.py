@@ -207,6 +207,11 @@ class SessionMachine:
         return self._end_reason
 
     @property
+    def end_detail(self) -> str:
+        """What else there is to know of the end; of a world that failed, what it raised."""
+        return self._end_detail
+
+    @property
     def next_tick_ns(self) -> int | None:
         """When the session wants a Tick, if nothing else comes before; None: never."""
         if self._phase is Phase.PART:
