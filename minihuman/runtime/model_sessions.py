@@ -41,7 +41,7 @@ from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
 from minihuman.runtime.model_run import ModelRun
 from minihuman.runtime.model_window import ModelWindow, ResumableRecorder, SessionLeft
-from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.session_loop import describe_world_failure, run_session
 from minihuman.runtime.team_seating import require_one_process
 from minihuman.simulation.model_conversation import (
     ANSWER_RULES,
@@ -244,7 +244,7 @@ def _play(
     finally:
         window.close()
     if session.failure is not None:
-        raise session.failure
+        raise describe_world_failure(session, path) from session.failure
     return path, session.end_reason
 
 

@@ -584,7 +584,7 @@ class _StreamChecker:
         self._rule(event.step == self._steps, f"step {self._steps} is next, not {event.step}")
         asked = playing.plan.record_observations
         self._rule(self._observations == asked * (self._steps + 1), "a step's observation comes before it")
-        self._rule(event.return_ == self._return, f"rewards sum to {self._return}, not {event.return_}")
+        self._rule(_is_sum(event.return_, self._return), f"rewards sum to {self._return}, not {event.return_}")
         self._rule(0 <= event.action < len(playing.action_names), f"there is no action {event.action}")
         self._rule(event.key_t_ns <= event.t_ns, "a key comes before its step")
         self._rule(event.rt_ms is None or event.rt_ms >= 0, "a reaction follows what it answers")
@@ -600,7 +600,8 @@ class _StreamChecker:
         if playing is None or event.episode != playing.plan.episode:
             self._rule(False, "only the running episode ends")
             return
-        self._rule((event.steps, event.return_) == (self._steps, self._return), "an end counts the episode's steps")
+        counted = event.steps == self._steps and _is_sum(event.return_, self._return)
+        self._rule(counted, "an end counts the episode's steps")
         final = playing.state_hash if last is None else last.state_hash
         self._rule(event.state_hash == final, "an episode ends in the state of its last step")
         expected: Outcome = "abandoned"
@@ -617,3 +618,8 @@ class _StreamChecker:
     def _rule(self, holds: bool, rule: str) -> None:
         if not holds:
             self.found.append(f"{self._where}: {rule}")
+
+
+def _is_sum(logged: float, summed: float) -> bool:
+    """Tell whether a return is the sum of its rewards; of a reward that is NaN both are NaN."""
+    return logged == summed or (logged != logged and summed != summed)

@@ -207,7 +207,7 @@ class SessionMachine:
 
     @property
     def end_detail(self) -> str:
-        """What is known of that, for the log and the experimenter; never for a participant."""
+        """What else there is to know of the end; of a world that failed, what it raised. Never for a participant."""
         return self._end_detail
 
     @property
