@@ -25,8 +25,17 @@ from minihuman.admin.enrolment_entries import (
 from minihuman.admin.session_index import SessionRow, find_double_sessions, read_session_index
 from minihuman.admin.session_summary import SessionSummary
 from minihuman.admin.unfinished_withdrawals import find_unfinished_withdrawals
-from minihuman.log.paths import PART_SUFFIX, LogFolders, find_log_folders, group_sessions, require_folder
+from minihuman.log.paths import (
+    PART_SUFFIX,
+    SYSTEM_COMPANION,
+    LogFolders,
+    find_log_folders,
+    find_system_companions,
+    group_sessions,
+    require_folder,
+)
 from minihuman.log.record.file_lock import is_being_recorded
+from minihuman.storage.outside_names import is_system_companion
 
 GroupCounts = Mapping[str, int]  # by group
 _LEFT_BEFORE = {
@@ -142,6 +151,7 @@ def format_status(study_dir: Path, found: "StudyStatus | None" = None) -> Iterat
         yield f"{found.withdrew} withdrew and {'is' if found.withdrew == 1 else 'are'} excluded"
     if found.interventions:
         yield "audit trail: " + ", ".join(f"{count} {what}" for what, count in found.interventions.items())
+    yield from (f"skipped {path}: {SYSTEM_COMPANION}" for path in found.companions)
     yield from found.problems
 
 
@@ -157,7 +167,12 @@ def count_all_interventions(study_dir: Path, folders: LogFolders | None = None) 
     """
     counts = count_interventions(read_enrolment_log(study_dir))
     folders = find_log_folders(study_dir) if folders is None else folders
-    paths = [folder / name for folder, names in folders for name in names if name.endswith(".jsonl")]
+    paths = [
+        folder / name
+        for folder, names in folders
+        for name in names
+        if name.endswith(".jsonl") and not is_system_companion(name)
+    ]
     if paths:
         from minihuman.dataset.annotations import ANNOTATIONS_SUFFIX, read_annotation_file
 
@@ -207,6 +222,7 @@ class StudyStatus:
     interventions: Mapping[str, int]  # what was done by hand, in counts
     problems: tuple[str, ...]  # logs that are gone, and ends of logs that the enrolment log lacks
     live: frozenset[Path]  # folders in which a session is being recorded
+    companions: tuple[Path, ...] = ()  # files that another system keeps beside logs: they are not read
 
 
 def read_study_status(study_dir: Path) -> StudyStatus:
@@ -234,6 +250,7 @@ def read_study_status(study_dir: Path) -> StudyStatus:
             for folder, names in folders
             if any(name.endswith(PART_SUFFIX) and is_being_recorded(folder / name) for name in names)
         ),
+        companions=tuple(find_system_companions(folders)),
     )
 
 

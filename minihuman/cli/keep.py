@@ -221,7 +221,7 @@ def gather(
         print(f"{came} files of tables fetched, {removed} removed in {tables}")
         return
     folder = Path(study).absolute()
-    came, went = sync_logs(folder.parent, f"{folder.name}/")
+    came, went = sync_logs(folder.parent, f"{folder.name}/", say=lambda line: print_account([line]))
     print(f"{came} logs fetched, {went} stored")
     if (counts := store_tables(folder, say=lambda line: print_account([line]))) is not None:
         print(f"{counts[0]} files of tables stored, {counts[1]} removed")

@@ -43,7 +43,7 @@ from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.plan.random_streams import draw_permutation, draw_words
 from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
-from minihuman.log.paths import PART_SUFFIX, session_folder
+from minihuman.log.paths import PART_SUFFIX, list_log_files, session_folder
 from minihuman.log.read.reader import read_segment_starts
 from minihuman.log.read.session_reader import read_events
 from minihuman.simulation.participant import make_participant
@@ -356,7 +356,9 @@ class TeamTable:
             for entry in list_team_entries(self._study_dir)
             if (entry.team, entry.session, entry.block) == key
             for seat, code in entry.members.items()
-            for path in session_folder(self._data, self._protocol.study.name, code, entry.session).glob("*.mcap*")
+            for path in list_log_files(
+                session_folder(self._data, self._protocol.study.name, code, entry.session), "*.mcap*"
+            )
             for started_ns in read_segment_starts(path, first=True).values()
         }
         until_ns = 0.0  # when the last of the sessions so far ended

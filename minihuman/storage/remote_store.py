@@ -5,20 +5,23 @@ The file ``logs.url`` of the data folder names the store of finished logs, ``tab
 """
 
 import abc
+import re
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from minihuman.errors import LogError
 from minihuman.storage.durable_files import copy_durably, hash_file, replace_durably, sync_folder
 from minihuman.storage.locks import hold_lock
+from minihuman.storage.outside_names import join_inside
 from minihuman.storage.system import current_system
 
 STORE_URL_FILE_NAME = "logs.url"
 TABLES_URL_FILE_NAME = "tables.url"
 _S3 = "s3://"
-_LOG_DEPTH = 3  # folders above a log: session, participant and study
+_MD5 = re.compile(r"[0-9a-f]{32}")
+LOG_DEPTH = 3  # folders above a log: session, participant and study
 
 
 class RemoteStoreError(LogError):
@@ -27,6 +30,10 @@ class RemoteStoreError(LogError):
 
 class RemoteStoreConflictError(RemoteStoreError):
     """A file was put there by another machine meanwhile."""
+
+
+class DamagedCopyError(RemoteStoreError):
+    """A file of the remote store is not what its name or its digest says; it is not believed."""
 
 
 class RemoteStore(abc.ABC):
@@ -103,11 +110,11 @@ class FolderStore(RemoteStore):
         """Copy it, durable before it has its name; a lock keeps the other machines out."""
         try:
             with self._locked():
-                if compute_md5(self._folder / name) != over:
+                if compute_md5(join_inside(self._folder, name)) != over:
                     raise RemoteStoreConflictError(
                         f"another machine has just stored {name} in {self._folder}; run the command again"
                     )
-                copy_durably(path, self._folder / name, self._unfinished, new_folders=_LOG_DEPTH)
+                copy_durably(path, join_inside(self._folder, name), self._unfinished, new_folders=LOG_DEPTH)
         except OSError as error:
             raise RemoteStoreError(
                 f"{path} cannot be stored in {self._folder}: {error.strerror}; make the folder writable"
@@ -116,7 +123,7 @@ class FolderStore(RemoteStore):
     def fetch(self, name: str, path: Path) -> None:
         """Copy it."""
         try:
-            copy_durably(self._folder / name, path, new_folders=_LOG_DEPTH)
+            copy_durably(join_inside(self._folder, name), path, new_folders=LOG_DEPTH)
         except OSError as error:
             raise RemoteStoreError(
                 f"{name} cannot be fetched from {self._folder}: {error.strerror}; make it readable"
@@ -124,7 +131,7 @@ class FolderStore(RemoteStore):
 
     def versions(self, prefix: str) -> dict[str, str]:
         """The files below, each read for its MD5."""
-        return {name: compute_md5(self._folder / name) for name in self.names(prefix)}
+        return {name: compute_md5(join_inside(self._folder, name)) for name in self.names(prefix)}
 
     def names(self, prefix: str) -> list[str]:
         """The files below, unread."""
@@ -146,7 +153,7 @@ class FolderStore(RemoteStore):
                     self._remove_empty_folders(folder)
 
     def _remove(self, name: str) -> None:
-        path = self._folder / name
+        path = join_inside(self._folder, name)
         if path.exists():
             current_system().disk.unlink(path)
         if path.parent.is_dir():
@@ -210,11 +217,23 @@ def open_store_url(url: str, *, may_be_new: bool = True) -> RemoteStore:
 
 
 @contextmanager
-def fetch_temporarily(store: RemoteStore, name: str) -> Iterator[Path]:
-    """Bring a file of the store to a folder that goes away again."""
+def fetch_temporarily(store: RemoteStore, name: str, *, version: str = "") -> Iterator[Path]:
+    """Bring a file of the store to a folder that goes away again, and compare it with its digest.
+
+    Args:
+        store: the store.
+        name: of the file there, of a form that was checked.
+        version: as the store listed it; what is no MD5 is not compared.
+
+    Raises:
+        RemoteStoreError: if it cannot be fetched.
+        DamagedCopyError: if it is not the file that was listed.
+    """
     with tempfile.TemporaryDirectory(prefix="minihuman-") as folder:
-        path = Path(folder, PurePosixPath(name).name)
+        path = join_inside(Path(folder), name.rpartition("/")[2])
         store.fetch(name, path)
+        if _MD5.fullmatch(version) and compute_md5(path) != version:
+            raise DamagedCopyError(f"{name} in the remote store is refused: it did not arrive as listed; gather again")
         yield path
 
 
@@ -260,7 +279,7 @@ class S3Store(RemoteStore):
         """Get it, beside its place first."""
         with (
             self._raise_as_store_error(f"{name} cannot be fetched from"),
-            replace_durably(path, new_folders=_LOG_DEPTH) as file,
+            replace_durably(path, new_folders=LOG_DEPTH) as file,
         ):
             self._client.download_fileobj(self._bucket, self._prefix + name, file)
 

@@ -63,7 +63,9 @@ from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import (
     LOG_SUFFIX,
     PART_SUFFIX,
+    SYSTEM_COMPANION,
     find_log_folders,
+    find_system_companions,
     group_sessions,
     raise_as_log_error,
     study_folder,
@@ -638,6 +640,7 @@ def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
         LogError: if a line of the enrolment log is damaged.
     """
     folders = list(find_log_folders(study))
+    yield from ((f"skipped {path.name}: {SYSTEM_COMPANION}", True) for path in find_system_companions(folders))
     yield from ((double, False) for double in find_double_sessions(folders))
     journal = open_enrolment_log(study)
     if not journal.begun:
