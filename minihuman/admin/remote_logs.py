@@ -8,6 +8,7 @@ different log of the same session gets a name of its own beside it, here and the
 from collections.abc import Callable
 from pathlib import Path
 
+from minihuman.admin.erasure_ledger import STORE_FOLDER
 from minihuman.dataset.annotations import ANNOTATIONS_SUFFIX, open_annotations, read_annotation_file
 from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 from minihuman.errors import LogError
@@ -112,7 +113,8 @@ class _Synchronization:
         """List what is to be looked at, here or there, in order of name; what has no place in the study is said."""
         local_names = list_files(self._data, prefix)
         ours = [name for name in local_names if name.endswith((ANNOTATIONS_SUFFIX, LOG_SUFFIX))]
-        files, refusals = parse_study_files({*ours, *self._versions}, prefix)
+        stored = {name for name in self._versions if name.split("/")[1:2] != [STORE_FOLDER]}
+        files, refusals = parse_study_files({*ours, *stored}, prefix)
         for refusal in refusals:
             self._say(refusal)
         withdrawn = {

@@ -22,6 +22,7 @@ from minihuman.admin.enrolment_entries import (
     read_enrolled,
     read_enrolment_log,
 )
+from minihuman.admin.erasure_ledger import find_pending_machines
 from minihuman.admin.session_index import SessionRow, find_double_sessions, read_session_index
 from minihuman.admin.session_summary import SessionSummary
 from minihuman.admin.unfinished_withdrawals import find_unfinished_withdrawals
@@ -186,7 +187,7 @@ def list_problems(
     study_dir: Path, rows: Iterable[SessionRow] | None = None, folders: LogFolders | None = None
 ) -> tuple[str, ...]:
     """Name each session completed twice, each log that is gone, each end that the enrolment log lacks, each withdrawal
-    that is unfinished.
+    that is unfinished, and each machine that has not erased its copy.
 
     Args:
         study_dir: the study's folder.
@@ -194,7 +195,7 @@ def list_problems(
         folders: what ``find_log_folders`` found below it just now, if it was asked already.
     """
     folders = list(find_log_folders(study_dir)) if folders is None else folders
-    double = tuple(find_double_sessions(folders))
+    double = (*find_double_sessions(folders), *find_pending_machines(study_dir))
     lines = read_enrolment_log(study_dir)
     if not lines:
         return double

@@ -20,7 +20,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
-from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
+from minihuman.dataset.withdrawn_codes import LEDGER_FILE_NAME, read_withdrawn_codes
 from minihuman.errors import LogError, ProtocolError
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.paths import (
@@ -115,7 +115,12 @@ def _withdrawal_finder() -> Callable[[Path], frozenset[str]]:
     @cache
     def read(folder: str, up: int) -> frozenset[str]:
         """Of a folder, and of so many above it."""
-        places = os.path.join(folder, ENROLMENT_FILE_NAME), os.path.join(os.path.dirname(folder), URL_FILE_NAME)
+        above = os.path.dirname(folder)
+        places = (
+            os.path.join(folder, ENROLMENT_FILE_NAME),
+            os.path.join(above, URL_FILE_NAME),
+            os.path.join(above, LEDGER_FILE_NAME),
+        )
         codes = read_withdrawn_codes(Path(folder)) if any(map(os.path.exists, places)) else frozenset()
         return codes | read(os.path.dirname(folder), up - 1) if up else codes
 

@@ -249,6 +249,8 @@ HEARS = (
 )
 JOINED = {
     ("admin/remote_logs.py", "_other_name(log)"): "of a local log and a digest",
+    ("admin/local_copies.py", "_require_code(code)"): "parsed as a participant's code",
+    ("admin/local_copies.py", "code"): "parsed as a participant's code before",
     ("admin/withdrawal.py", "code"): "parsed as a participant's code first",
     ("admin/withdrawal.py", "f'.{mark.name}'"): "of a file of ours",
     ("admin/withdrawal.py", "archive.name + UNFINISHED_SUFFIX"): "as the user named it",
@@ -281,7 +283,9 @@ def find_joins(source: str) -> Iterator[str]:
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("Path", "open"):
             joined = node.args[1:] if node.func.id == "Path" else []
         for expression in joined:
-            is_number = isinstance(expression, ast.Constant | ast.BinOp)
+            is_number = isinstance(expression, ast.Constant) or (
+                isinstance(node, ast.BinOp) and isinstance(expression, ast.BinOp)
+            )
             if not is_number and not (isinstance(expression, ast.Name) and expression.id.isupper()):
                 yield ast.unparse(expression)
 
