@@ -389,6 +389,7 @@ def export(
     *,
     selection: "Selection | None" = None,
     stored_frames: bool = False,
+    with_messages: bool = False,
     engine: str = "local",
     on_progress: Listener = _ignore,
 ) -> ExportSummary:
@@ -400,6 +401,7 @@ def export(
         out: a folder that does not exist yet.
         selection: which sessions and episodes are included.
         stored_frames: take the observations from the logs; by default they are replayed. Both are checked by hash.
+        with_messages: copy logs that hold messages between participants, too, into an archive such as BIDS.
         engine: reads logs for tables in processes of this machine (local) or in a Ray cluster (ray).
         on_progress: is told of each log.
 
@@ -423,6 +425,7 @@ def export(
             out,
             selection or Selection(),
             stored_frames=stored_frames,
+            with_messages=with_messages,
             engine=engine,
             progress=lambda log: on_progress(str(log)),
         )

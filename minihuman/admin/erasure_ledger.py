@@ -31,17 +31,19 @@ class ErasureLedger:
     Args:
         study_dir: the study's folder in the data folder.
         ask_store: read and write the entries in the store, too; where the ledger is in a database this does nothing.
+        may_be_new: as in ``open_store_url``.
 
     Raises:
         RemoteStoreError: if the store is a folder that is not there.
     """
 
-    def __init__(self, study_dir: Path, *, ask_store: bool) -> None:
+    def __init__(self, study_dir: Path, *, ask_store: bool, may_be_new: bool = False) -> None:
         self._study_dir = study_dir.absolute()
         self._data = self._study_dir.parent
         self._study = self._study_dir.name
         self._in_database = bool(find_database_url(self._study_dir))
-        self._store = open_remote_store(self._data, may_be_new=False) if ask_store and not self._in_database else None
+        asks = ask_store and not self._in_database
+        self._store = open_remote_store(self._data, may_be_new=may_be_new) if asks else None
 
     @property
     def is_shared(self) -> bool:

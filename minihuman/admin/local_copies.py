@@ -40,7 +40,7 @@ def obey_withdrawals(study_dir: Path, *, ask_store: bool = False, say: Listener 
     study_dir = study_dir.absolute()
     if not study_dir.is_dir():
         return
-    ledger = ErasureLedger(study_dir, ask_store=ask_store)
+    ledger = ErasureLedger(study_dir, ask_store=ask_store, may_be_new=True)
     entries = ledger.read() if ledger.is_shared else frozenset()
     own = [LedgerEntry("holds", "", ledger.machine)] if ledger.is_shared else []
     withdrawn = read_withdrawn_codes(study_dir) | {entry.code for entry in entries if entry.fact == "withdrawn"}
@@ -99,9 +99,10 @@ def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -
             say(line)
     except (OSError, MinihumanError) as error:
         errors.append(error)
-    errors += [] if errors else erase(find_mark(study_dir, code))
-    for error in dict.fromkeys(map(str, errors)):
-        say(f"{code} has withdrawn, but not all of their data could be erased: {error}; run the command again")
+    if ask_store and not errors:  # else the stores may still hold what an interrupted withdrawal left
+        errors += erase(find_mark(study_dir, code))
+    for reason in dict.fromkeys(map(str, errors)):
+        say(f"{code} has withdrawn, but not all of their data could be erased: {reason}; run the command again")
     if has_data and not errors:
         say(f"{code} has withdrawn: their data were erased on this machine")
     return not errors

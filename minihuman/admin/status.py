@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from minihuman.admin.enrolment_entries import (
     EnrolmentEntry,
@@ -37,6 +38,9 @@ from minihuman.log.paths import (
 )
 from minihuman.log.record.file_lock import is_being_recorded
 from minihuman.storage.outside_names import is_system_companion
+
+if TYPE_CHECKING:
+    from minihuman.dataset.annotations import Annotation
 
 GroupCounts = Mapping[str, int]  # by group
 _LEFT_BEFORE = {
@@ -153,6 +157,7 @@ def format_status(study_dir: Path, found: "StudyStatus | None" = None) -> Iterat
     if found.interventions:
         yield "audit trail: " + ", ".join(f"{count} {what}" for what, count in found.interventions.items())
     yield from (f"skipped {path}: {SYSTEM_COMPANION}" for path in found.companions)
+    yield from found.useless_annotations
     yield from found.problems
 
 
@@ -167,7 +172,14 @@ def count_all_interventions(study_dir: Path, folders: LogFolders | None = None) 
         LogError: if a line is damaged.
     """
     counts = count_interventions(read_enrolment_log(study_dir))
-    folders = find_log_folders(study_dir) if folders is None else folders
+    notes = [note for _, note in _read_all_annotations(find_log_folders(study_dir) if folders is None else folders)]
+    if notes:
+        missing = counts.pop("without a reason", 0) + sum(not note.note for note in notes)
+        counts |= {"annotations": len(notes)} | ({"without a reason": missing} if missing else {})
+    return counts
+
+
+def _read_all_annotations(folders: LogFolders) -> Iterator[tuple[Path, "Annotation"]]:
     paths = [
         folder / name
         for folder, names in folders
@@ -177,10 +189,18 @@ def count_all_interventions(study_dir: Path, folders: LogFolders | None = None) 
     if paths:
         from minihuman.dataset.annotations import ANNOTATIONS_SUFFIX, read_annotation_file
 
-        notes = [one for path in paths if path.name.endswith(ANNOTATIONS_SUFFIX) for one in read_annotation_file(path)]
-        missing = counts.pop("without a reason", 0) + sum(not note.note for note in notes)
-        counts |= {"annotations": len(notes)} | ({"without a reason": missing} if missing else {})
-    return counts
+        for path in paths:
+            if path.name.endswith(ANNOTATIONS_SUFFIX):
+                yield from ((path, annotation) for annotation in read_annotation_file(path))
+
+
+def _find_useless_annotations(folders: LogFolders) -> Iterator[str]:
+    """Name the annotations of episodes that no session can have; ``verify`` compares the others with the plan."""
+    for path, annotation in _read_all_annotations(folders):
+        from minihuman.dataset.annotations import MAX_EPISODES, describe_useless_annotation
+
+        if annotation.episode is not None and not 1 <= annotation.episode <= MAX_EPISODES:
+            yield f"{path}: {describe_useless_annotation(annotation)}"
 
 
 def list_problems(
@@ -224,6 +244,7 @@ class StudyStatus:
     problems: tuple[str, ...]  # logs that are gone, and ends of logs that the enrolment log lacks
     live: frozenset[Path]  # folders in which a session is being recorded
     companions: tuple[Path, ...] = ()  # files that another system keeps beside logs: they are not read
+    useless_annotations: tuple[str, ...] = ()  # a line each, of those of episodes that no session has
 
 
 def read_study_status(study_dir: Path) -> StudyStatus:
@@ -252,6 +273,7 @@ def read_study_status(study_dir: Path) -> StudyStatus:
             if any(name.endswith(PART_SUFFIX) and is_being_recorded(folder / name) for name in names)
         ),
         companions=tuple(find_system_companions(folders)),
+        useless_annotations=tuple(_find_useless_annotations(folders)),
     )
 
 

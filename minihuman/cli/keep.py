@@ -231,7 +231,7 @@ def gather(
     from minihuman.dataset.remote_tables import fetch_tables, store_tables
 
     if tables is not None:
-        came, removed = fetch_tables(study, tables)
+        came, removed = fetch_tables(study, tables, say=lambda line: print_account([line]))
         print_account(filter(None, [record_output(Path(study), TABLES, tables)]))
         print(f"{came} files of tables fetched, {removed} removed in {tables}")
         return

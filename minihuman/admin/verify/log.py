@@ -38,6 +38,7 @@ from minihuman.admin.policies import verify_advice
 from minihuman.admin.session_index import find_double_sessions
 from minihuman.admin.unfinished_withdrawals import find_unfinished_withdrawals
 from minihuman.admin.verify.episodes import describe_other_rules, verify_episodes
+from minihuman.dataset.annotations import describe_useless_annotation, read_annotations, split_annotations
 from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 from minihuman.display.text import is_division
 from minihuman.errors import LogError, MinihumanError
@@ -628,6 +629,8 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
         yield f"and {len(differences) - MAX_DIFFERENCES} more", False
     if policies:
         yield from verify_advice(session, World)
+    _, useless = split_annotations(session, read_annotations(session.path))
+    yield from ((describe_useless_annotation(annotation), False) for annotation in useless)
     if not steps.difference and not differences:
         yield f"{steps.episodes} episodes, {steps.steps} steps, all as logged", True
 
