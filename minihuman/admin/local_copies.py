@@ -1,21 +1,17 @@
-"""Erase what a machine has of participants who withdrew, wherever they did, when the machine next hears of it."""
+"""Erase what a machine has of participants who withdrew, wherever they did, when the machine next hears of it.
+
+What erases is imported when there is somebody to erase: `status` starts quickly.
+"""
 
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 from minihuman.admin.enrolment_entries import ParticipantWithdrawn, open_enrolment_log
-from minihuman.admin.enrolment_log import now_text, record_departure
 from minihuman.admin.erasure_ledger import ErasureLedger
-from minihuman.admin.recorded_outputs import note_withdrawal
-from minihuman.admin.recruitment import Recruitment
-from minihuman.admin.remote_logs import delete_remote_logs
 from minihuman.admin.unfinished_withdrawals import find_mark
-from minihuman.dataset.caches import list_caches
-from minihuman.dataset.remote_tables import delete_remote_tables
 from minihuman.dataset.withdrawn_codes import LedgerEntry, read_withdrawn_codes
 from minihuman.errors import AllocationError, MinihumanError
-from minihuman.experiment.plan.expansion import parse_participant_code
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.record.file_lock import is_being_recorded
 from minihuman.storage.erasure import erase
@@ -46,7 +42,7 @@ def obey_withdrawals(study_dir: Path, *, ask_store: bool = False, say: Listener 
     withdrawn = read_withdrawn_codes(study_dir) | {entry.code for entry in entries if entry.fact == "withdrawn"}
     for code in sorted(withdrawn):
         is_erased = not ledger.is_shared or LedgerEntry("erased", code, ledger.machine) in entries
-        if is_erased and not (study_dir / _require_code(code)).exists():
+        if is_erased and not (study_dir / code).exists():
             continue
         if _erase_copy(study_dir, code, ask_store=ask_store, say=say):
             own += [LedgerEntry("withdrawn", code), LedgerEntry("erased", code, ledger.machine)] if own else []
@@ -70,7 +66,9 @@ def record_erasure(study_dir: Path, code: str) -> None:
 
 def erase_local_copy(study_dir: Path, code: str) -> list[Exception]:
     """Erase a participant's logs, the caches that may hold their rows, and how they came; return what went wrong."""
-    errors: list[Exception] = [*erase(study_dir / _require_code(code))]
+    from minihuman.dataset.caches import list_caches
+
+    errors: list[Exception] = [*erase(study_dir / code)]
     for cache in list_caches(study_dir):  # free pages remember
         errors += erase(cache)
     for forget in (_forget_arrival, _forget_leases):
@@ -83,6 +81,10 @@ def erase_local_copy(study_dir: Path, code: str) -> list[Exception]:
 
 def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -> bool:
     """Erase one participant here, and say so; False where something is left."""
+    from minihuman.admin.recorded_outputs import note_withdrawal
+    from minihuman.admin.remote_logs import delete_remote_logs
+    from minihuman.dataset.remote_tables import delete_remote_tables
+
     if any(is_being_recorded(part) for part in (study_dir / code).rglob(f"*{PART_SUFFIX}")):
         say(f"{code} has withdrawn, but a session of theirs is running here; it is erased once it has ended")
         return False
@@ -110,6 +112,8 @@ def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -
 
 def _record_departure(study_dir: Path, code: str) -> None:
     """Free the slot in this machine's own enrolment log, where the participant has one."""
+    from minihuman.admin.enrolment_log import now_text, record_departure
+
     journal = open_enrolment_log(study_dir)
     if find_database_url(study_dir) or not journal.begun:
         return
@@ -121,13 +125,9 @@ def _record_departure(study_dir: Path, code: str) -> None:
             )
 
 
-def _require_code(code: str) -> str:
-    """Return a participant's code, which a database or a store may have given; nothing else is ever erased."""
-    parse_participant_code(code)
-    return code
-
-
 def _forget_arrival(study_dir: Path, code: str) -> None:
+    from minihuman.admin.recruitment import Recruitment
+
     Recruitment(study_dir).forget(code)
 
 

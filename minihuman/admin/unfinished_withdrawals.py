@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
-from minihuman.experiment.plan.expansion import parse_participant_code
 
 MARK_SUFFIX = ".withdrawing"  # behind a participant's code: the name of a file that says that erasing them has begun
 
@@ -15,10 +14,8 @@ def find_unfinished_withdrawals(study_dir: Path) -> Iterator[str]:
     Raises:
         OSError: if the enrolment log is in a database that cannot be asked.
         LogError: if one of its lines is damaged.
-        AllocationError: if one of them withdraws what is no participant.
     """
     for code in sorted(read_withdrawn_codes(study_dir)):
-        parse_participant_code(code)  # a database may say anything
         if find_mark(study_dir, code).exists() or (study_dir / code).exists():
             yield f"{code} has withdrawn, but data of theirs may be left; run `minihuman withdraw {code}` again"
 

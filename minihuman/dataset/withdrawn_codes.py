@@ -1,5 +1,6 @@
 """Reads from a study's enrolment log who withdrew. Opens no log of a session, so that a command starts quickly."""
 
+import re
 from collections.abc import Iterator
 from contextlib import closing, suppress
 from pathlib import Path
@@ -20,6 +21,7 @@ class _Line(msgspec.Struct, frozen=True):
     withdrawn: str | list[str] = ""
 
 
+_CODE = re.compile(r"(sub|model)-[0-9]{2,6}", re.ASCII)  # as the enrolment log gives them
 LEDGER_FILE_NAME = "withdrawals.jsonl"  # in the data folder: what this machine knows of the erasure ledger
 
 
@@ -41,7 +43,7 @@ def read_local_ledger(data: Path, study: str) -> Iterator[LedgerEntry]:
     for line in lines:
         with suppress(msgspec.DecodeError):  # half a line, of a crash
             entry = msgspec.json.decode(line, type=LedgerEntry)
-            if entry.study == study:
+            if entry.study == study and (not entry.code or _CODE.fullmatch(entry.code)):
                 yield msgspec.structs.replace(entry, study="")
 
 
@@ -70,8 +72,15 @@ def _code(line: bytes, number: int) -> str | None:
     """Who withdrew by a line; None where it says nothing of that."""
     try:
         withdrawn = msgspec.json.decode(line, type=_Line).withdrawn
-        return withdrawn if withdrawn and isinstance(withdrawn, str) else None
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise LogError(
             f"{ENROLMENT_FILE_NAME}:{number}: {line[:60]!r} cannot be read; restore the file from a copy"
         ) from error
+    if not withdrawn or not isinstance(withdrawn, str):
+        return None
+    if not _CODE.fullmatch(withdrawn):  # whose folder would be erased
+        raise LogError(
+            f"{ENROLMENT_FILE_NAME}:{number}: {withdrawn[:60]!r} is not a participant code; restore the file from a "
+            "copy"
+        )
+    return withdrawn

@@ -249,8 +249,7 @@ HEARS = (
 )
 JOINED = {
     ("admin/remote_logs.py", "_other_name(log)"): "of a local log and a digest",
-    ("admin/local_copies.py", "_require_code(code)"): "parsed as a participant's code",
-    ("admin/local_copies.py", "code"): "parsed as a participant's code before",
+    ("admin/local_copies.py", "code"): "read by form, as a participant's code",
     ("admin/withdrawal.py", "code"): "parsed as a participant's code first",
     ("admin/withdrawal.py", "f'.{mark.name}'"): "of a file of ours",
     ("admin/withdrawal.py", "archive.name + UNFINISHED_SUFFIX"): "as the user named it",
