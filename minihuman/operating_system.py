@@ -6,6 +6,7 @@ is the kernel's and ends with the process, however that ends. Linux is tested; W
 
 import contextlib
 import ctypes
+import errno
 import os
 import signal
 import socket
@@ -78,6 +79,8 @@ def make_private_folder(folder: Path, mode: int = OWNER_ONLY_FOLDER) -> None:
     """
     missing = []
     while not folder.is_dir():
+        if folder.exists():
+            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), os.fspath(folder))
         missing.append(folder)
         if folder.parent == folder:
             break

@@ -78,7 +78,8 @@ class ErasureLedger:
             OSError: if they cannot be written.
             RemoteStoreError: if the store cannot be reached.
         """
-        new = [entry for entry in dict.fromkeys(entries) if entry not in self.read()]
+        known = self.read() if entries else frozenset()
+        new = [entry for entry in dict.fromkeys(entries) if entry not in known]
         if not new:
             return
         if self._in_database:

@@ -253,7 +253,6 @@ JOINED = {
     ("admin/withdrawal.py", "code"): "parsed as a participant's code first",
     ("admin/withdrawal.py", "f'.{mark.name}'"): "of a file of ours",
     ("admin/withdrawal.py", "archive.name + UNFINISHED_SUFFIX"): "as the user named it",
-    ("admin/recruitment.py", "f'{SECRET_FILE_NAME}.{secrets.token_hex(4)}'"): "random digits",
     ("learn/policy/file.py", "path.name + UNFINISHED_SUFFIX"): "as the user named it",
     ("log/record/session_leases.py", "name"): "checked by require_name",
     ("log/record/session_leases.py", "f'.{name}.restored'"): "checked by require_name",
