@@ -25,7 +25,8 @@ def obey_withdrawals(study_dir: Path, *, ask_store: bool = False, say: Listener 
     """Erase this machine's copies of participants who withdrew, and note for all machines that it has done so.
 
     Args:
-        study_dir: the study's folder; where there is none, nothing is done.
+        study_dir: the study's folder. Where there is none yet, the machine is noted with ``ask_store``, as a command
+            that brings data is about to make it; else nothing is done.
         ask_store: look for withdrawals in the remote store, too, and erase there what came after them.
         say: called with a line about what was erased, what could not be, and what is out of reach.
 
@@ -34,7 +35,7 @@ def obey_withdrawals(study_dir: Path, *, ask_store: bool = False, say: Listener 
         RemoteStoreError: if the store cannot be reached.
     """
     study_dir = study_dir.absolute()
-    if not study_dir.is_dir():
+    if not (study_dir.parent if ask_store else study_dir).is_dir():
         return
     ledger = ErasureLedger(study_dir, ask_store=ask_store, may_be_new=True)
     entries = ledger.read() if ledger.is_shared else frozenset()

@@ -88,6 +88,8 @@ def sync_logs(data: Path, prefix: str, *, say: Listener = lambda line: None) -> 
             synchronization.sync_annotations(file)
         elif name.endswith(LOG_SUFFIX):
             synchronization.sync_log(file)
+        else:
+            say(f"{name} in the remote store is neither a log nor annotations; it was not fetched")
     return synchronization.fetched, synchronization.stored
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from minihuman import workflow
 from minihuman.admin.enrolment_entries import SlotTaken, open_enrolment_log
-from minihuman.admin.erasure_ledger import find_pending_machines
+from minihuman.admin.erasure_ledger import ErasureLedger, find_pending_machines
 from minihuman.admin.local_copies import obey_withdrawals
 from minihuman.admin.manifest import record_log_end, write_manifest
 from minihuman.admin.recorded_outputs import NOTICE_FILE_NAME
@@ -137,6 +137,8 @@ def test_words_are_nowhere_once_each_machine_was_started_and_status_names_it_unt
     urls = {URL_FILE_NAME: database_url, STORE_URL_FILE_NAME: bucket, TABLES_URL_FILE_NAME: f"{bucket}-tables"}
     study = Study(tmp_path / "machines", urls)
     assert len(find_words(tmp_path / "machines")) > 3
+    known = {entry.machine for entry in ErasureLedger(study.machines[0] / study.name, ask_store=False).read()}
+    assert known == {read_machine_id(data) for data in study.machines}  # each since it was first gathered on
     first, *others = rng.sample(study.machines, 3)
     withdrawal = withdraw_participant(first / study.name, "sub-01", seal=None)
     for position, data in enumerate(others):
