@@ -127,6 +127,7 @@ STEPS = (
     TableColumn("terminated", "boolean", "", "The world ended the episode."),
     TableColumn("truncated", "boolean", "", "A limit ended the episode."),
     TableColumn("action_vector", "text", "", "The action, a JSON list, where actions are vectors; else empty."),
+    TableColumn("info", "text", "JSON", "What record_info keeps of the world's info; empty where it keeps nothing."),
 )
 
 
@@ -369,8 +370,10 @@ EPISODES = (
     TableColumn("world", "text", "", "The world's id."),
     TableColumn("seed", "integer", "", "The seed of the layout."),
     TableColumn("t_ns", "integer", "ns", "When the episode was reset: session time, since the first segment began."),
-    TableColumn("outcome", "text", "", "goal, timeout, failure, abandoned, agent_failed or cut_off."),
-    TableColumn("success", "boolean", "", "Whether the outcome is goal."),
+    TableColumn(
+        "outcome", "text", "", "goal, timeout, failure, abandoned, agent_failed, cut_off; ended: no rule says."
+    ),
+    TableColumn("success", "boolean", "", "Whether the outcome is goal; empty where no rule says."),
     TableColumn("reward", "number", "", "Sum of the episode's rewards."),
     TableColumn("steps", "integer", "", "Steps done."),
     TableColumn("max_steps", "integer", "", "Steps allowed."),

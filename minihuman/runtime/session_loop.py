@@ -15,7 +15,7 @@ from typing import Literal
 import msgspec
 
 from minihuman.display.windows.window import Clock, Window
-from minihuman.errors import LogError, PlayerFailedError
+from minihuman.errors import LogError, PlayerFailedError, WorldError
 from minihuman.experiment.machine.activity import RequestHandler
 from minihuman.experiment.machine.events import SessionEnded
 from minihuman.experiment.machine.inputs import ExperimenterCommand, Input, KeyDown, ScreenShown, Stop, Tick
@@ -143,6 +143,12 @@ def run_session(
     if loop.log_error:
         raise loop.log_error
     return path
+
+
+def describe_world_failure(session: SessionMachine, log: Path | None) -> WorldError:
+    """Make the error of a session that its world ended: what failed, and where what was recorded is."""
+    kept = "" if log is None else f"; what was recorded up to then is in {log}"
+    return WorldError(f"the world failed ({session.end_detail}){kept}")
 
 
 class _SessionLoop:

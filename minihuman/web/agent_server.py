@@ -25,7 +25,8 @@ from minihuman.experiment.protocol.specs import ModelSpec
 from minihuman.log.paths import MODELS_FOLDER
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.disk import GroupCommit
-from minihuman.runtime.model_sessions import ModelRun, play_participant, require_playable
+from minihuman.runtime.model_run import ModelRun
+from minihuman.runtime.model_sessions import play_participant, require_playable
 from minihuman.simulation.chat_client import ChatAnswer, ModelClient, ModelUnavailableError
 from minihuman.simulation.model_conversation import RULES, Prompt
 

@@ -54,7 +54,9 @@ from minihuman.experiment.machine.events import (
     find_violations,
 )
 from minihuman.experiment.plan.allocation import build_allocation_list
-from minihuman.experiment.plan.expansion import expand_protocol, find_paged_text, parse_participant_code
+from minihuman.experiment.plan.expansion import expand_protocol
+from minihuman.experiment.plan.part_plans import find_paged_text
+from minihuman.experiment.plan.participant_codes import parse_participant_code
 from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart, SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
 from minihuman.experiment.protocol.strata import build_strata
@@ -457,7 +459,13 @@ def _plan(segment: _LogSegment) -> Iterator[str]:
     try:
         protocol = decode_logged_protocol(plan.protocol_toml)
         protocol = msgspec.structs.replace(protocol, files=_page_pictures(protocol, plan) | plan.files)
-        again = expand_protocol(protocol, plan.participant, session=plan.session, overridden=plan.overridden)
+        again = expand_protocol(
+            protocol,
+            plan.participant,
+            session=plan.session,
+            overridden=plan.overridden,
+            outcome_rules=plan.outcome_rules,
+        )
         yield from _slot(protocol, segment, plan)
         if parse_participant_code(plan.participant.id) != plan.participant.index:
             yield f"plan: participant {plan.participant.id} is at index {plan.participant.index}"

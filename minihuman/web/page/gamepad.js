@@ -1,11 +1,12 @@
 // A gamepad, read once a frame: its buttons as keys, its sticks and triggers as axes, named as in minihuman/experiment/keys.py.
 
 /** @import { Keyboard } from "./input.js" */
-/** @import { Input } from "./messages" */
+/** @import { PageMessage } from "./messages" */
 const BUTTONS = [ // of the standard mapping (W3C Gamepad); two of them do what the session asks keys for
   "pad_south", "pad_east", "pad_west", "pad_north", "pad_left_shoulder", "pad_right_shoulder", "pad_left_trigger",
   "pad_right_trigger", "escape", "enter", "pad_left_stick", "pad_right_stick", "pad_up", "pad_down", "pad_left", "pad_right",
 ];
+/** @type {import("./messages").AxisMessage["axis"][]} */
 const AXES = ["pad_left_x", "pad_left_y", "pad_right_x", "pad_right_y", "pad_left_trigger", "pad_right_trigger"];
 const DEAD_ZONE = 0.1, LEVELS = 128;
 /** @type {Record<string, [minus: string, plus: string]>} */
@@ -28,7 +29,7 @@ export class GamepadReader {
   #readMs = 0; // when it was read last
 
   // Whether sticks are read later is asked of `isBehind`: each move makes the step that is due.
-  /** @param {Keyboard} keyboard @param {() => boolean} hasFocus @param {(what: Input, ms?: number) => void} send @param {() => boolean} isBehind */
+  /** @param {Keyboard} keyboard @param {() => boolean} hasFocus @param {(what: PageMessage, ms?: number) => void} send @param {() => boolean} isBehind */
   constructor(keyboard, hasFocus, send, isBehind) {
     this.keyboard = keyboard;
     this.hasFocus = hasFocus;

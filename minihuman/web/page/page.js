@@ -14,7 +14,7 @@ import { ScreenView } from "./screens.js";
 import { MessageStore, openTabStorage, Outbox, randomBytes, UNTIMED } from "./stream.js";
 import { TouchKeys } from "./touch.js";
 
-/** @import { Input, Numbered, ScreenMessage } from "./messages" */
+/** @import { PageMessage, ScreenMessage, ServerMessage } from "./messages" */
 /** @import { Link } from "./connection.js" */
 /** @import { Point } from "./input.js" */
 
@@ -124,7 +124,7 @@ class Page {
 
   get #isListening() { return this.#outbox.hasTime && !this.#connection.finished; }
 
-  /** @param {Input} what @param {boolean} canWait @param {number} now @returns {number} the message's number */
+  /** @param {PageMessage} what @param {boolean} canWait @param {number} now @returns {number} the message's number */
   #send(what, canWait = this.#player.canWait(what), now = this.#outbox.nextTime()) {
     const made = what.t !== "tick" && !UNTIMED.has(what.t) && this.#outbox.hasTime ? this.#computeTick(now) : undefined;
     if (made) { // a step that the session makes first; by then the next may be due
@@ -145,7 +145,7 @@ class Page {
 
   // ---- what the server says
 
-  /** @param {Numbered} m */
+  /** @param {ServerMessage} m */
   #receive(m) {
     switch (m.t) {
       case "rules":
@@ -209,7 +209,7 @@ class Page {
     if (!to) return;
     const { last } = this.#outbox.state;
     const tick = to.after === null ? null : last + to.after;
-    this.#put({ id: 0, name: to.name, through: n, at: last, tick, screen: to.screen });
+    this.#put({ t: "screen", id: 0, name: to.name, through: n, at: last, tick, screen: to.screen });
     // Who steers is told when it has begun.
     if (to.episode >= 0) this.#player.enter(to.episode, to.scene, n, to.screen.kind === "play" && Boolean(to.screen.controller));
   }

@@ -3,7 +3,7 @@
 
 import { el } from "./elements.js";
 
-/** @import { Screen } from "./messages" */
+/** @import { ScreenValues } from "./messages" */
 /** @import { Keyboard } from "./input.js" */
 
 const KEYS_OF = new Set(["play", "blank"]);
@@ -33,7 +33,7 @@ export class TouchKeys {
     addEventListener("pointercancel", release);
   }
 
-  /** The buttons that a screen needs. @param {Screen} screen */
+  /** The buttons that a screen needs. @param {ScreenValues} screen */
   show(screen) {
     if (!this.isTouched) return;
     document.documentElement.classList.add("touched");
@@ -50,7 +50,7 @@ export class TouchKeys {
     this.resized();
   }
 
-  /** @param {Screen} screen @returns {string[]} */
+  /** @param {ScreenValues} screen @returns {string[]} */
   #namesFor(screen) {
     if (OWN_BUTTONS.has(screen.kind)) return [];
     const played = Object.keys(this.caps).filter((name) => name !== "enter" && name !== "escape");

@@ -22,7 +22,7 @@ from minihuman.operating_system import claim_address, exit_when_terminated, make
 from minihuman.storage.lease import open_lease_table
 from minihuman.storage.remote_store import RemoteStoreError
 from minihuman.web.arrivals import Arrivals, build_link, build_platform_link
-from minihuman.web.messages import MAX_MESSAGE_BYTES
+from minihuman.web.message_codec import MAX_MESSAGE_BYTES
 from minihuman.web.server.app import WebServer
 
 HOST = "127.0.0.1"
