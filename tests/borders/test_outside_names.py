@@ -261,7 +261,6 @@ JOINED = {
     ("admin/remote_logs.py", "study"): "parsed by outside_names",
     ("runtime/watch/dashboard.py", "asked or 'page.html'"): "one of a fixed table",
     ("runtime/watch/dashboard.py", "code"): "asks only whether it exists",
-    ("web/connection.py", "f'{admission.participant}_ses-{admission.session:02d}{LOG_SUFFIX}'"): "a slot's code",
     ("web/deployment/check.py", "f'server-{number}'"): "a number",
     ("web/deployment/check.py", "f'{name}.toml'"): "of the protocol",
     ("web/deployment/check.py", "file_name"): "a constant",
