@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from minihuman import __version__
-from minihuman.activities.team.message_events import MessageShown, MessageTyped
 from minihuman.dataset.annotations import annotations_path
 from minihuman.dataset.included_episodes import IncludedEpisodes
 from minihuman.dataset.selection import SelectedSession
@@ -18,6 +17,7 @@ from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.table_files import write_tables
 from minihuman.errors import ExportError
+from minihuman.experiment.machine.events import ActivityEvent
 from minihuman.experiment.protocol.specs import AboutSpec
 from minihuman.exporters.bids.files import (
     EVENT_COLUMNS,
@@ -97,7 +97,7 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 def _holds_messages(log: SessionLog) -> bool:
     """Say whether a log holds what its participant wrote to others."""
-    return any(isinstance(event, MessageShown | MessageTyped) and event.text for event in log.part_events)
+    return any(isinstance(event, ActivityEvent) and event.words_to_others for event in log.part_events)
 
 
 class _Dataset:
