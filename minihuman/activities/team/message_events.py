@@ -19,6 +19,7 @@ class MessageShown(ActivityEvent):
 
     @property
     def words_to_others(self) -> str:
+        """The words, empty for a mark."""
         return self.text
 
 
@@ -30,6 +31,7 @@ class MessageTyped(ActivityEvent):
 
     @property
     def words_to_others(self) -> str:
+        """The letters."""
         return self.text
 
 
