@@ -79,7 +79,7 @@ def make_private_folder(folder: Path, mode: int = OWNER_ONLY_FOLDER) -> None:
     """
     missing = []
     while not folder.is_dir():
-        if folder.exists():
+        if folder.exists() and not folder.is_dir():  # asked in this order, as another process may make it meanwhile
             raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), os.fspath(folder))
         missing.append(folder)
         if folder.parent == folder:
