@@ -98,6 +98,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         "minihuman.dataset.remote_tables",
     ),
     "minihuman.agents.goal_search": ("minihuman.agents.search_choice",),
+    "minihuman.api": ("minihuman.recorded_study",),
     "minihuman.dataset.journal": (
         "minihuman.storage.journal",
         "minihuman.storage.file_journal",
@@ -135,6 +136,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
     ),
     "minihuman.log.system": ("minihuman.storage.system", "minihuman.storage.durable_files"),
     "minihuman.operating_system": ("minihuman.storage.durable_files",),
+    "minihuman.workflow": ("minihuman.api",),
 }
 
 

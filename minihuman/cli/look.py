@@ -158,7 +158,7 @@ def report(
 
     Example: minihuman report sessions/fourrooms-transfer --out report
     """
-    from minihuman.workflow import report as write_report
+    from minihuman.api import report as write_report
 
     scripts = [name for name, wanted in (("r", r), ("python", python)) if wanted]
     written = write_report(study, out, selection=selection, template=template, scripts=scripts)

@@ -42,7 +42,7 @@ def export(
 
     Example: minihuman export minari sessions/fourrooms-transfer --outcome goal --out demos
     """
-    from minihuman.workflow import export as export_study
+    from minihuman.api import export as export_study
 
     if (out is None) == (folder is None):
         raise ExportError("give the output folder exactly once, with --out FOLDER")

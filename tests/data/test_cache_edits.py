@@ -15,13 +15,13 @@ from click.testing import CliRunner
 from minihuman.admin import session_index
 from minihuman.admin.manifest import MANIFEST_FILE_NAME, find_changed_files, write_manifest
 from minihuman.admin.session_index import SessionRow, read_session_index
+from minihuman.api import export, report, simulate, verify
 from minihuman.cli.command_line import make_command_line
 from minihuman.dataset import caches, store
 from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import LOG_COLUMNS, StudyStore, TableDatabase, find_queried_tables
 from minihuman.dataset.table_catalogue import TABLES
-from minihuman.workflow import export, report, simulate, verify
 from tests.builders import session, write_log
 from tests.counts import count
 from tests.study.studies import two_days
