@@ -106,6 +106,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
     ),
     "minihuman.dataset.journal_postgres": ("minihuman.storage.postgres_journal", "minihuman.storage.database"),
     "minihuman.dataset.sessions": ("minihuman.dataset.included_episodes",),
+    "minihuman.dataset.store": ("minihuman.dataset.table_queries", "minihuman.dataset.table_database"),
     "minihuman.dataset.table_columns": (
         "minihuman.dataset.table_catalogue",
         f"{_NEW}.agent_blocks.columns",

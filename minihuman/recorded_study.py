@@ -18,8 +18,9 @@ from minihuman.dataset.log_files import list_participant_logs, list_readable_log
 from minihuman.dataset.measures import playing_s
 from minihuman.dataset.selection import SelectedSession, Selection, SelectionSummary
 from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import StudyStore, TableDatabase, has_world_columns
+from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_catalogue import TABLES
+from minihuman.dataset.table_queries import find_queried_tables, has_world_columns, needs_shortest_paths
 from minihuman.errors import LogError, QueryError
 from minihuman.log.model.session_log import EpisodeLog as Recorded, Segment
 from minihuman.log.read.session_reader import read_log
@@ -393,13 +394,10 @@ class Study:
         Raises:
             QueryError: if it is not valid SQL, or names a table or column that does not exist.
         """
-        from minihuman.dataset.store import find_queried_tables, needs_shortest_paths
-
         sessions = StudySessions(self.path, self.selection)
         tables_read, planned = find_queried_tables(sql), needs_shortest_paths(sql)
         with StudyStore(sessions, with_shortest=planned, tables=tables_read, with_account=False) as store:
-            tables: TableDatabase = store.tables
-            found: pd.DataFrame = tables.query(sql).to_pandas()
+            found: pd.DataFrame = store.tables.query(sql).to_pandas()
             return found
 
     def figure(self, name: Literal["learning", "occupancy"] = "learning", *, of: str = "") -> "Figure":

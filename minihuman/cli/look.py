@@ -184,8 +184,8 @@ def query(
     if csv and json:
         raise MinihumanError("--csv and --json cannot be used together; remove one of them")
     from minihuman.dataset.sessions import StudySessions
-    from minihuman.dataset.store import (
-        StudyStore,
+    from minihuman.dataset.store import StudyStore
+    from minihuman.dataset.table_queries import (
         find_queried_tables,
         format_result_csv,
         format_result_lines,

@@ -23,9 +23,10 @@ import pyarrow.parquet
 import minihuman
 from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.rows import arrow_schema
-from minihuman.dataset.store import StoreVersionError, StudyStore, TableDatabase
+from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_catalogue import TABLES, TablePartition, build_data_dictionary, build_data_package
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
+from minihuman.dataset.table_database import StoreVersionError, TableDatabase
 
 TableFormat = Literal["parquet", "csv"]
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pandas as pd
 
+from minihuman.dataset.cached_sessions import CachedSession
 from minihuman.dataset.selection import Selection
-from minihuman.dataset.store import CachedSession
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.activity import GROUP, find_kind
 from minihuman.log.model.session_log import SessionLog

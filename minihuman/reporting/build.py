@@ -13,9 +13,10 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 import minihuman
+from minihuman.dataset.cached_sessions import CachedSession
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import CachedSession, StudyStore
+from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_catalogue import EVERY_MOMENT, TABLES
 from minihuman.dataset.table_files import write_tables
 from minihuman.errors import ReportError

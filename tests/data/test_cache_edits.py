@@ -20,8 +20,10 @@ from minihuman.cli.command_line import make_command_line
 from minihuman.dataset import caches, store
 from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import LOG_COLUMNS, StudyStore, TableDatabase, find_queried_tables
+from minihuman.dataset.store import LOG_COLUMNS, StudyStore
 from minihuman.dataset.table_catalogue import TABLES
+from minihuman.dataset.table_database import TableDatabase
+from minihuman.dataset.table_queries import find_queried_tables
 from tests.builders import session, write_log
 from tests.counts import count
 from tests.study.studies import two_days

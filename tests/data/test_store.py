@@ -16,9 +16,10 @@ from minihuman.dataset.annotations import Annotation, add_annotation
 from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import StudyStore, needs_shortest_paths
+from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_catalogue import TABLES
 from minihuman.dataset.table_files import write_tables
+from minihuman.dataset.table_queries import needs_shortest_paths
 from minihuman.errors import QueryError
 from minihuman.log.read.session_reader import read_log
 from tests.builders import session, write_log

@@ -12,7 +12,7 @@ import pytest
 from minihuman import simulate
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import TableDatabase
+from minihuman.dataset.table_database import TableDatabase
 from minihuman.errors import ReportError
 from minihuman.experiment.plan.dry_run import check_worlds
 from minihuman.experiment.protocol.protocol import decode_protocol
