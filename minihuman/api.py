@@ -348,32 +348,35 @@ def _verify_tables(study: Path, outputs: Iterable[Path]) -> Iterator[tuple[str, 
     import tempfile
 
     from minihuman.admin.session_index import compare_index
-    from minihuman.dataset.sessions import StudySessions
-    from minihuman.dataset.store import StudyStore
     from minihuman.dataset.table_catalogue import TABLES
     from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
-    from minihuman.dataset.table_files import compare_cache, compare_pages, compare_table_files, write_tables
+    from minihuman.dataset.table_files import compare_cache, compare_pages, compare_table_files
+    from minihuman.dataset.tables import select
     from minihuman.log.paths import require_folder
     from minihuman.reporting.build import build_report
 
     require_folder(study, instead="a study's folder")
-    sessions = StudySessions(study, from_logs=True)
     with (
         tempfile.TemporaryDirectory(prefix="minihuman-") as temporary,
-        StudyStore(sessions, with_shortest=True) as store,
+        select(study, from_logs=True) as recomputed_tables,
     ):
-        rows = sum(map(store.tables.count, TABLES))
-        unreadable = [f"{one.path} cannot be read: {one.problem}" for one in store.kept if one.problem]
-        wrong = [*unreadable, *compare_cache(store, study), *compare_index(study)]
+        recomputed_tables.require(shortest_paths=True)
+        rows = sum(map(recomputed_tables.count, TABLES))
+        unreadable = [
+            f"{session.path} cannot be read: {session.problem}"
+            for session in recomputed_tables.sessions
+            if session.problem
+        ]
+        wrong = [*unreadable, *compare_cache(recomputed_tables.store, study), *compare_index(study)]
         for number, folder in enumerate(outputs):
             recomputed = Path(temporary) / str(number)
             if (folder / "report.html").is_file():
-                build_report(StudySessions(study, from_logs=True), recomputed)
+                build_report(recomputed_tables, recomputed)
                 wrong += compare_table_files(folder / "tables", recomputed / "tables")
                 wrong += compare_pages(folder / "report.html", recomputed / "report.html")
             else:
                 require_folder(folder, instead="a report's folder, or that of a CSV or Parquet export")
-                write_tables(store.tables, recomputed, without=COLUMNS_NEEDING_WORLD)
+                recomputed_tables.write(recomputed, without=COLUMNS_NEEDING_WORLD)
                 wrong += compare_table_files(folder, recomputed)
     yield from ((line, False) for line in wrong)
     if not wrong:
@@ -446,21 +449,16 @@ def report(
         ReportError: if no log in it can be read, the logs are of different studies, or nothing can be modelled.
     """
     from minihuman.dataset.log_files import infrequent_collection
-    from minihuman.dataset.selection import Selection
-    from minihuman.dataset.sessions import StudySessions
+    from minihuman.dataset.tables import select
     from minihuman.errors import name_output_when_full
     from minihuman.reporting.build import build_report, find_stale_figures
 
     out = Path(out)
-    with infrequent_collection(), name_output_when_full(out):
-        sessions = StudySessions(Path(study), selection or Selection())
-        written = build_report(sessions, out, None if template is None else Path(template), scripts=scripts)
-        notes: Iterable[str] = (
-            *sessions.account.lines(),
-            *find_stale_figures(out, written),
-            *sessions.account.notes,
-        )
-        return ReportSummary(written[0], written, tuple(notes))
+    with infrequent_collection(), name_output_when_full(out), select(Path(study), selection) as tables:
+        files = build_report(tables, out, None if template is None else Path(template), scripts=scripts)
+        account = tables.account
+        notes = (*account.lines(), *find_stale_figures(out, files), *account.notes)
+        return ReportSummary(files[0], files, notes)
 
 
 def open_session(path: Path | str, selection: "Selection | None" = None) -> "Session":

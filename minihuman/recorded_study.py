@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from minihuman.dataset.log_files import list_participant_logs, list_readable_logs
 from minihuman.dataset.measures import playing_s
 from minihuman.dataset.selection import SelectedSession, Selection, SelectionSummary
-from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_catalogue import TABLES
-from minihuman.dataset.table_queries import find_queried_tables, has_world_columns, needs_shortest_paths
+from minihuman.dataset.table_queries import has_world_columns
+from minihuman.dataset.tables import answer_query, select
 from minihuman.errors import LogError, QueryError
 from minihuman.log.model.session_log import EpisodeLog as Recorded, Segment
 from minihuman.log.read.session_reader import read_log
@@ -39,10 +38,9 @@ def read_table_frame(source: Path, selection: Selection, name: str, *, with_excl
     """
     if name not in TABLES:
         raise QueryError(f"table {name!r} does not exist; the tables are {', '.join(TABLES)}")
-    sessions = StudySessions(source, selection)
-    with StudyStore(sessions, with_shortest=has_world_columns(name), tables=(name,), with_account=False) as store:
-        found: pd.DataFrame = store.tables.table(name, counting=not with_excluded).to_pandas()
-        return found
+    with select(source, selection) as tables:
+        tables.require((name,), shortest_paths=has_world_columns(name), with_account=False)
+        return tables.frame(name, included=not with_excluded)
 
 
 def format_html_table(caption: str, heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -361,8 +359,8 @@ class Study:
 
     @cached_property
     def _opened(self) -> tuple[tuple[Session, ...], SelectionSummary]:
-        found = StudySessions(self.path, self.selection)
-        return tuple(Session(counted, self.selection) for counted in found), found.account
+        tables = select(self.path, self.selection)
+        return tuple(Session(counted, self.selection) for counted in tables.read_sessions()), tables.account
 
     @property
     def sessions(self) -> tuple[Session, ...]:
@@ -394,11 +392,9 @@ class Study:
         Raises:
             QueryError: if it is not valid SQL, or names a table or column that does not exist.
         """
-        sessions = StudySessions(self.path, self.selection)
-        tables_read, planned = find_queried_tables(sql), needs_shortest_paths(sql)
-        with StudyStore(sessions, with_shortest=planned, tables=tables_read, with_account=False) as store:
-            found: pd.DataFrame = store.tables.query(sql).to_pandas()
-            return found
+        with select(self.path, self.selection) as tables:
+            answer: pd.DataFrame = answer_query(tables, sql).to_pandas()
+            return answer
 
     def figure(self, name: Literal["learning", "occupancy"] = "learning", *, of: str = "") -> "Figure":
         """Draw rewards over a block's episodes, by group, or where participants were in a world.
@@ -442,14 +438,15 @@ class Study:
         """
         participant, number = (key, None) if isinstance(key, str) else key
         for path in list_participant_logs(self.path, participant):
-            for counted in StudySessions(path, self.selection):
+            for counted in select(path, self.selection).read_sessions():
                 session = Session(counted, self.selection)
                 if session.participant == participant and number in (None, session.number):
                     return session
         raise KeyError(key)
 
     def __iter__(self) -> Iterator[Session]:
-        return (Session(counted, self.selection) for counted in StudySessions(self.path, self.selection))
+        selected = select(self.path, self.selection).read_sessions()
+        return (Session(counted, self.selection) for counted in selected)
 
     def __len__(self) -> int:
         return len(list_readable_logs(self.path)[0])

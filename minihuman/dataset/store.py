@@ -121,6 +121,11 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
             self.close()
             raise
 
+    @property
+    def is_temporary(self) -> bool:
+        """Whether the tables lie in a file that goes away, not in the study's own."""
+        return self._temporary is not None
+
     def facts(self) -> Iterator[tuple[Path, dict[str, Any]]]:
         """Every log with the facts of each episode in it that counts."""
         paths = {path: self._sessions.source / path for path in self._keys}

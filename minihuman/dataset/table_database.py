@@ -62,6 +62,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         """Open a file; a new one is given its tables."""
         self.path = path
         self.order: tuple[int, ...] | None = None  # of the sessions' numbers; None: as they were put in
+        self._is_placed = False  # whether the connection has the order as a table
         self.checked: frozenset[str] = frozenset(TABLES)  # tables that may be read: their digests were compared
         self.read_only = read_only
         self.connection = connect_cache(path, read_only=read_only)
@@ -196,6 +197,11 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             self.order = None
             return
         self.order = tuple(numbers)
+        self._is_placed = False
+
+    def _place_sessions(self, numbers: Sequence[int]) -> None:
+        """Make the temporary table that gives each session's place in the order."""
+        self._is_placed = True
         self.connection.execute("CREATE OR REPLACE TEMP TABLE placed (log INTEGER, place INTEGER)")
         columns = (np.array(numbers), np.arange(len(numbers)))
         placed = pa.Table.from_arrays([as_int64(column) for column in columns], ["log", "place"])
@@ -222,6 +228,8 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             found += f" SEMI JOIN ({theirs}) USING (log, episode, attempt)"
         elif counting:
             found += " SEMI JOIN (SELECT log FROM kept.participants WHERE exclusion_reason IS NULL) USING (log)"
+        if self.order is not None and not self._is_placed:
+            self._place_sessions(self.order)
         if counting or self.order is not None:
             order, place = ("JOIN placed USING (log)", "place") if self.order is not None else ("", "log")
             found += f" {order} ORDER BY {place}, row"
@@ -266,8 +274,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             QueryError: if it is no SQL, or asks for what is not there.
         """
         self._require_checked(find_queried_tables(sql))
-        self.connection.close()
-        self.connection = connect_cache(self.path, read_only=True, settings=QUERY_SETTINGS)
+        self._connect_for_queries()
         try:
             if any(str(each.type) not in _READING for each in self.connection.extract_statements(sql)):
                 raise QueryError(f"{sql!r} is not a SELECT statement; use SELECT to read the study's tables")
@@ -283,6 +290,12 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         except duckdb.Error as error:
             line = " ".join(str(error).split("\n\n")[0].split())
             raise QueryError(f"the query failed: {line}; the tables are {', '.join(TABLES)}") from error
+
+    def _connect_for_queries(self) -> None:
+        """Connect anew, as one process cannot have the file open with two kinds of settings."""
+        self.connection.close()
+        self.connection = connect_cache(self.path, read_only=True, settings=QUERY_SETTINGS)
+        self._is_placed = False  # the temporary table went with the connection
 
     def _require_checked(self, names: Collection[str]) -> None:
         if unchecked := set(names) - self.checked:

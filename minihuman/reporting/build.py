@@ -5,6 +5,7 @@
 import json
 import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,13 +15,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 import minihuman
 from minihuman.dataset.cached_sessions import CachedSession
-from minihuman.dataset.selection import Selection
-from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_catalogue import EVERY_MOMENT, TABLES
-from minihuman.dataset.table_files import write_tables
+from minihuman.dataset.tables import Tables, select
 from minihuman.errors import ReportError
-from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
+from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec, apply_overrides
 from minihuman.figures.figure_data import (
     Difference,
@@ -29,8 +27,12 @@ from minihuman.figures.figure_data import (
     group_by_block,
     name_measure,
 )
-from minihuman.log.read.session_reader import read_log
-from minihuman.reporting.activity_sections import SectionSource, build_activity_sections, join_sections
+from minihuman.reporting.activity_sections import (
+    ReportSection,
+    SectionSource,
+    build_activity_sections,
+    join_sections,
+)
 from minihuman.reporting.methods import build_methods, find_known_keys
 from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study
 from minihuman.reporting.results import (
@@ -41,7 +43,14 @@ from minihuman.reporting.results import (
     label_measure,
     list_exclusions,
 )
-from minihuman.reporting.scorecard import build_scorecard, draw_scorecard, find_models_folder, write_score_table
+from minihuman.reporting.scorecard import (
+    PlayerRows,
+    compose_scorecard,
+    draw_scorecard,
+    find_models_folder,
+    read_player_rows,
+    write_score_table,
+)
 from minihuman.reporting.sections import ATTEMPT_COLUMNS, count_clauses, flow_section
 from minihuman.reporting.study_measures import add_measures
 from minihuman.reporting.template import ReportFigure
@@ -149,17 +158,36 @@ _EPISODE_COLUMNS = [  # all that the results and the curves need; a big study ha
 ]  # fmt: skip
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _ReportInput:
+    """What a report is computed from: a study's tables as pandas has them, and what its protocols say."""
+
+    study: str
+    episodes: pd.DataFrame
+    blocks: pd.DataFrame  # with a column for each measure of a plug-in
+    participants: pd.DataFrame
+    answers: pd.DataFrame
+    clauses: pd.DataFrame
+    starts: pd.DataFrame
+    teams: pd.DataFrame
+    reaction_times: pd.DataFrame  # counts by bin
+    protocols: list[Protocol]
+    analysis: AnalysisSpec
+    sections: list[ReportSection]
+    plays: list[PlayerRows]  # the study's and its models'; empty without models
+
+
 def build_report(
-    sessions: StudySessions, out: Path, templates: Path | None = None, *, scripts: Sequence[str] = ()
+    tables: Tables, out: Path, templates: Path | None = None, *, scripts: Sequence[str] = ()
 ) -> tuple[Path, ...]:
-    """Write tables, figures and ``report.html`` of a study's sessions; give the files, the page first.
+    """Write tables, figures and ``report.html`` of a study; return the files, the page first.
 
     ``participants.html`` beside it shows every participant in every measure.
 
     The tables of every step, key and picture are left to an export.
 
     Args:
-        sessions: the study's.
+        tables: the study's.
         out: the folder of the report.
         templates: a folder with a template or a style of one's own; see ``build_page``.
         scripts: ``r`` and ``python``, for scripts of mixed models beside the tables.
@@ -169,84 +197,125 @@ def build_report(
         ReportError: if no log in it can be read, or they are of different studies.
     """
     names = [name for name in TABLES if name not in EVERY_MOMENT]  # the others are too long to be read in a report
-    with StudyStore(sessions, with_shortest=True, tables=(*names, "steps")) as store:
-        study = _study(store, sessions)
-        tables = write_tables(store.tables, out / "tables", names=names)
-        episodes = store.tables.table("episodes", _EPISODE_COLUMNS).to_pandas()
-        blocks, participants = (store.tables.table(name).to_pandas() for name in ("blocks", "participants"))
-        answers, done = (store.tables.table(name).to_pandas() for name in ("answers", "clauses"))
-        starts = store.tables.table("starts", [*ATTEMPT_COLUMNS, "mission"]).to_pandas()  # their maps are long
-        teams = store.tables.table("teams").to_pandas()
-        protocols = read_protocols(store.kept)
-        analysis = read_planned_analysis(protocols)
-        source = SectionSource(
-            store.kept, lambda name: store.tables.table(name).to_pandas(), sessions.selection, out / "figures"
-        )
-        sections = build_activity_sections(source)
-        if named := analysis.find_plugin_measures():
-            known = {name: store.tables.table(name).to_pandas() for name in names}
-            for section in sections:
-                known |= section.measure_tables
-            blocks = add_measures(blocks, known, named)
-        times = store.tables.query(_REACTION_TIMES).to_pandas()
-    participants = exclude_practice_alone(participants)
-    practice = find_practice(protocols, participants["group"].unique())
-    practised = episodes[_is_practice(episodes, practice) & episodes["exclusion_reason"].isna()]
-    exclusions = list_exclusions(episodes, participants)
-    episodes, blocks = (rows[~_is_practice(rows, practice)] for rows in (episodes, blocks))
-    found = compute_results(episodes, blocks, participants, analysis, teams)
-    qualities = [kept.quality for kept in store.kept if kept.quality is not None]
-    outlines = [kept.outline for kept in store.kept if kept.outline is not None]
-    where = out / "figures"
-    paths = _paths(store.kept, sessions.selection, where)
-    estimates = [*_estimates(blocks, found, where)]
-    figures = [
-        *(one for one in estimates if one.block != found.target),
-        *_reaction_times(times, found, where),
-        *_curves(episodes, found, where),
-        *_session_figures(blocks, found, where),
-        *_waiting(found, where),
-        *(figure for section in sections for figure in section.figures),
+    tables.require((*names, "steps"), shortest_paths=True)
+    study = _find_study(tables)
+    table_files = tables.write(out / "tables", names=names)
+    report_input = _read_input(tables, study, names, out / "figures")
+    tables.release()  # drawing takes seconds
+    practice = find_practice(report_input.protocols, report_input.participants["group"].unique())
+    episodes, blocks = (rows[~_is_practice(rows, practice)] for rows in (report_input.episodes, report_input.blocks))
+    results = compute_results(episodes, blocks, report_input.participants, report_input.analysis, report_input.teams)
+    estimates = list(_estimates(blocks, results, out / "figures"))
+    figures = _draw_figures(tables, report_input, (episodes, blocks), results, out / "figures")
+    models, score_files = _score_models(report_input.plays, out)
+    content = _gather_content(tables, report_input, results, practice)
+    content = replace(
+        content,
+        figures=[*(figure for figure in estimates if figure.block != results.target), *figures],
+        first_figures=[figure for figure in estimates if figure.block == results.target],
+        models=models,
+        tables=[*table_files, *score_files],
+        mixed={block.block: _fit_mixed(episodes, block) for block in results.blocks},
+    )
+    page = out / "report.html"
+    page.write_text(build_page(content, results, templates), encoding="utf-8", newline="\n")
+    participants_page = out / "participants.html"
+    participants_page.write_text(build_participants_page(study, blocks, results), encoding="utf-8", newline="\n")
+    script_files = write_scripts(out, study, results, episodes, scripts) if scripts else ()
+    drawn = (*content.figures, *models, *content.first_figures)
+    return (page, participants_page, *table_files, *score_files, *script_files, *(figure.path for figure in drawn))
+
+
+def _read_input(tables: Tables, study: str, names: Sequence[str], figures: Path) -> _ReportInput:
+    """Read what the report is computed from."""
+    protocols = tables.read_protocols()
+    analysis = read_planned_analysis(protocols)
+    blocks = tables.frame("blocks")
+    sections = build_activity_sections(SectionSource(tables, figures))
+    if measures := analysis.find_plugin_measures():
+        tables_by_name = {name: tables.frame(name) for name in names}
+        for section in sections:
+            tables_by_name |= section.measure_tables
+        blocks = add_measures(blocks, tables_by_name, measures)
+    return _ReportInput(
+        study=study,
+        episodes=tables.frame("episodes", _EPISODE_COLUMNS),
+        blocks=blocks,
+        participants=exclude_practice_alone(tables.frame("participants")),
+        answers=tables.frame("answers"),
+        clauses=tables.frame("clauses"),
+        starts=tables.frame("starts", [*ATTEMPT_COLUMNS, "mission"]),  # their maps are long
+        teams=tables.frame("teams"),
+        reaction_times=tables.query(_REACTION_TIMES).to_pandas(),
+        protocols=protocols,
+        analysis=analysis,
+        sections=sections,
+        plays=_read_plays(tables),
+    )
+
+
+def _read_plays(tables: Tables) -> list[PlayerRows]:
+    """Read what people and models played; nothing where the study has no models."""
+    folder = find_models_folder(tables.source)
+    if not folder.is_dir():
+        return []
+    with select(folder, tables.selection) as models:
+        return [read_player_rows(tables), read_player_rows(models)]
+
+
+def _draw_figures(
+    tables: Tables,
+    report_input: _ReportInput,
+    analysed: tuple[pd.DataFrame, pd.DataFrame],
+    results: Results,
+    out: Path,
+) -> list[ReportFigure]:
+    """Draw all figures but those of the estimates; ``analysed`` are episodes and blocks without practice."""
+    episodes, blocks = analysed
+    paths = _paths(tables, out)
+    return [
+        *_reaction_times(report_input.reaction_times, results, out),
+        *_curves(episodes, results, out),
+        *_session_figures(blocks, results, out),
+        *_waiting(results, out),
+        *(figure for section in report_input.sections for figure in section.figures),
         *paths,
     ]
+
+
+def _gather_content(
+    tables: Tables, report_input: _ReportInput, results: Results, practice: Collection[tuple[str, str]]
+) -> PageContent:
+    """Gather what the page says besides the results; its figures, tables and mixed models are still to come."""
+    participants, episodes = report_input.participants, report_input.episodes
+    qualities = [session.quality for session in tables.sessions if session.quality is not None]
+    outlines = [session.outline for session in tables.sessions if session.outline is not None]
     simulated = int((participants["player"] != "human").sum())
-    models, scored = _models(sessions, out)
-    facts = PageContent(
-        study=study,
+    is_practice = _is_practice(episodes, practice)
+    practised = episodes[is_practice & episodes["exclusion_reason"].isna()]
+    return PageContent(
+        study=report_input.study,
         sessions=len(participants),
         players=sorted(participants["player"].unique()),
         windows=dict(participants["window"].fillna("a window that did not say").value_counts()),
         simulated=simulated,
-        flow=flow_section(sessions.source, participants),
-        methods=build_methods(outlines, qualities, simulated, protocols=protocols),
-        known_keys=find_known_keys(outlines, protocols),
-        figures=figures,
-        first_figures=[one for one in estimates if one.block == found.target],
-        models=models,
-        tables=[*tables, *scored],
+        flow=flow_section(tables.source, participants),
+        methods=build_methods(outlines, qualities, simulated, protocols=report_input.protocols),
+        known_keys=find_known_keys(outlines, report_input.protocols),
+        figures=(),
+        first_figures=(),
+        models=(),
+        tables=(),
         qualities=qualities,
-        answers=answers,
-        clauses=count_clauses(episodes, starts, done),
-        activities=join_sections(sections),
+        answers=report_input.answers,
+        clauses=count_clauses(episodes[~is_practice], report_input.starts, report_input.clauses),
+        activities=join_sections(report_input.sections),
         practice={str(name): len(rows) for name, rows in practised.groupby("block", sort=False)},
-        exclusions=exclusions,
-        account=sessions.account,
-        analysis=analysis,
-        papers=is_published_study([one.protocol_sha256 for one in outlines]),
-        mixed={one.block: _fit_mixed(episodes, one) for one in found.blocks},
-    )
-    whole = out / "report.html"
-    whole.write_text(build_page(facts, found, templates), encoding="utf-8", newline="\n")
-    explored = out / "participants.html"
-    explored.write_text(build_participants_page(study, blocks, found), encoding="utf-8", newline="\n")
-    written = write_scripts(out, study, found, episodes, scripts) if scripts else ()
-    return (
-        whole,
-        explored,
-        *tables,
-        *scored,
-        *written,
-        *(figure.path for figure in (*figures, *models, *facts.first_figures)),
+        exclusions=list_exclusions(episodes, participants),
+        account=tables.account,
+        analysis=report_input.analysis,
+        papers=is_published_study([outline.protocol_sha256 for outline in outlines]),
+        mixed={},
     )
 
 
@@ -261,11 +330,11 @@ def _fit_mixed(episodes: pd.DataFrame, one: BlockResults) -> MixedModel | None:
     return fit_mixed_model(rows.rename(columns={column: one.growth.measure}), one.growth.measure, groups)
 
 
-def _models(sessions: StudySessions, out: Path) -> tuple[list[ReportFigure], list[Path]]:
-    """The figure and the table of the study's models beside people; nothing where it has no models."""
-    if not find_models_folder(sessions.source).is_dir():
+def _score_models(plays: Sequence[PlayerRows], out: Path) -> tuple[list[ReportFigure], list[Path]]:
+    """Draw the study's models beside people, and write the table; nothing where it has no models."""
+    if not plays:
         return [], []
-    card = build_scorecard([sessions.source], selection=sessions.selection)
+    card = compose_scorecard(plays)
     png, _ = draw_scorecard(card, out / "figures" / "scores")
     caption = "Scores on the same levels, 95 % intervals over players' runs and levels (pigeonhole bootstrap). "
     figure = ReportFigure("", png, f"{caption}{'; '.join(card.notes)}.".replace("reference:", "Reference:"))
@@ -281,13 +350,6 @@ def find_stale_figures(out: Path, written: Collection[Path]) -> tuple[str, ...]:
     return (
         f"{out / 'figures'} holds {len(left)} files that are not this report's: {left[0]} to {left[-1]}; remove them",
     )
-
-
-def read_protocols(kept: Sequence[CachedSession]) -> list[Protocol]:
-    """The protocols that the sessions were played by, each once."""
-    one_of_each = {one.outline.protocol_sha256: one.path for one in kept if one.outline is not None}
-    found = [(read_log(Path(path)).plan.protocol_toml, path) for path in one_of_each.values()]
-    return [decode_logged_protocol(toml, path) for toml, path in found if toml]
 
 
 def read_planned_analysis(protocols: Sequence[Protocol]) -> AnalysisSpec:
@@ -324,22 +386,22 @@ def _is_practice(rows: pd.DataFrame, practice: Collection[tuple[str, str]]) -> "
     return pd.Series(pairs.isin(sorted(practice)) if practice else False, rows.index, bool)
 
 
-def _study(store: StudyStore, sessions: StudySessions) -> str:
+def _find_study(tables: Tables) -> str:
     """Find the name of the one study that the sessions are of."""
-    read = [kept for kept in store.kept if kept.study]
-    if not read:
-        skipped = len(sessions.account.skipped)
-        found = f"{sessions.source} contains no readable session log ({skipped} were skipped)"
-        raise ReportError(f"{found}; name a study's folder")
-    for one in read:
-        if one.study != read[0].study:
+    readable = [session for session in tables.sessions if session.study]
+    if not readable:
+        skipped = len(tables.account.skipped)
+        problem = f"{tables.source} contains no readable session log ({skipped} were skipped)"
+        raise ReportError(f"{problem}; name a study's folder")
+    for session in readable:
+        if session.study != readable[0].study:
             raise ReportError(
-                f"{one.path} is from study {one.study!r}, but earlier logs are from {read[0].study!r}; "
+                f"{session.path} is from study {session.study!r}, but earlier logs are from {readable[0].study!r}; "
                 "name the folder of a single study"
             )
-    if not any(one.outline for one in read):
-        raise ReportError(f"{sessions.source} has no session that matches {sessions.selection}; select others")
-    return read[0].study
+    if not any(session.outline for session in readable):
+        raise ReportError(f"{tables.source} has no session that matches {tables.selection}; select others")
+    return readable[0].study
 
 
 def _find_limits(measure: str, values: "pd.Series[float]") -> tuple[float, float] | None:
@@ -466,14 +528,14 @@ def _waiting(found: Results, out: Path) -> Iterator[ReportFigure]:
                 yield ReportFigure(one.block, png, caption)
 
 
-def _paths(kept: Sequence[CachedSession], selection: Selection, out: Path) -> Iterator[ReportFigure]:
+def _paths(tables: Tables, out: Path) -> Iterator[ReportFigure]:
     """The path figure of one session of each group, the one with the most blocks, over the included episodes."""
     examples: dict[str, CachedSession] = {}
-    for one in sorted(kept, key=lambda one: -one.blocks):
-        if one.blocks and one.outline is not None:
-            examples.setdefault(one.outline.group, one)
-    for group, one in sorted(examples.items()):
-        session = selection.judge(read_log(Path(one.path))).session
+    for candidate in sorted(tables.sessions, key=lambda session: -session.blocks):
+        if candidate.blocks and candidate.outline is not None:
+            examples.setdefault(candidate.outline.group, candidate)
+    for group, example in sorted(examples.items()):
+        session = tables.read_session(example).session
         png, _ = draw_figure_files(out / f"paths_{group}", "path_figures.blocks_figure", group_by_block(session))
         caption = f"Paths of {session.plan.participant.id} (group {group}), the first participant with the most blocks."
         yield ReportFigure("", png, caption)
