@@ -1,16 +1,19 @@
 """What the table cache holds of a log besides its rows: what counts of it, and the files that it was read from."""
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 
 from minihuman.dataset.annotations import annotations_path
-from minihuman.dataset.caches import describe_file
+from minihuman.dataset.caches import describe_file, is_same_content
+from minihuman.dataset.log_files import SkippedLog, list_readable_logs
 from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
 from minihuman.dataset.selection import SelectionSummary, find_practice_blocks
 from minihuman.dataset.sessions import SessionRows
+from minihuman.log.salvage.summary_section import read_first_metadata
 
 
 class CachedSession(msgspec.Struct, frozen=True):
@@ -34,6 +37,14 @@ class CachedSession(msgspec.Struct, frozen=True):
         account.excluded_episodes.update(dict(excluded_episodes))
         account.excluded_participants.update(self.excluded)
         return account
+
+
+class ListedLog(NamedTuple):
+    """What a log's files say before it is read."""
+
+    path: Path
+    fingerprint: str
+    metadata: dict[str, str]  # its first
 
 
 class KnownLog(NamedTuple):
@@ -62,7 +73,37 @@ def build_cached_session(one: SessionRows) -> CachedSession:
     )
 
 
-def fingerprint_log(first: str, known: str, of_participant: dict[str, str]) -> str:
+def list_logs(source: Path, known: Mapping[str, KnownLog]) -> tuple[dict[str, ListedLog], list[SkippedLog]]:
+    """List the logs to be read, by key, and those to be skipped.
+
+    The key is a log's path as seen from the study's folder. Of a log that is as the cache knows it, the metadata are
+    taken from there.
+
+    Raises:
+        LogError: if there is no such file or folder.
+    """
+    folder = source if source.is_dir() else source.parent
+    key_start = len(os.fspath(folder / "_")) - 1
+    fingerprints: dict[str, str] = {}
+    metadata: dict[str, dict[str, str]] = {}
+    by_participant: dict[str, str] = {}
+
+    def read_metadata(log: Path, first: Path) -> dict[str, str]:
+        key = os.fspath(log)[key_start:]
+        cached = known.get(key)
+        fingerprints[key] = _fingerprint_log(os.fspath(first), cached.fingerprint if cached else "", by_participant)
+        if cached and is_same_content(fingerprints[key], cached.fingerprint):
+            metadata[key] = msgspec.msgpack.decode(cached.metadata)
+        else:
+            metadata[key] = read_first_metadata(first)
+        return metadata[key]
+
+    paths, skipped = list_readable_logs(source, read_metadata)
+    logs = {os.fspath(path)[key_start:]: path for path in paths}
+    return {key: ListedLog(path, fingerprints[key], metadata[key]) for key, path in logs.items()}, skipped
+
+
+def _fingerprint_log(first: str, known: str, of_participant: dict[str, str]) -> str:
     """Of a log, by the file that it begins in, of the marks beside it, and of the participant's other sessions.
 
     A rule that excludes a participant may be broken in any of their sessions, so each one's rows depend on all.

@@ -29,6 +29,7 @@ _DIGEST_MODULUS = 2**64
 _ROWS_PER_INSERT = 50_000  # of a table; fewer are slower, more take more memory
 _READING = frozenset(f"StatementType.{name}" for name in ("SELECT", "EXPLAIN", "PRAGMA", "MULTI"))  # MULTI: PIVOT
 _MAKERS = ("dataset", "log/model")  # the packages whose code makes the rows, beside the modules of activities' tables
+LOG_COLUMNS = "log, key, fingerprint, with_shortest, row_digests, metadata, about, facts"  # digested with each log
 COUNTED_BY = ("episodes", "participants")  # the tables whose exclusion reasons say what counts in all others
 PLANNED_TABLES = {
     "episodes": "row",

@@ -13,6 +13,7 @@ import numpy as np
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.dataset.tables import select
 from minihuman.errors import LearnError, PlayerFailedError, SimulationError
+from minihuman.log.paths import PART_SUFFIX
 from minihuman.reporting.scorecard import Scorecard, build_scorecard
 from minihuman.runtime.simulated_session import simulate
 
@@ -196,5 +197,18 @@ def _count_complete_sessions(study: Path) -> int:
     if not study.is_dir():
         return 0
     with select(study) as tables:
-        tables.require(("participants",), with_account=False)
-        return int((tables.frame("participants", ["end_reason"])["end_reason"] == "complete").sum())
+        tables.require(("participants",))
+        participants = tables.frame("participants", ["participant", "session", "end_reason"])
+        complete = participants[participants["end_reason"] == "complete"]
+        names = set(zip(complete["participant"], complete["session"], strict=True))
+        return sum(
+            (session.outline.participant, session.outline.session) in names
+            for session in tables.sessions
+            if session.outline is not None and _is_finished(Path(session.path))
+        )
+
+
+def _is_finished(log: Path) -> bool:
+    """Whether a log was written to its end, all segments of it where it is a folder."""
+    files = list(log.iterdir()) if log.is_dir() else [log]
+    return not any(file.name.endswith(PART_SUFFIX) for file in files)

@@ -17,12 +17,12 @@ from minihuman.admin.manifest import MANIFEST_FILE_NAME, find_changed_files, wri
 from minihuman.admin.session_index import SessionRow, read_session_index
 from minihuman.api import export, report, simulate, verify
 from minihuman.cli.command_line import make_command_line
-from minihuman.dataset import caches, store
+from minihuman.dataset import caches, session_writer
 from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import LOG_COLUMNS, StudyStore
+from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_catalogue import TABLES
-from minihuman.dataset.table_database import TableDatabase
+from minihuman.dataset.table_database import LOG_COLUMNS, TableDatabase
 from minihuman.dataset.table_queries import find_queried_tables
 from tests.builders import session, write_log
 from tests.counts import count
@@ -403,7 +403,7 @@ def test_a_study_that_was_copied_with_its_caches_is_not_read_again(
 ) -> None:
     expected = tables(study)
     copy = Path(shutil.copytree(study, tmp_path / "copy" / "transfer"))
-    monkeypatch.setattr(store, "read_session_rows", None)
+    monkeypatch.setattr(session_writer, "read_session_rows", None)
     monkeypatch.setattr(session_index, "summarize_session", None)
     assert tables(copy) == expected
     assert index(copy) == index(study)
