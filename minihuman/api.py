@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from minihuman.errors import LogError, MinihumanError
 from minihuman.moved import forward_names
@@ -18,6 +18,7 @@ from minihuman.trust import Permission
 
 if TYPE_CHECKING:
     from minihuman.dataset.selection import Selection
+    from minihuman.experiment.plan.session_plan import SessionPlan
     from minihuman.experiment.protocol.protocol import Protocol
     from minihuman.recorded_study import Session, Study
 
@@ -121,7 +122,6 @@ def run(
     """
     from minihuman.admin.enrolment_entries import AuditNote
     from minihuman.admin.legibility import require_legible
-    from minihuman.admin.next_session import find_interrupted_session, find_unused_slots, plan_next_session
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.display.windows.blocking_window import open_window
     from minihuman.errors import AllocationError
@@ -132,17 +132,11 @@ def run(
     from minihuman.runtime.shared_window import SharedWindow, host_team
     from minihuman.runtime.team_host import count_seats_at_machine, require_one_process
 
-    protocol, data = Path(protocol), Path(data)
+    protocol = Path(protocol)
+    data = Path(data)
     study = read_protocol(protocol, trust=trust)
-    cut_off = None if participant or next_slot else find_interrupted_session(data / study.study.name)
-    if cut_off is not None:
-        day = f" --session {cut_off.session}" if cut_off.session > 1 else ""
-        place = "" if data == Path("sessions") else f" --data {data}"
-        raise AllocationError(
-            f"session {cut_off.session} of {cut_off.participant} was cut off after {cut_off.episodes_completed} of "
-            f"{cut_off.episodes_planned} episodes; resume it: minihuman run {protocol}{place} --participant "
-            f"{cut_off.participant}{day}; or take the next slot with --next-slot"
-        )
+    if not participant and not next_slot:
+        _require_none_interrupted(protocol, data, study)
     seats = count_seats_at_machine(study, group)
     require_one_process(study, f"on one machine; use minihuman serve {protocol}", group=group, at_one_machine=seats)
     codes = participant.split(",") if participant else [None] * seats
@@ -155,35 +149,73 @@ def run(
     clock = SessionClock()
     opened = open_window(window, clock, fullscreen=fullscreen)
     try:  # the window first: a station without a display must not use up a slot
-        note = AuditNote(reason, experimenter)
-        if participant is None and (unused := find_unused_slots(data / study.study.name)):
-            on_start(
-                f"{', '.join(unused)}: a slot and no log; if no session of theirs is running: "
-                f"minihuman replace {unused[0]} --study {data / study.study.name}"
-            )
-        plans = []
-        for code in codes:
-            plan = plan_next_session(
-                study,
-                data,
-                participant=code,
-                group=group,
-                session=session,
-                any_day=any_day,
-                note=note,
-                utc_offset_min=int(clock.facts()["utc_offset_min"]),
-            )
-            allocated = f"group {plan.participant.group}" if plan.participant.group else "group not yet drawn"
-            on_start(f"{plan.participant.id}, {allocated}, from episode {plan.first_episode + 1}")
-            plans.append(plan)
+        if participant is None:
+            _name_unused_slots(data / study.study.name, on_start)
+        plan_session = partial(
+            _plan_session,
+            study,
+            data,
+            group=group,
+            session=session,
+            any_day=any_day,
+            note=AuditNote(reason, experimenter),
+            utc_offset_min=int(clock.facts()["utc_offset_min"]),
+            on_start=on_start,
+        )
+        plans = [plan_session(code) for code in codes]
         if seats == 1:
-            return host_session(plan, opened, clock, data, markers=lsl, agent=make_agent_host(study, plan, data))
+            agent = make_agent_host(study, plans[0], data)
+            return host_session(plans[0], opened, clock, data, markers=lsl, agent=agent)
         logs = host_team(study, plans, SharedWindow(opened, clock, seats), clock, data, markers=lsl)
         for log in logs[1:]:
             on_start(f"log: {log}" if log else "a session ended before anything was recorded; its slot is free again")
         return logs[0]
     finally:
         opened.close()
+
+
+def _require_none_interrupted(protocol: Path, data: Path, study: "Protocol") -> None:
+    """Require that no session of the study was cut off and is to be resumed.
+
+    Raises:
+        AllocationError: if one was; it says how to resume it.
+    """
+    from minihuman.admin.next_session import find_interrupted_session
+    from minihuman.errors import AllocationError
+
+    interrupted = find_interrupted_session(data / study.study.name)
+    if interrupted is None:
+        return
+    session = f" --session {interrupted.session}" if interrupted.session > 1 else ""
+    folder = "" if data == Path("sessions") else f" --data {data}"
+    raise AllocationError(
+        f"session {interrupted.session} of {interrupted.participant} was cut off after "
+        f"{interrupted.episodes_completed} of {interrupted.episodes_planned} episodes; resume it: minihuman run "
+        f"{protocol}{folder} --participant {interrupted.participant}{session}; or take the next slot with --next-slot"
+    )
+
+
+def _name_unused_slots(study: Path, on_start: Listener) -> None:
+    from minihuman.admin.next_session import find_unused_slots
+
+    unused = find_unused_slots(study)
+    if unused:
+        on_start(
+            f"{', '.join(unused)}: a slot and no log; if no session of theirs is running: "
+            f"minihuman replace {unused[0]} --study {study}"
+        )
+
+
+def _plan_session(
+    study: "Protocol", data: Path, participant: str | None, *, on_start: Listener, **options: Any
+) -> "SessionPlan":
+    """Take a slot, plan its session and say whose it is."""
+    from minihuman.admin.next_session import plan_next_session
+
+    plan = plan_next_session(study, data, participant=participant, **options)
+    group = f"group {plan.participant.group}" if plan.participant.group else "group not yet drawn"
+    on_start(f"{plan.participant.id}, {group}, from episode {plan.first_episode + 1}")
+    return plan
 
 
 def simulate(
@@ -314,7 +346,9 @@ def verify(
     verify_log = partial(_verify_log, trust=trust, policies=policies)
     for path in map(Path, paths):
         if tables:
-            checks.append(_name_findings(path, _verify_tables(path, [Path(output) for output in outputs])))
+            from minihuman.reporting.recomputation import verify_tables
+
+            checks.append(_name_findings(path, verify_tables(path, [Path(output) for output in outputs])))
             continue
         if manifest is not None:
             checks.append(_name_findings(path, verify_manifest(path, manifest)))
@@ -341,46 +375,6 @@ def _name_findings(path: Path, found: Iterable[tuple[str, bool]]) -> Iterator[Ve
             yield VerificationLine(path, text, ok)
     except MinihumanError as error:
         yield VerificationLine(path, str(error), ok=False, error=error)
-
-
-def _verify_tables(study: Path, outputs: Iterable[Path]) -> Iterator[tuple[str, bool]]:
-    """Recompute a study's tables from its logs, and yield how its caches and outputs differ, each line with False."""
-    import tempfile
-
-    from minihuman.admin.session_index import compare_index
-    from minihuman.dataset.table_catalogue import TABLES
-    from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
-    from minihuman.dataset.table_files import compare_cache, compare_pages, compare_table_files
-    from minihuman.dataset.tables import select
-    from minihuman.log.paths import require_folder
-    from minihuman.reporting.build import build_report
-
-    require_folder(study, instead="a study's folder")
-    with (
-        tempfile.TemporaryDirectory(prefix="minihuman-") as temporary,
-        select(study, from_logs=True) as recomputed_tables,
-    ):
-        recomputed_tables.require(shortest_paths=True)
-        rows = sum(map(recomputed_tables.count, TABLES))
-        unreadable = [
-            f"{session.path} cannot be read: {session.problem}"
-            for session in recomputed_tables.sessions
-            if session.problem
-        ]
-        wrong = [*unreadable, *compare_cache(recomputed_tables.store, study), *compare_index(study)]
-        for number, folder in enumerate(outputs):
-            recomputed = Path(temporary) / str(number)
-            if (folder / "report.html").is_file():
-                build_report(recomputed_tables, recomputed)
-                wrong += compare_table_files(folder / "tables", recomputed / "tables")
-                wrong += compare_pages(folder / "report.html", recomputed / "report.html")
-            else:
-                require_folder(folder, instead="a report's folder, or that of a CSV or Parquet export")
-                recomputed_tables.write(recomputed, without=COLUMNS_NEEDING_WORLD)
-                wrong += compare_table_files(folder, recomputed)
-    yield from ((line, False) for line in wrong)
-    if not wrong:
-        yield f"{rows} rows of {len(TABLES)} tables recomputed from the logs, all as cached and written", True
 
 
 def export(
