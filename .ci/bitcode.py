@@ -24,6 +24,7 @@ from tests.worlds.build.checkouts import copy_checkout, edit_kernel  # noqa: E40
 
 MANIFEST = "manifest.json"
 COMMITTED = ROOT / "kernel_build" / "bitcode"
+PRINT_VERSION = "from importlib.metadata import version; print(version('llvmlite'))"
 
 
 def make_environment(folder: Path, python: str, *requirements: str) -> str:
@@ -67,8 +68,8 @@ def try_versions(scratch: Path) -> None:
             shutil.copytree(ROOT / name, checkout / name, ignore=shutil.ignore_patterns("compiled", "__pycache__"))
         build(python, "--native", checkout / "minihuman/worlds/compiled")
         walks[requirement] = walk(checkout)
-        version = subprocess.run([python, "-m", "pip", "show", "llvmlite"], capture_output=True, text=True, check=True)
-        print(requirement, version.stdout.splitlines()[1], f"{len(walks[requirement].splitlines())} worlds", flush=True)
+        version = subprocess.check_output([python, "-c", PRINT_VERSION], text=True).strip()
+        print(f"{requirement}: {version}, {len(walks[requirement].splitlines())} worlds", flush=True)
     if len(set(walks.values())) != 1:
         sys.exit("worlds differ between libraries of the oldest and the newest llvmlite")
 

@@ -21,6 +21,7 @@ from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
+import minihuman
 from minihuman.cli.command_line import SECTIONS, make_command_line
 from minihuman.dataset.table_catalogue import TABLES
 from minihuman.experiment.machine.activity import list_built_in_kinds
@@ -132,7 +133,7 @@ def _list_fields(fields: list[tuple[str, str, str]]) -> list[str]:
 def _read_messages() -> dict[str, list[tuple[str, str, str]]]:
     """Read each message's fields from the .proto files: type, name and comment."""
     messages: dict[str, list[tuple[str, str, str]]] = {}
-    for path in sorted((_ROOT / "minihuman/log/proto").glob("*.proto"), reverse=True):
+    for path in sorted((Path(minihuman.__file__).parent / "log/proto").glob("*.proto"), reverse=True):
         for name, body in _MESSAGE.findall(path.read_text(encoding="utf-8")):
             messages[name] = _FIELD.findall(body)
             if undescribed := [field for _, field, meaning in messages[name] if not meaning]:

@@ -10,7 +10,9 @@ from pathlib import Path
 
 import pytest
 
-PACKAGE = Path(__file__).parents[1] / "minihuman"
+import minihuman
+
+PACKAGE = Path(minihuman.__file__).parent  # of the checkout, or of an installed wheel
 # those that are left, by their modules; a circle that is broken goes from here, and none is added
 CIRCLES: set[frozenset[str]] = set()
 Imports = dict[str, set[str]]  # a module -> the modules that it imports

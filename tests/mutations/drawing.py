@@ -21,7 +21,7 @@ from itertools import groupby, islice
 from pathlib import Path
 
 from minihuman.worlds.source_digest import import_closure
-from tests.mutations.mutant import PACKAGE, ROOT, Mutant
+from tests.mutations.mutant import PACKAGE, SOURCES, Mutant
 from tests.mutations.operators import Edit, apply_edit, find_edits, is_mutant
 
 SEED = 44
@@ -85,9 +85,8 @@ def draw_from_package(package: str, modules: Mapping[str, str], seed: int) -> It
             yield mutant
 
 
-def read_sources(root: Path = ROOT) -> dict[str, str]:
+def read_sources(package: Path = SOURCES) -> dict[str, str]:
     """Return the modules that mutants are drawn from, by their paths in the package."""
-    package = root / PACKAGE
     modules = {path.relative_to(package).as_posix(): path for path in sorted(package.rglob("*.py"))}
     texts = {file: path.read_text(encoding="utf-8") for file, path in modules.items() if not file.endswith("_pb2.py")}
     kernels = [file for file, text in texts.items() if KERNEL.search(text)]

@@ -5,8 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import minihuman
+
 PACKAGE = "minihuman"
 ROOT = Path(__file__).parents[2]
+SOURCES = Path(minihuman.__file__).parent  # in the checkout, or in an installed wheel
 
 
 class MutationError(RuntimeError):

@@ -7,7 +7,7 @@ from pathlib import PurePosixPath
 import pytest
 
 from tests.mutations.drawing import draw, read_drawn, read_sources, replace_mutants
-from tests.mutations.mutant import PACKAGE, ROOT, executed_lines
+from tests.mutations.mutant import ROOT, SOURCES, executed_lines
 from tests.mutations.operators import OPERATORS, apply_edit, find_edits, is_mutant
 from tests.mutations.planted import PLANTED
 
@@ -100,5 +100,5 @@ def test_the_tests_named_with_planted_mutants_are_there() -> None:
 
 
 def _read(file: str) -> str:
-    path = ROOT / PACKAGE / file
+    path = SOURCES / file
     return path.read_text(encoding="utf-8") if path.exists() else ""
