@@ -86,12 +86,14 @@ def list_logs(source: Path, known: Mapping[str, KnownLog]) -> tuple[dict[str, Li
     key_start = len(os.fspath(folder / "_")) - 1
     fingerprints: dict[str, str] = {}
     metadata: dict[str, dict[str, str]] = {}
-    by_participant: dict[str, str] = {}
+    participant_fingerprints: dict[str, str] = {}
 
     def read_metadata(log: Path, first: Path) -> dict[str, str]:
         key = os.fspath(log)[key_start:]
         cached = known.get(key)
-        fingerprints[key] = _fingerprint_log(os.fspath(first), cached.fingerprint if cached else "", by_participant)
+        fingerprints[key] = _fingerprint_log(
+            os.fspath(first), cached.fingerprint if cached else "", participant_fingerprints
+        )
         if cached and is_same_content(fingerprints[key], cached.fingerprint):
             metadata[key] = msgspec.msgpack.decode(cached.metadata)
         else:

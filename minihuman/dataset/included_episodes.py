@@ -95,7 +95,7 @@ class IncludedEpisodes:
             LogError, ReportError: as ``rows``.
         """
         tables = Tables(self.sessions)
-        for path, facts in tables.episode_facts():
+        for path, facts in tables.included_facts():
             self._taken(path, facts)
         return tables
 

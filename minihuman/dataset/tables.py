@@ -130,7 +130,7 @@ class Tables(AbstractContextManager["Tables", None]):
 
         return write_partitions(self.store, list_partitions(self.store), folder)
 
-    def episode_facts(self) -> Iterator[tuple[Path, dict[str, Any]]]:
+    def included_facts(self) -> Iterator[tuple[Path, dict[str, Any]]]:
         """Yield every log with the facts of each episode in it that counts."""
         return self.store.facts()
 

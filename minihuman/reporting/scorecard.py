@@ -231,8 +231,8 @@ def read_player_rows(tables: Tables) -> PlayerRows:
 def _read_model_logs(tables: Tables, participants: pd.DataFrame) -> Iterator[SessionLog]:
     """Read the logs of models' sessions, and of those that are not selected: what they cost counts, too."""
     is_model = participants["player"].str.startswith(_MODELS)
-    called = tables.frame("model_calls", _SESSION)
-    model_sessions = {*_list_sessions(participants[is_model]), *_list_sessions(called)}
+    model_calls = tables.frame("model_calls", _SESSION)
+    model_sessions = {*_list_sessions(participants[is_model]), *_list_sessions(model_calls)}
     for session in tables.sessions:
         if session.problem:
             continue
