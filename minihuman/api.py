@@ -130,7 +130,7 @@ def run(
     from minihuman.runtime.host import host_session
     from minihuman.runtime.machine import SessionClock
     from minihuman.runtime.shared_window import SharedWindow, host_team
-    from minihuman.runtime.team_host import count_seats_at_machine, require_one_process
+    from minihuman.runtime.team_seating import count_seats_at_machine, require_one_process
 
     protocol = Path(protocol)
     data = Path(data)
@@ -280,7 +280,8 @@ def _simulate_models(
     max_price: float,
     on_progress: Listener,
 ) -> Iterator[Path]:
-    from minihuman.runtime.model_sessions import ModelRun, simulate_models
+    from minihuman.runtime.model_run import ModelRun
+    from minihuman.runtime.model_sessions import simulate_models
     from minihuman.simulation.model_conversation import SpentTotals
 
     done, currency = 0, study.model.currency

@@ -21,7 +21,7 @@ from minihuman.dataset.caches import list_caches
 from minihuman.dataset.remote_tables import delete_remote_tables
 from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 from minihuman.errors import AllocationError, LogError, MinihumanError, name_output_when_full
-from minihuman.experiment.plan.expansion import parse_participant_code
+from minihuman.experiment.plan.participant_codes import parse_participant_code
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.record.file_lock import is_being_recorded
 from minihuman.storage.durable_files import UNFINISHED_SUFFIX, hash_file, replace_durably, sync_folder

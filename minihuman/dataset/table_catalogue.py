@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from minihuman.dataset.activity_tables import ActivityTable, list_activity_tables
@@ -59,12 +60,16 @@ EVERY_MOMENT = frozenset({"steps", "presses", "other_presses", "frames", "sample
 def build_data_dictionary(*, without: frozenset[str] = frozenset()) -> dict[str, dict[str, dict[str, str]]]:
     """The data dictionary, some columns excluded: table, column, then its type, unit and meaning."""
     return {
-        table: {
-            column.name: {"type": column.kind, "unit": column.unit, "meaning": column.meaning, **_history(column)}
-            for column in columns
-            if column.name not in without
-        }
+        table: describe_columns(column for column in columns if column.name not in without)
         for table, columns in TABLES.items()
+    }
+
+
+def describe_columns(columns: Iterable[TableColumn]) -> dict[str, dict[str, str]]:
+    """Describe columns as the data dictionary does."""
+    return {
+        column.name: {"type": column.kind, "unit": column.unit, "meaning": column.meaning, **_history(column)}
+        for column in columns
     }
 
 
@@ -161,20 +166,28 @@ def build_table_schema(name: str, columns: Iterable[TableColumn]) -> dict[str, A
 
 
 def build_data_package(
-    name: str, files: Iterable[tuple[str, Path]], *, without: frozenset[str] = frozenset(), **facts: Any
+    name: str,
+    files: Iterable[tuple[str, Path]],
+    *,
+    without: frozenset[str] = frozenset(),
+    infos: Mapping[str, Mapping[str, TableColumn]] = MappingProxyType({}),
+    **facts: Any,
 ) -> dict[str, Any]:
-    """A data package of table files, each with its table's name; ``facts`` are the package's further properties."""
+    """A data package of table files, each with its table's name; ``facts`` are the package's further properties.
+
+    ``infos`` are the columns that a table's file has for keys of a world's info.
+    """
     return {
         "profile": "tabular-data-package",
         "name": name,
         **facts,
-        "resources": [_resource(table, path, without) for table, path in files],
+        "resources": [_resource(table, path, without, infos.get(table, {})) for table, path in files],
     }
 
 
-def _resource(table: str, path: Path, without: frozenset[str]) -> dict[str, Any]:
+def _resource(table: str, path: Path, without: frozenset[str], infos: Mapping[str, TableColumn]) -> dict[str, Any]:
     kind = path.suffix.removeprefix(".")
-    columns = [column for column in TABLES[table] if column.name not in without]
+    columns = [*(column for column in TABLES[table] if column.name not in without), *infos.values()]
     return {
         "name": table,
         "path": path.name,

@@ -22,9 +22,16 @@ import pyarrow.parquet
 
 import minihuman
 from minihuman.dataset.caches import TABLE_CACHE
+from minihuman.dataset.info_columns import add_info_columns, build_info_schema, list_info_columns
 from minihuman.dataset.rows import arrow_schema
 from minihuman.dataset.store import StudyStore
-from minihuman.dataset.table_catalogue import TABLES, TablePartition, build_data_dictionary, build_data_package
+from minihuman.dataset.table_catalogue import (
+    TABLES,
+    TablePartition,
+    build_data_dictionary,
+    build_data_package,
+    describe_columns,
+)
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.table_database import StoreVersionError, TableDatabase
 
@@ -81,19 +88,25 @@ def write_tables(
     folder.mkdir(parents=True, exist_ok=True)
     names = [name for name in (TABLES if names is None else names) if empty or tables.count(name)]
     files = [(name, folder / f"{name}.{kinds[0]}") for name in names]  # the same rows twice are one resource
-    explained = {name: columns for name, columns in build_data_dictionary(without=without).items() if name in names}
+    infos = {name: list_info_columns(tables.connection, name) for name in names}
+    explained = {
+        name: columns | describe_columns(infos[name].values())
+        for name, columns in build_data_dictionary(without=without).items()
+        if name in names
+    }
     described = {
         folder / "dictionary.json": explained,
-        folder / "datapackage.json": build_data_package("minihuman-tables", files, without=without),
+        folder / "datapackage.json": build_data_package("minihuman-tables", files, without=without, infos=infos),
     }
     for path, content in described.items():
         path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8", newline="\n")
     for name in names:
-        columns = arrow_schema(name, without=without)
+        columns = pa.schema([*arrow_schema(name, without=without), *build_info_schema(infos[name])])
         writers = [_WRITERS[kind](folder / f"{name}.{kind}", columns) for kind in kinds]
         for batch in tables.batches(name, without=without):
+            rows = add_info_columns(pa.Table.from_batches([batch]), infos[name])
             for writer in writers:
-                writer.write_table(pa.Table.from_batches([batch]))
+                writer.write_table(rows)
         for writer in writers:
             writer.close()
     return (*(folder / f"{name}.{kind}" for name in names for kind in kinds), *described)

@@ -38,7 +38,7 @@ from minihuman.recorded_study import Episode
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.machine import collect_machine_facts
 from minihuman.runtime.session_loop import run_session
-from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.runtime.simulated_window import SimulatedWindow
 from minihuman.simulation.participant import make_participant
 from minihuman.worlds.adapters.world import World
 from tests.recompute.exports import QUERIES

@@ -176,6 +176,7 @@ def test_a_report_of_what_changed_is_as_if_nothing_had_been_kept(built, study, t
             add_annotation(read_log(one), Annotation("exclude", "2026-01-06T10:00:00Z", episode=1))
         case "another selection":
             selection = Selection(participant=("sub-01", "sub-02"))
+    shutil.copytree(built[0][0].parent, tmp_path / "kept")  # with figures of before, some of which are others now
     write_report(select(changed, selection, processes=1), tmp_path / "kept")
     for cache in list(list_caches(changed)):
         shutil.rmtree(cache) if cache.is_dir() else cache.unlink()

@@ -51,7 +51,9 @@ from minihuman.experiment.machine.events import (
     find_violations,
 )
 from minihuman.experiment.plan.allocation import build_allocation_list
-from minihuman.experiment.plan.expansion import expand_protocol, find_paged_text, parse_participant_code
+from minihuman.experiment.plan.expansion import expand_protocol
+from minihuman.experiment.plan.part_plans import find_paged_text
+from minihuman.experiment.plan.participant_codes import parse_participant_code
 from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart, SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
 from minihuman.experiment.protocol.strata import build_strata
@@ -59,6 +61,7 @@ from minihuman.experiment.replay import MACHINE_VERSION, compare_replay
 from minihuman.log import integrity, names as log_names, topics
 from minihuman.log.codec import EventDecoder, encode_event, event_cause_ns, find_topic, select_decoder
 from minihuman.log.integrity import METADATA_PREFIX, HashChain, SegmentHead
+from minihuman.log.model.doubtful_presses import describe_doubtful_presses, find_doubtful_presses
 from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import (
     LOG_SUFFIX,
@@ -452,7 +455,13 @@ def _plan(segment: _LogSegment) -> Iterator[str]:
     try:
         protocol = decode_logged_protocol(plan.protocol_toml)
         protocol = msgspec.structs.replace(protocol, files=_page_pictures(protocol, plan) | plan.files)
-        again = expand_protocol(protocol, plan.participant, session=plan.session, overridden=plan.overridden)
+        again = expand_protocol(
+            protocol,
+            plan.participant,
+            session=plan.session,
+            overridden=plan.overridden,
+            outcome_rules=plan.outcome_rules,
+        )
         yield from _slot(protocol, segment, plan)
         if parse_participant_code(plan.participant.id) != plan.participant.index:
             yield f"plan: participant {plan.participant.id} is at index {plan.participant.index}"
@@ -609,6 +618,8 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
         yield f"recorded with another file of the module {module}", True
     if steps.difference:
         yield steps.difference, False
+    if warning := describe_doubtful_presses(find_doubtful_presses(session)):
+        yield warning, True
     if steps.n_other_renderer:
         yield (
             f"{steps.n_other_renderer} episodes with an earlier renderer's pictures: these are not compared",

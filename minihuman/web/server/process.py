@@ -20,7 +20,7 @@ from minihuman.log.record.session_leases import SessionLeases
 from minihuman.operating_system import claim_address, exit_when_terminated
 from minihuman.storage.lease import open_lease_table
 from minihuman.web.arrivals import Arrivals, build_link, build_platform_link
-from minihuman.web.messages import MAX_MESSAGE_BYTES
+from minihuman.web.message_codec import MAX_MESSAGE_BYTES
 from minihuman.web.server.app import WebServer
 
 HOST = "127.0.0.1"
