@@ -329,6 +329,7 @@ def verify(
         MinihumanError: if a manifest is combined with ``trust`` or ``policies``, ``outputs`` are not compared with
             one study's tables, or nothing is at a path.
     """
+    from minihuman.admin.local_copies import obey_withdrawals
     from minihuman.admin.verify.episodes import verify_teams
     from minihuman.admin.verify.log import find_sessions, find_studies, verify_enrolment, verify_manifest
     from minihuman.dataset.log_files import map_paths
@@ -343,6 +344,10 @@ def verify(
         raise MinihumanError(
             "--report needs --tables and exactly one study; run: minihuman verify STUDY --tables --report FOLDER"
         )
+    for study in dict.fromkeys(study for path in map(Path, paths) for study in find_studies(path)):
+        obeyed: list[str] = []
+        obey_withdrawals(study, say=obeyed.append)
+        yield from (VerificationLine(study, line, ok=True) for line in obeyed)
     checks: list[Iterable[VerificationLine]] = []
     verify_log = partial(_verify_log, trust=trust, policies=policies)
     for path in map(Path, paths):
@@ -385,6 +390,7 @@ def export(
     *,
     selection: "Selection | None" = None,
     stored_frames: bool = False,
+    with_messages: bool = False,
     engine: str = "local",
     on_progress: Listener = _ignore,
 ) -> ExportSummary:
@@ -396,6 +402,7 @@ def export(
         out: a folder that does not exist yet.
         selection: which sessions and episodes are included.
         stored_frames: take the observations from the logs; by default they are replayed. Both are checked by hash.
+        with_messages: copy logs that hold messages between participants, too, into an archive such as BIDS.
         engine: reads logs for tables in processes of this machine (local) or in a Ray cluster (ray).
         on_progress: is told of each log.
 
@@ -403,11 +410,15 @@ def export(
         ExportError: if the format is unknown, the folder exists, nothing is included, or an episode does not replay.
         LogError: if the study cannot be read.
     """
+    from minihuman.admin.local_copies import obey_withdrawals
+    from minihuman.admin.recorded_outputs import record_output
     from minihuman.dataset.selection import Selection
     from minihuman.errors import name_output_when_full
     from minihuman.exporters.exporter import export_study
 
     out = Path(out)
+    obeyed: list[str] = []
+    obey_withdrawals(Path(study), say=obeyed.append)
     with name_output_when_full(out):
         written, card = export_study(
             format_name,
@@ -415,11 +426,14 @@ def export(
             out,
             selection or Selection(),
             stored_frames=stored_frames,
+            with_messages=with_messages,
             engine=engine,
             progress=lambda log: on_progress(str(log)),
         )
+    forgotten = record_output(Path(study), f"export {format_name}", out)
     excluded = (f"excluded: {line}" for line in written.left_out)
-    return ExportSummary(out, written.episodes, written.steps, (*card.account.lines(), *excluded, *card.account.notes))
+    notes = (*obeyed, *card.account.lines(), *excluded, *card.account.notes, *filter(None, [forgotten]))
+    return ExportSummary(out, written.episodes, written.steps, notes)
 
 
 def report(
@@ -443,16 +457,27 @@ def report(
         LogError: if there is no such folder.
         ReportError: if no log in it can be read, the logs are of different studies, or nothing can be modelled.
     """
+    from minihuman.admin.local_copies import obey_withdrawals
+    from minihuman.admin.recorded_outputs import record_output
     from minihuman.dataset.log_files import infrequent_collection
     from minihuman.dataset.tables import select
     from minihuman.errors import name_output_when_full
     from minihuman.reporting.build import build_report, find_stale_figures
 
     out = Path(out)
+    obeyed: list[str] = []
+    obey_withdrawals(Path(study), say=obeyed.append)
     with infrequent_collection(), name_output_when_full(out), select(Path(study), selection) as tables:
         files = build_report(tables, out, None if template is None else Path(template), scripts=scripts)
+        forgotten = record_output(Path(study), "report", out)
         account = tables.account
-        notes = (*account.lines(), *find_stale_figures(out, files), *account.notes)
+        notes = (
+            *obeyed,
+            *account.lines(),
+            *find_stale_figures(out, files),
+            *account.notes,
+            *filter(None, [forgotten]),
+        )
         return ReportSummary(files[0], files, notes)
 
 
