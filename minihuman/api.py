@@ -329,7 +329,6 @@ def verify(
         MinihumanError: if a manifest is combined with ``trust`` or ``policies``, ``outputs`` are not compared with
             one study's tables, or nothing is at a path.
     """
-    from minihuman.admin.local_copies import obey_withdrawals
     from minihuman.admin.verify.episodes import verify_teams
     from minihuman.admin.verify.log import find_sessions, find_studies, verify_enrolment, verify_manifest
     from minihuman.dataset.log_files import map_paths
@@ -344,10 +343,7 @@ def verify(
         raise MinihumanError(
             "--report needs --tables and exactly one study; run: minihuman verify STUDY --tables --report FOLDER"
         )
-    for study in dict.fromkeys(study for path in map(Path, paths) for study in find_studies(path)):
-        obeyed: list[str] = []
-        obey_withdrawals(study, say=obeyed.append)
-        yield from (VerificationLine(study, line, ok=True) for line in obeyed)
+    yield from _obey_withdrawals(paths)
     checks: list[Iterable[VerificationLine]] = []
     verify_log = partial(_verify_log, trust=trust, policies=policies)
     for path in map(Path, paths):
@@ -367,6 +363,16 @@ def verify(
         checks += (_name_findings(study, verify_enrolment(study)) for study in studies)
         checks += (_name_findings(study, verify_teams(study)) for study in studies)
     yield from chain.from_iterable(checks)
+
+
+def _obey_withdrawals(paths: Iterable[Path | str]) -> Iterator[VerificationLine]:
+    from minihuman.admin.local_copies import obey_withdrawals
+    from minihuman.admin.verify.log import find_studies
+
+    for study in dict.fromkeys(study for path in paths for study in find_studies(Path(path))):
+        lines: list[str] = []
+        obey_withdrawals(study, say=lines.append)
+        yield from (VerificationLine(study, line, ok=True) for line in lines)
 
 
 def _verify_log(log: Path, *, trust: bool, policies: bool) -> list[VerificationLine]:

@@ -23,7 +23,7 @@ import msgspec
 from minihuman.dataset.cached_sessions import CachedSession, KnownLog, ListedLog, list_logs
 from minihuman.dataset.caches import describe_cache, is_same_content, read_checked, write_checked
 from minihuman.dataset.log_files import SkippedLog
-from minihuman.dataset.session_writer import SESSIONS_PER_COMMIT, SessionWriter
+from minihuman.dataset.row_writer import SESSIONS_PER_COMMIT, RowWriter
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store_file import StoreFile
 from minihuman.dataset.table_catalogue import TABLES
@@ -167,7 +167,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
             self._compared |= self._read_tables
         if self.tables.read_only and (is_damaged or not fresh.keys() == logs.keys() == self._known.keys()):
             return False
-        writer = SessionWriter(self.tables, self._sessions, with_shortest=self._with_shortest)
+        writer = RowWriter(self.tables, self._sessions, with_shortest=self._with_shortest)
         fresh |= writer.plan_paths(unplanned)
         ((numbers,),) = self.tables.connection.execute("SELECT coalesce(list(log), []) FROM kept.logs").fetchall()
         damaged = damage.changed | {self._known[key].number for key in damage.doubled}

@@ -17,7 +17,7 @@ from minihuman.admin.manifest import MANIFEST_FILE_NAME, find_changed_files, wri
 from minihuman.admin.session_index import SessionRow, read_session_index
 from minihuman.api import export, report, simulate, verify
 from minihuman.cli.command_line import make_command_line
-from minihuman.dataset import caches, session_writer
+from minihuman.dataset import caches, row_writer
 from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
@@ -403,7 +403,7 @@ def test_a_study_that_was_copied_with_its_caches_is_not_read_again(
 ) -> None:
     expected = tables(study)
     copy = Path(shutil.copytree(study, tmp_path / "copy" / "transfer"))
-    monkeypatch.setattr(session_writer, "read_session_rows", None)
+    monkeypatch.setattr(row_writer, "read_session_rows", None)
     monkeypatch.setattr(session_index, "summarize_session", None)
     assert tables(copy) == expected
     assert index(copy) == index(study)

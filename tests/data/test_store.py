@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from minihuman.cli.command_line import make_command_line
-from minihuman.dataset import session_writer
+from minihuman.dataset import row_writer
 from minihuman.dataset.annotations import Annotation, add_annotation
 from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.selection import Selection
@@ -59,7 +59,7 @@ def no_reading(monkeypatch):
         assert not paths
         return iter(())
 
-    monkeypatch.setattr(session_writer, "map_logs", refuse)
+    monkeypatch.setattr(row_writer, "map_logs", refuse)
 
 
 def test_kept_rows_are_those_of_the_logs_and_are_made_once(study, monkeypatch):

@@ -27,7 +27,7 @@ _INCLUDED_SESSIONS = """
 """
 
 
-class SessionWriter:
+class RowWriter:
     """Writes rows and digests in one transaction: a session is whole in the file, or to be read again.
 
     Args:
