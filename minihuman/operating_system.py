@@ -95,7 +95,7 @@ def keep_private(file: Path) -> None:
     with contextlib.suppress(OSError):
         if (
             stat.S_IMODE(os.stat(file).st_mode) != OWNER_ONLY_FILE
-        ):  # a change is a change, by which caches are told apart
+        ):  # or its time changes, by which caches are told apart
             os.chmod(file, OWNER_ONLY_FILE)
 
 
