@@ -326,7 +326,7 @@ def _comes_too_soon(event: Event, phase: str) -> TypeGuard[KeyPressed]:
 
 
 def _finds_phase(event: Event, phase: str) -> bool:
-    """Whether an event says that a phase had not ended yet: the end, which time brings first, would be logged before."""
+    """Whether an event says that a phase had not ended yet: its end, which time brings first, would stand before."""
     match event:
         case KeyPressed():
             return event.phase == phase
