@@ -6,6 +6,7 @@ Each family is a function from options, named as Minigrid names them, to a recip
 
 import abc
 from collections.abc import Callable, Mapping
+from inspect import signature
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal
 
@@ -14,11 +15,14 @@ from minihuman.worlds.grid.babyai.binding import instruct
 from minihuman.worlds.grid.core.cells import BALL, BOX, GREY_WALL, KEY, KINDS, RED_LAVA
 from minihuman.worlds.grid.core.state import FAILED, OVER, PHASE, PLAYING
 from minihuman.worlds.grid.engine import GridEngine
+from minihuman.worlds.grid.family_names import INSTEAD
 from minihuman.worlds.grid.layout import Layout, Recipe
 from minihuman.worlds.grid.layouts import room_grid, rooms, single_rooms
+from minihuman.worlds.grid.minigrid_compat import MinigridCompat
 from minihuman.worlds.grid.missions import COLOUR_WORDS, MissionSpace, kind_words
 from minihuman.worlds.grid.wfc.family import wfc
 from minihuman.worlds.options import MAX_CELLS, check_bool, check_cell, check_one_of, check_pair, check_whole
+from minihuman.worlds.upstream_names import refuse_replaced_method, refuse_unknown_attribute
 
 Place = tuple[int, int] | None  # column and row; None draws one
 Obstacle = Literal["lava", "wall"]
@@ -271,7 +275,20 @@ def _obstacle(name: str) -> int:
     return OBSTACLES[check_one_of("obstacle_type", name, tuple(OBSTACLES))]
 
 
-ENGINE_SETTINGS = frozenset({"agent_view_size", "render_mode", "tile_size", "palette", "highlight", "agent_pov"})
+ENGINE_SETTINGS = frozenset(
+    {"agent_view_size", "render_mode", "tile_size", "palette", "highlight", "agent_pov", "screen_size"}
+)
+_UPSTREAM_METHODS = vars(MinigridCompat)
+
+
+def options_of(family: str | Callable[..., Recipe], options: Mapping[str, Any]) -> dict[str, Any]:
+    """What a family's function is given, with its defaults, by name."""
+    function = FAMILIES.get(family) if isinstance(family, str) else None
+    if function is None:
+        return dict(options)
+    bound = signature(function).bind(**options)
+    bound.apply_defaults()
+    return {name: setting for name, setting in bound.arguments.items() if name != "obstacle_type"}
 
 
 class GridEnv(GridEngine):
@@ -306,6 +323,14 @@ class GridEnv(GridEngine):
             **settings,
         )
         self._told = self.recipe  # of this episode: with a mission set by hand, or as it is
+        self._family_options = options_of(family, options)
+        self._is_made = True
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if "_is_made" in vars(self):
+            refuse_unknown_attribute(self, name, INSTEAD)
+            refuse_replaced_method(self, name, _UPSTREAM_METHODS)
+        super().__setattr__(name, value)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -325,6 +350,28 @@ class GridEnv(GridEngine):
         self._told.lay_out(self._row, self._stream())
         if not self._row[FAILED]:
             self.mission = self.mission_space.of(self._row)
+
+
+class GridEnvOnScreen(GridEnv):
+    """A world of a family that shows itself at every reset and step, as Minigrid's do: ``render_mode="human"``."""
+
+    metadata: dict[str, Any] = {**GridEnv.metadata, "render_modes": ["human", *GridEnv.metadata["render_modes"]]}  # noqa: RUF012  # Gymnasium's name and type
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Lay out a new episode and show it."""
+        answer = super().reset(seed=seed, options=options)
+        self.render()
+        return answer
+
+    def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Act, and show what became of it."""
+        answer = super().step(action)
+        self.render()
+        return answer
+
+    shortest_path, path_length_bounds = GridEngine.shortest_path, GridEngine.path_length_bounds
 
 
 class GridWorld(GridEngine, abc.ABC):
@@ -377,7 +424,7 @@ class GridWorld(GridEngine, abc.ABC):
         """A step without its observation: reward, terminated, truncated."""
         reward, terminated, truncated = super().advance(action)
         if self._has_own_reward:
-            reward, terminated = self.reward_and_done(int(action), reward, terminated)
+            reward, terminated = self.reward_and_done(self._number_of(action), reward, terminated)
             self._row[PHASE] = OVER if terminated or truncated else PLAYING
         return float(reward), bool(terminated), truncated
 

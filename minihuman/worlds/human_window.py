@@ -1,0 +1,57 @@
+"""The window that ``render_mode="human"`` opens, by Gymnasium's own wrapper; worlds draw, the wrapper shows."""
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+Picture = NDArray[np.uint8]
+
+
+class _Pictures(gymnasium.Env[None, int]):
+    """What the wrapper shows: an environment that has nothing but pictures."""
+
+    render_mode = "rgb_array"
+    observation_space = gymnasium.spaces.Discrete(1)  # type: ignore[assignment]  # never sampled
+    action_space = gymnasium.spaces.Discrete(1)  # type: ignore[assignment]
+
+    def __init__(self, draw: Callable[[], Picture], fps: int) -> None:
+        self.metadata = {"render_modes": ["rgb_array"], "render_fps": fps}
+        self._draw = draw
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[None, dict[str, Any]]:
+        """Do nothing: the wrapper shows a picture after each reset."""
+        return None, {}
+
+    def render(self) -> Picture:  # type: ignore[override]  # always a picture
+        """Draw."""
+        return self._draw()
+
+
+class HumanWindow:
+    """A window with a world's picture; it opens when a picture is first shown.
+
+    Args:
+        draw: draws the picture, uint8[H, W, 3].
+        fps: no more pictures than so many are shown in a second.
+    """
+
+    def __init__(self, draw: Callable[[], Picture], fps: int) -> None:
+        self._pictures = _Pictures(draw, fps)
+        self._window: Any = None
+
+    def show(self) -> None:
+        """Draw and show."""
+        if self._window is None:
+            from gymnasium.wrappers import HumanRendering  # here: it loads a second's worth of wrappers
+
+            self._window = HumanRendering(self._pictures)
+        self._window.reset()
+
+    def close(self) -> None:
+        """Close the window; showing another picture opens it again."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None

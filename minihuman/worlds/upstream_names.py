@@ -1,0 +1,97 @@
+"""Names that Minigrid and Miniworld give a world: how a world of ours answers to them.
+
+A name that can be read, set or called works as upstream's, or the error names what to use. An attribute that a world of
+the catalogue does not know is refused, as setting it would change nothing; a world of somebody's own may set any.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from minihuman.errors import WorldError
+
+_CATALOGUE = "minihuman.worlds."
+
+
+class WorldAttributeError(WorldError, AttributeError):
+    """A world has no such attribute, or does not let it be set; the message names what to use."""
+
+
+def is_catalogue_class(kind: type) -> bool:
+    """Return whether a class is one of ours, whose attributes are known, and not a subclass elsewhere."""
+    return kind.__module__.startswith(_CATALOGUE)
+
+
+class UpstreamName:
+    """A name of upstream's, read from the present state; setting it writes the state, or is refused with advice.
+
+    A world of somebody's own may define it for itself, in its class or on an instance.
+    """
+
+    def __init__(
+        self,
+        read: Callable[[Any], Any],
+        write: Callable[[Any, Any], None] | None = None,
+        advice: str = "it is computed from the state",
+    ) -> None:
+        self._read = read
+        self._write = write
+        self._advice = advice
+        self._name = read.__name__
+        self.__doc__ = read.__doc__
+
+    def setter(self, write: Callable[[Any, Any], None]) -> "UpstreamName":
+        """Return the same name with a function that sets it, as `property` does."""
+        return UpstreamName(self._read, write)
+
+    def __get__(self, world: Any, owner: Any = None) -> Any:
+        if world is None:
+            return self
+        attributes = vars(world)
+        return attributes[self._name] if self._name in attributes else self._read(world)
+
+    def __set__(self, world: Any, value: Any) -> None:
+        if not is_catalogue_class(type(world)):
+            vars(world)[self._name] = value
+        elif self._write is None:
+            raise WorldAttributeError(f"{self._name} of {world} cannot be set; {self._advice}")
+        else:
+            self._write(world, value)
+
+    def __delete__(self, world: Any) -> None:
+        if vars(world).pop(self._name, None) is None:
+            raise WorldAttributeError(f"{self._name} of {world} cannot be deleted; it is read from the state")
+
+
+def set_instead(advice: str) -> Callable[[Callable[[Any], Any]], UpstreamName]:
+    """Return a decorator for a name that is read only; the advice says what to use instead of setting it."""
+    return lambda read: UpstreamName(read, advice=advice)
+
+
+def refuse_unknown_attribute(world: Any, name: str, instead: Mapping[str, str]) -> None:
+    """Refuse to set an attribute that a world of the catalogue does not have.
+
+    Raises:
+        WorldAttributeError: if it has none of this name; the message says what to use where upstream has one.
+    """
+    if name in vars(world) or hasattr(type(world), name) or not is_catalogue_class(type(world)):
+        return
+    advice = instead.get(name, "attributes of your own belong to a subclass or a wrapper")
+    raise WorldAttributeError(f"{world} has no attribute {name!r} to set, so setting it would do nothing; {advice}")
+
+
+def refuse_replaced_method(world: Any, name: str, methods: Mapping[str, Any]) -> None:
+    """Refuse to put another function in the place of an upstream method: no step of ours would call it.
+
+    Raises:
+        WorldAttributeError: if the name is one of these methods.
+    """
+    if name in methods and callable(methods[name]) and is_catalogue_class(type(world)):
+        raise WorldAttributeError(
+            f"{name}() of {world} cannot be replaced, as its steps do not call it; override it in a wrapper"
+        )
+
+
+def missing_name(world: Any, name: str, instead: Mapping[str, str]) -> WorldAttributeError:
+    """Return the error for a name that a world does not have, with what to use where upstream has one."""
+    advice = f"; {instead[name]}" if name in instead else ""
+    return WorldAttributeError(f"{type(world).__name__!r} object has no attribute {name!r}{advice}")
