@@ -19,6 +19,7 @@ from minihuman.errors import WorldError
 from minihuman.worlds.first_person.batch_kernels import AFTER, EARNED, HEADING, OWN_SIZE, ROW_SIZE, act_together
 from minihuman.worlds.first_person.entities import LATEST_CHANGE
 from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.first_person.parameter_names import read_parameters
 from minihuman.worlds.first_person.render.drawing import RenderTarget, turn
 from minihuman.worlds.first_person.render.rasterisation import ROOM
 from minihuman.worlds.first_person.render.render_pool import RenderPool, addresses
@@ -129,7 +130,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
                 continue
             if not stepped[i]:
                 rewards[i], ends[0][i], ends[1][i] = world.advance(int(given[i]))
-            world._over = bool(ends[0][i] or ends[1][i])
+            vars(world)["_over"] = bool(ends[0][i] or ends[1][i])
             if again and (ends[0][i] or ends[1][i]):
                 final[i] = world.observe(), world.info()
                 world.begin()
@@ -217,7 +218,7 @@ class JointStep:
         )
         for world, flat, agent, (x, y, z, heading), status in done:
             if status >= 0:
-                world.step_count += 1
+                vars(world)["step_count"] += 1
                 agent["pos"], agent["dir"] = (x, y, z), heading
                 if scored or status & _MORE:
                     flat.take(world, status)
@@ -252,7 +253,10 @@ _MOVED_LAYOUTS = {  # as data sets that were exported earlier name them
 def make_world(layout: str, **options: Any) -> FirstPersonEnv:
     """The world that a module of this package describes: ``make_world("layouts.mazes:Maze", num_rows=3)``."""
     module, _, name = _MOVED_LAYOUTS.get(layout, layout).partition(":")
+    if "params" in options:
+        options["parameters"] = read_parameters(options.pop("params"))
     world: FirstPersonEnv = getattr(import_module(f"minihuman.worlds.first_person.{module}"), name)(**options)
+    world._is_made = True
     return world
 
 

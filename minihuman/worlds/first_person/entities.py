@@ -8,14 +8,16 @@ Knows no rules and draws nothing.
 
 import itertools
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.colours import RGB_BY_COLOUR, Rgb, check_colour, hex_colour
 from minihuman.worlds.first_person.parameters import Parameters
 from minihuman.worlds.trigonometry import cosine, sine
+from minihuman.worlds.upstream_names import WorldAttributeError
 
 # Half the width (x), the height (y), half the depth (z).
 _EXTENTS: dict[str, tuple[float, float, float]] = {
@@ -69,6 +71,13 @@ Position = tuple[float, float, float]  # x, y, z in metres
 Length = float | np.float32  # metres; of a mesh in single precision, as Miniworld keeps it
 
 
+_INSTEAD = {
+    "str": "read text",
+    **dict.fromkeys(("render", "draw_bound", "scale", "texs", "tex"), "draw with env.unwrapped.picture()"),
+    "step": "only actions move things",
+}
+
+
 class Entity:
     """A thing with a place, a heading (``dir``, radians, 0 = +x, counter-clockwise), a radius and a height.
 
@@ -87,7 +96,8 @@ class Entity:
         self.dir: float = math.nan
 
     def __setattr__(self, name: str, value: object) -> None:
-        object.__setattr__(self, name, value)
+        is_array_of_place = name == "pos" and type(value) is np.ndarray
+        object.__setattr__(self, name, tuple(value.tolist()) if is_array_of_place else value)
         LATEST_CHANGE[0] = next(_changes)  # as `note_change`, but a call costs as much as all of this
 
     def randomise(self, parameters: Parameters, rng: np.random.Generator | None) -> None:
@@ -104,6 +114,29 @@ class Entity:
         if self.trig:
             return cosine(self.dir), -sine(self.dir)
         return math.cos(self.dir), -math.sin(self.dir)
+
+    # Miniworld's names.
+
+    @property
+    def dir_vec(self) -> NDArray[np.float64]:
+        """`forward` as Miniworld has it, float64[3]: x, 0, z."""
+        x, z = self.forward
+        return np.array((x, 0.0, z))
+
+    @property
+    def right_vec(self) -> NDArray[np.float64]:
+        """A step of length 1 to its right, float64[3]: x, 0, z."""
+        x, z = self.forward
+        return np.array((-z, 0.0, x))
+
+    @property
+    def is_static(self) -> bool:
+        """`static`."""
+        return self.static
+
+    def __getattr__(self, name: str) -> Any:
+        advice = f"; {_INSTEAD[name]}" if name in _INSTEAD else ""
+        raise WorldAttributeError(f"{type(self).__name__!r} object has no attribute {name!r}{advice}")
 
     def state(self) -> tuple[object, ...]:
         """Everything that tells this thing from another: its kind, place and looks."""
@@ -142,6 +175,20 @@ class Box(Entity):
     def colour(self) -> str:
         """The colour it has on a map, "#rrggbb"."""
         return hex_colour(self.rgb)
+
+    @property
+    def color(self) -> str:
+        """The name of its colour."""
+        return self.colour_name
+
+    @color.setter
+    def color(self, colour: str) -> None:
+        raise WorldAttributeError(f"color of {self!r} cannot be set; place another Box({colour!r}) in build()")
+
+    @property
+    def color_vec(self) -> NDArray[np.float64]:
+        """Its red, green and blue, 0 to 1, float64[3]."""
+        return np.array(self.rgb)
 
 
 class Mesh(Entity):
@@ -264,6 +311,18 @@ class Agent(Entity):
         self.cam_pitch = 0.0  # upwards
         self.cam_fov_y = 60.0  # how much is seen from top to bottom
         self.carrying: Entity | None = None
+
+    @property
+    def cam_pos(self) -> NDArray[np.float64]:
+        """Where its eye is, float64[3]: x, y, z."""
+        return np.add(self.pos, self.dir_vec * self.cam_fwd_disp + (0.0, self.cam_height, 0.0))
+
+    @property
+    def cam_dir(self) -> NDArray[np.float64]:
+        """Where its eye looks, float64[3]: a step of length 1."""
+        pitch_rad = math.radians(self.cam_pitch)
+        upwards = np.array((0.0, math.sin(pitch_rad), 0.0))
+        return self.dir_vec * math.cos(pitch_rad) + upwards
 
     def randomise(self, parameters: Parameters, rng: np.random.Generator | None) -> None:
         """Draw where the camera sits and how it looks."""

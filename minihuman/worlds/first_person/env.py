@@ -16,7 +16,7 @@ from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.entities import Agent, Entity, ImageFrame, Position, TextFrame, note_change
-from minihuman.worlds.first_person.miniworld_compat import MiniworldCompat
+from minihuman.worlds.first_person.miniworld_compat import INSTEAD, MiniworldCompat
 from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters
 from minihuman.worlds.first_person.pictures import WorldRenderer
 from minihuman.worlds.first_person.render.drawing import RenderTarget
@@ -40,9 +40,11 @@ from minihuman.worlds.first_person.state import (
     save_state,
     state_hash,
 )
+from minihuman.worlds.human_window import HumanWindow
 from minihuman.worlds.options import MAX_PIXELS, check_bool, check_one_of, check_whole
 from minihuman.worlds.pose import Map, Pose
 from minihuman.worlds.step_limit import check_action, check_max_steps
+from minihuman.worlds.upstream_names import refuse_replaced_method, refuse_unknown_attribute
 
 
 def near_goal(goal: Entity, *, forbidden: Room | None = None) -> TerminationRule:
@@ -81,8 +83,10 @@ def face(goal: Entity, *, reach_m: float, tolerance_m: float) -> TerminationRule
 
 _NOT_STATE = frozenset(
     {"action_names", "action_space", "observation_space", "max_steps", "parameters", "domain_rand", "render_mode"}
-    | {"view", "window_px", "spec", "trig", "_pictures", "_over", "_flat"}
+    | {"view", "window_px", "spec", "trig", "_pictures", "_over", "_flat", "_max_steps", "_domain_rand", "_is_made"}
+    | {"_window", "reward_range", "obs_disp_width"}
 )
+_UPSTREAM_METHODS = vars(MiniworldCompat)
 EntityT = TypeVar("EntityT", bound=Entity)
 FrameT = TypeVar("FrameT", ImageFrame, TextFrame)
 
@@ -100,7 +104,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         actions: the names of the discrete actions, out of ``rules.ACTIONS``.
         obs_width: width of an observation in pixels.
         obs_height: height of an observation in pixels.
-        render_mode: "rgb_array" or None.
+        render_mode: "rgb_array", "human" for a window that shows every reset and step, or None.
         window_width: width of what ``render`` draws, pixels.
         window_height: height of what ``render`` draws, pixels.
         view: what ``render`` draws: the "agent"'s eyes or the world from the "top".
@@ -113,9 +117,10 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         look: how pictures are drawn: "classic", or "display" for people's eyes: sharper, steadier, with depth.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012 (Gymnasium's own way to declare it)
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 30}  # noqa: RUF012 (Gymnasium's own way to declare it)
     drawn = True
     assets: ClassVar[str | Path | None] = None  # a world's own textures and meshes
+    _is_made = False  # `make` is done with it: from then on only build() adds attributes
     motions: ClassVar[Mapping[str, str]] = {}  # which of rules.ACTIONS an action does, where its name does not say
 
     def __init__(
@@ -140,35 +145,63 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         for name, pixels in (*sizes, ("window_width", window_width), ("window_height", window_height)):
             check_whole(name, pixels, 1, MAX_PIXELS)
         check_one_of("view", view, ("agent", "top"))
-        check_one_of("render_mode", render_mode, (None, "rgb_array"))
+        check_one_of("render_mode", render_mode, (None, "rgb_array", "human"))
         check_one_of("trig", trig, (0, 1))
-        check_bool("domain_rand", domain_rand)
         check_bool("contact_shadows", contact_shadows)
         check_one_of("look", look, ("classic", "display"))
         if not actions:
             raise WorldError(f"the list of actions is empty; give one or more of {', '.join(rules.ACTIONS)}")
         if unknown := set(actions) - set(rules.ACTIONS):
             raise WorldError(f"unknown actions {', '.join(sorted(unknown))}; use {', '.join(rules.ACTIONS)}")
+        self._stage: WorldState | None = None
+        self._flat: FlatState | None = None
+        self.max_steps = max_steps
         self.action_names = tuple(actions)
         self.action_space = gymnasium.spaces.Discrete(len(actions))
         self.observation_space = gymnasium.spaces.Box(0, 255, (obs_height, obs_width, 3), np.uint8)
-        self.max_steps = None if max_steps is None else check_max_steps(max_steps)
         self.parameters = parameters if isinstance(parameters, Parameters) else DEFAULTS.fixed(**parameters)
         self.domain_rand = domain_rand
         self.render_mode = render_mode
         self.view = view
         self.window_px = (window_width, window_height)
         self.step_count = 0
-        self._stage: WorldState | None = None
+        self._window: HumanWindow | None = None
         self.trig = trig  # from the next reset on
         self._over = False  # the episode has ended
-        self._flat: FlatState | None = None
         self._pictures = WorldRenderer(
             (obs_width, obs_height),
             str(assets or self.assets) if assets or self.assets else None,
             shadows=contact_shadows,
             display=look == "display",
         )
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if self._is_made:
+            refuse_unknown_attribute(self, name, INSTEAD)
+            refuse_replaced_method(self, name, _UPSTREAM_METHODS)
+        super().__setattr__(name, value)
+
+    @property
+    def max_steps(self) -> int | None:
+        """An episode is truncated after so many steps; None for never."""
+        return self._max_steps
+
+    @max_steps.setter
+    def max_steps(self, steps: int | None) -> None:
+        self._max_steps = None if steps is None else check_max_steps(steps)
+        self.forget_flat_state()
+
+    @property
+    def domain_rand(self) -> bool:
+        """Whether parameters are drawn from their ranges."""
+        return self._domain_rand
+
+    @domain_rand.setter
+    def domain_rand(self, is_drawn: bool) -> None:
+        self._domain_rand = check_bool("domain_rand", is_drawn)
+        if self._stage is not None:
+            self._stage.randomised = is_drawn
+            self.forget_flat_state()
 
     # What a world defines.
 
@@ -342,6 +375,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Build a new episode; the same seed builds the same one. There are no options."""
         self.begin(seed=seed)
+        self._show()
         return self.observe(), self.info()
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -351,6 +385,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
             WorldError: if the action is not one of the action space, or before the first reset.
         """
         reward, terminated, truncated = self.advance(action)
+        self._show()
         return self.observe(), reward, terminated, truncated, self.info()
 
     def begin(self, *, seed: int | None = None) -> None:
@@ -361,7 +396,11 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         self._stage = WorldState(self.np_random, self.parameters, randomised=self.domain_rand)
         if self.trig:
             self._stage.agent.trig = self.trig
-        self.build()
+        is_made = vars(self).pop("_is_made", False)
+        try:
+            self.build()
+        finally:
+            self._is_made = is_made
         _ = self._stage.floor  # closes the plan, or says that it has no room
         if self.agent not in self.entities:
             raise WorldError(f"{type(self).__name__}.build() placed no agent; call self.place_agent() at its end")
@@ -369,31 +408,48 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
 
     def advance(self, action: Any) -> tuple[float, bool, bool]:
         """A step without its observation: reward, terminated, truncated."""
-        self.check(action)
+        number = self.check(action)
         if self._over:
             raise WorldError(f"no episode is running in {type(self).__name__}; call reset() first")
-        self.step_count += 1
+        attributes = vars(self)  # setting one through the world costs as much as the rest of a move
+        attributes["step_count"] += 1
         flat = self.flat_state()
         if self.kernels_judge:
-            status = flat.step(self, action, rules.ACT | rules.JUDGE)
+            status = flat.step(self, number, rules.ACT | rules.JUDGE)
             reward, terminated, truncated = flat.reward, bool(status & rules.TERMINATED), bool(status & rules.TRUNCATED)
         else:
-            flat.step(self, action, rules.ACT)
-            reward, terminated = self.reward_and_done(self.action_names[action])
+            flat.step(self, number, rules.ACT)
+            reward, terminated = self.reward_and_done(self.action_names[number])
             truncated = self.max_steps is not None and self.step_count >= self.max_steps
-        self._over = terminated or truncated
+        attributes["_over"] = terminated or truncated
         return reward, terminated, truncated
 
-    def check(self, action: Any) -> None:
-        """Raise what ``step`` would raise for this action now; nothing changes."""
+    def check(self, action: Any) -> int:
+        """Return an action's number, or raise what ``step`` would raise for it now; nothing changes."""
         if self._stage is None:
             raise self._not_reset()
-        check_action(action, len(self.action_names))
+        return check_action(action, len(self.action_names))
 
     def render(self) -> NDArray[np.uint8] | None:
         """The view asked for at construction, uint8[window_height, window_width, 3]; None without a render mode."""
-        if self.render_mode is None:
+        if self.render_mode == "human":
+            if self._window is None:
+                self._window = HumanWindow(self._rendered, self.metadata["render_fps"])
+            self._window.show()
             return None
+        return None if self.render_mode is None else self._rendered()
+
+    def close(self) -> None:
+        """Close the window of ``render_mode="human"``, if one is open."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    def _show(self) -> None:
+        if self.render_mode == "human":
+            self.render()
+
+    def _rendered(self) -> NDArray[np.uint8]:
         return self.picture(view="full" if self.view == "top" else "partial", size_px=self.window_px)
 
     # NativeWorld.
