@@ -545,6 +545,10 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         self._over = saved.over
         note_change()
 
+    def own_attributes(self) -> frozenset[str]:
+        """The names of what the world's build() sets on itself."""
+        return frozenset(name for name in self._state() if not name.startswith("_"))
+
     def _not_reset(self) -> WorldError:
         return WorldError(f"{type(self).__name__} has not been reset; call reset(seed=...) first")
 

@@ -6,8 +6,8 @@ of them are in the nearest caches; what has no room there makes them int32, as a
 """
 
 import os
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import Any, ClassVar, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -34,6 +34,8 @@ from minihuman.worlds.grid.core.state import (
     OVER,
     PHASE,
     PLAYING,
+    SEE_THROUGH,
+    STEP,
     TASK,
     Row,
     State,
@@ -61,6 +63,7 @@ from minihuman.worlds.options import BatchSeeds, seeds_per_world
 from minihuman.worlds.rng import RngState, read_rng_state, write_rng_state
 from minihuman.worlds.shared_work import APART, DONE, TAKEN, Counters, add_to_counter, share_work
 from minihuman.worlds.simd import simd_function
+from minihuman.worlds.vector_names import VectorNames
 
 MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED)
 NEXT_STEP, SAME_STEP, DISABLED = range(len(MODES))
@@ -75,7 +78,21 @@ RowMatrix = NDArray[np.int16] | NDArray[np.int32]
 Observation = dict[str, Any]  # image uint8[n, size, size, 3], direction int64[n], mission: n strings
 
 
-class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
+class GridBatchSnapshot(NamedTuple):
+    """An exact copy of a batch's worlds in mid-episode; made by ``save`` and read by ``restore`` only."""
+
+    rows: RowMatrix
+    rng_states: RngState
+    missions: tuple[str, ...]
+    seeds: list[int]
+    recipes: list[Recipe]
+    settings: dict[int, NDArray[np.int32]]
+
+
+_SETTINGS = {"max_steps": MAX_STEPS, "see_through_walls": SEE_THROUGH}  # that a layout leaves as they are
+
+
+class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArray[Any]], VectorNames):
     """A batch of ``num_envs`` worlds of a family, all alike but for their seeds.
 
     Args:
@@ -85,6 +102,20 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         threads: How many step a share of the worlds each, of two thousand or more; None for one per core.
         options: What `GridEnv` takes.
     """
+
+    readable: ClassVar[frozenset[str]] = frozenset(
+        {"action_names", "actions", "agent_dir", "agent_pos", "agent_view_size", "carrying", "dir_vec", "front_pos"}
+        | {"goal_pos", "grid", "height", "instrs", "max_steps", "mission", "obstacles", "render_mode", "right_vec"}
+        | {"see_through_walls", "state", "step_count", "steps_remaining", "success_pos", "target_pos", "width"}
+    )
+    methods: ClassVar[frozenset[str]] = frozenset(
+        {"agent_sees", "frame", "full_image", "gen_obs", "get_frame", "in_view", "map", "observation", "picture"}
+        | {"path_length_bounds", "place_agent", "place_obj", "pose", "pprint_grid", "put_obj", "relative_coords"}
+        | {"render", "save", "scene_hash", "shortest_path", "state_hash", "subgoals", "text"}
+    )
+    settable: ClassVar[frozenset[str]] = frozenset(
+        {"agent_dir", "agent_pos", "carrying", "max_steps", "mission", "see_through_walls", "step_count"}
+    )
 
     def __init__(
         self,
@@ -99,8 +130,6 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
             raise WorldError(f"num_envs is {num_envs!r}; use 1 or more")
         if threads is not None and threads < 1:
             raise WorldError(f"threads is {threads!r}; use 1 or more, or None for one per core")
-        if options.pop("view", "grid") != "grid":
-            raise WorldError("a batch has no first-person view; make it with vectorization_mode='sync'")
         self._world = GridEnv(family, **options)  # what all have in common: spaces, recipe, settings
         self._mode = MODES.index(AutoresetMode(autoreset_mode))
         self.metadata = {**self._world.metadata, "autoreset_mode": MODES[self._mode]}
@@ -118,6 +147,8 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         self._images = num_envs, *self._world.image_shape
         self._missions = (self._world.mission,) * num_envs
         self._seeds = [-1] * num_envs
+        self._recipes = [self._world.recipe] * num_envs  # of each world's episodes until it is reset without a mission
+        self._settings: dict[int, NDArray[np.int32]] = {}  # that were set by hand, by their place in a row
         self._over = np.zeros(num_envs, np.int64)  # the worlds that a step has left to be laid out anew
         self._helpers = max(min(threads or os.cpu_count() or 1, num_envs // MIN_SHARE), 1) - 1
 
@@ -146,7 +177,8 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         """Lay out new episodes, of all worlds or of those in ``options["reset_mask"]`` (bool[n]).
 
         World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without one it goes on drawing. ``options["mission"]``
-        is what is to be done in all of them until they are laid out again, as in `GridEnv.reset`.
+        is what is to be done in all of them, as in `GridEnv.reset`, in the episodes that autoreset begins too, until
+        they are reset without it.
         """
         seeds = seeds_per_world(seed, self.num_envs)
         mission = (options or {}).get("mission")
@@ -159,13 +191,14 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
                     f"reset_mask has dtype {mask.dtype} and shape {mask.shape}; use bool and ({self.num_envs},)"
                 )
         for i in np.flatnonzero(mask).tolist():
+            self._recipes[i] = recipe
             rng_state = self._rng_states[i]
             if seeds[i] is not None or not rng_state.any():
                 generator, self._seeds[i] = seeding.np_random(seeds[i])
                 read_rng_state(generator, rng_state)
         images = np.zeros(self._images, np.uint8)
         directions = np.zeros(self.num_envs, np.int64)
-        self._lay_out(recipe, np.flatnonzero(mask), images, directions)
+        self._lay_out(np.flatnonzero(mask), images, directions)
         observe_many(self._rows, ~mask & (self._rows[:, PHASE] != NEW), images, directions)
         return {"image": images, "direction": directions, "mission": self._missions}, {}
 
@@ -194,7 +227,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         if count > 0:
             if self._mode == SAME_STEP:
                 info = self._final(terminated | truncated, images, directions)
-            self._lay_out(self._world.recipe, self._over[:count], images, directions)
+            self._lay_out(self._over[:count], images, directions)
         return (
             {"image": images, "direction": directions, "mission": self._missions},
             rewards,
@@ -207,11 +240,56 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         """What each world renders; None without a render mode."""
         if self.render_mode is None:
             return None
-        rendered = []
-        for state, rng_state, mission in zip(self.states, self._rng_states, self._missions, strict=True):
-            self._world.restore(GridSnapshot(state.row, rng_state, mission, {}))
-            rendered.append(self._world.render())
-        return tuple(rendered)
+        return self.call("render")
+
+    def worlds_in_turn(self) -> Iterator[GridEnv]:
+        """Give each world in turn, as one environment; what is changed in it is changed in the batch."""
+        for i in range(self.num_envs):
+            self._world.restore(
+                GridSnapshot(self._rows[i].astype(np.int32), self._rng_states[i], self._missions[i], {})
+            )
+            yield self._world
+            self._take_back(i)
+
+    def save(self) -> GridBatchSnapshot:
+        """An exact copy of every world in mid-episode; it may be pickled, and restored into a batch as large."""
+        settings = {field: numbers.copy() for field, numbers in self._settings.items()}
+        return GridBatchSnapshot(
+            self._rows.copy(), self._rng_states.copy(), self._missions, [*self._seeds], [*self._recipes], settings
+        )
+
+    def restore(self, saved: GridBatchSnapshot) -> None:
+        """Go back to a saved state; the copy is not consumed.
+
+        Raises:
+            WorldError: if it was saved by a batch of another size.
+        """
+        if not isinstance(saved, GridBatchSnapshot) or saved.rows.shape != self._rows.shape:
+            raise WorldError(f"this was not saved by a batch of {self.num_envs} such worlds; pass what save() returned")
+        self._rows = saved.rows.copy()
+        self._rng_states[:] = saved.rng_states
+        self._missions = saved.missions
+        self._seeds = [*saved.seeds]
+        self._recipes = [*saved.recipes]
+        self._settings = {field: numbers.copy() for field, numbers in saved.settings.items()}
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set an attribute of every world, as `VectorNames.set_attr`; a setting counts in later episodes too."""
+        super().set_attr(name, values)
+        if name in _SETTINGS:
+            self._settings[_SETTINGS[name]] = self._rows[:, _SETTINGS[name]].astype(np.int32)
+
+    def _take_back(self, i: int) -> None:
+        """Write what the one environment holds now into the row of a world."""
+        saved = self._world.save()
+        if self._rows.itemsize < saved.row.itemsize and (
+            saved.row[OBJECTS] > MOST_OBJECTS or max(saved.row[MAX_STEPS], saved.row[STEP]) > NARROW
+        ):
+            self._rows = self._rows.astype(np.int32)
+        self._rows[i] = saved.row
+        self._rng_states[i] = saved.rng_state
+        if saved.mission != self._missions[i]:
+            self._missions = (*self._missions[:i], saved.mission, *self._missions[i + 1 :])
 
     def _refusal(self, world: int, actions: NDArray[np.integer[Any]]) -> WorldError:
         phase, count = self._rows[world, PHASE], self._rows[world, ACTIONS]
@@ -230,14 +308,16 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         return int(counts.sum())
 
     def _lay_out(
-        self, recipe: Recipe, worlds: NDArray[np.int64], images: NDArray[np.uint8], directions: NDArray[np.int64]
+        self, worlds: NDArray[np.int64], images: NDArray[np.uint8], directions: NDArray[np.int64]
     ) -> None:
         """Lay out new episodes of some worlds and observe them."""
         layout, space = self._layout, self._world.mission_space
         missions = list(self._missions) if space.varies else []
         for i in worlds.tolist():
             clear(layout)
-            recipe.lay_out(layout, self._rng_states[i])
+            for field, numbers in self._settings.items():
+                layout[field] = numbers[i]
+            self._recipes[i].lay_out(layout, self._rng_states[i])
             if not begin(layout, self._rows, i, images, directions):
                 self._rows = self._rows.astype(np.int32)
                 begin(layout, self._rows, i, images, directions)
