@@ -14,8 +14,8 @@ class _Pictures(gymnasium.Env[None, int]):
     """What the wrapper shows: an environment that has nothing but pictures."""
 
     render_mode = "rgb_array"
-    observation_space = gymnasium.spaces.Discrete(1)  # type: ignore[assignment]  # never sampled
-    action_space = gymnasium.spaces.Discrete(1)  # type: ignore[assignment]
+    observation_space: Any = gymnasium.spaces.Discrete(1)  # never sampled
+    action_space: Any = gymnasium.spaces.Discrete(1)
 
     def __init__(self, draw: Callable[[], Picture], fps: int) -> None:
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": fps}
@@ -25,7 +25,7 @@ class _Pictures(gymnasium.Env[None, int]):
         """Do nothing: the wrapper shows a picture after each reset."""
         return None, {}
 
-    def render(self) -> Picture:  # type: ignore[override]  # always a picture
+    def render(self) -> Any:
         """Draw."""
         return self._draw()
 
@@ -55,3 +55,23 @@ class HumanWindow:
         if self._window is not None:
             self._window.close()
             self._window = None
+
+
+class ShowsItself:
+    """Mixed into a world that draws: the window of ``render_mode="human"``."""
+
+    metadata: dict[str, Any]
+    render_mode: str | None
+    _window: HumanWindow | None = None  # once something was shown
+
+    def close(self) -> None:
+        """Close the window of ``render_mode="human"``, if one is open."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    def show_in_window(self, draw: Callable[[], Picture]) -> None:
+        """Show what is drawn now in the world's window, which opens when it is first needed."""
+        if self._window is None:
+            self._window = HumanWindow(draw, self.metadata["render_fps"])
+        self._window.show()

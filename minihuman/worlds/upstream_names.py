@@ -5,7 +5,7 @@ the catalogue does not know is refused, as setting it would change nothing; a wo
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from minihuman.errors import WorldError
 
@@ -21,7 +21,7 @@ def is_catalogue_class(kind: type) -> bool:
     return kind.__module__.startswith(_CATALOGUE)
 
 
-class UpstreamName:
+class _UpstreamName:
     """A name of upstream's, read from the present state; setting it writes the state, or is refused with advice.
 
     A world of somebody's own may define it for itself, in its class or on an instance.
@@ -39,9 +39,9 @@ class UpstreamName:
         self._name = read.__name__
         self.__doc__ = read.__doc__
 
-    def setter(self, write: Callable[[Any, Any], None]) -> "UpstreamName":
+    def setter(self, write: Callable[[Any, Any], None]) -> "_UpstreamName":
         """Return the same name with a function that sets it, as `property` does."""
-        return UpstreamName(self._read, write)
+        return _UpstreamName(self._read, write)
 
     def __get__(self, world: Any, owner: Any = None) -> Any:
         if world is None:
@@ -62,9 +62,15 @@ class UpstreamName:
             raise WorldAttributeError(f"{self._name} of {world} cannot be deleted; it is read from the state")
 
 
-def set_instead(advice: str) -> Callable[[Callable[[Any], Any]], UpstreamName]:
+if TYPE_CHECKING:
+    UpstreamName = property  # which is what it is to a reader of types
+else:
+    UpstreamName = _UpstreamName
+
+
+def set_instead(advice: str) -> Callable[[Callable[[Any], Any]], Any]:
     """Return a decorator for a name that is read only; the advice says what to use instead of setting it."""
-    return lambda read: UpstreamName(read, advice=advice)
+    return lambda read: _UpstreamName(read, advice=advice)
 
 
 def refuse_unknown_attribute(world: Any, name: str, instead: Mapping[str, str]) -> None:
@@ -73,6 +79,9 @@ def refuse_unknown_attribute(world: Any, name: str, instead: Mapping[str, str]) 
     Raises:
         WorldAttributeError: if it has none of this name; the message says what to use where upstream has one.
     """
+    attribute = getattr(type(world), name, None)
+    if isinstance(attribute, property) and attribute.fset is None:
+        raise WorldAttributeError(f"{name} of {world} cannot be set; it is read from the state")
     if name in vars(world) or hasattr(type(world), name) or not is_catalogue_class(type(world)):
         return
     advice = instead.get(name, "attributes of your own belong to a subclass or a wrapper")

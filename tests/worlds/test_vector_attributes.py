@@ -12,7 +12,11 @@ from minihuman.errors import WorldError
 from minihuman.worlds.grid.core.state import STEP
 
 N = 3
-GRID, LEVEL, ROOM = "minihuman/MiniGrid-DoorKey-5x5-v0", "minihuman/BabyAI-GoToLocal-v0", "minihuman/MiniWorld-Hallway-v0"
+GRID, LEVEL, ROOM = (
+    "minihuman/MiniGrid-DoorKey-5x5-v0",
+    "minihuman/BabyAI-GoToLocal-v0",
+    "minihuman/MiniWorld-Hallway-v0",
+)
 
 
 def make_both(world_id, **options):
@@ -167,7 +171,9 @@ def test_a_batch_goes_back_to_a_saved_state(world_id):
         for step, expected in zip(actions, first, strict=True):
             observed = batch.step(step)
             assert same(observed[1:4], expected[1:4])
-            images = [answer[0]["image"] if isinstance(answer[0], dict) else answer[0] for answer in (observed, expected)]
+            images = [
+                answer[0]["image"] if isinstance(answer[0], dict) else answer[0] for answer in (observed, expected)
+            ]
             assert (images[0] == images[1]).all()
     with pytest.raises(WorldError, match="not saved by a batch of 3 such worlds"):
         batch.restore(gymnasium.make_vec(GRID, num_envs=2).save())

@@ -95,7 +95,7 @@ class Entity:
         self.pos: Position = (math.nan, math.nan, math.nan)  # not a number until it is placed
         self.dir: float = math.nan
 
-    def __setattr__(self, name: str, value: object) -> None:
+    def __setattr__(self, name: str, value: Any) -> None:
         is_array_of_place = name == "pos" and type(value) is np.ndarray
         object.__setattr__(self, name, tuple(value.tolist()) if is_array_of_place else value)
         LATEST_CHANGE[0] = next(_changes)  # as `note_change`, but a call costs as much as all of this
@@ -315,14 +315,16 @@ class Agent(Entity):
     @property
     def cam_pos(self) -> NDArray[np.float64]:
         """Where its eye is, float64[3]: x, y, z."""
-        return np.add(self.pos, self.dir_vec * self.cam_fwd_disp + (0.0, self.cam_height, 0.0))
+        up = np.array((0.0, self.cam_height, 0.0))
+        return np.array(self.pos) + self.dir_vec * self.cam_fwd_disp + up
 
     @property
     def cam_dir(self) -> NDArray[np.float64]:
         """Where its eye looks, float64[3]: a step of length 1."""
         pitch_rad = math.radians(self.cam_pitch)
         upwards = np.array((0.0, math.sin(pitch_rad), 0.0))
-        return self.dir_vec * math.cos(pitch_rad) + upwards
+        ahead: NDArray[np.float64] = self.dir_vec * math.cos(pitch_rad) + upwards
+        return ahead
 
     def randomise(self, parameters: Parameters, rng: np.random.Generator | None) -> None:
         """Draw where the camera sits and how it looks."""

@@ -16,7 +16,7 @@ from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.entities import Agent, Entity, ImageFrame, Position, TextFrame, note_change
-from minihuman.worlds.first_person.miniworld_compat import INSTEAD, MiniworldCompat
+from minihuman.worlds.first_person.miniworld_compat import MiniworldCompat
 from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters
 from minihuman.worlds.first_person.pictures import WorldRenderer
 from minihuman.worlds.first_person.render.drawing import RenderTarget
@@ -40,11 +40,10 @@ from minihuman.worlds.first_person.state import (
     save_state,
     state_hash,
 )
-from minihuman.worlds.human_window import HumanWindow
+from minihuman.worlds.human_window import ShowsItself
 from minihuman.worlds.options import MAX_PIXELS, check_bool, check_one_of, check_whole
 from minihuman.worlds.pose import Map, Pose
-from minihuman.worlds.step_limit import check_action, check_max_steps
-from minihuman.worlds.upstream_names import refuse_replaced_method, refuse_unknown_attribute
+from minihuman.worlds.step_limit import check_action
 
 
 def near_goal(goal: Entity, *, forbidden: Room | None = None) -> TerminationRule:
@@ -86,12 +85,11 @@ _NOT_STATE = frozenset(
     | {"view", "window_px", "spec", "trig", "_pictures", "_over", "_flat", "_max_steps", "_domain_rand", "_is_made"}
     | {"_window", "reward_range", "obs_disp_width"}
 )
-_UPSTREAM_METHODS = vars(MiniworldCompat)
 EntityT = TypeVar("EntityT", bound=Entity)
 FrameT = TypeVar("FrameT", ImageFrame, TextFrame)
 
 
-class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
+class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
     """Base of all first-person worlds.
 
     ``build`` says what stands where, ``termination_rule`` what a step earns and when the episode ends; a rule of one's
@@ -120,7 +118,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 30}  # noqa: RUF012 (Gymnasium's own way to declare it)
     drawn = True
     assets: ClassVar[str | Path | None] = None  # a world's own textures and meshes
-    _is_made = False  # `make` is done with it: from then on only build() adds attributes
     motions: ClassVar[Mapping[str, str]] = {}  # which of rules.ACTIONS an action does, where its name does not say
 
     def __init__(
@@ -165,7 +162,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         self.view = view
         self.window_px = (window_width, window_height)
         self.step_count = 0
-        self._window: HumanWindow | None = None
         self.trig = trig  # from the next reset on
         self._over = False  # the episode has ended
         self._pictures = WorldRenderer(
@@ -174,34 +170,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
             shadows=contact_shadows,
             display=look == "display",
         )
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if self._is_made:
-            refuse_unknown_attribute(self, name, INSTEAD)
-            refuse_replaced_method(self, name, _UPSTREAM_METHODS)
-        super().__setattr__(name, value)
-
-    @property
-    def max_steps(self) -> int | None:
-        """An episode is truncated after so many steps; None for never."""
-        return self._max_steps
-
-    @max_steps.setter
-    def max_steps(self, steps: int | None) -> None:
-        self._max_steps = None if steps is None else check_max_steps(steps)
-        self.forget_flat_state()
-
-    @property
-    def domain_rand(self) -> bool:
-        """Whether parameters are drawn from their ranges."""
-        return self._domain_rand
-
-    @domain_rand.setter
-    def domain_rand(self, is_drawn: bool) -> None:
-        self._domain_rand = check_bool("domain_rand", is_drawn)
-        if self._stage is not None:
-            self._stage.randomised = is_drawn
-            self.forget_flat_state()
 
     # What a world defines.
 
@@ -339,10 +307,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         """Place the agent; ``where`` as in ``place_entity``."""
         return self.place_entity(self.agent, **where)
 
-    def near(self, a: Entity, b: Entity | None = None) -> bool:
-        """Is a thing within a step of touching another, or the agent?"""
-        return self.stage.near(a, b or self.agent)
-
     def success_reward(self) -> float:
         """1 at the start, falling to 0.8 at the last step; always 1 without a step limit."""
         if self.max_steps is None:
@@ -433,17 +397,9 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
     def render(self) -> NDArray[np.uint8] | None:
         """The view asked for at construction, uint8[window_height, window_width, 3]; None without a render mode."""
         if self.render_mode == "human":
-            if self._window is None:
-                self._window = HumanWindow(self._rendered, self.metadata["render_fps"])
-            self._window.show()
+            self.show_in_window(self._rendered)
             return None
         return None if self.render_mode is None else self._rendered()
-
-    def close(self) -> None:
-        """Close the window of ``render_mode="human"``, if one is open."""
-        if self._window is not None:
-            self._window.close()
-            self._window = None
 
     def _show(self) -> None:
         if self.render_mode == "human":
@@ -508,14 +464,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
             for one, pos, heading in placed:
                 one.pos, one.dir = pos, heading
 
-    def depth(self, *, size_px: tuple[int, int] = (80, 60)) -> NDArray[np.float32]:
-        """How far away what the agent sees is, metres along its view, float32[H, W]."""
-        return self._pictures.depth(self.stage, size_px=size_px)
-
-    def visible_entities(self) -> list[Entity]:
-        """The things of which some part is in the agent's view, in the order they were placed."""
-        return self._pictures.visible(self.stage)
-
     def state_hash(self) -> int:
         """A uint64 over floor plan, things, step count, random stream and the world's own attributes."""
         return state_hash(type(self).__name__, self._state())
@@ -544,10 +492,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         vars(self).update(restore_state(saved, here=self._stage is saved.stage))
         self._over = saved.over
         note_change()
-
-    def own_attributes(self) -> frozenset[str]:
-        """The names of what the world's build() sets on itself."""
-        return frozenset(name for name in self._state() if not name.startswith("_"))
 
     def _not_reset(self) -> WorldError:
         return WorldError(f"{type(self).__name__} has not been reset; call reset(seed=...) first")

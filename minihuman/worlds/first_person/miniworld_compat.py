@@ -20,9 +20,17 @@ from minihuman.worlds.first_person.entities import Entity, Length, Position, not
 from minihuman.worlds.first_person.parameter_names import ParameterNames, read_parameters
 from minihuman.worlds.first_person.parameters import Parameters
 from minihuman.worlds.first_person.rooms import Room
+from minihuman.worlds.first_person.rules import ACTIONS
 from minihuman.worlds.first_person.state import WALL
-from minihuman.worlds.options import check_number
-from minihuman.worlds.upstream_names import UpstreamName, missing_name, set_instead
+from minihuman.worlds.options import check_bool, check_number
+from minihuman.worlds.step_limit import check_max_steps
+from minihuman.worlds.upstream_names import (
+    UpstreamName,
+    missing_name,
+    refuse_replaced_method,
+    refuse_unknown_attribute,
+    set_instead,
+)
 
 _BUILD = "write build() of a FirstPersonEnv of your own"
 _OPENGL = "nothing here is drawn by OpenGL"
@@ -30,7 +38,6 @@ INSTEAD: Mapping[str, str] = MappingProxyType(
     {
         **dict.fromkeys(("_gen_world", "_gen_static_data"), _BUILD),
         **dict.fromkeys(("shadow_window", "text_label", "_render_static", "_render_world", "_load_tex"), _OPENGL),
-        "window": "make the world with render_mode='human'",
         "Actions": "read actions",
         "box": "look through env.unwrapped.entities",
         "gap_size": "options that were given are in env.spec.kwargs",
@@ -65,6 +72,39 @@ class MiniworldCompat:
     reward_range: tuple[float, float] = (-math.inf, math.inf)  # as Miniworld gives it: nothing reads it
     obs_disp_width = 256  # of the small picture in Miniworld's window: nothing reads it
 
+    _is_made = False  # `make` is done with it: from then on only build() adds attributes
+    _stage: Any
+    _flat: Any
+    _window: Any
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if self._is_made:
+            refuse_unknown_attribute(self, name, INSTEAD)
+            refuse_replaced_method(self, name, vars(MiniworldCompat))
+        super().__setattr__(name, value)
+
+    @property
+    def max_steps(self) -> int | None:
+        """An episode is truncated after so many steps; None for never."""
+        return self._max_steps
+
+    @max_steps.setter
+    def max_steps(self, steps: int | None) -> None:
+        self._max_steps = None if steps is None else check_max_steps(steps)
+        self.forget_flat_state()
+
+    @property
+    def domain_rand(self) -> bool:
+        """Whether parameters are drawn from their ranges."""
+        return self._domain_rand
+
+    @domain_rand.setter
+    def domain_rand(self, is_drawn: bool) -> None:
+        self._domain_rand = check_bool("domain_rand", is_drawn)
+        if self._stage is not None:
+            self._stage.randomised = is_drawn
+            self.forget_flat_state()
+
     def __getattr__(self, name: str) -> Any:
         raise missing_name(self, name, INSTEAD)
 
@@ -76,8 +116,14 @@ class MiniworldCompat:
 
     @UpstreamName
     def actions(self: Any) -> type[IntEnum]:
-        """The world's actions by name; those that it does not take are not among them."""
-        return _actions(self.action_names)
+        """The actions by name: Miniworld's eight where the world takes the first of them, otherwise the world's own."""
+        own = tuple(self.action_names)
+        return _actions(ACTIONS if own == ACTIONS[: len(own)] else own)
+
+    @set_instead("make the world with render_mode='human'")
+    def window(self: Any) -> Any:
+        """The window of ``render_mode="human"``; None while there is none."""
+        return self._window
 
     @set_instead(_BUILD)
     def rooms(self: Any) -> list[Room]:
@@ -189,7 +235,7 @@ class MiniworldCompat:
         return FrameSize(*self.window_px)
 
     def move_agent(self: Any, fwd_dist: float, fwd_drift: float) -> bool:
-        """Move the agent, and what it carries, so many metres ahead and to the right; whether nothing was in the way."""
+        """Move the agent, and what it carries, so many metres ahead and to the right; whether the way was free."""
         agent = self.agent
         x, _, z = np.add(agent.pos, agent.dir_vec * fwd_dist + agent.right_vec * fwd_drift).tolist()
         place: Position = (x, agent.pos[1], z)
@@ -224,6 +270,22 @@ class MiniworldCompat:
         if isinstance(touched, Entity):
             return touched
         return True if touched == WALL else None
+
+    def near(self: Any, a: Entity, b: Entity | None = None) -> bool:
+        """Is a thing within a step of touching another, or the agent?"""
+        return bool(self.stage.near(a, b or self.agent))
+
+    def depth(self: Any, *, size_px: tuple[int, int] = (80, 60)) -> NDArray[np.float32]:
+        """How far away what the agent sees is, metres along its view, float32[H, W]."""
+        return np.asarray(self._pictures.depth(self.stage, size_px=size_px))
+
+    def visible_entities(self: Any) -> list[Entity]:
+        """The things of which some part is in the agent's view, in the order they were placed."""
+        return list(self._pictures.visible(self.stage))
+
+    def own_attributes(self: Any) -> frozenset[str]:
+        """The names of what the world's build() sets on itself."""
+        return frozenset(name for name in self._state() if not name.startswith("_"))
 
     def render_obs(self: Any, frame_buffer: FrameSize | None = None) -> NDArray[np.uint8]:
         """What the agent sees: `see`, or a picture as large as `vis_fb` or another frame."""

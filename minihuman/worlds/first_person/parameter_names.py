@@ -109,4 +109,5 @@ def _value(number: ArrayLike) -> Value:
 
 def _shown(parameter: Parameter) -> ParameterRange:
     values = parameter.default, parameter.low, parameter.high
-    return ParameterRange(*(np.array(value) if isinstance(value, tuple) else value for value in values))
+    default, low, high = (np.array(value) if isinstance(value, tuple) else value for value in values)
+    return ParameterRange(default, low, high)

@@ -6,8 +6,8 @@ of them are in the nearest caches; what has no room there makes them int32, as a
 """
 
 import os
-from collections.abc import Callable, Iterator
-from typing import Any, ClassVar, NamedTuple
+from collections.abc import Callable
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -20,6 +20,7 @@ from minihuman.errors import WorldError
 from minihuman.worlds.grid.babyai.encoding import block_of, noted_of
 from minihuman.worlds.grid.babyai.instruction_space import InstructionSpace
 from minihuman.worlds.grid.babyai.verifier import act_unedited, hand_over
+from minihuman.worlds.grid.batch_names import MOST_OBJECTS, NARROW, GridBatchNames, RowMatrix
 from minihuman.worlds.grid.core.rewards import INSTRUCTED
 from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act_inline
 from minihuman.worlds.grid.core.state import (
@@ -34,8 +35,6 @@ from minihuman.worlds.grid.core.state import (
     OVER,
     PHASE,
     PLAYING,
-    SEE_THROUGH,
-    STEP,
     TASK,
     Row,
     State,
@@ -55,7 +54,6 @@ from minihuman.worlds.grid.core.view import (
     show_usual,
     spread_usual,
 )
-from minihuman.worlds.grid.engine import GridSnapshot
 from minihuman.worlds.grid.env import GridEnv
 from minihuman.worlds.grid.layout import Recipe
 from minihuman.worlds.kernels import inline, int64, kernel
@@ -63,36 +61,18 @@ from minihuman.worlds.options import BatchSeeds, seeds_per_world
 from minihuman.worlds.rng import RngState, read_rng_state, write_rng_state
 from minihuman.worlds.shared_work import APART, DONE, TAKEN, Counters, add_to_counter, share_work
 from minihuman.worlds.simd import simd_function
-from minihuman.worlds.vector_names import VectorNames
 
 MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED)
 NEXT_STEP, SAME_STEP, DISABLED = range(len(MODES))
 
 MANY, LEAD = 256, 8  # worlds: when to prefetch, and how far ahead
 LINE = 32  # numbers that a cache line holds
-NARROW = np.iinfo(np.int16).max
-MOST_OBJECTS = NARROW >> 9  # in a row of int16: a code's highest bits are an identity
 PART, MIN_SHARE = 64, 2048  # worlds: what a thread takes; with a smaller share for each, waking one saves little
 
-RowMatrix = NDArray[np.int16] | NDArray[np.int32]
 Observation = dict[str, Any]  # image uint8[n, size, size, 3], direction int64[n], mission: n strings
 
 
-class GridBatchSnapshot(NamedTuple):
-    """An exact copy of a batch's worlds in mid-episode; made by ``save`` and read by ``restore`` only."""
-
-    rows: RowMatrix
-    rng_states: RngState
-    missions: tuple[str, ...]
-    seeds: list[int]
-    recipes: list[Recipe]
-    settings: dict[int, NDArray[np.int32]]
-
-
-_SETTINGS = {"max_steps": MAX_STEPS, "see_through_walls": SEE_THROUGH}  # that a layout leaves as they are
-
-
-class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArray[Any]], VectorNames):
+class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArray[Any]], GridBatchNames):
     """A batch of ``num_envs`` worlds of a family, all alike but for their seeds.
 
     Args:
@@ -102,20 +82,6 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         threads: How many step a share of the worlds each, of two thousand or more; None for one per core.
         options: What `GridEnv` takes.
     """
-
-    readable: ClassVar[frozenset[str]] = frozenset(
-        {"action_names", "actions", "agent_dir", "agent_pos", "agent_view_size", "carrying", "dir_vec", "front_pos"}
-        | {"goal_pos", "grid", "height", "instrs", "max_steps", "mission", "obstacles", "render_mode", "right_vec"}
-        | {"see_through_walls", "state", "step_count", "steps_remaining", "success_pos", "target_pos", "width"}
-    )
-    methods: ClassVar[frozenset[str]] = frozenset(
-        {"agent_sees", "frame", "full_image", "gen_obs", "get_frame", "in_view", "map", "observation", "picture"}
-        | {"path_length_bounds", "place_agent", "place_obj", "pose", "pprint_grid", "put_obj", "relative_coords"}
-        | {"render", "save", "scene_hash", "shortest_path", "state_hash", "subgoals", "text"}
-    )
-    settable: ClassVar[frozenset[str]] = frozenset(
-        {"agent_dir", "agent_pos", "carrying", "max_steps", "mission", "see_through_walls", "step_count"}
-    )
 
     def __init__(
         self,
@@ -242,55 +208,6 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
             return None
         return self.call("render")
 
-    def worlds_in_turn(self) -> Iterator[GridEnv]:
-        """Give each world in turn, as one environment; what is changed in it is changed in the batch."""
-        for i in range(self.num_envs):
-            self._world.restore(
-                GridSnapshot(self._rows[i].astype(np.int32), self._rng_states[i], self._missions[i], {})
-            )
-            yield self._world
-            self._take_back(i)
-
-    def save(self) -> GridBatchSnapshot:
-        """An exact copy of every world in mid-episode; it may be pickled, and restored into a batch as large."""
-        settings = {field: numbers.copy() for field, numbers in self._settings.items()}
-        return GridBatchSnapshot(
-            self._rows.copy(), self._rng_states.copy(), self._missions, [*self._seeds], [*self._recipes], settings
-        )
-
-    def restore(self, saved: GridBatchSnapshot) -> None:
-        """Go back to a saved state; the copy is not consumed.
-
-        Raises:
-            WorldError: if it was saved by a batch of another size.
-        """
-        if not isinstance(saved, GridBatchSnapshot) or saved.rows.shape != self._rows.shape:
-            raise WorldError(f"this was not saved by a batch of {self.num_envs} such worlds; pass what save() returned")
-        self._rows = saved.rows.copy()
-        self._rng_states[:] = saved.rng_states
-        self._missions = saved.missions
-        self._seeds = [*saved.seeds]
-        self._recipes = [*saved.recipes]
-        self._settings = {field: numbers.copy() for field, numbers in saved.settings.items()}
-
-    def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of every world, as `VectorNames.set_attr`; a setting counts in later episodes too."""
-        super().set_attr(name, values)
-        if name in _SETTINGS:
-            self._settings[_SETTINGS[name]] = self._rows[:, _SETTINGS[name]].astype(np.int32)
-
-    def _take_back(self, i: int) -> None:
-        """Write what the one environment holds now into the row of a world."""
-        saved = self._world.save()
-        if self._rows.itemsize < saved.row.itemsize and (
-            saved.row[OBJECTS] > MOST_OBJECTS or max(saved.row[MAX_STEPS], saved.row[STEP]) > NARROW
-        ):
-            self._rows = self._rows.astype(np.int32)
-        self._rows[i] = saved.row
-        self._rng_states[i] = saved.rng_state
-        if saved.mission != self._missions[i]:
-            self._missions = (*self._missions[:i], saved.mission, *self._missions[i + 1 :])
-
     def _refusal(self, world: int, actions: NDArray[np.integer[Any]]) -> WorldError:
         phase, count = self._rows[world, PHASE], self._rows[world, ACTIONS]
         if phase == NEW or (phase == OVER and self._mode != NEXT_STEP):
@@ -307,9 +224,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         self._over[: counts.sum()] = np.concatenate(found) if found else 0
         return int(counts.sum())
 
-    def _lay_out(
-        self, worlds: NDArray[np.int64], images: NDArray[np.uint8], directions: NDArray[np.int64]
-    ) -> None:
+    def _lay_out(self, worlds: NDArray[np.int64], images: NDArray[np.uint8], directions: NDArray[np.int64]) -> None:
         """Lay out new episodes of some worlds and observe them."""
         layout, space = self._layout, self._world.mission_space
         missions = list(self._missions) if space.varies else []

@@ -37,7 +37,7 @@ from minihuman.worlds.grid.pictures.drawing import draw_grid
 from minihuman.worlds.grid.pictures.tiles import GRID_PALETTES, OBJECT_COLOURS, GridPalette, hex_colour
 from minihuman.worlds.grid.planner import path_length_bounds, shortest_path
 from minihuman.worlds.hashing import hash64
-from minihuman.worlds.human_window import HumanWindow
+from minihuman.worlds.human_window import ShowsItself
 from minihuman.worlds.options import MAX_CELLS, check_bool, check_one_of, check_whole
 from minihuman.worlds.pose import Map, Pose, Thing, wall_outlines
 from minihuman.worlds.rng import RngState, read_rng_state, write_rng_state
@@ -79,7 +79,7 @@ def _hashed(saved: GridSnapshot) -> int:
     return hash64([saved.row, rng_state, saved.mission, saved.kept])
 
 
-class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld, abc.ABC):
+class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld, abc.ABC):
     """A grid world without a layout: `GridEnv` has those of the catalogue, `GridWorld` is for your own.
 
     Args:
@@ -102,7 +102,6 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's name and type
     kinds: ClassVar[tuple[ObjectKind, ...]] = ()  # things of its own, at most five kinds
-    _window: HumanWindow | None = None  # of ``render_mode="human"``, once something was shown
     kept: ClassVar[tuple[str, ...]] = ()  # own attributes that change in an episode: saved and hashed with the state
 
     # cells (column, row) that pictures tint in a colour, so opaque from 0 to 1; saved and hashed with the state, not
@@ -321,21 +320,13 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         if self.render_mode == "ansi":
             return self.text()
         if self.render_mode == "human":
-            if self._window is None:
-                self._window = HumanWindow(self._rendered, self.metadata["render_fps"])
-            self._window.show()
+            self.show_in_window(self._rendered)
             return None
         return self._rendered()
 
     def _rendered(self) -> NDArray[np.uint8]:
         view: View = "partial" if self.agent_pov else "full"
         return self.frame(view=view, tile_px=self.tile_size, lit=self.highlight)
-
-    def close(self) -> None:
-        """Close the window of ``render_mode="human"``, if one is open."""
-        if self._window is not None:
-            self._window.close()
-            self._window = None
 
     def frame(self, *, view: View = "full", tile_px: int = 32, lit: bool = True) -> NDArray[np.uint8]:
         """A picture with tiles of this size: of the whole world, or of what the agent sees."""

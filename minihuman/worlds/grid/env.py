@@ -5,6 +5,7 @@ Each family is a function from options, named as Minigrid names them, to a recip
 """
 
 import abc
+import sys
 from collections.abc import Callable, Mapping
 from inspect import signature
 from types import MappingProxyType
@@ -282,13 +283,21 @@ _UPSTREAM_METHODS = vars(MinigridCompat)
 
 
 def options_of(family: str | Callable[..., Recipe], options: Mapping[str, Any]) -> dict[str, Any]:
-    """What a family's function is given, with its defaults, by name."""
-    function = FAMILIES.get(family) if isinstance(family, str) else None
-    if function is None:
+    """What a family's function is given, with its defaults, by name; of an obstacle, Minigrid's class."""
+    if not isinstance(family, str):
         return dict(options)
-    bound = signature(function).bind(**options)
-    bound.apply_defaults()
-    return {name: setting for name, setting in bound.arguments.items() if name != "obstacle_type"}
+    if family.startswith("level:"):
+        from minihuman.worlds.grid.babyai.levels import LEVELS  # compiled: only where a level is made
+
+        function: Callable[..., Any] = LEVELS[family].trace
+    else:
+        function = FAMILIES[family]
+    parameters = signature(function).parameters.values()
+    settings = {each.name: each.default for each in parameters if each.default is not each.empty} | dict(options)
+    if "obstacle_type" in settings:
+        name = settings["obstacle_type"]
+        settings["obstacle_type"] = getattr(sys.modules.get("minigrid.core.world_object"), name.capitalize(), name)
+    return settings
 
 
 class GridEnv(GridEngine):
@@ -323,7 +332,7 @@ class GridEnv(GridEngine):
             **settings,
         )
         self._told = self.recipe  # of this episode: with a mission set by hand, or as it is
-        self._family_options = options_of(family, options)
+        self._family_options = {**options_of(family, options), "fixed_max_steps": max_steps is not None}
         self._is_made = True
 
     def __setattr__(self, name: str, value: Any) -> None:

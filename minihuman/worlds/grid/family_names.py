@@ -13,7 +13,8 @@ from minihuman.worlds.grid.core import rewards
 from minihuman.worlds.grid.core.state import TARGET, TASK
 from minihuman.worlds.grid.instruction_views import InstructionView, view_instruction
 from minihuman.worlds.grid.object_kinds import kind_name
-from minihuman.worlds.grid.object_views import ObjectView, RoomView
+from minihuman.worlds.grid.object_views import ObjectView
+from minihuman.worlds.grid.room_views import RoomView
 from minihuman.worlds.upstream_names import missing_name
 
 Place = tuple[int, int]  # column, row
@@ -24,21 +25,22 @@ _BY_CELLS = "read the cells of env.unwrapped.grid"
 _OPTIONS = "options that were given are in env.spec.kwargs"
 INSTEAD: Mapping[str, str] = MappingProxyType(
     {
-        **dict.fromkeys(("_rand_int", "_rand_float", "_rand_bool", "_rand_elem", "_rand_subset", "_rand_color"), _RANDOM),
+        **dict.fromkeys(
+            ("_rand_int", "_rand_float", "_rand_bool", "_rand_elem", "_rand_subset", "_rand_color"), _RANDOM
+        ),
         **dict.fromkeys(("_rand_pos", "rand_instr", "rand_obj"), _RANDOM),
         **dict.fromkeys(("_gen_grid", "_placeRoom", "gen_mission", "validate_instrs", "add_locked_room"), _LAYOUT),
-        **dict.fromkeys(("add_object", "add_door", "add_distractors", "place_in_room", "connect_all"), _LAYOUT),
+        **dict.fromkeys(("add_door", "connect_all"), _LAYOUT),
         **dict.fromkeys(("remove_wall", "add_key", "add_locked_door", "open_all_doors"), _LAYOUT),
         **dict.fromkeys(("rooms", "gap_pos", "move_pos", "obj_a", "locked_room", "door_colors"), _BY_CELLS),
-        **dict.fromkeys(("window", "clock", "render_size"), "make the world with render_mode='human'"),
-        **dict.fromkeys(("obstacle_type", "obj_types", "fixed_max_steps", "doors_open", "debug", "strict"), _OPTIONS),
+        "size": "read width and height",
+        **dict.fromkeys(("obstacle_type", "doors_open", "debug", "strict"), _OPTIONS),
         **dict.fromkeys(("num_dists", "num_objs", "num_doors", "objs_per_room", "distractors"), _OPTIONS),
         **dict.fromkeys(("select_by", "start_carrying", "action_kinds", "instr_kinds", "locations"), _OPTIONS),
         **dict.fromkeys(("unblocking", "implicit_unlock", "locked_room_prob"), _OPTIONS),
         "_gen_mission": "set env.unwrapped.mission",
         "check_objs_reachable": "env.unwrapped.shortest_path() is empty where something is out of reach",
         "num_navs_needed": "max_steps follows from it",
-        "update_objs_poss": "positions of instrs are up to date whenever they are read",
         "level_name": "read env.spec.id",
         "gym_id": "read env.spec.id",
         "grid_size": "read width and height",
@@ -100,8 +102,19 @@ def _word_before_last(world: Any) -> str:
     return str(world.mission).split()[-2]
 
 
+def _update_positions(world: Any) -> Callable[..., None]:
+    def update_objs_poss(instr: InstructionView | None = None) -> None:
+        """Do nothing: positions of an instruction's things are up to date whenever they are read."""
+
+    return update_objs_poss
+
+
 def _instruction(world: Any) -> InstructionView:
     return view_instruction(world.object_views())
+
+
+def _kinds_of_things(world: Any) -> list[str]:
+    return ["key", "ball"] if world.state.row[TASK] == rewards.FETCH else ["key", "ball", "box"]
 
 
 def _mission(world: Any) -> str:
@@ -124,6 +137,7 @@ _TASK_NAMES: Mapping[str, tuple[_TaskName, ...]] = MappingProxyType(
         "target_type": (_TaskName((rewards.PUT_NEAR,), _last_word),),
         "targetType": (_TaskName((rewards.FETCH,), _target_kind), _TaskName((rewards.STAND_BY,), _last_word)),
         "targetColor": (_TaskName((rewards.FETCH,), _target_colour),),
+        "obj_types": (_TaskName((rewards.FETCH, rewards.STAND_BY, rewards.PUT_NEAR), _kinds_of_things),),
         "move_type": (_TaskName((rewards.PUT_NEAR,), _target_kind),),
         "moveColor": (_TaskName((rewards.PUT_NEAR,), _target_colour),),
         "success_pos": (_TaskName((rewards.MATCH,), _success_pos),),
@@ -132,6 +146,7 @@ _TASK_NAMES: Mapping[str, tuple[_TaskName, ...]] = MappingProxyType(
         "blue_door": (_TaskName((rewards.IN_ORDER,), _second_door),),
         "door": (_TaskName((rewards.OPEN_DOOR,), _first_door),),
         "obj": (_TaskName((rewards.PICK,), _picked_object),),
+        "update_objs_poss": (_TaskName((rewards.INSTRUCTED,), _update_positions),),
         "instrs": (_TaskName((rewards.INSTRUCTED,), _instruction),),
         "surface": (_TaskName((rewards.INSTRUCTED,), _mission),),
     }
@@ -171,9 +186,11 @@ def read_family_name(world: Any, name: str) -> Any:
         for task_name in _TASK_NAMES[name]:
             if task in task_name.tasks:
                 return task_name.read(world)
-    if name in _ROOM_NAMES and getattr(attributes.get("recipe"), "room_size", 0):
+    if name in _ROOM_NAMES and getattr(attributes.get("recipe"), "room_size", False):
         return _ROOM_NAMES[name](world)
     options: Mapping[str, Any] = attributes.get("_family_options", {})
     if name in options:
         return options[name]
+    if name == "size" and "recipe" in attributes and world.width == world.height:
+        return world.width
     raise missing_name(world, name, INSTEAD)

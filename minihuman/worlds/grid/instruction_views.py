@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from minihuman.worlds.upstream_names import WorldAttributeError
 from minihuman.worlds.grid.babyai.encoding import described_objects, instruction_of
 from minihuman.worlds.grid.babyai.language import (
     After,
@@ -22,6 +21,7 @@ from minihuman.worlds.grid.babyai.language import (
     PutNext,
 )
 from minihuman.worlds.grid.object_views import ObjectView, ObjectViews
+from minihuman.worlds.upstream_names import WorldAttributeError
 
 Place = tuple[int, int]  # column, row
 _OF_MINIGRID = "minigrid.envs.babyai.core.verifier"

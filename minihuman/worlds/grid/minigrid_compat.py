@@ -15,16 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
+from minihuman.worlds.colours import COLOURS
 from minihuman.worlds.grid.core import rewards
-from minihuman.worlds.grid.core.cells import EMPTY, GOAL, STEPS, UNSEEN, kind_of
+from minihuman.worlds.grid.core.cells import EMPTY, GOAL, KINDS, SORTED_COLOURS, STEPS, UNSEEN, kind_of
 from minihuman.worlds.grid.core.rules import ACTION_NAMES
-from minihuman.worlds.grid.core.state import CARRYING, DIRECTION, SEE_THROUGH, STEP, State, X, Y
+from minihuman.worlds.grid.core.state import CARRYING, DIRECTION, SEE_THROUGH, STEP, TASK, State, X, Y
 from minihuman.worlds.grid.core.view import see_all, see_size
 from minihuman.worlds.grid.family_names import read_family_name
 from minihuman.worlds.grid.object_kinds import ObjectKind
-from minihuman.worlds.grid.object_views import GridView, ObjectView, ObjectViews, RoomGridView, RoomView
+from minihuman.worlds.grid.object_views import GridView, ObjectView, ObjectViews
 from minihuman.worlds.grid.pictures.drawing import draw_grid
-from minihuman.worlds.options import check_bool, check_whole
+from minihuman.worlds.grid.room_views import RoomGridView, RoomView
+from minihuman.worlds.options import check_bool, check_one_of, check_whole
 from minihuman.worlds.step_limit import LARGEST_STEP_LIMIT
 from minihuman.worlds.upstream_names import UpstreamName, set_instead
 
@@ -36,7 +38,6 @@ class MinigridCompat(abc.ABC):
     """Mixed into every grid world: reads and writes its ``state``."""
 
     kinds: ClassVar[tuple[ObjectKind, ...]]
-    reward_range: tuple[float, float] = (0, 1)  # as Minigrid gives it: nothing reads it
     image_shape: tuple[int, int, int]
     _views: ObjectViews | None = None  # of the episode's things, once one was asked for
 
@@ -137,6 +138,11 @@ class MinigridCompat(abc.ABC):
         """Steps left before the episode is truncated."""
         return self.state.max_steps - self.state.step
 
+    @UpstreamName
+    def reward_range(self) -> tuple[int, int]:
+        """The least and the most that an episode earns, as Minigrid says; nothing reads it."""
+        return (-1 if self.state.row[TASK] == rewards.DODGE else 0), 1
+
     @set_instead("give the size when the world is made")
     def width(self) -> int:
         """Columns."""
@@ -160,6 +166,22 @@ class MinigridCompat(abc.ABC):
     def grid(self) -> GridView:
         """The cells."""
         return GridView(self.object_views())
+
+    @set_instead("make the world with render_mode='human'")
+    def window(self) -> Any:
+        """The window of ``render_mode="human"``; None while there is none."""
+        return vars(self).get("_window")
+
+    @set_instead("make the world with render_mode='human'")
+    def clock(self) -> Any:
+        """`window`: what keeps its rate."""
+        return self.window
+
+    @set_instead("make the world with a tile_size")
+    def render_size(self) -> tuple[int, int] | None:
+        """The columns and rows of pixels that the window shows; None while there is none."""
+        tile_px = int(self.tile_size)
+        return None if self.window is None else (self.width * tile_px, self.height * tile_px)
 
     def object_views(self) -> ObjectViews:
         """Return the things of this episode."""
@@ -205,14 +227,14 @@ class MinigridCompat(abc.ABC):
         grid = self.grid.slice(left, top, size, size)
         for _ in range(self.state.direction + 1):
             grid = grid.rotate_left()
-        seen = self.look(size)[..., 0] != UNSEEN  # type: ignore[attr-defined]  # every grid world has it
+        seen = self.look(size)[..., 0] != UNSEEN
         codes = np.where(seen, grid.codes, EMPTY)
         codes[size // 2, size - 1], grid.places[size // 2, size - 1] = self.state.carrying, -1
         return GridView(self.object_views(), codes, grid.places), seen
 
     def gen_obs(self) -> dict[str, Any]:
         """What the agent observes now."""
-        return dict(self.observation())  # type: ignore[attr-defined]
+        return dict(self.observation())
 
     def agent_sees(self, x: int, y: int) -> bool:
         """Whether the agent sees what lies in a cell; an empty one shows nothing."""
@@ -220,7 +242,7 @@ class MinigridCompat(abc.ABC):
         if place is None:
             return False
         lies = self.state.cells[x, y]
-        seen = self.look(int(self.agent_view_size))[place]  # type: ignore[attr-defined]
+        seen = self.look(int(self.agent_view_size))[place]
         return bool(lies != EMPTY and seen[0] == kind_of(int(lies)))
 
     def get_frame(self, highlight: bool = True, tile_size: int = 32, agent_pov: bool = False) -> NDArray[np.uint8]:
@@ -270,7 +292,7 @@ class MinigridCompat(abc.ABC):
         """
         left, upper = (0, 0) if top is None else (max(top[0], 0), max(top[1], 0))
         columns, rows = (self.width, self.height) if size is None else size
-        cells, rng = self.state.cells, self.np_random  # type: ignore[attr-defined]  # Gymnasium's
+        cells, rng = self.state.cells, self.np_random
         tries = 0
         while tries <= max_tries:
             tries += 1
@@ -302,11 +324,11 @@ class MinigridCompat(abc.ABC):
         self.state.row[[X, Y]] = -1
         self.agent_pos = self.place_obj(None, top, size, max_tries=max_tries)
         if rand_dir:
-            self.agent_dir = int(self.np_random.integers(0, 4))  # type: ignore[attr-defined]
+            self.agent_dir = int(self.np_random.integers(0, 4))
         return self.agent_pos
 
     def _place_agent_in_room(self, i: int | None = None, j: int | None = None, rand_dir: bool = True) -> Place:
-        rooms, rng = self._rooms(), self.np_random  # type: ignore[attr-defined]
+        rooms, rng = self._rooms(), self.np_random
         column = int(rng.integers(0, rooms.columns)) if i is None else i
         room = rooms.room(column, int(rng.integers(0, rooms.rows)) if j is None else j)
         while True:
@@ -314,6 +336,46 @@ class MinigridCompat(abc.ABC):
             ahead = self.grid.get(*self.front_pos)
             if ahead is None or ahead.type == "wall":
                 return self.agent_pos
+
+    def place_in_room(self, i: int, j: int, obj: Any) -> tuple[ObjectView, Place]:
+        """Lay a thing into a room, not beside the agent, drawn from ``np_random`` as Minigrid draws it.
+
+        Raises:
+            RecursionError: if there is no room for it.
+        """
+        room, agent = self.get_room(i, j), self.state.position
+        place = self.place_obj(
+            obj, room.top, room.size, lambda _, at: abs(at[0] - agent[0]) + abs(at[1] - agent[1]) < 2, max_tries=1000
+        )
+        laid = self.grid.get(*place)
+        assert laid is not None
+        return laid, place
+
+    def add_object(self, i: int, j: int, kind: str | None = None, color: str | None = None) -> tuple[ObjectView, Place]:
+        """Lay a new key, ball or box into a room; its kind and colour are drawn where they are not given."""
+        rng = self.np_random
+        kind = ("key", "ball", "box")[int(rng.integers(0, 3))] if kind is None else kind
+        number = KINDS.index(check_one_of("kind", kind, ("key", "ball", "box")))
+        colour = SORTED_COLOURS[int(rng.integers(0, 6))] if color is None else COLOURS.index(color)
+        return self.place_in_room(i, j, self.object_views().make(number, colour))
+
+    def add_distractors(
+        self, i: int | None = None, j: int | None = None, num_distractors: int = 10, all_unique: bool = True
+    ) -> list[ObjectView]:
+        """Lay new keys, balls and boxes into a room or drawn ones; ``all_unique``: no two alike in the world."""
+        rooms, rng = self._rooms(), self.np_random
+        lying = {(cell.type, cell.color) for cell in self.grid.grid if cell is not None and cell.can_pickup()}
+        added: list[ObjectView] = []
+        while len(added) < num_distractors:
+            colour = COLOURS[SORTED_COLOURS[int(rng.integers(0, 6))]]
+            kind = ("key", "ball", "box")[int(rng.integers(0, 3))]
+            if all_unique and (kind, colour) in lying:
+                continue
+            column = int(rng.integers(0, rooms.columns)) if i is None else i
+            row = int(rng.integers(0, rooms.rows)) if j is None else j
+            added.append(self.add_object(column, row, kind, colour)[0])
+            lying.add((kind, colour))
+        return added
 
     @property
     def _room_size(self) -> int:
@@ -349,7 +411,7 @@ class MinigridCompat(abc.ABC):
 
     def pprint_grid(self) -> str:
         """The grid in characters: `text`."""
-        return str(self.text())  # type: ignore[attr-defined]
+        return str(self.text())
 
     def full_image(self) -> NDArray[np.uint8]:
         """The whole grid with the agent in it, uint8[width, height, 3]."""

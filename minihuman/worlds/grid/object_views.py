@@ -1,4 +1,4 @@
-"""What lies in a grid, as Minigrid's objects look: cells, things and rooms that are views of a world's state.
+"""What lies in a grid, as Minigrid's objects look: cells and things that are views of a world's state.
 
 A view shows the present until the world is reset or restored, and the last state of its episode afterwards. Setting a
 thing's colour, a door's state or a box's contents writes the world's state.
@@ -6,15 +6,13 @@ thing's colour, a door's state or a box's contents writes the world's state.
 
 import builtins
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.upstream_names import WorldAttributeError
 from minihuman.worlds.colours import COLOURS
 from minihuman.worlds.grid.core.cells import (
     BOX,
@@ -48,6 +46,7 @@ from minihuman.worlds.grid.core.state import (
 )
 from minihuman.worlds.grid.object_kinds import ObjectKind, kind_name
 from minihuman.worlds.options import check_bool, check_one_of
+from minihuman.worlds.upstream_names import WorldAttributeError
 
 Place = tuple[int, int]  # column, row
 _OF_MINIGRID = "minigrid.core.world_object"
@@ -93,6 +92,16 @@ class ObjectViews:
             raise WorldError(f"thing {identity} is gone; read it right after reset()")
         return view
 
+    def make(self, kind: int, colour: int) -> "ObjectView":
+        """Return a new thing that lies nowhere yet.
+
+        Raises:
+            WorldError: if too many things were made.
+        """
+        view = self.of(_make(self.state, kind, colour, 0), None)
+        assert view is not None
+        return view
+
     def code_of(self, identity: int) -> int:
         """Return the code of a thing, wherever it lies; EMPTY if it is gone."""
         state = self.state
@@ -115,6 +124,23 @@ class ObjectViews:
             state.row[CARRYING] = new
         elif identity:
             state.contents[identities_of(state.contents) == identity] = new
+
+
+def _make(state: State, kind: int, colour: int, door: int) -> int:
+    """The code of a new thing.
+
+    Raises:
+        WorldError: if too many things were made.
+    """
+    row = state.row
+    code = int(make(row, kind, colour, door))
+    if code == EMPTY:
+        row[FAILED] = 0
+        raise WorldError(
+            f"{row[OBJECTS]} things were made in this episode, the maximum for this grid; reuse those that "
+            "grid.get returns"
+        )
+    return code
 
 
 class ObjectView:
@@ -398,13 +424,7 @@ class GridView:
         kind, colour, state = thing.encode()
         if not thing.can_pickup() and kind != DOOR:
             return pack(kind, colour, state, 0)
-        code = int(make(row, kind, colour, state))
-        if code == EMPTY:
-            row[FAILED] = 0
-            raise WorldError(
-                f"{row[OBJECTS]} things were made in this episode, the maximum for this grid; reuse those that "
-                "grid.get returns"
-            )
+        code = _make(self.views.state, kind, colour, state)
         if thing.contains is not None:
             row[contents_index(row, identity_of(code))] = self.code_for(thing.contains)
         return code
@@ -441,78 +461,3 @@ class GridView:
     def _view(self, code: int, place: int) -> ObjectView | None:
         where = None if place < 0 else divmod(place, self.views.state.height)
         return self.views.of(code, where)
-
-
-@dataclass(frozen=True, slots=True)
-class RoomView:
-    """A room of a grid of equal rooms."""
-
-    top: Place  # its top left cell
-    size: Place
-    doors: tuple[ObjectView | bool | None, ...]  # right, down, left, up; True where there is no wall
-    rooms: "RoomGridView" = field(compare=False, repr=False)
-
-    @property
-    def neighbors(self) -> list["RoomView | None"]:
-        """The rooms to the right, below, to the left and above; None at the edge."""
-        column, row = (at // (self.rooms.size - 1) for at in self.top)
-        places = ((column + 1, row), (column, row + 1), (column - 1, row), (column, row - 1))
-        return [self.rooms.room(*place) if self.rooms.has(*place) else None for place in places]
-
-    def pos_inside(self, x: int, y: int) -> bool:
-        """Whether a cell is in the room, its walls included."""
-        (left, top), (width, height) = self.top, self.size
-        return left <= x < left + width and top <= y < top + height
-
-    def __getattr__(self, name: str) -> Any:
-        advice = {
-            "objs": "read its cells with grid.get()",
-            "door_pos": "a door of its doors knows its cur_pos",
-            "locked": "a door of its doors knows whether it is_locked",
-            "rand_pos": "draw with env.unwrapped.np_random",
-        }
-        if name in advice:
-            raise WorldAttributeError(f"a room has no attribute {name!r}; {advice[name]}")
-        raise WorldAttributeError(f"a room has no attribute {name!r}")
-
-
-class RoomGridView:
-    """A grid of equal rooms, by column and row."""
-
-    def __init__(self, grid: GridView, size: int) -> None:
-        self._grid = grid
-        self.size = size  # cells on a side of a room, walls included
-        self.columns, self.rows = ((cells - 1) // (size - 1) for cells in (grid.width, grid.height))
-
-    def has(self, column: int, row: int) -> bool:
-        """Return whether there is such a room."""
-        return 0 <= column < self.columns and 0 <= row < self.rows
-
-    def room(self, column: int, row: int) -> RoomView:
-        """Return a room.
-
-        Raises:
-            WorldError: if there is no such room.
-        """
-        if not self.has(column, row):
-            raise WorldError(
-                f"there is no room ({column}, {row}); columns are 0 to {self.columns - 1}, rows 0 to {self.rows - 1}"
-            )
-        left, top = column * (self.size - 1), row * (self.size - 1)
-        part = self._grid.slice(left, top, self.size, self.size)
-        doors = tuple(self._door(part, wall) for wall in range(4))
-        return RoomView((left, top), (self.size, self.size), doors, self)
-
-    def __iter__(self) -> Iterator[list[RoomView]]:
-        return ([self.room(column, row) for column in range(self.columns)] for row in range(self.rows))
-
-    def _door(self, part: GridView, wall: int) -> ObjectView | bool | None:
-        """The door in a wall (0 right, 1 down, 2 left, 3 up); True if there is no wall, None if there is only wall."""
-        last, along = self.size - 1, range(1, self.size - 1)
-        right, down = [(last, k) for k in along], [(k, last) for k in along]
-        left, up = [(0, k) for k in along], [(k, 0) for k in along]
-        lying = [part.get(*cell) for cell in (right, down, left, up)[wall]]
-        door = next((thing for thing in lying if thing is not None and thing.type == "door"), None)
-        if door is not None:
-            return door
-        return all(thing is None or thing.type != "wall" for thing in lying) or None

@@ -13,14 +13,15 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.batch import GridBatch, GridBatchSnapshot, Observation
+from minihuman.worlds.grid.batch import GridBatch, Observation
+from minihuman.worlds.grid.batch_names import GridBatchSnapshot
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.options import check_one_of, check_whole
 
 Draw = Callable[[GridEngine, int], NDArray[np.uint8]]  # a world as it is now, by its place in the batch
 
 
-class PictureBatch(VectorObservationWrapper):  # type: ignore[misc]  # Gymnasium's class has no types
+class PictureBatch(VectorObservationWrapper):
     """A batch whose observation's "image" is a picture of each world, uint8[n, H, W, 3].
 
     Args:

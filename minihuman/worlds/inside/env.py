@@ -32,7 +32,7 @@ from minihuman.worlds.grid.core.state import FIRST_OWN_KIND, State
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.object_kinds import BlockShape, MeshShape, ObjectKind
 from minihuman.worlds.grid.pictures.tiles import colour_rgb
-from minihuman.worlds.human_window import HumanWindow
+from minihuman.worlds.human_window import ShowsItself
 from minihuman.worlds.options import MAX_PIXELS, check_whole
 from minihuman.worlds.pose import Pose
 
@@ -205,7 +205,7 @@ def _as_in_grid(name: str) -> Any:
     return answer
 
 
-class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
+class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld):
     """A grid world whose observation's "image" is what the agent would see, uint8[obs_height, obs_width, 3].
 
     Args:
@@ -230,7 +230,6 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
         spaces["image"] = gymnasium.spaces.Box(0, 255, (obs_height, obs_width, 3), np.uint8)
         self.observation_space = gymnasium.spaces.Dict(spaces)
         self._drawn = _Drawn(grid.kinds)
-        self._window: HumanWindow | None = None
 
     @property
     def mission(self) -> str:
@@ -258,17 +257,9 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
     def render(self) -> NDArray[np.uint8] | None:
         """What the agent sees, 800 x 600; None without a render mode, and where a window shows it."""
         if self.render_mode == "human":
-            if self._window is None:
-                self._window = HumanWindow(self._rendered, self.metadata["render_fps"])
-            self._window.show()
+            self.show_in_window(self._rendered)
             return None
         return None if self.render_mode is None else self._rendered()
-
-    def close(self) -> None:
-        """Close the window of ``render_mode="human"``, if one is open."""
-        if self._window is not None:
-            self._window.close()
-            self._window = None
 
     def _rendered(self) -> NDArray[np.uint8]:
         return self.picture(size_px=(800, 600))

@@ -12,6 +12,7 @@ import minihuman  # noqa: F401
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.entities import Agent
 from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.first_person.rules import ACTIONS
 from minihuman.worlds.grid.wrappers import StochasticAction
 
 
@@ -60,11 +61,13 @@ def test_pictures_have_miniworlds_shapes(world):
     assert world.get_visible_ents() == set(world.visible_entities())
 
 
-def test_actions_have_miniworlds_numbers_and_those_it_lacks_are_not_there(world):
+def test_actions_have_miniworlds_numbers_and_those_it_does_not_take_are_refused(world):
     numbers = {action.name: action.value for action in world.actions}
-    assert numbers == {"turn_left": 0, "turn_right": 1, "move_forward": 2}
-    with pytest.raises(AttributeError, match="pickup"):
-        _ = world.actions.pickup
+    assert numbers == {name: number for number, name in enumerate(ACTIONS)}
+    with pytest.raises(WorldError, match=r"action is <Actions\.pickup: 4>; it must be a whole number, 0 to 2"):
+        world.step(world.actions.pickup)
+    other = Own(actions=("move_forward", "turn_left"))
+    assert [action.name for action in other.actions] == ["move_forward", "turn_left"]
     assert world.max_episode_steps == world.max_steps
     assert world.max_forward_step == 0.17  # the end of its range
 
@@ -122,7 +125,7 @@ def test_the_agent_is_moved_and_turned_as_steps_do_it():
                 by_hand.turn_agent(15 if action == 0 else -15)
             assert by_hand.agent.pos == by_steps.agent.pos
             assert by_hand.agent.dir == by_steps.agent.dir
-        assert not all([by_hand.move_agent(0.5, 0) for _ in range(40)])  # there are walls
+        assert not all(by_hand.move_agent(0.5, 0) for _ in range(40))  # there are walls
 
 
 def test_what_is_carried_moves_and_turns_along_and_may_be_in_the_way():

@@ -199,13 +199,31 @@ def test_rooms_know_their_neighbours_and_doors():
     for column in range(3):
         for row in range(3):
             room, expected = (env.unwrapped.get_room(column, row) for env in (ours, upstream))
-            assert (room.top, room.size, room.pos_inside(3, 3)) == (expected.top, expected.size, expected.pos_inside(3, 3))
+            assert (room.top, room.size, room.pos_inside(3, 3)) == (
+                expected.top,
+                expected.size,
+                expected.pos_inside(3, 3),
+            )
             doors = [door if door in (True, None) else door.encode() for door in room.doors]
             assert doors == [door if door in (True, None) else door.encode() for door in expected.doors]
             tops = [neighbour and neighbour.top for neighbour in room.neighbors]
             assert tops == [neighbour and neighbour.top for neighbour in expected.neighbors]
     assert ours.unwrapped.room_grid[1][2] == ours.unwrapped.get_room(2, 1)
     assert tuple(ours.unwrapped.place_agent(1, 1)) == tuple(map(int, upstream.unwrapped.place_agent(1, 1)))
+
+
+def test_rooms_are_furnished_as_in_minigrid():
+    answers = []
+    for env in both("BabyAI-GoTo-v0"):
+        env.reset(seed=6)
+        world = env.unwrapped
+        ball, place = world.add_object(0, 1, "ball", "red")
+        drawn, _ = world.add_object(2, 2)
+        more = world.add_distractors(1, 0, num_distractors=2) if world.num_dists < 18 else []
+        several = world.add_distractors(num_distractors=3, all_unique=False)
+        kinds = [thing.encode() for thing in (ball, drawn, *more, *several)]
+        answers.append((kinds, tuple(map(int, place)), world.grid.encode().tolist(), int(world.np_random.integers(99))))
+    assert answers[0] == answers[1]
 
 
 REFUSED = (
