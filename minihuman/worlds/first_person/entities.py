@@ -316,7 +316,8 @@ class Agent(Entity):
     def cam_pos(self) -> NDArray[np.float64]:
         """Where its eye is, float64[3]: x, y, z."""
         up = np.array((0.0, self.cam_height, 0.0))
-        return np.array(self.pos) + self.dir_vec * self.cam_fwd_disp + up
+        eye: NDArray[np.float64] = np.array(self.pos) + self.dir_vec * self.cam_fwd_disp + up
+        return eye
 
     @property
     def cam_dir(self) -> NDArray[np.float64]:
