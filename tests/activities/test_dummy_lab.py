@@ -21,7 +21,7 @@ from minihuman.experiment.machine.screens import TextLocale
 from minihuman.log.read.session_reader import read_log
 from minihuman.testing import check_activity, check_exporter, check_question
 from minihuman.web.screen_values import convert_screen
-from minihuman.web.server.app import build_page_routes
+from minihuman.web.server.page_routes import build_page_routes
 
 pytestmark = pytest.mark.program  # a study is simulated
 

@@ -1,6 +1,7 @@
 """What a team's block asks of the team host, and the inputs that answer."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from minihuman.activities.team.events import ActionSource, GoneReason
 from minihuman.activities.team.message_events import MessageShown
@@ -24,6 +25,7 @@ class TeamAnswerRequest(ActivityRequest):
     """A request that others' inputs answer."""
 
     __slots__ = ()
+    awaits_others: ClassVar[bool] = True
 
 
 @dataclass(frozen=True, slots=True)

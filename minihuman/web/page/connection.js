@@ -4,7 +4,7 @@
 import { collectBrowserFacts } from "./browser.js";
 import { IncomingStream } from "./stream.js";
 
-/** @import { Control, Numbered, Pong, Refusal, Texts, Welcome } from "./messages" */
+/** @import { Pong, Refusal, ServerMessage, Texts, UnnumberedMessage, Welcome } from "./messages" */
 /** @import { Outbox } from "./stream.js" */
 /** @import { Picture } from "./pictures.js" */
 /** @typedef {{ token: string, platform: Texts, made: boolean }} Link */
@@ -14,14 +14,14 @@ import { IncomingStream } from "./stream.js";
  * @property {(m: Welcome) => void} welcome before anything is sent
  * @property {() => void} reset the server knows nothing of what it sent before
  * @property {(fresh: boolean) => void} resume everything is sent
- * @property {(m: Numbered) => void} message
+ * @property {(m: ServerMessage) => void} message
  * @property {(picture: Picture) => void} picture
  * @property {(through: number) => void} acknowledged
  * @property {(text: string) => void} status
  * @property {(why: string, refusal: Refusal | null) => void} leave
  */
 
-const VERSION = 6;
+const VERSION = 7;
 const MIN_RETRY_MS = 200;
 const MAX_RETRY_MS = 3000;
 const SILENCE_MS = 20_000; // of a socket that has brought nothing: the line may be dead since the laptop slept
@@ -176,7 +176,7 @@ export class Connection {
     }
   }
 
-  /** @param {Control | { t: "n", n: number, m: Numbered }} message */
+  /** @param {UnnumberedMessage | { t: "n", n: number, m: ServerMessage }} message */
   #take(message) {
     if ("n" in message) {
       if (this.#incoming.take(message.n)) this.listener.message(message.m);
@@ -231,7 +231,7 @@ class Latency {
   #nextMs = 0; // from then on it is time for another
   /** @type {ReturnType<typeof setTimeout> | undefined} */ #timer;
   least = Infinity; // ns, of all round trips on this socket
-  /** @type {(message: import("./messages").Input) => void} */ report = () => {};
+  /** @type {(message: import("./messages").PageMessage) => void} */ report = () => {};
 
   /** @param {Outbox} outbox @param {{ isOpen(): boolean, send(text: string): void, close(): void }} socket */
   constructor(outbox, socket) {

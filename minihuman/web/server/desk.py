@@ -39,7 +39,7 @@ from minihuman.experiment.machine.events import FINAL_END_REASONS
 from minihuman.log.paths import PART_SUFFIX, require_folder
 from minihuman.log.record.file_lock import is_being_recorded
 from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
-from minihuman.web.server.app import HeaderMiddleware
+from minihuman.web.server.page_routes import HeaderMiddleware
 from minihuman.web.server.process import HOST, open_listening_socket
 
 T = TypeVar("T")
