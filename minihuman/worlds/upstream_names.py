@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from minihuman.errors import WorldError
+from minihuman.worlds.contract import ReadOnlyName
 
 _CATALOGUE = "minihuman.worlds."
 
@@ -21,7 +22,7 @@ def is_catalogue_class(kind: type) -> bool:
     return kind.__module__.startswith(_CATALOGUE)
 
 
-class _UpstreamName:
+class _UpstreamName(ReadOnlyName):
     """A name of upstream's, read from the present state; setting it writes the state, or is refused with advice.
 
     A world of somebody's own may define it for itself, in its class or on an instance.
@@ -33,11 +34,10 @@ class _UpstreamName:
         write: Callable[[Any, Any], None] | None = None,
         advice: str = "it is computed from the state",
     ) -> None:
-        self._read = read
+        super().__init__(read)
         self._write = write
         self._advice = advice
         self._name = read.__name__
-        self.__doc__ = read.__doc__
 
     def setter(self, write: Callable[[Any, Any], None]) -> "_UpstreamName":
         """Return the same name with a function that sets it, as `property` does."""
