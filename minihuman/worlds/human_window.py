@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-Picture = NDArray[np.uint8]
+ImageArray = NDArray[np.uint8]
 
 
 class _Pictures(gymnasium.Env[None, int]):
@@ -17,7 +17,7 @@ class _Pictures(gymnasium.Env[None, int]):
     observation_space: Any = gymnasium.spaces.Discrete(1)  # never sampled
     action_space: Any = gymnasium.spaces.Discrete(1)
 
-    def __init__(self, draw: Callable[[], Picture], fps: int) -> None:
+    def __init__(self, draw: Callable[[], ImageArray], fps: int) -> None:
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": fps}
         self._draw = draw
 
@@ -38,7 +38,7 @@ class HumanWindow:
         fps: no more pictures than so many are shown in a second.
     """
 
-    def __init__(self, draw: Callable[[], Picture], fps: int) -> None:
+    def __init__(self, draw: Callable[[], ImageArray], fps: int) -> None:
         self._pictures = _Pictures(draw, fps)
         self._window: Any = None
 
@@ -70,7 +70,7 @@ class ShowsItself:
             self._window.close()
             self._window = None
 
-    def show_in_window(self, draw: Callable[[], Picture]) -> None:
+    def show_in_window(self, draw: Callable[[], ImageArray]) -> None:
         """Show what is drawn now in the world's window, which opens when it is first needed."""
         if self._window is None:
             self._window = HumanWindow(draw, self.metadata["render_fps"])

@@ -4,7 +4,7 @@ A name that can be read, set or called works as upstream's, or the error names w
 the catalogue does not know is refused, as setting it would change nothing; a world of somebody's own may set any.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from minihuman.errors import WorldError
@@ -46,6 +46,8 @@ class _UpstreamName(ReadOnlyName):
     def __get__(self, world: Any, owner: Any = None) -> Any:
         if world is None:
             return self
+        if world._is_made:  # asked first: `vars` slows later reads of every attribute of the world
+            return self._read(world)
         attributes = vars(world)
         return attributes[self._name] if self._name in attributes else self._read(world)
 
@@ -73,6 +75,45 @@ def set_instead(advice: str) -> Callable[[Callable[[Any], Any]], Any]:
     return lambda read: _UpstreamName(read, advice=advice)
 
 
+class _ReadName:
+    """A name that is read by a function, or refused by it; `__getattr__` would slow every other attribute down."""
+
+    def __init__(self, name: str, read: Callable[[Any, str], Any]) -> None:
+        self._name = name
+        self._read = read
+
+    def __get__(self, world: Any, owner: Any = None) -> Any:
+        if world is None:
+            return self
+        if getattr(world, "_is_made", False):
+            return self._read(world, self._name)
+        attributes = vars(world)
+        return attributes[self._name] if self._name in attributes else self._read(world, self._name)
+
+    def __set__(self, world: Any, value: Any) -> None:
+        if getattr(world, "_is_made", False):
+            raise WorldAttributeError(
+                f"{world} has no attribute {self._name!r} to set, so setting it would do nothing; it is read from the "
+                "state, or belongs to a subclass or a wrapper"
+            )
+        vars(world)[self._name] = value
+
+    def __delete__(self, world: Any) -> None:
+        if self._name not in vars(world):
+            raise WorldAttributeError(f"{self._name} of {world} cannot be deleted")
+        del vars(world)[self._name]
+
+
+def define_names(
+    kind: type, names: Iterable[str], read: Callable[[Any, str], Any], *, over: Iterable[str] = ()
+) -> None:
+    """Give a class names that a function reads, or refuses; those that it has stay, but for ``over``."""
+    replaced = frozenset(over)
+    for name in names:
+        if name in replaced or not hasattr(kind, name):
+            setattr(kind, name, _ReadName(name, read))
+
+
 def refuse_unknown_attribute(world: Any, name: str, instead: Mapping[str, str]) -> None:
     """Refuse to set an attribute that a world of the catalogue does not have.
 
@@ -82,7 +123,7 @@ def refuse_unknown_attribute(world: Any, name: str, instead: Mapping[str, str]) 
     attribute = getattr(type(world), name, None)
     if isinstance(attribute, property) and attribute.fset is None:
         raise WorldAttributeError(f"{name} of {world} cannot be set; it is read from the state")
-    if name in vars(world) or hasattr(type(world), name) or not is_catalogue_class(type(world)):
+    if hasattr(type(world), name) or not is_catalogue_class(type(world)) or hasattr(world, name):
         return
     advice = instead.get(name, "attributes of your own belong to a subclass or a wrapper")
     raise WorldAttributeError(f"{world} has no attribute {name!r} to set, so setting it would do nothing; {advice}")

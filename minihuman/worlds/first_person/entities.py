@@ -17,7 +17,7 @@ from minihuman.errors import WorldError
 from minihuman.worlds.colours import RGB_BY_COLOUR, Rgb, check_colour, hex_colour
 from minihuman.worlds.first_person.parameters import Parameters
 from minihuman.worlds.trigonometry import cosine, sine
-from minihuman.worlds.upstream_names import WorldAttributeError
+from minihuman.worlds.upstream_names import WorldAttributeError, define_names, missing_name
 
 # Half the width (x), the height (y), half the depth (z).
 _EXTENTS: dict[str, tuple[float, float, float]] = {
@@ -134,10 +134,6 @@ class Entity:
         """`static`."""
         return self.static
 
-    def __getattr__(self, name: str) -> Any:
-        advice = f"; {_INSTEAD[name]}" if name in _INSTEAD else ""
-        raise WorldAttributeError(f"{type(self).__name__!r} object has no attribute {name!r}{advice}")
-
     def state(self) -> tuple[object, ...]:
         """Everything that tells this thing from another: its kind, place and looks."""
         looks = tuple(getattr(self, name) for name in self.looks)
@@ -145,6 +141,13 @@ class Entity:
 
     def __repr__(self) -> str:
         return f"<{self.name} at {self.pos}>"
+
+
+def _refuse_name(thing: Entity, name: str) -> Any:
+    raise missing_name(thing, name, _INSTEAD)
+
+
+define_names(Entity, _INSTEAD, _refuse_name)
 
 
 class Box(Entity):

@@ -26,6 +26,7 @@ from minihuman.worlds.options import check_bool, check_number
 from minihuman.worlds.step_limit import check_max_steps
 from minihuman.worlds.upstream_names import (
     UpstreamName,
+    define_names,
     missing_name,
     refuse_replaced_method,
     refuse_unknown_attribute,
@@ -39,8 +40,6 @@ INSTEAD: Mapping[str, str] = MappingProxyType(
         **dict.fromkeys(("_gen_world", "_gen_static_data"), _BUILD),
         **dict.fromkeys(("shadow_window", "text_label", "_render_static", "_render_world", "_load_tex"), _OPENGL),
         "Actions": "read actions",
-        "box": "look through env.unwrapped.entities",
-        "gap_size": "options that were given are in env.spec.kwargs",
         "room_probs": "rooms are drawn by their area",
         "find_facing_edges": "call connect_rooms() in build()",
     }
@@ -104,9 +103,6 @@ class MiniworldCompat:
         if self._stage is not None:
             self._stage.randomised = is_drawn
             self.forget_flat_state()
-
-    def __getattr__(self, name: str) -> Any:
-        raise missing_name(self, name, INSTEAD)
 
     @UpstreamName
     def obs_disp_height(self: Any) -> float:
@@ -338,3 +334,10 @@ class MiniworldCompat:
         """Have the next picture drawn of everything as it is then."""
         self._pictures.forget()
         note_change()
+
+
+def _refuse_name(world: Any, name: str) -> Any:
+    raise missing_name(world, name, INSTEAD)
+
+
+define_names(MiniworldCompat, INSTEAD, _refuse_name)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.parameters import Parameter, Parameters, Value
 
-NAMES = (
+PARAMETER_NAMES = (
     *("sky_color", "light_pos", "light_color", "light_ambient", "obj_color_bias", "forward_step", "forward_drift"),
     *("turn_step", "bot_radius", "cam_pitch", "cam_fov_y", "cam_height", "cam_fwd_disp"),
 )
@@ -39,7 +39,7 @@ class ParameterNames:
     @property
     def params(self) -> dict[str, ParameterRange]:
         """Every parameter by name; a copy."""
-        return {name: _shown(self.table[name]) for name in NAMES}
+        return {name: _shown(self.table[name]) for name in PARAMETER_NAMES}
 
     def copy(self) -> "ParameterNames":
         """Return a table of no world."""

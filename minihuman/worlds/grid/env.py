@@ -23,7 +23,13 @@ from minihuman.worlds.grid.minigrid_compat import MinigridCompat
 from minihuman.worlds.grid.missions import COLOUR_WORDS, MissionSpace, kind_words
 from minihuman.worlds.grid.wfc.family import wfc
 from minihuman.worlds.options import MAX_CELLS, check_bool, check_cell, check_one_of, check_pair, check_whole
-from minihuman.worlds.upstream_names import refuse_replaced_method, refuse_unknown_attribute
+from minihuman.worlds.upstream_names import (
+    WorldAttributeError,
+    define_names,
+    missing_name,
+    refuse_replaced_method,
+    refuse_unknown_attribute,
+)
 
 Place = tuple[int, int] | None  # column and row; None draws one
 Obstacle = Literal["lava", "wall"]
@@ -280,6 +286,7 @@ ENGINE_SETTINGS = frozenset(
     {"agent_view_size", "render_mode", "tile_size", "palette", "highlight", "agent_pov", "screen_size"}
 )
 _UPSTREAM_METHODS = vars(MinigridCompat)
+_OWN_NAMES = frozenset({"width", "height", "goal_pos", "agent_pos", "mission", "room_size", "num_rows", "num_cols"})
 
 
 def options_of(family: str | Callable[..., Recipe], options: Mapping[str, Any]) -> dict[str, Any]:
@@ -332,11 +339,16 @@ class GridEnv(GridEngine):
             **settings,
         )
         self._told = self.recipe  # of this episode: with a mission set by hand, or as it is
-        self._family_options = {**options_of(family, options), "fixed_max_steps": max_steps is not None}
-        self._is_made = True
+        settings = {**options_of(family, options), "fixed_max_steps": max_steps is not None}
+        if self.recipe.width == self.recipe.height:
+            settings.setdefault("size", self.recipe.width)
+        self._family_options = {name: setting for name, setting in settings.items() if name not in _OWN_NAMES}
+        self._is_made = True  # last: no `vars` here, which would slow every attribute of the world down
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if "_is_made" in vars(self):
+        if self._is_made:
+            if name in self._family_options:
+                raise WorldAttributeError(f"{name} of {self} cannot be set; give it when the world is made")
             refuse_unknown_attribute(self, name, INSTEAD)
             refuse_replaced_method(self, name, _UPSTREAM_METHODS)
         super().__setattr__(name, value)
@@ -359,6 +371,33 @@ class GridEnv(GridEngine):
         self._told.lay_out(self._row, self._stream())
         if not self._row[FAILED]:
             self.mission = self.mission_space.of(self._row)
+
+
+_LEVEL_OPTIONS = (
+    *(
+        "num_dists",
+        "doors_open",
+        "debug",
+        "select_by",
+        "strict",
+        "first_color",
+        "second_color",
+        "num_doors",
+        "num_objs",
+    ),
+    *("objs_per_room", "start_carrying", "distractors", "locked_room_prob", "implicit_unlock", "unblocking"),
+    *("locations", "instr_kinds", "action_kinds", "fixed_max_steps", "size"),
+)
+
+
+def _read_option(world: GridEnv, name: str) -> Any:
+    if name in world._family_options:
+        return world._family_options[name]
+    raise missing_name(world, name, INSTEAD)
+
+
+_OPTION_NAMES = {name for family in _FAMILIES for name in signature(family).parameters} | {*_LEVEL_OPTIONS}
+define_names(GridEnv, sorted(_OPTION_NAMES), _read_option, over=(*_LEVEL_OPTIONS, "obstacle_type"))
 
 
 class GridEnvOnScreen(GridEnv):

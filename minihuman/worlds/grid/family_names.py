@@ -33,7 +33,6 @@ INSTEAD: Mapping[str, str] = MappingProxyType(
         **dict.fromkeys(("add_door", "connect_all"), _LAYOUT),
         **dict.fromkeys(("remove_wall", "add_key", "add_locked_door", "open_all_doors"), _LAYOUT),
         **dict.fromkeys(("rooms", "gap_pos", "move_pos", "obj_a", "locked_room", "door_colors"), _BY_CELLS),
-        "size": "read width and height",
         **dict.fromkeys(("obstacle_type", "doors_open", "debug", "strict"), _OPTIONS),
         **dict.fromkeys(("num_dists", "num_objs", "num_doors", "objs_per_room", "distractors"), _OPTIONS),
         **dict.fromkeys(("select_by", "start_carrying", "action_kinds", "instr_kinds", "locations"), _OPTIONS),
@@ -174,6 +173,9 @@ _ROOM_NAMES: Mapping[str, Callable[[Any], Any]] = MappingProxyType(
 )
 
 
+FAMILY_NAMES = frozenset({*_TASK_NAMES, *_ROOM_NAMES, *INSTEAD})
+
+
 def read_family_name(world: Any, name: str) -> Any:
     """Return what Minigrid's class of this world has under a name.
 
@@ -188,9 +190,4 @@ def read_family_name(world: Any, name: str) -> Any:
                 return task_name.read(world)
     if name in _ROOM_NAMES and getattr(attributes.get("recipe"), "room_size", False):
         return _ROOM_NAMES[name](world)
-    options: Mapping[str, Any] = attributes.get("_family_options", {})
-    if name in options:
-        return options[name]
-    if name == "size" and "recipe" in attributes and world.width == world.height:
-        return world.width
     raise missing_name(world, name, INSTEAD)

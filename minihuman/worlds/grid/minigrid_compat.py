@@ -21,14 +21,14 @@ from minihuman.worlds.grid.core.cells import EMPTY, GOAL, KINDS, SORTED_COLOURS,
 from minihuman.worlds.grid.core.rules import ACTION_NAMES
 from minihuman.worlds.grid.core.state import CARRYING, DIRECTION, SEE_THROUGH, STEP, TASK, State, X, Y
 from minihuman.worlds.grid.core.view import see_all, see_size
-from minihuman.worlds.grid.family_names import read_family_name
+from minihuman.worlds.grid.family_names import FAMILY_NAMES, read_family_name
 from minihuman.worlds.grid.object_kinds import ObjectKind
 from minihuman.worlds.grid.object_views import GridView, ObjectView, ObjectViews
 from minihuman.worlds.grid.pictures.drawing import draw_grid
 from minihuman.worlds.grid.room_views import RoomGridView, RoomView
 from minihuman.worlds.options import check_bool, check_one_of, check_whole
 from minihuman.worlds.step_limit import LARGEST_STEP_LIMIT
-from minihuman.worlds.upstream_names import UpstreamName, set_instead
+from minihuman.worlds.upstream_names import UpstreamName, define_names, set_instead
 
 Actions = IntEnum("Actions", ACTION_NAMES, start=0)  # type: ignore[misc]  # mypy reads only names that are written out
 Place = tuple[int, int]  # column, row
@@ -39,10 +39,8 @@ class MinigridCompat(abc.ABC):
 
     kinds: ClassVar[tuple[ObjectKind, ...]]
     image_shape: tuple[int, int, int]
+    _is_made = False  # a world of the catalogue is: from then on no attribute is added
     _views: ObjectViews | None = None  # of the episode's things, once one was asked for
-
-    def __getattr__(self, name: str) -> Any:
-        return read_family_name(self, name)
 
     @property
     @abc.abstractmethod
@@ -418,3 +416,6 @@ class MinigridCompat(abc.ABC):
         image = np.empty((self.state.width, self.state.height, 3), np.uint8)
         see_all(self.state.row, image)
         return image
+
+
+define_names(MinigridCompat, FAMILY_NAMES, read_family_name)
