@@ -286,6 +286,10 @@ ENGINE_SETTINGS = frozenset(
     {"agent_view_size", "render_mode", "tile_size", "palette", "highlight", "agent_pov", "screen_size"}
 )
 _UPSTREAM_METHODS = vars(MinigridCompat)
+_SET_BY_RESETS = frozenset(  # not looked up further, as a short episode is mostly its reset
+    {"cell_marks", "mission", "_told", "_draws", "_stream_is_held", "_stream_is_ahead", "_views", "_np_random"}
+    | {"_np_random_seed"}
+)
 _OWN_NAMES = frozenset({"width", "height", "goal_pos", "agent_pos", "mission", "room_size", "num_rows", "num_cols"})
 
 
@@ -346,7 +350,7 @@ class GridEnv(GridEngine):
         self._is_made = True  # last: no `vars` here, which would slow every attribute of the world down
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if self._is_made:
+        if name not in _SET_BY_RESETS and self._is_made:
             if name in self._family_options:
                 raise WorldAttributeError(f"{name} of {self} cannot be set; give it when the world is made")
             refuse_unknown_attribute(self, name, INSTEAD)

@@ -9,7 +9,7 @@ import hashlib
 import math
 from collections.abc import Callable, Sequence
 from enum import IntEnum
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,11 @@ class MinigridCompat(abc.ABC):
 
     kinds: ClassVar[tuple[ObjectKind, ...]]
     image_shape: tuple[int, int, int]
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """What every grid world has beside these names."""
+
     _is_made = False  # a world of the catalogue is: from then on no attribute is added
     _views: ObjectViews | None = None  # of the episode's things, once one was asked for
 
