@@ -167,4 +167,4 @@ def write_page_types() -> str:
 
 
 if __name__ == "__main__":
-    PATH.write_text(write_page_types(), encoding="utf-8")
+    PATH.write_text(write_page_types(), encoding="utf-8", newline="\n")
