@@ -17,7 +17,7 @@ from minihuman.errors import MinihumanError
 from minihuman.experiment.keys import PAD_AXES
 from minihuman.web.screen_types import PageType, ScreenValues
 
-MESSAGE_VERSION = 6
+MESSAGE_VERSION = 7
 
 Ns = Annotated[int, Meta(ge=0, le=2**53)]
 Number = Annotated[int, Meta(ge=0, le=2**31)]
@@ -178,6 +178,12 @@ class Ping(msgspec.Struct, tag="ping", tag_field="t", forbid_unknown_fields=True
     sent: Ns
 
 
+class Farewell(msgspec.Struct, tag="bye", tag_field="t", forbid_unknown_fields=True):
+    """The page is being closed, or gives way to another one in its place."""
+
+    left: bool  # for another page
+
+
 class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):
     """The answer to a hello: whose turn it is in both streams, and the session's time."""
 
@@ -192,6 +198,7 @@ class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):
     words: Texts  # what the page says around a session
     taken: int  # the time of the last of the page's messages that the session has: it may not be acknowledged
     gamepad: bool  # whether the study is played with one
+    sign_ms: int  # the longest time in which the page sends nothing
 
 
 class Refusal(msgspec.Struct, tag="refused", tag_field="t"):

@@ -17,18 +17,22 @@ from minihuman.activities.team.events import (
     InputLate,
     JointStepped,
     SeatHolder,
+    SeatSeen,
     SeatsReadied,
     SeatTaken,
     TeamEnded,
     TeamFormed,
 )
+from minihuman.activities.team.life_signs import SeatState
 from minihuman.activities.team.message_events import MessageGiven, MessageShown, MessageTyped
 from minihuman.activities.team.messages import INTERVAL_NS, TeamMessages
 from minihuman.activities.team.plan import PERSON, TeamPlayPlan
+from minihuman.activities.team.presence import PRESENCE_RULES
 from minihuman.activities.team.requests import (
     JointRequest,
     JointTaken,
     ReadyRequest,
+    SeatSighted,
     SeatsReady,
     Team,
     TeamJoined,
@@ -50,6 +54,8 @@ from minihuman.experiment.machine.transitions import Phase, PhaseTransition, Tra
 from minihuman.experiment.plan.random_streams import draw_seeds
 from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart
 
+# What is said of a partner who is gone: who plays in their place is not said before the protocol discloses it.
+_WORDS_OF_ABSENCE = {"always": "team.partner_replaced", "debrief": "team.partner_away", "": "team.partner_away"}
 POLL_NS = 250_000_000  # how often a waiting machine asks again, if nothing else happens
 
 
@@ -77,6 +83,7 @@ class TeamPlayActivity(PlayActivity):
         super().__init__(number, part, context)
         self.formed: Team | None = None
         self._holders: tuple[SeatHolder, ...] = ()
+        self._states: tuple[SeatState, ...] = ()  # of the seats, as they were seen last
         self._lobby_ns = 0  # when it was entered
         self._messages = TeamMessages(self.plan.team, context)
 
@@ -140,6 +147,7 @@ class TeamPlayActivity(PlayActivity):
                 is_key,
                 self._messages.sent,
                 self._messages.received,
+                self._states,
             )
         return None
 
@@ -154,6 +162,8 @@ class TeamPlayActivity(PlayActivity):
             case JointTaken() if self.playing:
                 self._let_time_pass()
                 self._take_joint(happened)
+            case SeatSighted() if self.playing:
+                self._note_sighting(happened)
             case MessageGiven() if self.playing and happened.message.seat != self._messages.seat:
                 self._messages.show(happened.message, self.team_episode)
             case TextInput() if self.playing and self._messages.draft is not None:
@@ -179,6 +189,8 @@ class TeamPlayActivity(PlayActivity):
                 return SeatsReady(event.t_ns, event.episode)
             case JointStepped():
                 return JointTaken(event.t_ns, event.episode, event.step, event.actions, event.sources)  # type: ignore[arg-type]
+            case SeatSeen():
+                return SeatSighted(event.t_ns, event.seat, event.state, event.for_ms)
             case TeamEnded():
                 return TeamLost(event.t_ns, event.reason)
         return None
@@ -189,6 +201,7 @@ class TeamPlayActivity(PlayActivity):
         self._messages.salt = salt
         self._count_waiting()
         self._holders = tuple("person" if kind == PERSON else "agent" for kind in team.seats)
+        self._states = ("here",) * len(team.seats)
         roles = self.plan.team.roles
         context = self.context
         role = roles[team.seat] if roles else ""
@@ -248,6 +261,15 @@ class TeamPlayActivity(PlayActivity):
         self._note_partners()
         self._stepped(stepped)
 
+    def _note_sighting(self, sighted: SeatSighted) -> None:
+        self._states = (*self._states[: sighted.seat], sighted.state, *self._states[sighted.seat + 1 :])
+        play = self.team_episode
+        self.context.emit(
+            SeatSeen(
+                self.context.now_ns, play.plan.episode, play.steps + 1, sighted.seat, sighted.state, sighted.for_ms
+            )
+        )
+
     # Keys and time
 
     def _key_in_play(self, press: KeyDown) -> None:
@@ -297,6 +319,14 @@ class TeamPlayActivity(PlayActivity):
                 return replace(ready, body="\n\n".join(filter(None, (ready.body, *lines)))) if lines else ready
         return super()._screen()
 
+    @property
+    def _has_partner_gone(self) -> bool:
+        """Whether an agent has the seat of another person, and the session is by the rules that say so."""
+        if self.formed is None or self.context.facts.get("presence_rules", "1") != PRESENCE_RULES:
+            return False
+        others = [seat for seat, kind in enumerate(self.formed.seats) if kind == PERSON and seat != self.formed.seat]
+        return any(self._holders[seat] == "agent" for seat in others)
+
     def _describe_role(self) -> tuple[str, ...]:
         roles = self.plan.team.roles
         return (self.context.words.fill("team.role", role=roles[self.formed.seat]),) if roles and self.formed else ()
@@ -318,6 +348,8 @@ class TeamPlayActivity(PlayActivity):
             text = words["team.replaced"]
         elif self.playing and self._waits:
             text = words["team.waits"]
+        elif self.playing and self._has_partner_gone:
+            text = words[_WORDS_OF_ABSENCE[self.plan.team.partner_disclosure]]
         return replace(screen, controller="person", controller_text=text) if text else screen
 
 

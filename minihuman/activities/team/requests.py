@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from minihuman.activities.team.events import ActionSource, GoneReason
+from minihuman.activities.team.life_signs import SeatState
 from minihuman.activities.team.message_events import MessageShown
 from minihuman.activities.team.plan import TeamPlayPlan
 from minihuman.experiment.machine.activity import ActivityRequest
@@ -59,6 +60,7 @@ class JointRequest(TeamAnswerRequest):
     is_key: bool = True  # a key gave it; False: the world's idle action at a tick without one
     sent: tuple[MessageShown, ...] = ()  # by this seat, in this block
     received: frozenset[str] = frozenset()  # the digests of messages that it has
+    states: tuple[SeatState, ...] = ()  # of the seats, as it knows them
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +86,15 @@ class JointTaken(ActivityInput):
     step: int
     actions: tuple[int, ...]  # by seat
     sources: tuple[ActionSource, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SeatSighted(ActivityInput):
+    """A person's seat is seen otherwise than before."""
+
+    seat: int
+    state: SeatState
+    for_ms: int  # how long it has been so
 
 
 @dataclass(frozen=True, slots=True)
