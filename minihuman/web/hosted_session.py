@@ -108,7 +108,7 @@ def start_host(
     require_unclaimed(SegmentPath.of_plan(disk.data, plan))
     session = build_session(plan, PageWorld, facts, picture_px=settings.picture_px, renders_steps=False)
     recorder = DeferredRecorder(plan, open_recorder)
-    signs = LifeSigns()
+    signs = LifeSigns(tells_acts=True)
     agent = make_agent_host(disk.protocol, plan, disk.data, teams=disk.teams, changed=at_team_change, signs=signs)
     host = SessionHost(session, recorder, PageWorld, settings, agent=agent)
     return HostedSession(host, recorder, started_ns, name_segment(disk.data, plan), files, signs)
@@ -147,7 +147,7 @@ def resume_host(
         left=left,
         settings=RecorderSettings(group=disk.group_commit, on_sync=at_sync),
     )
-    signs = LifeSigns()
+    signs = LifeSigns(tells_acts=True)
     agent = make_agent_host(
         disk.protocol, plan, disk.data, logged=left.events, teams=disk.teams, changed=at_team_change, signs=signs
     )

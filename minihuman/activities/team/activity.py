@@ -137,16 +137,18 @@ class TeamPlayActivity(PlayActivity):
             return ReadyRequest(self.formed, self.team_episode.plan, self.plan)
         if self.playing and self.formed is not None:
             play = self.team_episode
-            action, is_key = (None, False) if (mine := play.submitted) is None else (mine.action, bool(mine.key))
+            mine = play.submitted
+            is_key = mine is not None and bool(mine.key)
             return JointRequest(
                 self.formed,
                 play.plan,
                 self.plan,
                 play.steps + 1,
-                action,
+                None if mine is None else mine.action,
                 is_key,
                 self._messages.sent,
                 self._messages.received,
+                is_key and mine is not None and not mine.is_new,
                 self._states,
             )
         return None

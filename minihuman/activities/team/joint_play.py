@@ -113,7 +113,7 @@ class JointPlay:
             return TeamLost(0, "replaced")
         barrier = self._barriers.setdefault(episode, ReadyBarrier(now_s))
         if seat not in barrier.seats or not self.presence.has_acted(seat):
-            self.presence.note_act(seat, now_s)
+            self.presence.note_input(seat, now_s)
         barrier.seats.add(seat)
         if self.presence.has_returned(seat):
             self.presence.take_back(seat)
@@ -152,7 +152,7 @@ class JointPlay:
         seat = want.team.seat
         episode = want.plan.episode
         if want.is_key and not self._open_step.has_submitted(seat, episode, want.step):
-            self.presence.note_act(seat, now_s)
+            self.presence.note_input(seat, now_s, is_held=want.is_held)
         if want.action is not None and self.presence.is_shut_out(seat):
             return TeamLost(0, "replaced")
         is_back = want.is_key and self.presence.may_act(seat) and self.presence.has_returned(seat)

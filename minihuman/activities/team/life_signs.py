@@ -22,6 +22,7 @@ class LifeSigns:
     page_s: float | None = None  # of the page
     person_s: float | None = None  # of the person
     has_focus: bool = True  # the page has
+    tells_acts: bool = False  # the page tells of each thing that the person does; else only their inputs are known
 
     def hear(self, now_s: float) -> None:
         """Take note that something came from the page."""

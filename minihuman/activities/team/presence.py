@@ -104,9 +104,11 @@ class TeamPresence:
         """Follow a seat's signs of life from here on, those of its page and person."""
         self._seats[seat].signs = signs
 
-    def note_act(self, seat: int, now_s: float) -> None:
-        """Take note that the person of a seat acts."""
-        self._seats[seat].signs.act(now_s)
+    def note_input(self, seat: int, now_s: float, *, is_held: bool = False) -> None:
+        """Take note of an input of the person of a seat, of whom nothing else is known; ``is_held``: by a held key."""
+        signs = self._seats[seat].signs
+        if is_held or not signs.tells_acts:
+            signs.act(now_s)
 
     def has_acted(self, seat: int) -> bool:
         """Tell whether the person of a seat has done anything since its signs of life are followed."""

@@ -60,6 +60,7 @@ class JointRequest(TeamAnswerRequest):
     is_key: bool = True  # a key gave it; False: the world's idle action at a tick without one
     sent: tuple[MessageShown, ...] = ()  # by this seat, in this block
     received: frozenset[str] = frozenset()  # the digests of messages that it has
+    is_held: bool = False  # that key went down for an earlier step
     states: tuple[SeatState, ...] = ()  # of the seats, as it knows them
 
 

@@ -31,7 +31,7 @@ class Person:
     rng: random.Random
     press_s: tuple[float, float]  # from one key to the next, at least and at most
     ping_s: float
-    signs: LifeSigns = field(default_factory=LifeSigns)
+    signs: LifeSigns = field(default_factory=lambda: LifeSigns(tells_acts=True))
     is_page_here: bool = True
     is_person_here: bool = True
     next_press_s: float = 0.0

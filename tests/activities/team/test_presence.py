@@ -63,12 +63,12 @@ def overdue(seats: TeamPresence, now_s: float, *, asking: int = 0, is_real_time:
 def test_a_person_who_presses_nothing_is_idle_after_the_wait_in_ticks_and_a_key_ends_that():
     seats = presence()
     assert overdue(seats, 5.0) == []  # the wait begins when somebody looks
-    seats.note_act(0, now_s=12.0)
+    seats.note_input(0, now_s=12.0)
     assert overdue(seats, 14.9) == []
     assert overdue(seats, 15.0) == [2]
     assert seats.find_sighting(2, 15.0, is_real_time=True).state == "idle"
-    seats.note_act(2, now_s=15.0)
-    seats.note_act(0, now_s=16.0)
+    seats.note_input(2, now_s=15.0)
+    seats.note_input(0, now_s=16.0)
     assert overdue(seats, 24.9) == []
 
 
@@ -77,7 +77,7 @@ def test_in_turns_who_presses_nothing_thinks_and_has_a_limit_of_their_own():
     assert overdue(seats, 0.0, is_real_time=False) == []
     assert overdue(seats, 29.9, is_real_time=False) == []
     assert seats.find_thinkers([0, 2], 29.9) == []
-    seats.note_act(0, now_s=29.9)
+    seats.note_input(0, now_s=29.9)
     assert seats.find_thinkers([0, 2], 30.0) == [2]
 
 
@@ -105,7 +105,7 @@ def test_who_is_gone_is_overdue_the_wait_after_their_last_sign_of_life(state, is
         case "silent":
             signs.hear(2.0)
     for now_s, gone in ((2.0, []), (11.9, []), (12.0, [2])):
-        seats.note_act(0, now_s)
+        seats.note_input(0, now_s)
         if state == "unfocused":
             signs.hear(now_s)
         assert seats.find_overdue(0, now_s, is_real_time=is_real_time) == gone
@@ -121,8 +121,8 @@ def test_the_last_person_who_acts_is_never_overdue():
 
 def test_of_two_people_who_are_gone_the_one_who_gave_the_later_sign_keeps_the_seat():
     seats = presence()
-    seats.note_act(0, 3.0)
-    seats.note_act(2, 2.0)
+    seats.note_input(0, 3.0)
+    seats.note_input(2, 2.0)
     assert seats.find_overdue(2, 100.0, is_real_time=True) == [2]
 
 
@@ -148,7 +148,7 @@ def test_a_seat_is_told_what_it_does_not_know_of_the_others():
     known = ("here", "here", "here")
     assert seats.find_news(known, 1.0, is_real_time=False) is None
     signs.lose_page("left", 2.0)
-    seats.note_act(0, 3.0)
+    seats.note_input(0, 3.0)
     assert seats.find_news(known, 3.5, is_real_time=False) == (2, "left", 1.5)
     assert seats.find_news(("here", "here", "left"), 3.5, is_real_time=False) is None
     assert seats.find_news((), 3.5, is_real_time=False) is None
