@@ -361,6 +361,7 @@ TEAM = ActivityKind(
     TeamPlayActivity,
     messages="minihuman.activities.team.rows:TEAM_ROWS",
     tables="minihuman.activities.team.tables:TEAM_TABLES",
+    report="minihuman.activities.team.report:build_section",
     check_block=check_block,
     is_for_players=True,
 )
