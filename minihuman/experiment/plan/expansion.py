@@ -24,8 +24,10 @@ from minihuman.experiment.plan.part_plans import (
 from minihuman.experiment.plan.participant_codes import format_participant_code
 from minihuman.experiment.plan.random_streams import draw_seeds
 from minihuman.experiment.plan.session_plan import BlockText, EpisodePlan, KeyMap, Participant, SessionPlan
+from minihuman.experiment.plan.stated_outcomes import find_outcome_rule
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.moved import forward_names
+from minihuman.worlds.outcomes import OUTCOME_RULES
 
 MAX_SESSION_EPISODES = 20_000  # the plan is made and logged whole
 
@@ -64,12 +66,13 @@ def expand_protocol(
     overridden: bool = False,
     first_episode: int = 0,
     segment: int = 1,
+    outcome_rules: int = OUTCOME_RULES,
 ) -> SessionPlan:
     """Everything the session will ask for, before the first key press.
 
     ``overridden`` says that participant or group was chosen by hand; ``first_episode`` and ``segment`` say where
-    the session resumes, and change nothing else. For a participant whose group is not drawn yet the plan is right up
-    to the draw, and some group's from there on.
+    the session resumes, and change nothing else; ``outcome_rules`` is 0 in a study that began before there were any.
+    For a participant whose group is not drawn yet the plan is right up to the draw, and some group's from there on.
     """
     slots = build_allocation_list(protocol)
     slot = slots[participant.place if participant.group else 0]
@@ -78,7 +81,9 @@ def expand_protocol(
     names = list_part_names(protocol, slot, participant.group, session)
     blocks = [protocol.block_for(name, participant.group) for name in names if is_block(protocol, name)]
     _require_few_episodes(blocks, session)
-    episodes = _plan_blocks(protocol, blocks, participant, session, slot)
+    planned = _plan_blocks(protocol, blocks, participant, session, slot)
+    rules = [find_outcome_rule(block, outcome_rules=outcome_rules).rule for block in blocks]
+    episodes = [_state_outcome_rule(episode, rules[episode.block]) for episode in planned]
     parts = tuple(plan_parts(protocol, participant, session, names, blocks, episodes))
     agreed = [part.plan for part in parts if isinstance(part.plan, PagePlan) and part.plan.agree]
     consent_text = find_consent_text(protocol, participant.group, names) if agreed else ""
@@ -107,6 +112,7 @@ def expand_protocol(
         bonus=protocol.bonus,
         fonts=protocol.study.fonts,
         files=trials.find_files(protocol),
+        outcome_rules=outcome_rules,
     )
 
 
@@ -114,6 +120,10 @@ def _require_few_episodes(blocks: list[BlockSpec], session: int) -> None:
     count = sum(block.episodes for block in blocks)
     if count > MAX_SESSION_EPISODES:
         raise ProtocolError(f"session {session} has {count} episodes; use at most {MAX_SESSION_EPISODES}")
+
+
+def _state_outcome_rule(episode: EpisodePlan, rule: str) -> EpisodePlan:
+    return msgspec.structs.replace(episode, outcome_rule=rule) if rule else episode
 
 
 def _find_closing_text(protocol: Protocol) -> str:
@@ -178,6 +188,7 @@ def _plan_episodes(
             view=block.view,
             palette=block.palette,
             record_observations=block.record_observations,
+            record_info=block.record_info,
             onset_at_reset=block.stimulus_onset == "reset",
             hold=block.hold,
             response_deadline_ms=block.response_deadline_ms,

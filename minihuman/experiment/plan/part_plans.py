@@ -24,7 +24,7 @@ from minihuman.experiment.protocol.specs import PageSpec, QuestionnaireSpec, app
 from minihuman.experiment.words import ENGLISH, LANGUAGES, InterfaceWords, flatten_words, load_words
 from minihuman.worlds.catalogue import is_compiled_grid, is_first_person
 
-OUTCOMES = ("goal", "timeout", "failure", "abandoned")
+OUTCOMES = ("goal", "timeout", "failure", "abandoned", "ended")
 
 
 def list_changed_words(protocol: Protocol) -> dict[str, str]:

@@ -22,8 +22,9 @@ from minihuman.experiment.protocol.specs import (
     is_completion_code,
 )
 from minihuman.experiment.protocol.validation_errors import FieldError, select_errors
-from minihuman.experiment.words import LANGUAGES, flatten_words, load_words
+from minihuman.experiment.words import LANGUAGES, LATER_WORDS, flatten_words, load_words
 from minihuman.worlds.catalogue import is_first_person
+from minihuman.worlds.outcomes import normalize_outcome_rule
 
 
 def check_carried_key_maps(protocol: Protocol) -> Iterator[FieldError]:
@@ -138,7 +139,7 @@ def _check_missing_words(protocol: Protocol) -> Iterator[FieldError]:
     language, own = protocol.study.language, flatten_words(protocol.words)
     if language in LANGUAGES:
         return
-    unused: tuple[str, ...] = ("action.", "mission.", "key.")
+    unused: tuple[str, ...] = ("action.", "mission.", "key.", *LATER_WORDS)
     if all(block.team is None for block in protocol.blocks):
         unused += ("team.",)
     missing = [key for key in load_words("en") if key not in own and not key.startswith(unused)]
@@ -387,6 +388,7 @@ def _check_block(block: BlockSpec, protocol: Protocol) -> Iterator[FieldError]:
             ),
         ]
     )
+    yield from _check_outcome(block)
     if block.design is not None:
         if on_page:
             yield "computed", "is 'page', but a design resolves each episode on the server; use 'server'"
@@ -400,6 +402,18 @@ def _check_block(block: BlockSpec, protocol: Protocol) -> Iterator[FieldError]:
     interval = block.inter_trial_interval_ms
     if isinstance(interval, tuple) and not 0 <= interval[0] <= interval[1] <= 86_400_000:
         yield "inter_trial_interval_ms", f"is {list(interval)}; give the shortest, then the longest"
+
+
+def _check_outcome(block: BlockSpec) -> Iterator[FieldError]:
+    """Check how success is stated, and which keys of ``info`` are kept."""
+    if block.success is not None:
+        try:
+            normalize_outcome_rule(block.success, at_any_step=False)
+        except ProtocolError as error:
+            yield "success", str(error)
+    for key in block.record_info:
+        if not key.strip() or '"' in key or block.record_info.count(key) > 1:
+            yield "record_info", f"has {key!r}; name each key of the world's info once, without quotation marks"
 
 
 def _check_block_kind(block: BlockSpec, pool: tuple[str, ...]) -> Iterator[FieldError]:
