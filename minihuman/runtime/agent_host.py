@@ -17,7 +17,6 @@ from minihuman.activities.correction.requests import EpisodeRequest
 from minihuman.activities.episode_clips import ClipOffered, EpisodeClip
 from minihuman.activities.preferences.plan import PreferencesPlan
 from minihuman.activities.preferences.requests import ClipRequest
-from minihuman.activities.team.life_signs import LifeSigns
 from minihuman.activities.team.plan import TeamPlayPlan
 from minihuman.admin.policies import PolicyStore
 from minihuman.agents.agent import (
@@ -32,6 +31,7 @@ from minihuman.errors import MinihumanError
 from minihuman.experiment.machine.activity import ActivityRequest, RequestHandler
 from minihuman.experiment.machine.events import Event
 from minihuman.experiment.machine.inputs import ActivityInput
+from minihuman.experiment.machine.life_signs import LifeSigns
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.pending_session import is_allocation_pending
 from minihuman.experiment.plan.session_plan import SessionPlan

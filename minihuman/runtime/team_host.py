@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 from minihuman.activities.team.episode import TeamEpisode
 from minihuman.activities.team.joint_play import JointPlay
 from minihuman.activities.team.joint_step import StepDue
-from minihuman.activities.team.life_signs import LifeSigns
 from minihuman.activities.team.lobby import Lobby, LobbyEntry, RecordedTeam, name_team
 from minihuman.activities.team.message_events import MessageGiven
 from minihuman.activities.team.plan import PERSON, TeamPlayPlan
@@ -35,6 +34,7 @@ from minihuman.admin.enrolment_log import now_text, record_team
 from minihuman.admin.policies import PolicyStore
 from minihuman.experiment.machine.activity import ActivityRequest, RequestHandler
 from minihuman.experiment.machine.inputs import ActivityInput
+from minihuman.experiment.machine.life_signs import LifeSigns
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.plan.session_plan import SessionPlan

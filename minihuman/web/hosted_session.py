@@ -11,10 +11,10 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from minihuman.activities.team.life_signs import LifeSigns
 from minihuman.admin.manifest import record_log_end
 from minihuman.errors import LogError
 from minihuman.experiment.machine.events import FINAL_END_REASONS, Event, SessionStarted
+from minihuman.experiment.machine.life_signs import LifeSigns
 from minihuman.experiment.pending_session import build_session
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol

@@ -1,9 +1,6 @@
 """Whether a page is here: which of its sockets counts, and when it and its participant were last heard of. No I/O."""
 
-from minihuman.activities.team.life_signs import LifeSigns
-from minihuman.activities.team.plan import TeamPlayPlan
-from minihuman.activities.team.presence import PINGS_PER_WAIT
-from minihuman.activities.team.step_clock import MS_PER_S
+from minihuman.experiment.machine.life_signs import LifeSigns
 from minihuman.experiment.plan.session_plan import SessionPlan
 
 MAX_SIGN_INTERVAL_S = 4.5  # between two pings, where nobody waits for the participant
@@ -85,6 +82,6 @@ class PagePresence:
 
 
 def find_sign_interval_ms(plan: SessionPlan) -> int:
-    """Find the longest time in which a session's page may send nothing: a part of what partners wait for a sign."""
-    waits_s = [part.plan.team.partner_wait_s for part in plan.parts if isinstance(part.plan, TeamPlayPlan)]
-    return round(min([MAX_SIGN_INTERVAL_S, *(wait_s / PINGS_PER_WAIT for wait_s in waits_s)]) * MS_PER_S)
+    """Find the longest time in which a session's page may send nothing, as its parts ask for signs of life."""
+    asked_s = [part.plan.sign_interval_s for part in plan.parts if part.plan.sign_interval_s]
+    return round(1_000 * min([MAX_SIGN_INTERVAL_S, *asked_s]))

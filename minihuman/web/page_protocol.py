@@ -150,7 +150,8 @@ class PageProtocol:
             case messages.PageAck():
                 self._acknowledge(message.n)
             case messages.Farewell():
-                self._session.bid_farewell(is_left=message.left)
+                if not self.is_superseded:  # else another page is here already, and this one's word is late
+                    self._session.bid_farewell(is_left=message.left)
             case messages.Hello():
                 raise messages.MessageError(
                     "a second hello arrived, but a page must send one per connection; reload the page"

@@ -208,3 +208,11 @@ def test_any_text_is_a_sign_of_life_of_the_page_and_its_farewell_says_where_it_g
     receive(protocol, '{"t":"bye","left":false}')
     assert session.texts == 3
     assert session.farewells == [True, False]
+
+
+def test_the_late_farewell_of_a_page_that_another_one_followed_says_nothing() -> None:
+    session = EchoSession()
+    protocol = protocol_of(session)
+    session.forget()  # the next page's numbering
+    receive(protocol, '{"t":"bye","left":false}')
+    assert session.farewells == []

@@ -23,7 +23,6 @@ from minihuman.activities.team.events import (
     TeamEnded,
     TeamFormed,
 )
-from minihuman.activities.team.life_signs import SeatState
 from minihuman.activities.team.message_events import MessageGiven, MessageShown, MessageTyped
 from minihuman.activities.team.messages import INTERVAL_NS, TeamMessages
 from minihuman.activities.team.plan import PERSON, TeamPlayPlan
@@ -48,6 +47,7 @@ from minihuman.experiment.machine.activity import (
 )
 from minihuman.experiment.machine.events import ActivityEvent
 from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, TextInput
+from minihuman.experiment.machine.life_signs import SeatState
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import PlayScreen, Screen
 from minihuman.experiment.machine.transitions import Phase, PhaseTransition, TransitionCause, TransitionTable

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from minihuman.activities.team.life_signs import SeatState
 from minihuman.experiment.machine.events import ActivityEvent
+from minihuman.experiment.machine.life_signs import SeatState
 
 ActionSource = Literal["person", "late", "agent"]  # late: the idle action, since no input came in time
 SeatHolder = Literal["person", "agent"]

@@ -9,6 +9,7 @@ from minihuman.activities.play.plan import PlayPlan
 PERSON = "person"
 SIMULATED = "simulated"  # a seat that a simulated participant has, by the keys that it presses
 REPORT_KEY = "f2"  # where people write to each other: reports the latest words of another
+PINGS_PER_WAIT = 3  # a page lets the server hear of it at least so often in `partner_wait_s`
 THINKING_WAIT_S = 120.0  # where a protocol says nothing, unless it waits longer for who is gone
 SEAT_GRAMMAR = "'person', 'policy:FILE', 'scripted:NAME', 'simulated:NAME' or 'planner'"
 
@@ -63,3 +64,8 @@ class TeamPlayPlan(PlayPlan, frozen=True):
 
     team: TeamPlan = TeamPlan()
     seeds: Literal["new", "same", "listed"] = "new"  # of a team's episodes: drawn for it, one for all, or the plan's
+
+    @property
+    def sign_interval_s(self) -> float:
+        """A part of what partners wait for a sign of life."""
+        return self.team.partner_wait_s / PINGS_PER_WAIT

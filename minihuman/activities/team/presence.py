@@ -11,11 +11,10 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from minihuman.activities.team.events import SeatHolder
-from minihuman.activities.team.life_signs import LifeSigns, SeatState
-from minihuman.activities.team.plan import PERSON, TeamPlan
+from minihuman.activities.team.plan import PERSON, PINGS_PER_WAIT, TeamPlan
+from minihuman.experiment.machine.life_signs import LifeSigns, SeatState
 
 PRESENCE_RULES = "2"  # the fact "presence_rules": a wait counts from the last sign of life; before, from each step anew
-PINGS_PER_WAIT = 3  # a page lets the server hear of it at least so often in `partner_wait_s`
 _SILENT_SHARE = 2 / PINGS_PER_WAIT  # of that time without a word, in which a ping at least is missing
 
 

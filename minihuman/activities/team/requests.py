@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from minihuman.activities.team.events import ActionSource, GoneReason
-from minihuman.activities.team.life_signs import SeatState
 from minihuman.activities.team.message_events import MessageShown
 from minihuman.activities.team.plan import TeamPlayPlan
 from minihuman.experiment.machine.activity import ActivityRequest
 from minihuman.experiment.machine.inputs import ActivityInput
+from minihuman.experiment.machine.life_signs import SeatState
 from minihuman.experiment.plan.session_plan import EpisodePlan
 
 

@@ -8,9 +8,9 @@ import pytest
 
 from minihuman.activities.team.joint_play import JointPlay
 from minihuman.activities.team.joint_step import StepDue
-from minihuman.activities.team.life_signs import LifeSigns
 from minihuman.activities.team.plan import TeamPlan
 from minihuman.activities.team.requests import JointRequest, JointTaken, Team
+from minihuman.experiment.machine.life_signs import LifeSigns
 from tests.activities.team.test_joint_play import BLOCK, PLAN
 from tests.counts import count
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from minihuman.activities.team.life_signs import LifeSigns
 from minihuman.activities.team.plan import TeamPlan
 from minihuman.activities.team.presence import TeamPresence
+from minihuman.experiment.machine.life_signs import LifeSigns
 
 KINDS = ("person", "scripted:random", "person")
 
