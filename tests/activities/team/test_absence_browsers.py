@@ -34,12 +34,12 @@ def test_an_agent_takes_the_seat_of_a_partner_whose_page_is_gone_and_the_other_i
     n_runs = count(1, 10)
     block = f'pace = "real_time"\nstep_period_ms = {PERIOD_MS}' if pace == "ticks" else ""
     team = f"{PEOPLE}\npartner_wait_s = {WAIT_S}"
-    protocol = team_study(tmp_path, episodes=1, max_steps=40, block=block, team=team, participants=2 * n_runs)
+    protocol = team_study(tmp_path, episodes=3, max_steps=40, block=block, team=team, participants=2 * n_runs)
     with serving(protocol, tmp_path, links=2 * n_runs) as served, browsing() as sit_down:
         for run in range(n_runs):
             tokens = served.tokens[2 * run : 2 * run + 2]
             stays, goes = (sit_down(f"http://127.0.0.1:{served.port}/#t={token}") for token in tokens)
-            texts = play_until_one_goes(stays, goes, how, n_before=5 + run)
+            texts = play_until_one_goes(stays, goes, how, n_before=2 + run % 5)
             assert any("A partner is away: a computer program plays for them now" in text for text in texts)
             stays.page.close()
         served.stop()
@@ -57,40 +57,44 @@ def play_until_one_goes(stays: Somebody, goes: Somebody, how: str, *, n_before: 
     people = (stays, goes)
     for person in people:
         person.until("s.welcomed && s.kind !== ''")
-    while not all(person.state["playing"] for person in people):
+    while not is_under_way(people, n_before):
         for person in people:
-            if not person.state["playing"]:
-                person.press("enter")
-        stays.page.wait_for_timeout(50)
-    while stays.state["step"] < n_before:
-        for person in people:
-            person.press("1")
+            person.press("1" if person.state["playing"] else "enter")
         stays.page.wait_for_timeout(30)
     GOING[how](goes)
     texts: list[str] = []
-    while stays.state["playing"]:
-        stays.press("1")
-        texts.append(stays.screen())
-        stays.page.wait_for_timeout(30)
     while not stays.state["finished"]:
-        stays.press("enter")
-        stays.page.wait_for_timeout(50)
+        is_playing = stays.state["playing"]
+        stays.press("1" if is_playing else "enter")
+        if is_playing:
+            texts.append(stays.screen())
+        stays.page.wait_for_timeout(30)
     assert stays.errors == []
     return texts
+
+
+def is_under_way(people: tuple[Somebody, ...], n_steps: int) -> bool:
+    """Whether all play, some steps into an episode; on a busy machine one may be over before both have begun."""
+    states = [person.state for person in people]
+    assert not any(state["finished"] for state in states)
+    return all(state["playing"] and state["step"] >= n_steps for state in states)
 
 
 def check_takeover(log: Path, pace: str) -> int | None:
     """Check a log's takeover; return in how many ticks the partner idled before, None where the log's person went."""
     events = list(read_events(log))
     [formed] = [event for event in events if isinstance(event, TeamFormed)]
-    sightings = [event for event in events if isinstance(event, SeatSeen) and event.seat != formed.seat]
-    if not any(event.state in ("closed", "left") for event in sightings):
-        return None
     other = 1 - formed.seat
-    sources = [event.sources[other] for event in events if isinstance(event, JointStepped)]
+    gone = [event for event in events if isinstance(event, SeatSeen) and event.seat == other]
+    gone = [event for event in gone if event.state in ("closed", "left")]
+    if not gone:
+        return None
+    since = (gone[0].episode, gone[0].step)
+    joint = [event for event in events if isinstance(event, JointStepped)]
+    sources = [event.sources[other] for event in joint if (event.episode, event.step) > since]
     first = sources.index("agent")
     assert set(sources[first:]) == {"agent"}
-    assert [(event.seat, event.by) for event in events if isinstance(event, SeatTaken)] == [(other, "agent")]
+    assert [event.by for event in events if isinstance(event, SeatTaken) and event.seat == other][-1] == "agent"
     n_idle = sources.count("late")
     if pace == "ticks":
         assert n_idle <= WAIT_S * 1_000 / PERIOD_MS + 1
