@@ -46,6 +46,7 @@ from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.log.paths import PART_SUFFIX, session_folder
 from minihuman.log.read.reader import read_segment_starts
 from minihuman.log.read.session_reader import read_events
+from minihuman.runtime.tick_schedule import TickSchedule
 from minihuman.simulation.participant import make_participant
 from minihuman.storage.system import monotonic_s
 from minihuman.worlds.adapters.world import World
@@ -177,13 +178,15 @@ class _TeamState:
     open_step: tuple[int, int] = (-1, 0)  # episode and step
     inputs: dict[int, int] = field(default_factory=dict)  # of the open step, by seat
     open_since_s: float = 0.0
+    schedules: dict[int, TickSchedule] = field(default_factory=dict)  # by episode, of real-time ticks
     keyed_s: dict[int, float] = field(default_factory=dict)  # by seat, when a key of its person's came last
     away: set[int] = field(default_factory=set)  # seats that the stand-in has
     left: bool = False  # a partner left, and the block ends
     declined: bool = False  # one left before the first step
     agents: dict[int, SeatAgent] = field(default_factory=dict)  # of the present episode, by seat
     agents_of: int = -1
-    sent: dict[str, tuple[MessageShown, float]] = field(default_factory=dict)  # by digest, with when they came
+    sent: dict[str, tuple[MessageShown, float]] = field(default_factory=dict)  # by digest, with when they are shown
+    next_sent_s: dict[int, float] = field(default_factory=dict)  # by seat, from when on its next message is shown
 
     @property
     def is_over(self) -> bool:
@@ -410,6 +413,7 @@ class TeamTable:
                 return None
             if not self._replace(state, missing):
                 return TeamLost(0, "partner_left")
+        state.schedules.setdefault(episode, TickSchedule(now_s))
         self._tell(one for one in state.members.values() if one is not member)
         return SeatsReady(0, episode)
 
@@ -422,6 +426,9 @@ class TeamTable:
         )
         rows, seat = state.rows.setdefault(episode, []), want.team.seat
         rows += zip(play.joint_actions[len(rows) :], play.sources[len(rows) :], strict=True)
+        schedule = state.schedules.setdefault(episode, TickSchedule(now_s))
+        if want.action is not None:
+            schedule.record_input(seat, want.step, now_s)
         may_return, absent = self._may_return(state, seat), self._is_absent(state, want, now_s)
         if want.action is not None and not may_return and state.rules.team.partner_return == "end":
             return TeamLost(0, "replaced")
@@ -446,11 +453,12 @@ class TeamTable:
         missing = self._people(state) - state.inputs.keys() - state.away
         waited_s = now_s - state.open_since_s
         late: set[int] = set()
+        due_s = schedule.find_due_s(missing, want.step, state.open_since_s, want.plan.step_period_ms / 1000)
         if missing:
             if waited_s >= state.rules.team.partner_wait_s:
                 if not self._replace(state, missing):
                     return TeamLost(0, "partner_left")
-            elif play.real_time and waited_s * 1000 >= state.rules.team.late_ms:
+            elif play.real_time and (now_s - due_s) * 1000 >= state.rules.team.late_ms:
                 late = missing
             else:
                 return None
@@ -463,9 +471,13 @@ class TeamTable:
         """The next of the others' messages that a seat has not received; words wait for it, a mark does not."""
         state, now_s = self.take_seat(want.team, want.plan.block_name, want.rules, member), self._now_s()
         if new := [message for message in want.sent if message.digest not in state.sent]:
-            state.sent |= {message.digest: (message, now_s) for message in new}
+            for message in new:
+                # a page says when its messages were written, so the server sees to the interval between them
+                shown_s = max(now_s, state.next_sent_s.get(message.seat, now_s))
+                state.next_sent_s[message.seat] = shown_s + INTERVAL_NS / 1e9
+                state.sent[message.digest] = message, shown_s
             self._tell(one for one in state.members.values() if one is not member)
-        others = [sent for sent in state.sent.values() if sent[0].seat != want.team.seat]
+        others = [sent for sent in state.sent.values() if sent[0].seat != want.team.seat and now_s >= sent[1]]
         due = (one for one, since_s in others if one.text or now_s - since_s < INTERVAL_NS / 1e9)
         return next((MessageGiven(0, one) for one in due if one.digest not in want.received), None)
 

@@ -40,10 +40,17 @@ class Connection(PageSession):
         hosted: their session.
         inbox: the experimenter's commands.
         leases: of this server; None where no other machine has this study.
+        max_outage_s: for how long, at most, no server had a session that another one had.
     """
 
     def __init__(
-        self, admission: Admission, hosted: HostedSession, inbox: CommandInbox, leases: SessionLeases | None = None
+        self,
+        admission: Admission,
+        hosted: HostedSession,
+        inbox: CommandInbox,
+        leases: SessionLeases | None = None,
+        *,
+        max_outage_s: float = 0.0,
     ) -> None:
         self.key = admission.key
         self.admission = admission
@@ -58,9 +65,7 @@ class Connection(PageSession):
         self._inbox = inbox
         self._streams = StreamNames()
         self._is_blind = False  # what keys lead to cannot be found out
-        clock = current_system().clock  # the wall clock may have been set back since a session began
-        since_start_ns = max(clock.wall_ns() - hosted.started_ns, hosted.host.last_at_ns)
-        self._clock = SegmentClock(clock.monotonic_ns() - since_start_ns)
+        self._clock = _start_clock(hosted, max_outage_s)
 
     @property
     def host(self) -> SessionHost:
@@ -97,7 +102,12 @@ class Connection(PageSession):
         if self._streams.receive_stream(hello.stream, hello.first):
             self.host.begin_stream(hello.first - 1)
         if hello.segment == self.hosted.segment:
-            self._clock.catch_up(hello.last - self.now_ns())
+            clock = current_system().clock
+            ahead_ns = hello.last - self.now_ns()
+            note = self._clock.catch_up(ahead_ns, wall_ns=clock.wall_ns(), monotonic_ns=clock.monotonic_ns())
+            self.host.note(note)
+            if not self._clock.allows(hello.last, self.now_ns()):
+                self.hosted.segment = secrets.token_hex(8)  # else all that the page has kept would be refused, for ever
         resumes = self._streams.resumes(hello.life, hello.heard, self.outgoing)
         if resumes:
             self.outgoing.acknowledge(hello.heard)
@@ -157,7 +167,7 @@ class Connection(PageSession):
 
     def _take_new(self, numbered: messages.NumberedMessage, *, more: bool) -> None:
         arrival_ns = current_system().clock.monotonic_ns()
-        self._clock.check(numbered.n, numbered.at, self._clock.at(arrival_ns))
+        self.host.note(self._clock.check(numbered.n, numbered.at, self._clock.at(arrival_ns)))
         if self.host.over:
             return
         if isinstance(numbered.what, _ACTS):
@@ -232,3 +242,19 @@ class Connection(PageSession):
     def leave(self) -> None:
         """Make the log durable and go: the next server goes on with it. Blocks for the disk."""
         self.recording.leave(is_dismissed=bool(self.presence.dismissal_code))
+
+
+def _start_clock(hosted: HostedSession, max_outage_s: float) -> SegmentClock:
+    """Start the clock of a session where it is by the wall clock, which may have been set back since it began."""
+    clock = current_system().clock
+    wall_ns = clock.wall_ns()
+    monotonic_ns = clock.monotonic_ns()
+    logged_ns = hosted.host.last_at_ns
+    since_start_ns = max(wall_ns - hosted.started_ns, logged_ns)
+    longest_ns = logged_ns + round(max_outage_s * 1e9)  # before a consent a server that is gone left no log
+    return SegmentClock(
+        monotonic_ns - since_start_ns,
+        wall_ns=wall_ns,
+        monotonic_ns=monotonic_ns,
+        outage_ns=max(0, longest_ns - since_start_ns),
+    )

@@ -160,7 +160,13 @@ class ConnectionFactory:
             if isinstance(error, OSError | AllocationError):
                 return WAIT
             return self._refusals.turn_away("broken")
-        connection = Connection(admission, hosted, self._open_inbox(admission), self._arrivals.leases)
+        connection = Connection(
+            admission,
+            hosted,
+            self._open_inbox(admission),
+            self._arrivals.leases,
+            max_outage_s=self._web.reconnect_timeout_s,
+        )
         self._connections[admission.key] = connection
         opened.append(connection)
         wake()

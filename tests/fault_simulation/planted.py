@@ -243,7 +243,7 @@ FOUND_BY = {  # a seed that finds it on Python 3.11 to 3.13: servers die at turn
     "acknowledged before fsync": 1,
     "failed fsync swallowed": 77,
     "short write taken as whole": 13,
-    "last chunk dropped": 14,
+    "last chunk dropped": 59,
     "folder not synced": 0,
     "renamed before its content": 1,
     "resent as new": 0,
