@@ -7,7 +7,7 @@ MCAP.
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from minihuman.admin.enrolment_entries import (
@@ -22,6 +22,7 @@ from minihuman.admin.enrolment_entries import (
     read_enrolled,
     read_enrolment_log,
 )
+from minihuman.admin.recruitment import Recruitment
 from minihuman.admin.session_index import SessionRow, find_double_sessions, read_session_index
 from minihuman.admin.session_summary import SessionSummary
 from minihuman.admin.unfinished_withdrawals import find_unfinished_withdrawals
@@ -138,6 +139,8 @@ def format_status(study_dir: Path, found: "StudyStatus | None" = None) -> Iterat
         yield f"{count} {what}"
     for code in found.replaced:
         yield f"{code:12} does not come back; the slot is offered again"
+    if found.sources:
+        yield "came online: " + ", ".join(f"{count} by {source}" for source, count in found.sources.items())
     if found.withdrew:
         yield f"{found.withdrew} withdrew and {'is' if found.withdrew == 1 else 'are'} excluded"
     if found.interventions:
@@ -207,6 +210,7 @@ class StudyStatus:
     interventions: Mapping[str, int]  # what was done by hand, in counts
     problems: tuple[str, ...]  # logs that are gone, and ends of logs that the enrolment log lacks
     live: frozenset[Path]  # folders in which a session is being recorded
+    sources: Mapping[str, int] = field(default_factory=dict)  # of those who came online, and have a slot
 
 
 def read_study_status(study_dir: Path) -> StudyStatus:
@@ -234,6 +238,7 @@ def read_study_status(study_dir: Path) -> StudyStatus:
             for folder, names in folders
             if any(name.endswith(PART_SUFFIX) and is_being_recorded(folder / name) for name in names)
         ),
+        sources=Recruitment(study_dir).count_sources(),
     )
 
 

@@ -82,6 +82,16 @@ class Connection(PageSession):
         """Whether anything is recorded: there was a consent, or none was asked for."""
         return bool(self.hosted.files)
 
+    @property
+    def has_taken_part(self) -> bool:
+        """Whether the participant made a step; in a study without episodes, whether they agreed."""
+        return self.host.has_stepped or (self.agreed and not self.host.session.plan.episodes)
+
+    @property
+    def is_unproven(self) -> bool:
+        """Whether all that is known of the participant is an address: no link of ours, and nothing that they did."""
+        return bool(self.network) and not self.has_taken_part
+
     def now_ns(self) -> int:
         """Return the session's time, by the server's clock."""
         return self._clock.at(current_system().clock.monotonic_ns())

@@ -79,7 +79,7 @@ class ConnectionFactory:
         turn = self._turns.setdefault(link_digest, asyncio.Lock())
         network = find_network(address)
         # a token that they invented is turned away
-        is_invited = is_token(hello.token) and not self._web.open_access
+        is_invited = is_token(hello.token) and (not self._web.open_access or await self._is_issued(hello.token))
         network_turn = self._turns.setdefault(link_digest if is_invited else network.encode(), asyncio.Lock())
         async with turn, network_turn if network_turn is not turn else contextlib.nullcontext():
             known = self._connections.get(self._connection_keys.get(link_digest, ""))
@@ -89,7 +89,7 @@ class ConnectionFactory:
                 return self._refusals.turn_away("busy")
             connection = await self._admit_page(hello)
             if isinstance(connection, Connection):
-                connection.network = network
+                connection.network = "" if is_invited else network
                 self._connection_keys[link_digest] = connection.key
             return connection
 
@@ -109,14 +109,21 @@ class ConnectionFactory:
     def _is_full(self) -> bool:
         return len(self._connections) >= self._web.max_concurrent_sessions
 
+    async def _is_issued(self, token: str) -> bool:
+        """Whether a link of an open study was issued, by the experimenter or by a page that comes again."""
+        try:
+            return await asyncio.to_thread(self._arrivals.is_invited, token)
+        except OSError:  # the database is away: they are told where they are admitted
+            return False
+
     def _is_crowded(self, network: str) -> bool:
-        """Whether a network has as many sessions without a consent as it may."""
-        unconsented = [
+        """Whether as many came from a network as may, consented or not, and have played nothing."""
+        unproven = [
             connection
             for connection in self._connections.values()
-            if connection.network == network and not connection.agreed and not connection.host.over
+            if connection.network == network and connection.is_unproven and not connection.host.over
         ]
-        return len(unconsented) >= self._web.max_unconsented_per_address
+        return len(unproven) >= self._web.max_unconsented_per_address
 
     def isolate(self, connection: Connection) -> None:
         """Keep a connection for its own page alone: the participant's code is free for the next one."""

@@ -63,6 +63,7 @@ class SessionHost:
         self._begun = bool(logged)  # the session knows what time it is
         self._draws = True  # the page does not know the screen
         self._notes: list[str] = []  # of the page, that come with its next message
+        self.has_stepped = any(isinstance(event, Stepped) for event in logged)
         self._unheard = 0  # notes of what was done in segments before
         self._writer.write(unwritten)
 
@@ -164,7 +165,9 @@ class SessionHost:
         self.outbox.follow(events)
         if not waits:
             self._answer()
-        return any(isinstance(event, Stepped) for event in events)
+        is_step = any(isinstance(event, Stepped) for event in events)
+        self.has_stepped |= is_step
+        return is_step
 
     def _advance(self, number: int, at_ns: int, message: messages.PageMessage, arrival_ns: int | None) -> None:
         """Let the session's time be a message's."""

@@ -46,6 +46,7 @@ LOOK_AHEAD_SLICE_S = 0.01  # of one connection, before its page gets what was fo
 MAX_LOOP_BLOCK_S = 0.002  # before messages have a turn
 # Codes of a closed socket after which the page does not come again by itself.
 ANOTHER, REFUSED, FOREIGN = 4001, 4003, 4004
+_VANISHED = ("connection_lost", "timed_out")
 CLOSE_BUSY = 4100  # the page tries again in a while
 CLOSE_OLD = 4002  # and after this it is loaded anew: it is of another release than the server
 
@@ -240,6 +241,8 @@ class WebServer:
             why = "declined" if end == "declined" else session.end_reason
             self._factory.isolate(connection)
             await asyncio.to_thread(self._arrivals.decline, admission, why)
+        elif session.end_reason in _VANISHED and connection.is_unproven:
+            await asyncio.to_thread(self._arrivals.release, admission, session.end_reason)
         person = await asyncio.to_thread(self._arrivals.id_on_platform, admission.participant)
         code = get_session_code(self._arrivals.protocol, admission.session)
         completion = build_completion(self._web, end, session_code=code, person=person)

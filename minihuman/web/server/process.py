@@ -19,6 +19,7 @@ from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.log.record.session_leases import SessionLeases
 from minihuman.operating_system import claim_address, exit_when_terminated
 from minihuman.storage.lease import open_lease_table
+from minihuman.web.arrival_signature import read_arrival_key
 from minihuman.web.arrivals import Arrivals, build_link, build_platform_link
 from minihuman.web.message_codec import MAX_MESSAGE_BYTES
 from minihuman.web.server.app import WebServer
@@ -70,9 +71,13 @@ def run_server(
     """Serve a study until SIGTERM or Ctrl-C; ``say`` gets each link, to ``address`` or this machine.
 
     Sessions are left as they are, for the next server to resume.
+
+    Raises:
+        ArrivalKeyError: if the study requires signed arrivals and there is no key.
     """
     table = open_lease_table(data / protocol.study.name)
-    arrivals = Arrivals(protocol, data, None if table is None else SessionLeases(table))
+    arrival_key = read_arrival_key() if protocol.web.require_signed_arrival else b""
+    arrivals = Arrivals(protocol, data, None if table is None else SessionLeases(table), arrival_key=arrival_key)
     address = f"{address.rstrip('/')}/" if address else f"http://{HOST}:{taken.getsockname()[1]}/"
     for token in arrivals.recruits.issue(links):
         say(build_link(address, token))
