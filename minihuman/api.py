@@ -114,7 +114,7 @@ class Episode:
 
     @property
     def outcome(self) -> str:
-        """How it ended: goal, timeout, failure, abandoned, agent_failed, or cut_off where the log stops."""
+        """How it ended: goal, timeout, failure, ended, abandoned, agent_failed, or cut_off where the log stops."""
         return self.recorded.outcome_word
 
     @property

@@ -125,6 +125,23 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
     ),
     "minihuman.experiment.machine.screens": (f"{_NEW}.correction.screens", f"{_NEW}.preferences.screens"),
     "minihuman.experiment.machine.session": ("minihuman.experiment.pending_session",),
+    "minihuman.experiment.plan.expansion": (
+        "minihuman.experiment.plan.participant_codes",
+        "minihuman.experiment.plan.part_names",
+        "minihuman.experiment.plan.part_plans",
+    ),
+    "minihuman.runtime.team_host": (
+        "minihuman.runtime.seat_agents",
+        "minihuman.runtime.team_seating",
+    ),
+    "minihuman.runtime.model_sessions": (
+        "minihuman.runtime.model_run",
+        "minihuman.runtime.model_window",
+    ),
+    "minihuman.runtime.simulated_session": (
+        "minihuman.runtime.simulated_window",
+        "minihuman.simulation.part_simulation",
+    ),
     "minihuman.reporting.teaching_section": (f"{_NEW}.agent_blocks.report",),
     "minihuman.log.activity_topics": (
         f"{_NEW}.agent_blocks.rows",

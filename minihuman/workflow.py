@@ -127,7 +127,7 @@ def run(
     from minihuman.runtime.host import host_session
     from minihuman.runtime.machine import SessionClock
     from minihuman.runtime.shared_window import SharedWindow, host_team
-    from minihuman.runtime.team_host import count_seats_at_machine, require_one_process
+    from minihuman.runtime.team_seating import count_seats_at_machine, require_one_process
 
     protocol, data = Path(protocol), Path(data)
     study = read_protocol(protocol, trust=trust)
@@ -245,7 +245,8 @@ def _simulate_models(
     max_price: float,
     on_progress: Listener,
 ) -> Iterator[Path]:
-    from minihuman.runtime.model_sessions import ModelRun, simulate_models
+    from minihuman.runtime.model_run import ModelRun
+    from minihuman.runtime.model_sessions import simulate_models
     from minihuman.simulation.model_conversation import SpentTotals
 
     done, currency = 0, study.model.currency
@@ -293,6 +294,7 @@ def verify(
         MinihumanError: if a manifest is combined with ``trust`` or ``policies``, ``outputs`` are not compared with
             one study's tables, or nothing is at a path.
     """
+    from minihuman.admin.local_copies import obey_withdrawals
     from minihuman.admin.verify.episodes import verify_teams
     from minihuman.admin.verify.log import find_sessions, find_studies, verify_enrolment, verify_manifest
     from minihuman.dataset.log_files import map_paths
@@ -307,6 +309,10 @@ def verify(
         raise MinihumanError(
             "--report needs --tables and exactly one study; run: minihuman verify STUDY --tables --report FOLDER"
         )
+    for study in dict.fromkeys(study for path in map(Path, paths) for study in find_studies(path)):
+        obeyed: list[str] = []
+        obey_withdrawals(study, say=obeyed.append)
+        yield from (VerificationLine(study, line, ok=True) for line in obeyed)
     checks: list[Iterable[VerificationLine]] = []
     verify_log = partial(_verify_log, trust=trust, policies=policies)
     for path in map(Path, paths):
@@ -384,6 +390,7 @@ def export(
     *,
     selection: "Selection | None" = None,
     stored_frames: bool = False,
+    with_messages: bool = False,
     engine: str = "local",
     on_progress: Listener = _ignore,
 ) -> ExportSummary:
@@ -395,6 +402,7 @@ def export(
         out: a folder that does not exist yet.
         selection: which sessions and episodes are included.
         stored_frames: take the observations from the logs; by default they are replayed. Both are checked by hash.
+        with_messages: copy logs that hold messages between participants, too, into an archive such as BIDS.
         engine: reads logs for tables in processes of this machine (local) or in a Ray cluster (ray).
         on_progress: is told of each log.
 
@@ -402,11 +410,15 @@ def export(
         ExportError: if the format is unknown, the folder exists, nothing is included, or an episode does not replay.
         LogError: if the study cannot be read.
     """
+    from minihuman.admin.local_copies import obey_withdrawals
+    from minihuman.admin.recorded_outputs import record_output
     from minihuman.dataset.selection import Selection
     from minihuman.errors import name_output_when_full
     from minihuman.exporters.exporter import export_study
 
     out = Path(out)
+    obeyed: list[str] = []
+    obey_withdrawals(Path(study), say=obeyed.append)
     with name_output_when_full(out):
         written, card = export_study(
             format_name,
@@ -414,11 +426,14 @@ def export(
             out,
             selection or Selection(),
             stored_frames=stored_frames,
+            with_messages=with_messages,
             engine=engine,
             progress=lambda log: on_progress(str(log)),
         )
+    forgotten = record_output(Path(study), f"export {format_name}", out)
     excluded = (f"excluded: {line}" for line in written.left_out)
-    return ExportSummary(out, written.episodes, written.steps, (*card.account.lines(), *excluded, *card.account.notes))
+    notes = (*obeyed, *card.account.lines(), *excluded, *card.account.notes, *filter(None, [forgotten]))
+    return ExportSummary(out, written.episodes, written.steps, notes)
 
 
 def report(
@@ -442,6 +457,8 @@ def report(
         LogError: if there is no such folder.
         ReportError: if no log in it can be read, the logs are of different studies, or nothing can be modelled.
     """
+    from minihuman.admin.local_copies import obey_withdrawals
+    from minihuman.admin.recorded_outputs import record_output
     from minihuman.dataset.log_files import infrequent_collection
     from minihuman.dataset.selection import Selection
     from minihuman.dataset.sessions import StudySessions
@@ -449,12 +466,17 @@ def report(
     from minihuman.reporting.build import build_report, find_stale_figures
 
     out = Path(out)
+    obeyed: list[str] = []
+    obey_withdrawals(Path(study), say=obeyed.append)
     with infrequent_collection(), name_output_when_full(out):
         sessions = StudySessions(Path(study), selection or Selection())
         written = build_report(sessions, out, None if template is None else Path(template), scripts=scripts)
+        forgotten = record_output(Path(study), "report", out)
         notes: Iterable[str] = (
+            *obeyed,
             *sessions.account.lines(),
             *find_stale_figures(out, written),
             *sessions.account.notes,
+            *filter(None, [forgotten]),
         )
         return ReportSummary(written[0], written, tuple(notes))

@@ -38,8 +38,10 @@ def status(
         lines = [one.line() for one in found] or ["no participant is due"]
         print_result(found, lambda: "\n".join(lines), json=json)
         return
+    from minihuman.admin.local_copies import obey_withdrawals
     from minihuman.admin.status import format_status, read_study_status
 
+    obey_withdrawals(study, say=lambda line: print_account([line]))
     found_status = read_study_status(study)
     print_result(found_status, lambda: "\n".join(format_status(study, found_status)), json=json)
     raise SystemExit(int(bool(found_status.problems)))

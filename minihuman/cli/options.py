@@ -70,7 +70,7 @@ EngineOption = Annotated[
 JsonOption = Annotated[bool, Option("--json", help="Print JSON instead of plain text.")]
 
 _HELP = {
-    "outcome": "Include only episodes with this outcome: goal, timeout or failure; repeatable.",
+    "outcome": "Include only episodes with this outcome: goal, timeout, failure or ended; repeatable.",
     "block": "Include only episodes of this block; repeatable.",
     "participant": "Include only this participant's episodes; repeatable.",
     "version": "Include only episodes recorded with this protocol version, given as a version number or the first "

@@ -34,6 +34,13 @@ def export(
     stored_frames: Annotated[
         bool, Option("--stored-frames", help="Use the observations stored in the logs instead of replaying episodes.")
     ] = False,
+    with_messages: Annotated[
+        bool,
+        Option(
+            "--with-messages",
+            help="Also copy the logs that hold messages between participants; BIDS alone contains logs.",
+        ),
+    ] = False,
     engine: EngineOption = "local",
     *,
     selection: Any,
@@ -55,6 +62,7 @@ def export(
             out,
             selection=selection,
             stored_frames=stored_frames,
+            with_messages=with_messages,
             engine=engine,
             on_progress=progress,
         )

@@ -153,7 +153,7 @@ def serve(
         require_legible(study, str(protocol))
     socket = open_listening_socket(port, host)
     if workers > 1:
-        from minihuman.runtime.team_host import require_one_process
+        from minihuman.runtime.team_seating import require_one_process
 
         require_one_process(study, "in several server processes; leave out --workers")
     others = list_process_commands(
@@ -274,8 +274,30 @@ def simulate(
             trust=ask_trust(trust),
             on_progress=progress,
         )
+        logs = []
         for path in played:
             print(path, flush=True)
+            logs.append(path)
+    if player.startswith("model:"):  # any other player that fails is an error at once
+        _require_whole_sessions(logs, player)
+
+
+def _require_whole_sessions(logs: list[Path], player: str) -> None:
+    """Raise SimulationError if the player ended a session before its last episode."""
+    from minihuman.log.read.session_reader import read_log
+
+    short = []
+    for path in logs:
+        log = read_log(path)
+        whole = sum(episode.outcome not in (None, "abandoned") for episode in log.episodes)
+        if log.end_reason == "player_failed" and whole < len(log.plan.episodes):
+            short.append(f"{path}, with {whole} of {len(log.plan.episodes)} episodes")
+    if short:
+        sessions = "1 session" if len(short) == 1 else f"{len(short)} sessions"
+        raise SimulationError(
+            f"{player} ended {sessions} before the last episode, without a valid answer or at a limit; the first is "
+            f"{short[0]}"
+        )
 
 
 def watch(

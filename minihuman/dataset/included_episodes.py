@@ -37,6 +37,7 @@ class IncludedEpisodes:
         sessions: where they are, and what counts of them.
         taken: called with each episode's log and facts as it is taken.
         stored_frames: whether observations are those that the logs hold.
+        with_messages: whether an archive of logs takes those with messages between participants, too.
     """
 
     def __init__(
@@ -45,8 +46,10 @@ class IncludedEpisodes:
         *,
         taken: Callable[[Path, Mapping[str, Any]], None] = lambda path, facts: None,
         stored_frames: bool = False,
+        with_messages: bool = False,
     ) -> None:
         self.sessions = sessions
+        self.with_messages = with_messages
         self._taken = taken
         self._stored_frames = stored_frames
 

@@ -267,8 +267,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
 
         Any edit changes it. Equal rows have equal digests, whatever the session's number.
         """
-        digests = _row_digest(name, without=without)
-        return dict(self.connection.sql(f"FROM kept.{name}").aggregate(digests, "log").fetchall())
+        return digest_relation(self.connection.sql(f"FROM kept.{name}"), name, without=without)
 
     def find_changed(self, name: str) -> set[int]:
         """The sessions whose rows in a table are not those that were put in; those of no session among them."""
@@ -415,6 +414,13 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             self.connection.execute("CREATE TABLE kept.made_by (version TEXT, catalogue TEXT)")
             made_by = (software_digest(), self._digest_catalogue())
             self.connection.execute("INSERT INTO kept.made_by VALUES (?, ?)", made_by)
+
+
+def digest_relation(
+    rows: duckdb.DuckDBPyRelation, name: str, *, without: frozenset[str] = frozenset()
+) -> dict[int, int]:
+    """Digest a table's rows by session, as ``digest_rows`` does: each row has ``log``, its session, and ``row``."""
+    return dict(rows.aggregate(_row_digest(name, without=without), "log").fetchall())
 
 
 def _row_digest(name: str, *, without: frozenset[str] = frozenset()) -> str:

@@ -127,6 +127,7 @@ STEPS = (
     TableColumn("terminated", "boolean", "", "The world ended the episode."),
     TableColumn("truncated", "boolean", "", "A limit ended the episode."),
     TableColumn("action_vector", "text", "", "The action, a JSON list, where actions are vectors; else empty."),
+    TableColumn("info", "text", "JSON", "What record_info keeps of the world's info; empty where it keeps nothing."),
 )
 
 
@@ -139,7 +140,14 @@ PRESSES = (
     TableColumn("key", "key", "", "The physical key."),
     TableColumn("down", "boolean", "", "True for a press, false for a release."),
     TableColumn("action", "text", "", "The action it asked for; empty where it has none."),
-    TableColumn("verdict", "text", "", "Its effect: accepted, unmapped, spare, repeat, queued, not_playing, release."),
+    TableColumn(
+        "verdict",
+        "text",
+        "",
+        "Its effect: accepted, unmapped, spare, repeat, queued, not_playing, typing, release; held_before_focus: it "
+        "was down before the window had the focus; shortcut: beside Ctrl, Alt or Meta; release_at_focus_loss: the "
+        "window lost the focus with the key down.",
+    ),
 )
 
 
@@ -284,7 +292,8 @@ OTHER_INPUTS = (
         "what",
         "text",
         "",
-        "typed; what the pointer did: pressed, moved while pressed, released; axis: one of a gamepad moved.",
+        "typed; what the pointer did: pressed, moved while pressed, released, held_before_focus (the click that gave "
+        "the focus), cancelled (a release that no finger made); axis: one of a gamepad moved.",
     ),
     TableColumn("text", "text", "", "What was typed."),
     TableColumn("target", "text", "", "The spot the pointer went down in, empty for none; the axis that moved."),
@@ -369,8 +378,10 @@ EPISODES = (
     TableColumn("world", "text", "", "The world's id."),
     TableColumn("seed", "integer", "", "The seed of the layout."),
     TableColumn("t_ns", "integer", "ns", "When the episode was reset: session time, since the first segment began."),
-    TableColumn("outcome", "text", "", "goal, timeout, failure, abandoned, agent_failed or cut_off."),
-    TableColumn("success", "boolean", "", "Whether the outcome is goal."),
+    TableColumn(
+        "outcome", "text", "", "goal, timeout, failure, abandoned, agent_failed, cut_off; ended: no rule says."
+    ),
+    TableColumn("success", "boolean", "", "Whether the outcome is goal; empty where no rule says."),
     TableColumn("reward", "number", "", "Sum of the episode's rewards."),
     TableColumn("steps", "integer", "", "Steps done."),
     TableColumn("max_steps", "integer", "", "Steps allowed."),

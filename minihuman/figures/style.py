@@ -37,9 +37,18 @@ OUTCOME_COLOURS = {
     "failure": "#d55e00",
     "abandoned": "#cc79a7",
     "agent_failed": "#000000",
+    "ended": "#56b4e9",
     CUT_OFF: "#8a8a8a",
 }
-OUTCOME_MARKERS = {"goal": "o", "timeout": "s", "failure": "X", "abandoned": "v", "agent_failed": "*", CUT_OFF: "P"}
+OUTCOME_MARKERS = {
+    "goal": "o",
+    "timeout": "s",
+    "failure": "X",
+    "abandoned": "v",
+    "agent_failed": "*",
+    "ended": "D",
+    CUT_OFF: "P",
+}
 TIME_COLOURS = "cividis"
 OCCUPANCY_COLOURS = "BuPu"  # from pale to dark: the eye goes to what there is much of, in print and in greys, too
 

@@ -72,7 +72,8 @@ _OF_EPISODE = {  # measures of a block that are the mean of an episode's; times 
     "reward_mean": _column("reward"),
     "success": _column("success"),
     "steps_at_limit_mean": _Expression(
-        "ifelse(d$success, d$steps, d$max_steps)", 'd["steps"].where(d["success"], d["max_steps"]).astype(float)'
+        "ifelse(d$success, d$steps, d$max_steps)",
+        'd["steps"].where(d["success"].eq(True), d["max_steps"]).astype(float).where(d["success"].notna())',
     ),
     "playing_s_mean": _logarithm("playing_s"),
     "response_median_ms": _logarithm("response_median_ms"),

@@ -7,8 +7,10 @@ from importlib.metadata import version
 import minihuman
 from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
 from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.experiment.plan.stated_outcomes import describe_rule, find_outcome_rule, is_of_catalogue
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.reporting.results import FORMULAS, MEASURES
+from minihuman.worlds.outcomes import LAST_REWARD
 
 _STATISTICS = ("pandas", "scipy")
 _TO_FIND = "the actions of the keys had to be discovered"
@@ -258,8 +260,17 @@ def _describe(one: EpisodePlan, spec: BlockSpec | None) -> str:
         f"{options}, {one.view} view, at most {one.max_steps} steps"
         f"{f' or {spec.max_episode_s:g} s' if spec is not None and spec.max_episode_s else ''} each; {_pace(one)}; "
         f"actions {', '.join(one.actions)} on {offered} keys of {pool}{distractors}; "
-        f"{_SHOWN if one.show_keys else _TO_FIND}{_moved(spec)}"
+        f"{_SHOWN if one.show_keys else _TO_FIND}{_moved(spec)}{_outcome(one, spec)}"
     )
+
+
+def _outcome(one: EpisodePlan, spec: BlockSpec | None) -> str:
+    """What an end meant, where that does not go without saying."""
+    if is_of_catalogue(one.world) and one.outcome_rule == LAST_REWARD:
+        return ""
+    is_older = spec is not None and one.outcome_rule == LAST_REWARD != find_outcome_rule(spec).rule
+    since = ", as for every world when the study began" if is_older else ""
+    return f"; {describe_rule(one.outcome_rule)}{since}"
 
 
 def _moved(spec: BlockSpec | None) -> str:

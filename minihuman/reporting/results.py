@@ -79,7 +79,8 @@ def collect_survival_times(rows: pd.DataFrame, begun: pd.DataFrame, order: Seque
         found = first["all_keys_discovered_s"].to_numpy(float)
         if len(first):
             keys[group] = SurvivalTimes(np.where(np.isnan(found), watched, found), ~np.isnan(found))
-        part = episodes[(episodes["group"] == group) & (episodes["steps"] > 0)]
+        known = episodes["success"].notna()
+        part = episodes[(episodes["group"] == group) & (episodes["steps"] > 0) & known]
         if len(part):
             waited = part["steps"].where(part["outcome"] != "failure", part["max_steps"])
             goal[group] = SurvivalTimes(waited.to_numpy(float), part["success"].to_numpy(bool))
@@ -332,7 +333,7 @@ def compute_block_results(
     rows = _groups_in(order, rows.sort_values(["participant", "session"]))
     aside = {
         name: why
-        for name, why in set_measures_aside(rows, late=int((~episodes["success"].astype(bool)).sum())).items()
+        for name, why in set_measures_aside(rows, late=int(episodes["success"].eq(False).sum())).items()
         if name not in (analysis.primary_measure, *analysis.secondary_measures)
     }
     unasked = ONLY_IF_NAMED - {analysis.primary_measure, *analysis.secondary_measures}

@@ -21,7 +21,7 @@ from minihuman.experiment.plan.expansion import enrol_participant, expand_protoc
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.runtime.session_loop import run_session
-from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.runtime.simulated_window import SimulatedWindow
 from minihuman.simulation.participant import KeyPress, SimulatedParticipant, make_participant
 from minihuman.testing.checks import ContractError, build_short_study, require
 from minihuman.worlds.adapters.world import World

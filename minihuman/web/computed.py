@@ -31,7 +31,8 @@ from minihuman.web.messages import (
     WorldState,
 )
 from minihuman.worlds.adapters.spaces import Action
-from minihuman.worlds.adapters.world import StepResult, World
+from minihuman.worlds.adapters.transition import StepResult
+from minihuman.worlds.adapters.world import World
 from minihuman.worlds.first_person.page_scene import PageLook, copy_state, describe, locate
 from minihuman.worlds.first_person.rules import digest_state
 from minihuman.worlds.grid.engine import GridEngine

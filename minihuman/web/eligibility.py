@@ -19,6 +19,7 @@ import msgspec
 
 from minihuman.errors import escape_control_characters
 from minihuman.experiment.keys import list_pad_inputs
+from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.machine.events import EndReason
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
@@ -120,13 +121,14 @@ def check_eligibility(
 
 
 MAX_TOUCH_KEYS = 12  # buttons of 48 px that leave half of a phone's screen to the world
-_TOUCHED_KINDS = ("play", "trials")  # of blocks; agents need keys beside those of the pool
 
 
 def needs_keyboard(protocol: Protocol) -> bool:
     """Whether a study cannot be done with buttons on a touch screen that stand for the keys of its pool."""
-    kinds_need = any(block.kind not in _TOUCHED_KINDS for block in protocol.blocks) or bool(protocol.activities)
-    return kinds_need or (bool(protocol.blocks) and len(protocol.keys.pool) > MAX_TOUCH_KEYS)
+    # agents and partners need keys beside those of the pool
+    has_other_keys = any(not find_kind(block.kind).is_played_alone for block in protocol.blocks)
+    has_many_keys = bool(protocol.blocks) and len(protocol.keys.pool) > MAX_TOUCH_KEYS
+    return has_other_keys or has_many_keys or bool(protocol.activities)
 
 
 def requires_gamepad(protocol: Protocol) -> bool:
@@ -177,7 +179,7 @@ def classify_ending(reason: EndReason, *, agreed: bool, part_kind: str = "") -> 
     """
     if not agreed and reason in ("quit", "window_closed", "declined"):
         return "declined"
-    if reason == "screened_out" and part_kind == "questions":
+    if reason == "screened_out" and part_kind and find_kind(part_kind).is_check:
         return "failed_check"
     return _ENDS.get(reason, "broken")
 

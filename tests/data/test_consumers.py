@@ -16,7 +16,8 @@ import pytest
 from minihuman.dataset.annotations import Annotation, add_annotation
 from minihuman.dataset.selection import Selection, format_version
 from minihuman.dataset.sessions import StudySessions, read_selected_sessions
-from minihuman.experiment.plan.expansion import enrol_participant, parse_participant_code
+from minihuman.experiment.plan.expansion import enrol_participant
+from minihuman.experiment.plan.participant_codes import parse_participant_code
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.exporters.exporter import export_study, list_exporters
 from minihuman.figures.figure_data import collect_learning_curves

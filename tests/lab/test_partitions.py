@@ -17,6 +17,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 import minihuman
+from minihuman.admin.erasure_ledger import STORE_FOLDER
 from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.remote_logs import sync_logs
 from minihuman.admin.withdrawal import withdraw_participant
@@ -243,7 +244,7 @@ def test_an_annotation_replaces_the_tables_it_changes_and_reaches_the_other_mach
     remote_logs = tmp_path / "logs" / STUDY
     assert len(list((remote_logs / "sub-02").rglob("*.*"))) == 2
     withdraw_participant(study, "sub-02", seal=None)
-    assert [path.name for path in remote_logs.iterdir()] == ["sub-01"]
+    assert sorted(path.name for path in remote_logs.iterdir()) == ["sub-01", STORE_FOLDER]
 
 
 def test_annotations_made_on_two_machines_are_put_one_behind_the_other(study: Path, tmp_path: Path) -> None:

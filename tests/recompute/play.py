@@ -37,7 +37,7 @@ from minihuman.log.record.recorder import DeferredRecorder
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.machine import collect_machine_facts
 from minihuman.runtime.session_loop import run_session
-from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.runtime.simulated_window import SimulatedWindow
 from minihuman.simulation.participant import make_participant
 from minihuman.workflow import export, report
 from minihuman.worlds.adapters.world import World

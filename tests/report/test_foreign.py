@@ -45,6 +45,7 @@ ARCADE = """
 [[blocks]]
 name = "paddle"
 world = "tests.worlds.paddle:tests/Paddle-v0"
+success = "terminated and reward > 0"
 episodes = 3
 actions = ["noop", "left", "right"]
 max_steps = 60

@@ -6,7 +6,7 @@ from typing import Literal
 from minihuman.activities.episode_clips import EpisodeClip
 from minihuman.experiment.machine.events import ActivityEvent, EpisodeBeginning, EpisodeEnding, EpisodeStep
 
-CorrectionOutcome = Literal["goal", "failure", "timeout", "stopped"]
+CorrectionOutcome = Literal["goal", "failure", "timeout", "stopped", "ended"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from minihuman.experiment.machine.transitions import Phase
 class RatingActivity(AgentPlayActivity):
     """Only the agent acts. If it fails, its episode ends; where there is none, all actions are equally likely."""
 
-    alone = True
+    acts_without_policy = True
 
     def __init__(self, *arguments: object) -> None:
         super().__init__(*arguments)  # type: ignore[arg-type]
@@ -88,8 +88,8 @@ class RatingActivity(AgentPlayActivity):
         return min((t for t in due if t is not None), default=None)
 
     @property
-    def held(self) -> RunningEpisode | None:
-        """The episode whose last picture is held, for players who rate it; None in every other phase."""
+    def rated_episode(self) -> RunningEpisode | None:
+        """The episode whose last picture stays."""
         return self._current if self.phase is Phase.HOLD else None
 
     @property
@@ -99,7 +99,7 @@ class RatingActivity(AgentPlayActivity):
 
     @property
     def _look(self) -> object:
-        return self.who, self._flash
+        return self.controller, self._flash
 
     def _play_screen(self) -> PlayScreen:
         return replace(super()._play_screen(), flash=_find_mark(self._flash))
@@ -125,4 +125,5 @@ RATING = ActivityKind(
     tables="minihuman.activities.rating.tables:RATING_TABLES",
     check_block=check_block,
     report="minihuman.activities.agent_blocks.report:build_section",
+    simulator="minihuman.activities.agent_blocks.simulation:AgentBlockSimulator",
 )

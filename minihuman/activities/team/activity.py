@@ -219,27 +219,27 @@ class TeamPlayActivity(PlayActivity):
         if self.phase is Phase.LOBBY:
             self._count_waiting()
         self.context.stranded |= reason != "replaced"
-        self._tally.skip = reason
+        self.sequence.stop(reason)
         if self.playing:
             self._episode_ended("partner_left")
         else:
             self._end()
 
-    def _take_joint(self, taken: JointTaken) -> None:
-        if not self.playing or (taken.episode, taken.step) != (self._current.plan.episode, self._current.steps + 1):
+    def _take_joint(self, joint: JointTaken) -> None:
+        if not self.playing or (joint.episode, joint.step) != (self._current.plan.episode, self._current.steps + 1):
             return
         play = self.team_episode
         now_ns = self.context.now_ns
         seat = self.team_episode.team.seat
-        stepped, rewards, mine = play.step_joint(now_ns, taken)
-        place = (taken.episode, taken.step)
+        stepped, rewards, mine = play.step_joint(now_ns, joint)
+        place = (joint.episode, joint.step)
         self.context.emit(
-            JointStepped(now_ns, *place, taken.actions, rewards, taken.sources, play.digest, play.poses())
+            JointStepped(now_ns, *place, joint.actions, rewards, joint.sources, play.digest, play.poses())
         )
-        if mine is not None and mine.key and taken.sources[seat] != "person":
+        if mine is not None and mine.key and joint.sources[seat] != "person":
             self.context.emit(InputLate(now_ns, *place, mine.action, mine.key, mine.key_t_ns))
         holders = tuple(
-            before if source == "late" else source for source, before in zip(taken.sources, self._holders, strict=True)
+            before if source == "late" else source for source, before in zip(joint.sources, self._holders, strict=True)
         )
         for other, (before, after) in enumerate(zip(self._holders, holders, strict=True)):
             if before != after:
@@ -328,4 +328,5 @@ TEAM = ActivityKind(
     messages="minihuman.activities.team.rows:TEAM_ROWS",
     tables="minihuman.activities.team.tables:TEAM_TABLES",
     check_block=check_block,
+    is_for_players=True,
 )

@@ -120,24 +120,24 @@ class TeamEpisode(RunningEpisode):
             number, _ = self.world.actions.combine([self._action_of[key] for key in keys])
         return Submission(number, keys[-1], pressed.get(keys[-1], t_ns), keys[-1] in pressed)
 
-    def step_joint(self, t_ns: int, taken: JointTaken) -> tuple[Stepped, tuple[float, ...], Submission | None]:
+    def step_joint(self, t_ns: int, joint: JointTaken) -> tuple[Stepped, tuple[float, ...], Submission | None]:
         """Make the joint step: its event, the rewards by seat, and what this seat had submitted."""
         mine = self.submitted
         self.submitted = None
-        key = mine if mine is not None and taken.sources[self.team.seat] == "person" else None
+        key = mine if mine is not None and joint.sources[self.team.seat] == "person" else None
         env = self.world.unwrapped
-        env.joint = taken.actions
+        env.joint = joint.actions
         with catch_world_errors():
             stepped = self.step(
                 t_ns,
-                taken.actions[self.team.seat],
+                joint.actions[self.team.seat],
                 key="" if key is None else key.key,
                 key_t_ns=t_ns if key is None or not key.key else key.key_t_ns,
                 held={} if key is not None and not key.is_new else None,
             )
-        self.joint_actions.append(taken.actions)
-        self.sources.append(taken.sources)
-        self.digest = extend_digest(self.digest, taken.actions)
+        self.joint_actions.append(joint.actions)
+        self.sources.append(joint.sources)
+        self.digest = extend_digest(self.digest, joint.actions)
         if self._due_ns is not None:
             self.next_tick_ns = self._due_ns + self._period_ns * (max(0, t_ns - self._due_ns) // self._period_ns + 1)
             self._due_ns = None

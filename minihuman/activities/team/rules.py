@@ -18,6 +18,10 @@ class TeamBlock(Protocol):
     team: TeamPlan | None
     actions: tuple[str, ...]
 
+    @property
+    def design(self) -> object:
+        """What resolves each episode."""
+
 
 _FIELDS_OF_ONE_SEAT = ("max_episode_s", "max_block_s", "stop_criterion", "noop_action")
 
@@ -34,6 +38,8 @@ def check_block(block: TeamBlock, pool: tuple[str, ...]) -> RuleErrors:
     for field in _FIELDS_OF_ONE_SEAT:
         if getattr(block, field):
             yield field, "would end or step each seat by its own clock; leave it out of a team block"
+    if block.design is not None:
+        yield "design", "would decide for each seat by itself; leave it out of a team block"
 
 
 def check_team(team: TeamPlan | None, pool: tuple[str, ...]) -> RuleErrors:

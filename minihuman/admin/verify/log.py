@@ -32,11 +32,14 @@ from minihuman.admin.enrolment_entries import (
     open_enrolment_log,
     read_chain_heads,
 )
-from minihuman.admin.manifest import find_changed_files
+from minihuman.admin.erasure_ledger import find_pending_machines
+from minihuman.admin.manifest import GONE, find_changed_files
 from minihuman.admin.policies import verify_advice
 from minihuman.admin.session_index import find_double_sessions
 from minihuman.admin.unfinished_withdrawals import find_unfinished_withdrawals
 from minihuman.admin.verify.episodes import describe_other_rules, verify_episodes
+from minihuman.dataset.annotations import describe_useless_annotation, read_annotations, split_annotations
+from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 from minihuman.display.text import is_division
 from minihuman.errors import LogError, MinihumanError
 from minihuman.experiment.machine.activity import WorldFactory
@@ -51,7 +54,9 @@ from minihuman.experiment.machine.events import (
     find_violations,
 )
 from minihuman.experiment.plan.allocation import build_allocation_list
-from minihuman.experiment.plan.expansion import expand_protocol, find_paged_text, parse_participant_code
+from minihuman.experiment.plan.expansion import expand_protocol
+from minihuman.experiment.plan.part_plans import find_paged_text
+from minihuman.experiment.plan.participant_codes import parse_participant_code
 from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart, SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
 from minihuman.experiment.protocol.strata import build_strata
@@ -59,11 +64,14 @@ from minihuman.experiment.replay import MACHINE_VERSION, compare_replay
 from minihuman.log import integrity, names as log_names, topics
 from minihuman.log.codec import EventDecoder, encode_event, event_cause_ns, find_topic, select_decoder
 from minihuman.log.integrity import METADATA_PREFIX, HashChain, SegmentHead
+from minihuman.log.model.doubtful_presses import describe_doubtful_presses, find_doubtful_presses
 from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import (
     LOG_SUFFIX,
     PART_SUFFIX,
+    SYSTEM_COMPANION,
     find_log_folders,
+    find_system_companions,
     group_sessions,
     raise_as_log_error,
     study_folder,
@@ -452,7 +460,13 @@ def _plan(segment: _LogSegment) -> Iterator[str]:
     try:
         protocol = decode_logged_protocol(plan.protocol_toml)
         protocol = msgspec.structs.replace(protocol, files=_page_pictures(protocol, plan) | plan.files)
-        again = expand_protocol(protocol, plan.participant, session=plan.session, overridden=plan.overridden)
+        again = expand_protocol(
+            protocol,
+            plan.participant,
+            session=plan.session,
+            overridden=plan.overridden,
+            outcome_rules=plan.outcome_rules,
+        )
         yield from _slot(protocol, segment, plan)
         if parse_participant_code(plan.participant.id) != plan.participant.index:
             yield f"plan: participant {plan.participant.id} is at index {plan.participant.index}"
@@ -609,6 +623,8 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
         yield f"recorded with another file of the module {module}", True
     if steps.difference:
         yield steps.difference, False
+    if warning := describe_doubtful_presses(find_doubtful_presses(session)):
+        yield warning, True
     if steps.n_other_renderer:
         yield (
             f"{steps.n_other_renderer} episodes with an earlier renderer's pictures: these are not compared",
@@ -624,6 +640,8 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
         yield f"and {len(differences) - MAX_DIFFERENCES} more", False
     if policies:
         yield from verify_advice(session, World)
+    _, useless = split_annotations(session, read_annotations(session.path))
+    yield from ((describe_useless_annotation(annotation), False) for annotation in useless)
     if not steps.difference and not differences:
         yield f"{steps.episodes} episodes, {steps.steps} steps, all as logged", True
 
@@ -638,7 +656,9 @@ def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
         LogError: if a line of the enrolment log is damaged.
     """
     folders = list(find_log_folders(study))
+    yield from ((f"skipped {path.name}: {SYSTEM_COMPANION}", True) for path in find_system_companions(folders))
     yield from ((double, False) for double in find_double_sessions(folders))
+    yield from ((pending, False) for pending in find_pending_machines(study))
     journal = open_enrolment_log(study)
     if not journal.begun:
         return
@@ -674,5 +694,17 @@ def verify_manifest(study: Path, seal: str) -> Iterator[tuple[str, bool]]:
     Raises:
         LogError: if the seal is none.
     """
-    lines = [(line, False) for line in find_changed_files(study, seal)]
-    yield from lines or [("every file is as it was sealed", True)]
+    withdrawn = read_withdrawn_codes(study)
+    by_code: Counter[str] = Counter()
+    changes: list[str] = []
+    for line in find_changed_files(study, seal):
+        code = line.partition("/")[0]
+        if code in withdrawn and line.endswith(GONE):
+            by_code[code] += 1
+        else:
+            changes.append(line)
+    for code, files in sorted(by_code.items()):
+        yield f"{files} files of {code} are gone: {code} withdrew after the manifest was made", True
+    yield from ((line, False) for line in changes)
+    if not changes:
+        yield f"every {'other ' if by_code else ''}file is as it was sealed", True

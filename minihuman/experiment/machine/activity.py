@@ -76,12 +76,14 @@ class SessionContext:
 
     def emit_key(self, key: KeyDown | KeyUp, verdict: KeyVerdict, phase: str, action: int | None = None) -> None:
         """Emit a key and its verdict."""
-        down, waited_ns = isinstance(key, KeyDown), self.now_ns - key.t_ns
-        self.emit(KeyPressed(self.now_ns, key.key, key.symbol, down, action, verdict, phase, waited_ns))
+        is_down = isinstance(key, KeyDown)
+        waited_ns = self.now_ns - key.t_ns
+        self.emit(KeyPressed(self.now_ns, key.key, key.symbol, is_down, action, verdict, phase, waited_ns))
 
     def pop_events(self) -> list[Event]:
         """The events since the last call."""
-        events, self._events = self._events, []
+        events = self._events
+        self._events = []
         return events
 
     def has_world(self, world_id: str, options: dict[str, Any]) -> bool:
@@ -251,10 +253,18 @@ class ActivityKind:
         tables: a tuple of ``minihuman.dataset.activity_tables.ActivityTable``.
         screens: its own screens; each names its drawing, and how the page shows it.
         report: a function that makes a ``ReportSection`` of a ``SectionSource`` (``minihuman.reporting``), or None.
+        simulator: a ``PartSimulator`` (``minihuman.simulation``), which does the parts in simulated sessions; without
+            one, the activity's own `Activity.simulate`, and what is usual on screens that every kind may show.
         check_block: yields what is wrong with a block of the kind in a protocol, each as a field and what is wrong; it
             is given the block and the keys that may have an action.
         find_early_parts: yields the kind's parts in a plan that was recorded before plans had parts, each with its
             place: 0 consent, 1 keyboard check, 2 blocks, 3 closing words.
+        is_played_alone: whether only the participant acts in a block's worlds, so that a touch screen's buttons, axes
+            and clicks can play it, and its actions may be of any space.
+        is_plain_play: whether a block is its worlds' steps by one person's keys and nothing else, so that a page can
+            compute it, and a study can be tried without sessions.
+        is_for_players: whether a language model, or a simulated player that decides on each key, can do it.
+        is_check: whether who is screened out in it has failed a check, and not a block's criterion.
     """
 
     name: str
@@ -266,10 +276,20 @@ class ActivityKind:
     tables: str = field(default="", kw_only=True)
     screens: tuple[type[ActivityScreen], ...] = field(default=(), kw_only=True)
     report: str = field(default="", kw_only=True)
+    simulator: str = field(default="", kw_only=True)
     check_block: Callable[[Any, tuple[str, ...]], Iterable[tuple[str, str]]] | None = field(default=None, kw_only=True)
     find_early_parts: Callable[[SessionPlan], Iterable[tuple[int, PlannedPart]]] | None = field(
         default=None, kw_only=True
     )
+    is_played_alone: bool = field(default=False, kw_only=True)
+    is_plain_play: bool = field(default=False, kw_only=True)
+    is_for_players: bool = field(default=False, kw_only=True)
+    is_check: bool = field(default=False, kw_only=True)
+
+    @property
+    def plan_fields(self) -> tuple[str, ...]:
+        """The names of the fields of a part's plan: a block's table of the same name fills one."""
+        return self.plan.__struct_fields__
 
     def read(self, plan: Any) -> msgspec.Struct:
         """A part's plan from what JSON gave."""
@@ -297,6 +317,19 @@ def find_kind(name: str) -> ActivityKind:
             f"activity {name!r} is of type {type(kind).__name__}; register an instance of minihuman.ext.ActivityKind"
         )
     return kind
+
+
+def find_installed_kind(name: str) -> ActivityKind | None:
+    """The kind of that name; None where none is installed, which is an error of its own."""
+    try:
+        return find_kind(name)
+    except ProtocolError:
+        return None
+
+
+def list_kinds(condition: Callable[[ActivityKind], bool]) -> tuple[str, ...]:
+    """The names of the built-in kinds that meet a condition, in order."""
+    return tuple(name for name in list_built_in_kinds() if condition(find_kind(name)))
 
 
 def build_activity(number: int, part: PlannedPart, context: SessionContext) -> Activity:

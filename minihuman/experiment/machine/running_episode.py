@@ -23,6 +23,8 @@ from minihuman.experiment.machine.events import (
 )
 from minihuman.experiment.machine.inputs import ScreenShown
 from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.worlds.adapters.foreign_code import WorldCodeError
+from minihuman.worlds.outcomes import OutcomeJudge
 from minihuman.worlds.pose import Pose
 
 if TYPE_CHECKING:
@@ -46,8 +48,11 @@ class catch_world_errors:  # noqa: N801 - used as `contextlib.suppress` is
     def __enter__(self) -> None: ...
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, WorldCodeError) and isinstance(error.__cause__, Exception):
+            error = error.__cause__  # a log has what the world said, without its place in a file
         if isinstance(error, Exception):
-            raise WorldFailedError(f"{type(error).__name__}: {error}") from error
+            message = str(error) if isinstance(error, WorldError) else f"{type(error).__name__}: {error}"
+            raise WorldFailedError(message) from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +94,7 @@ class RunningEpisode:
         self.plan = plan
         self.world = world
         self.outcome: Outcome | None = None
+        self._judge = OutcomeJudge(plan.outcome_rule)
         self.actions: list[int] = []  # done so far
         self.return_ = 0.0
         self.started = False
@@ -277,19 +283,17 @@ class RunningEpisode:
             number, vector = self.world.actions.resolve(action)
             transition = self.world.step(vector or number)
             pose, self._state_hash = self.world.pose(), self.world.state_hash()
+            success = transition.find_success(self._judge.rule)
+            info_json = transition.encode_info(self.plan.record_info) if self.plan.record_info else ""
         self.actions.append(number)
         if not self.real_time:
             self.next_tick_ns = None  # the deadline runs from the next picture
         self.return_ += transition.reward
         spent = self.steps >= self.plan.max_steps and not transition.terminated
         truncated = transition.truncated or spent
-        if transition.terminated:
-            self.outcome = "goal" if transition.reward > 0 else "failure"
-        elif truncated:
-            self.outcome = "timeout"
         is_answer = key and (held is None or key in held)  # to the latest picture that was there when it was pressed
         seen_ns = [flip_ns for flip_ns in self._flips_ns if flip_ns <= key_t_ns] if is_answer else []
-        return Stepped(
+        stepped = Stepped(
             t_ns=t_ns,
             episode=self.plan.episode,
             step=self.steps,
@@ -306,7 +310,11 @@ class RunningEpisode:
             observation_hash=transition.observation_hash,
             onset=transition.onset,
             action_vector=vector,
+            success=success,
+            info_json=info_json,
         )
+        self.outcome = self._judge.judge_step(stepped)
+        return stepped
 
     def clauses_done(self, t_ns: int) -> list[ClauseDone]:
         """The subgoals of the instruction that the last step has reached."""
@@ -328,9 +336,13 @@ class RunningEpisode:
 
     def end(self, t_ns: int, cause: EndCause = "") -> EpisodeEnded:
         """End the episode: by its last step, a failed agent, a time limit, or abandoned if none of them ended it."""
-        by_cause: Outcome = "agent_failed" if cause == "agent_failed" else "timeout" if cause else "abandoned"
-        self.outcome = self.outcome or by_cause
+        self.outcome = self.outcome or self._judge_cause(cause)
         return EpisodeEnded(t_ns, self.plan.episode, self.outcome, self.steps, self.return_, self._state_hash, cause)
+
+    def _judge_cause(self, cause: EndCause) -> Outcome:
+        if cause == "agent_failed":
+            return "agent_failed"
+        return self._judge.judge_time_limit() if cause else "abandoned"
 
     @property
     def _period_ns(self) -> int:

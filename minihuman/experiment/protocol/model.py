@@ -90,8 +90,13 @@ class BlockSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     palette: Palette = "classic"
     motion_ms: float = 0.0  # the view moves from one step's picture to the next for so long; 0: it changes at once
     record_observations: bool = False  # the log holds what was observed, beside its hash
+    record_info: tuple[str, ...] = ()  # keys of the world's info that become columns of steps
+    success: str | None = None  # what success is: "info:KEY", "return >= 195", "reward > 0", "terminated", "none"
+    success_at: Literal["end", "any"] = "end"  # whether the last step decides, or any step is enough
     instructions: str = ""
-    feedback: str | dict[Literal["goal", "timeout", "failure"], str] = ""  # after each episode, or by its outcome
+    feedback: str | dict[Literal["goal", "timeout", "failure", "ended"], str] = (
+        ""  # after each episode, or by its outcome
+    )
     feedback_ms: float = 0.0  # the feedback goes by itself after so long; 0: by Enter
     rest_text: str = ""  # after the block, when another follows
     fixed_keys: dict[str, str] = {}  # key_map = "fixed": physical key -> action

@@ -21,7 +21,12 @@ from minihuman.errors import ProtocolError
 from minihuman.experiment.keys import BUTTON_NAMES, KEY_NAMES_TEXT, PAD_AXES, RESERVED_KEYS
 from minihuman.experiment.protocol import specs, strata
 from minihuman.experiment.protocol.aliases import use_current_names
-from minihuman.experiment.protocol.consistency import check_carried_key_maps, check_design, check_newer_design_rules
+from minihuman.experiment.protocol.consistency import (
+    check_carried_key_maps,
+    check_design,
+    check_newer_design_rules,
+    is_played_alone,
+)
 from minihuman.experiment.protocol.model import (
     BlockSpec as BlockSpec,
     ExclusionSpec as ExclusionSpec,
@@ -262,6 +267,8 @@ def _check_unused_block_fields(block: BlockSpec, keys: KeysSpec) -> list[FieldEr
     on_key, real_time = block.pace == "on_key", block.pace == "real_time"
     deadline = block.response_deadline_ms
     kind = f"is for blocks that are played, not for kind {block.kind!r}; remove it"
+    binds_devices = bool(block.axes or block.spot)
+    is_for_agents = binds_devices and not is_played_alone(block.kind)
     return select_errors(
         [
             (
@@ -294,8 +301,8 @@ def _check_unused_block_fields(block: BlockSpec, keys: KeysSpec) -> list[FieldEr
                 "stimulus_onset",
                 "is for 'real_time'; in 'on_key' every picture is an onset; remove it",
             ),
-            (block.axes and block.kind not in ("play", "trials"), "axes", kind),
-            (block.spot and block.kind not in ("play", "trials"), "spot", kind),
+            (block.axes and is_for_agents, "axes", kind),
+            (block.spot and is_for_agents, "spot", kind),
             (
                 block.axes and block.hold != "repeat",
                 "axes",

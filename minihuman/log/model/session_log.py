@@ -7,7 +7,7 @@ where a segment lies in the session follows from the wall clock at its start, an
 one ended.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -60,6 +60,7 @@ from minihuman.log.model.teaching_events import (
     gather_comparisons,
     gather_corrections,
 )
+from minihuman.worlds.outcomes import parse_outcome_rule
 from minihuman.worlds.pose import Pose
 
 PartEvent = (
@@ -251,6 +252,8 @@ class EpisodeLog:
     onsets: NDArray[np.bool_] | None = None  # (n + 1,) whose picture shows a stimulus onset; None: no step's
     team: TeamRecord | None = None  # who sat where and what all bodies did; None where one body played
     action_vectors: NDArray[np.float64] | None = None  # (n, d) where actions are vectors; ``actions`` names them then
+    successes: NDArray[np.float64] | None = None  # (n,) what the world said of success, NaN: nothing; None: not asked
+    infos: Sequence[Mapping[str, Any]] | None = None  # (n,) the keys of its ``info`` that the plan keeps; None: none
 
     def __post_init__(self) -> None:
         """Refuse lengths that do not belong together."""
@@ -308,6 +311,17 @@ class EpisodeLog:
     def outcome_word(self) -> str:
         """The outcome, or "cut_off" where the log broke off before there was one: the word in every table."""
         return self.outcome or CUT_OFF
+
+    @property
+    def success(self) -> bool | None:
+        """Whether the goal was reached; None where no rule tells."""
+        if self.outcome == "ended":
+            return None
+        if self.outcome in ("goal", "timeout", "failure"):
+            return self.outcome == "goal"
+        rule = parse_outcome_rule(self.plan.outcome_rule)  # broken off: no success where success is known at all
+        was_said = self.successes is not None and not np.isnan(self.successes).all()
+        return False if not rule.may_be_unknown or was_said else None
 
     @property
     def return_(self) -> float:

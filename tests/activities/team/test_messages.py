@@ -19,6 +19,7 @@ from minihuman.experiment.machine.inputs import TextInput
 from minihuman.experiment.plan.dry_run import check_worlds
 from minihuman.experiment.replay import compare_replay
 from minihuman.runtime.team_host import TeamTable
+from minihuman.workflow import export
 from minihuman.worlds.adapters.world import World
 from tests.activities.team.machines import Clock, Seat, sit_down
 from tests.activities.team.study import FOUR_ROOMS, PEOPLE, team_study
@@ -286,3 +287,17 @@ def test_messages_of_a_page_that_moves_its_clock_reach_the_partner_at_the_server
     clock.s += 2.1
     two.wait(1)
     assert len(two.of(MessageShown)) == 2
+
+
+def test_a_bids_export_has_no_log_with_what_people_wrote_to_each_other_unless_asked(tmp_path: Path) -> None:
+    (one, two), _, _ = talking(tmp_path)
+    write(one, SECRET)
+    two.wait(1)
+    end(one, two)
+    exported = export("bids", tmp_path / "duet", tmp_path / "bids")
+    copied = [path.name for path in (tmp_path / "bids" / "sourcedata").rglob("*.mcap")]
+    assert len(copied) == 1  # the other's, which holds digests alone
+    assert any("1 logs with messages between participants are not in sourcedata" in note for note in exported.notes)
+    assert "--with-messages" in (tmp_path / "bids" / "README.md").read_text()
+    export("bids", tmp_path / "duet", tmp_path / "all", with_messages=True)
+    assert len(list((tmp_path / "all" / "sourcedata").rglob("*.mcap"))) == 2

@@ -14,7 +14,8 @@ from minihuman.experiment.machine.events import EpisodeEnded, KeyPressed
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.replay import compare_replay
 from minihuman.log.read.session_reader import read_log
-from minihuman.runtime.team_host import SeatAgent, TeamTable
+from minihuman.runtime.seat_agents import SeatAgent
+from minihuman.runtime.team_host import TeamTable
 from minihuman.worlds.adapters.world import World
 from tests.activities.team.machines import Clock, Seat, sit_down
 from tests.activities.team.study import PEOPLE, WITH_AGENT, team_study

@@ -2,7 +2,7 @@
 
 import random
 
-from minihuman.runtime.tick_schedule import TickSchedule
+from minihuman.activities.team.tick_schedule import TickSchedule
 
 PERIOD_S = 0.3
 LATE_S = 0.1
