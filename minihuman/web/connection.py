@@ -24,6 +24,7 @@ from minihuman.web.hosted_session import HostedSession, SessionRecording
 from minihuman.web.key_codes import KEY_CODES
 from minihuman.web.page_presence import PagePresence
 from minihuman.web.page_protocol import PageSession, ServerMessages, StreamNames
+from minihuman.web.session_budget import SessionBudget
 from minihuman.web.session_clocks import SegmentClock
 from minihuman.web.session_host import SessionHost
 from minihuman.worlds.source_digest import kernels_digest
@@ -66,6 +67,8 @@ class Connection(PageSession):
         self._streams = StreamNames()
         self._is_blind = False  # what keys lead to cannot be found out
         self._clock = _start_clock(hosted, max_outage_s)
+        self._budget = SessionBudget(hosted.host.session.plan)
+        self.is_over_budget = False  # the page sent more than its session can need, and the session was ended
 
     @property
     def host(self) -> SessionHost:
@@ -144,6 +147,18 @@ class Connection(PageSession):
             words=get_page_texts(plan.language) | quit_text,
             taken=self.host.last_at_ns,
         )
+
+    def spend(self, n_bytes: int) -> bool:
+        """Take the size of a message into account; the session of a page that sends too much is noted and ended."""
+        if self.is_over_budget:
+            return False
+        now_ns = self.now_ns()
+        if self._budget.spend(n_bytes, now_ns):
+            return True
+        self.is_over_budget = True
+        limit_bytes = self._budget.find_limit_bytes(now_ns)
+        self.stop("aborted", f"the page sent more than the {limit_bytes} bytes that this session can need by now")
+        return False
 
     def forget(self) -> None:
         """Keep nothing for the page: it begins anew when it comes again."""

@@ -9,6 +9,7 @@ import contextlib
 import hashlib
 import itertools
 import logging
+import shutil
 from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -16,7 +17,7 @@ from weakref import WeakValueDictionary
 
 from minihuman.errors import AllocationError, LogError, MinihumanError
 from minihuman.log.paths import LOG_SUFFIX, SegmentPath, session_folder
-from minihuman.log.record.disk import GroupCommit
+from minihuman.log.record.disk import RESERVE_BYTES, GroupCommit
 from minihuman.log.record.file_lock import is_being_recorded
 from minihuman.runtime.session_loop import CommandInbox, inbox_path
 from minihuman.runtime.team_host import TeamTable
@@ -85,7 +86,7 @@ class ConnectionFactory:
             known = self._connections.get(self._connection_keys.get(link_digest, ""))
             if known is not None:
                 return known
-            if self._is_full() or (not is_invited and self._is_crowded(network)):
+            if self._is_full() or self._is_disk_low() or (not is_invited and self._is_crowded(network)):
                 return self._refusals.turn_away("busy")
             connection = await self._admit_page(hello)
             if isinstance(connection, Connection):
@@ -108,6 +109,14 @@ class ConnectionFactory:
 
     def _is_full(self) -> bool:
         return len(self._connections) >= self._web.max_concurrent_sessions
+
+    def _is_disk_low(self) -> bool:
+        """Whether the disk has no more room than the logs of those who play need to be finished."""
+        folder = next(path for path in (self._data, *self._data.absolute().parents) if path.is_dir())
+        is_low = shutil.disk_usage(folder).free < RESERVE_BYTES
+        if is_low:
+            LOG.warning("%s is nearly full: nobody new is admitted; free some space", folder)
+        return is_low
 
     async def _is_issued(self, token: str) -> bool:
         """Whether a link of an open study was issued, by the experimenter or by a page that comes again."""

@@ -236,7 +236,7 @@ class WebServer:
         admission = connection.admission
         await asyncio.to_thread(connection.finish)
         end = classify_ending(session.end_reason, agreed=connection.agreed, part_kind=session.part.part.kind)
-        if connection.recording.is_broken:
+        if connection.recording.is_broken or connection.is_over_budget:
             end = "broken"
         if not connection.agreed:
             why = "declined" if end == "declined" else session.end_reason
