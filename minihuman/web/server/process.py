@@ -25,6 +25,7 @@ from minihuman.web.arrival_signature import read_arrival_key
 from minihuman.web.arrivals import Arrivals, build_link, build_platform_link
 from minihuman.web.message_codec import MAX_MESSAGE_BYTES
 from minihuman.web.server.app import WebServer
+from minihuman.web.server.request_timeout import TimedHttpProtocol
 from minihuman.web.traffic_limits import count_handles
 
 HOST = "127.0.0.1"
@@ -108,6 +109,7 @@ def run_server(
     server = WebServer(arrivals, data)
     config = uvicorn.Config(
         server.app(),
+        http=TimedHttpProtocol,
         ws="websockets-sansio",
         ws_max_size=MAX_MESSAGE_BYTES,
         ws_ping_interval=20.0,
