@@ -114,6 +114,7 @@ class Admission:
     token: str = ""  # of a link made for them just now, which brings them back
     lease: Lease | None = None  # of the session; None where this server hosts it already, or is the only one
     utc_offset_min: int | None = None  # of the visitor's local time
+    is_invited: bool = False  # by a link that was issued before
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,6 +228,7 @@ class Arrivals:
         key = given or (self.recruits.hash_platform_id(who.platform, who.id) if who else "")
         if not key and not self.protocol.web.open_access:
             return Rejection("unknown")
+        is_invited = bool(given) and self.recruits.has_issued(given)
         token = ""
         if not key:
             (token,) = self.recruits.issue(1)
@@ -250,7 +252,7 @@ class Arrivals:
         if isinstance(admission, Rejection):
             self._release(lease)
             return admission
-        return replace(admission, token=token, lease=lease)
+        return replace(admission, token=token, lease=lease, is_invited=is_invited)
 
     def _release(self, lease: Lease | None) -> None:
         if self.leases is not None and lease is not None:

@@ -80,17 +80,21 @@ class ConnectionFactory:
         turn = self._turns.setdefault(link_digest, asyncio.Lock())
         network = find_network(address)
         # a token that they invented is turned away
-        is_invited = is_token(hello.token) and (not self._web.open_access or await self._is_issued(hello.token))
+        is_invited = is_token(hello.token) and not self._web.open_access
         network_turn = self._turns.setdefault(link_digest if is_invited else network.encode(), asyncio.Lock())
         async with turn, network_turn if network_turn is not turn else contextlib.nullcontext():
             known = self._connections.get(self._connection_keys.get(link_digest, ""))
             if known is not None:
                 return known
-            if self._is_full() or self._is_disk_low() or (not is_invited and self._is_crowded(network)):
+            if (
+                self._is_full()
+                or self._is_disk_low()
+                or (not is_invited and self._is_crowded(network) and not await self._is_issued(hello.token))
+            ):
                 return self._refusals.turn_away("busy")
             connection = await self._admit_page(hello)
             if isinstance(connection, Connection):
-                connection.network = "" if is_invited else network
+                connection.network = "" if connection.admission.is_invited else network
                 self._connection_keys[link_digest] = connection.key
             return connection
 
