@@ -403,6 +403,7 @@ EPISODES = (
     TableColumn("turns_in_place", "integer", "", "Runs of turning on the spot; empty where the world gives no pose."),
     TableColumn("ineffective_steps", "integer", "", "Steps that changed nothing to be seen."),
     TableColumn("refused", "integer", "", "Presses with no action, or while no action was taken."),
+    TableColumn("labels", "text", "JSON", "The labels of a trial's stimulus, by column of its table; empty without."),
     TableColumn("tags", "text", "", "The reviewers' tags in force, separated by spaces."),
     EXCLUDED_COLUMN,
 )

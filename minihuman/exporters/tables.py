@@ -10,6 +10,7 @@ from typing import Any, Literal
 import pyarrow.compute as pc
 
 from minihuman.dataset.included_episodes import IncludedEpisodes
+from minihuman.dataset.info_columns import add_info_columns, list_info_columns
 from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_catalogue import EVERY_MOMENT, TABLES, build_data_dictionary
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
@@ -88,7 +89,10 @@ def _write_labelled(chosen: IncludedEpisodes, out: Path, kind: Literal["sav", "d
             if name in EVERY_MOMENT or not store.tables.count(name):
                 continue
             described = [column for column in columns if column.name not in COLUMNS_NEEDING_WORLD]
-            frame = store.tables.table(name, [column.name for column in described]).to_pandas()
+            rows = store.tables.table(name, [column.name for column in described])
+            labels_of_trials = list_info_columns(store.tables.connection, name) if name == "episodes" else {}
+            frame = add_info_columns(rows, name, labels_of_trials).to_pandas()
+            described += labels_of_trials.values()
             flags = [column.name for column in described if column.kind == "boolean"]
             frame[flags] = frame[flags].astype("float64")
             for column in described:

@@ -4,6 +4,7 @@ Group comparisons, survival times until all keys were found and until the goal, 
 that are 0 after a timeout, growth, equivalence and power.
 """
 
+import json
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -205,6 +206,7 @@ class WithinResults:
     comparisons: tuple[PairedComparison, ...]
     effects: tuple[CrossoverTerm, ...]  # of order, where it differs between participants
     roles: Mapping[str, Role]
+    label: str = ""  # of trials, whose levels the conditions are; "" where they are blocks
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -253,7 +255,9 @@ def compute_results(
         ),
         target=target,
         order=tuple(order),
-        within=compare_within(unite_teams(kept, teams), analysis),
+        within=compare_labels(counted, analysis)
+        if analysis.condition_label
+        else compare_within(unite_teams(kept, teams), analysis),
         kept=(counted_people["participant"].nunique(), len(counted)),
     )
 
@@ -305,6 +309,39 @@ def compare_within(rows: pd.DataFrame, analysis: AnalysisSpec) -> WithinResults 
             for term in fit_crossover(name, first.rename(columns={"block": "condition", name: "value"}))
         )
     return WithinResults(analysis.conditions, comparisons, effects, roles)
+
+
+def compare_labels(episodes: pd.DataFrame, analysis: AnalysisSpec) -> WithinResults | None:
+    """Compare the levels of a label of trials within participants, over the included trials that have it.
+
+    A participant's value of a level is the mean over its trials; of response times the median over trials.
+    """
+    levels = read_label(episodes, analysis.condition_label)
+    rows = episodes.assign(block=levels)[levels != ""]
+    if rows.empty:
+        return None
+    rows = rows.assign(success=pd.to_numeric(rows["success"]))
+    grouped = rows.groupby(["participant", "session", "block"], sort=False)
+    values = grouped.agg(
+        success=("success", "mean"), reward_mean=("reward", "mean"), response_median_ms=("response_median_ms", "median")
+    )
+    conditions = tuple(sorted(rows["block"].unique()))
+    measured = values.reindex(columns=list(MEASURES)).reset_index()
+    named = {name for name in (analysis.primary_measure, *analysis.secondary_measures) if name in MEASURES}
+    of_levels = AnalysisSpec(
+        primary_measure=analysis.primary_measure if analysis.primary_measure in named else "",
+        secondary_measures=tuple(name for name in analysis.secondary_measures if name in named),
+        conditions=conditions,
+    )
+    found = compare_within(measured, of_levels) if len(conditions) > 1 else None
+    return (
+        replace(found, effects=(), label=analysis.condition_label) if found else None
+    )  # levels alternate: they have no position
+
+
+def read_label(episodes: pd.DataFrame, label: str) -> "pd.Series[str]":
+    """Read the level of a label that each episode has, as a text; "" where it has none."""
+    return episodes["labels"].map(lambda text: str(json.loads(text or "{}").get(label, "")), na_action=None)
 
 
 def list_default_measures(rows: pd.DataFrame) -> list[str]:
