@@ -22,11 +22,10 @@ from minihuman.experiment.stimuli import NO_RESPONSE, Stimulus
 class ResponseParameters:
     """One simulated person's parameters; the defaults are the population's medians."""
 
-    threshold: float = 1.0  # in units of the noise's standard deviation over a second
-    drift_correct: float = 4.2  # per second, of the correct response
+    threshold: float = 1.4  # in units of the noise's standard deviation over a second
+    drift_correct: float = 5.6  # per second, of the correct response
     drift_error: float = 0.9  # of each other response
-    drift_withheld: float = 0.25  # of each response where none is correct
-    drift_automatic: float = 0.8  # more for the response that the stimulus names or points to
+    drift_automatic: float = 1.2  # more for the response that the stimulus names or points to
     nondecision_ms: float = 250.0
     learning_rate: float = 0.3  # of Q-learning
     inverse_temperature: float = 5.0
@@ -37,7 +36,6 @@ _SPREADS = {  # the standard deviation of each parameter's logarithm between peo
     "threshold": 0.12,
     "drift_correct": 0.15,
     "drift_error": 0.2,
-    "drift_withheld": 0.3,
     "drift_automatic": 0.3,
     "nondecision_ms": 0.12,
     "learning_rate": 0.3,
@@ -66,6 +64,7 @@ class TrialResponder:
         self._rng = rng
         self.parameters = draw_parameters(rng, spread)
         self._values: dict[tuple[int, str], float] = {}  # of a response at a choice
+        self._may_withhold = False  # to withhold a response is one, too, in a task where it has been right
         self._last: tuple[Stimulus, int, str] | None = None  # which world, at which choice, what was done
 
     def begin(self) -> None:
@@ -105,9 +104,9 @@ class TrialResponder:
             weights = {name: math.exp(parameters.inverse_temperature * value) for name, value in values.items()}
             total = sum(weights.values())
             return {name: parameters.drift_correct * weight / total for name, weight in weights.items()}
-        if correct == NO_RESPONSE:
-            return dict.fromkeys(responses, parameters.drift_withheld)
-        drifts = {name: parameters.drift_correct if name == correct else parameters.drift_error for name in responses}
+        self._may_withhold |= correct == NO_RESPONSE
+        made = (*responses, NO_RESPONSE) if self._may_withhold else responses
+        drifts = {name: parameters.drift_correct if name == correct else parameters.drift_error for name in made}
         for name in stimulus.prompted_responses:
             if name in drifts:
                 drifts[name] += parameters.drift_automatic
