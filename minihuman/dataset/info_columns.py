@@ -1,5 +1,5 @@
 """Columns of tables' files for what a study's JSON columns hold: of ``steps`` what it keeps of its worlds' ``info``, of
-``episodes`` the labels of its stimuli; one column for each key.
+``episodes`` and ``trials`` the labels of its stimuli; one column for each key.
 
 In the study's table itself it is one column of JSON, as every study has the same tables.
 """
@@ -26,7 +26,8 @@ class JsonColumn:
 
 INFO = JsonColumn("info", "The world's info[{!r}] after the step; empty where it did not say.")
 LABELS = JsonColumn("labels", "The label {!r} of the trial's stimulus; empty where it has none.")
-_JSON_COLUMNS = {"steps": INFO, "episodes": LABELS}
+LABELLED_TABLES = ("episodes", "trials")
+_JSON_COLUMNS = {"steps": INFO, **dict.fromkeys(LABELLED_TABLES, LABELS)}
 _KINDS: Mapping[frozenset[str], TableColumnType] = {  # by DuckDB's types of the values, beside NULL
     frozenset({"BOOLEAN"}): "boolean",
     frozenset({"BIGINT", "UBIGINT", "DOUBLE"}): "number",

@@ -22,10 +22,10 @@ from minihuman.experiment.stimuli import NO_RESPONSE, Stimulus
 class ResponseParameters:
     """One simulated person's parameters; the defaults are the population's medians."""
 
-    threshold: float = 1.4  # in units of the noise's standard deviation over a second
-    drift_correct: float = 5.6  # per second, of the correct response
-    drift_error: float = 0.9  # of each other response
-    drift_automatic: float = 1.2  # more for the response that the stimulus names or points to
+    threshold: float = 2.0  # in units of the noise's standard deviation over a second
+    drift_correct: float = 8.0  # per second, of the correct response
+    drift_error: float = 1.5  # of each other response
+    drift_automatic: float = 2.5  # more for the response that the stimulus names or points to
     nondecision_ms: float = 250.0
     learning_rate: float = 0.3  # of Q-learning
     inverse_temperature: float = 5.0

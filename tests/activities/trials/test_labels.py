@@ -11,7 +11,7 @@ from minihuman.admin.verify.log import verify_session
 from minihuman.dataset.included_episodes import IncludedEpisodes
 from minihuman.dataset.selection import check_exclusion_measures
 from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import StudyStore
+from minihuman.dataset.tables import select
 from minihuman.errors import ProtocolError, ReportError
 from minihuman.experiment.plan.dry_run import check_worlds
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
@@ -81,16 +81,16 @@ def test_a_study_of_trials_is_simulated_by_default_and_proven(study):
 
 
 def test_labels_are_in_the_table_of_episodes_and_in_queries(study):
-    with StudyStore(StudySessions(study), with_shortest=False) as store:
-        rows = store.tables.query(
+    with select(study) as tables:
+        rows = tables.query(
             "select labels->>'$.congruent' as congruent, count(*) as n from episodes group by 1 order by 1"
         ).to_pylist()
     assert rows == [{"congruent": "no", "n": 36}, {"congruent": "yes", "n": 36}]
 
 
 def test_an_exclusion_rule_sees_the_labels_of_a_trial(study):
-    with StudyStore(StudySessions(study), with_shortest=False) as store:
-        rows = store.tables.table("episodes", ["labels", "exclusion_reason"]).to_pylist()
+    with select(study) as tables:
+        rows = tables.arrow("episodes", ["labels", "exclusion_reason"]).to_pylist()
     excluded = {json.loads(row["labels"])["congruent"]: row["exclusion_reason"] for row in rows}
     assert excluded == {"yes": "far too slow where it is easy", "no": None}
 
