@@ -121,7 +121,7 @@ def _episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
         "turns_in_place": None if math.isnan(walk.length) else walk.turns,  # unknown without poses
         "ineffective_steps": tally.ineffective_steps.total(),
         "refused": tally.refused.total(),
-        "labels": json.dumps(plan.labels, sort_keys=True) if plan.labels else "",
+        "labels": json.dumps(plan.labels, sort_keys=True, ensure_ascii=False) if plan.labels else "",
     }
 
 

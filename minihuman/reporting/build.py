@@ -133,7 +133,8 @@ def _read_input(tables: Tables, study: str, names: Sequence[str], figures: Path)
     protocols = tables.read_protocols()
     analysis = read_planned_analysis(protocols)
     blocks = tables.frame("blocks")
-    sections = build_activity_sections(SectionSource(tables, figures))
+    practice = find_practice(protocols, tables.frame("participants", ["group"])["group"].unique())
+    sections = build_activity_sections(SectionSource(tables, figures, practice))
     if measures := analysis.find_plugin_measures():
         tables_by_name = {name: tables.frame(name) for name in names}
         for section in sections:
