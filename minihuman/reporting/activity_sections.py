@@ -36,6 +36,8 @@ class ReportSection:
         rank: of sections with one title, those with smaller numbers come first.
         figures: drawn when they are asked for; shown among the report's other figures.
         measure_tables: tables by name, with participant, session and block, that the measures of a protocol may use.
+        blocks: that are reported in full here: of trials, which have no ways to a goal.
+        is_leading: whether the figures come before the report's own of a block.
     """
 
     title: str
@@ -43,6 +45,8 @@ class ReportSection:
     rank: int = 0
     figures: Iterable[ReportFigure] = ()
     measure_tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    blocks: frozenset[str] = frozenset()
+    is_leading: bool = False
 
     @property
     def anchor(self) -> str:
@@ -69,10 +73,10 @@ class SectionSource:
         return self._tables.frame(name)
 
     def keep_included(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """Keep the rows of a table of episodes that the statistics include."""
+        """Keep the rows of a table of episodes that the statistics include, each with its world."""
         keys = ["participant", "session", "episode", "attempt"]
-        episodes = self._tables.frame("episodes", [*keys, "exclusion_reason"])
-        included = episodes[episodes["exclusion_reason"].isna()][keys]
+        episodes = self._tables.frame("episodes", [*keys, "world", "exclusion_reason"])
+        included = episodes[episodes["exclusion_reason"].isna()][[*keys, "world"]]
         return rows.merge(included, on=keys, validate="one_to_one")
 
     def keep_analysed(self, rows: pd.DataFrame) -> pd.DataFrame:

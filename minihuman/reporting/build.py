@@ -26,6 +26,7 @@ from minihuman.reporting.results import (
     Results,
     compute_results,
     exclude_practice_alone,
+    leave_out_navigation,
     list_exclusions,
 )
 from minihuman.reporting.scorecard import (
@@ -106,7 +107,17 @@ def build_report(
     tables.release()  # drawing takes seconds
     practice = find_practice(report_input.protocols, report_input.participants["group"].unique())
     episodes, blocks = (rows[~_is_practice(rows, practice)] for rows in (report_input.episodes, report_input.blocks))
-    results = compute_results(episodes, blocks, report_input.participants, report_input.analysis, report_input.teams)
+    trial_blocks = frozenset(block for section in report_input.sections for block in section.blocks)
+    episodes, blocks = leave_out_navigation(episodes, blocks, trial_blocks)
+    levels = [section.measure_tables.get("trial_levels") for section in report_input.sections]
+    results = compute_results(
+        episodes,
+        blocks,
+        report_input.participants,
+        report_input.analysis,
+        report_input.teams,
+        next((rows for rows in levels if rows is not None), None),
+    )
     estimates = list(draw_estimates(blocks, results, out / "figures"))
     figures = _draw_figures(tables, report_input, (episodes, blocks), results, out / "figures")
     models, score_files = _score_models(report_input.plays, out)
@@ -176,12 +187,15 @@ def _draw_figures(
     """Draw all figures but those of the estimates; ``analysed`` are episodes and blocks without practice."""
     episodes, blocks = analysed
     paths = draw_paths(tables, out)
+    sections = sorted(report_input.sections, key=lambda section: not section.is_leading)
+    figures = [(section.is_leading, figure) for section in sections for figure in section.figures]
     return [
+        *(figure for is_leading, figure in figures if is_leading),
         *draw_reaction_times(report_input.reaction_times, results, out),
         *draw_learning_curves(episodes, results, out),
         *draw_sessions(blocks, results, out),
         *draw_waiting_times(results, out),
-        *(figure for section in report_input.sections for figure in section.figures),
+        *(figure for is_leading, figure in figures if not is_leading),
         *paths,
     ]
 

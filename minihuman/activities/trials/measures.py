@@ -118,7 +118,7 @@ def measure_quarters(trials: pd.DataFrame) -> pd.DataFrame:
     """Measure each participant in each quarter of each block: ``level`` is 1 to 4."""
     trials = trials.assign(is_trimmed=mark_trimmed(trials))
     length = trials.groupby("block")["trial"].transform("max")
-    quarters = np.ceil(4 * trials["trial"] / length).astype(int).clip(1, 4).astype(str)
+    quarters = pd.Series(np.ceil(4 * trials["trial"] / length), trials.index).astype(int).astype(str)
     rows = list(_measure_level(trials, "quarter", quarters))
     return pd.DataFrame(rows, columns=[*_PERSON, "label", "level", "trials", *MEASURES])
 
@@ -130,5 +130,5 @@ def find_quantiles(trials: pd.DataFrame, levels: "pd.Series[str]", shares: Seque
     """
     times = trials["response_ms"].where(trials["is_correct"].eq(True) | trials["is_correct"].isna())
     by_person = times[levels != ""].groupby([trials["participant"], levels.rename("level")], sort=False)
-    quantiles = by_person.quantile(list(shares)).unstack()
+    quantiles = by_person.quantile(np.array(shares)).unstack()
     return quantiles.groupby("level", sort=False).mean()

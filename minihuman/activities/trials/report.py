@@ -32,6 +32,7 @@ from minihuman.reporting.template import (
 )
 from minihuman.statistics.comparison import compare_groups
 from minihuman.statistics.paired import compare_conditions
+from minihuman.worlds.catalogue import TRIAL_WORLDS
 
 _QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)
 _LIMITS: dict[str, tuple[float, float]] = {"accuracy": (0.0, 1.0)}
@@ -71,7 +72,9 @@ def build_section(source: SectionSource) -> ReportSection | None:
         "Trials",
         tables,
         figures=_draw_conditions(people, source),
-        measure_tables={"trial_measures": measured[measured["label"].eq("")]},
+        measure_tables={"trial_measures": measured[measured["label"].eq("")], "trial_levels": measured},
+        blocks=frozenset(trials.loc[trials["world"].isin(TRIAL_WORLDS), "block"]),
+        is_leading=True,
     )
 
 
