@@ -2,7 +2,7 @@
 
 from minihuman.dataset.table_columns import BLOCK_COLUMNS, EPISODE_COLUMNS, SESSION_COLUMNS, TableColumn
 
-TRIALS = (
+TRIAL_COLUMNS = (
     *SESSION_COLUMNS,
     *BLOCK_COLUMNS,
     *EPISODE_COLUMNS,

@@ -4,7 +4,7 @@ import json
 import math
 
 from minihuman.activities.play.tables import PLAY_TABLES
-from minihuman.activities.trials.columns import TRIALS
+from minihuman.activities.trials.columns import TRIAL_COLUMNS
 from minihuman.dataset.activity_tables import ActivityTable, TableRow
 from minihuman.dataset.measures import response_ms
 from minihuman.experiment.stimuli import NO_RESPONSE
@@ -33,4 +33,4 @@ def _build_trial_row(episode: EpisodeLog) -> TableRow | None:
     }
 
 
-TRIAL_TABLES = (*PLAY_TABLES, ActivityTable("trials", TRIALS, episode_row=_build_trial_row))
+TRIAL_TABLES = (*PLAY_TABLES, ActivityTable("trials", TRIAL_COLUMNS, episode_row=_build_trial_row))
