@@ -409,6 +409,7 @@ EPISODES = (
         "",
         "Of a team: share of joint steps in which a person's seat idled or an agent had it.",
     ),
+    TableColumn("labels", "text", "JSON", "The labels of a trial's stimulus, by column of its table; empty without."),
     TableColumn("tags", "text", "", "The reviewers' tags in force, separated by spaces."),
     EXCLUDED_COLUMN,
 )

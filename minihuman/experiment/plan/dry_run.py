@@ -21,6 +21,7 @@ from minihuman.experiment.machine.running_episode import check_bindings
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.plan.part_plans import list_world_options
 from minihuman.experiment.plan.session_plan import BonusSpec, EpisodePlan, PlannedPart, SessionPlan
+from minihuman.experiment.plan.stimulus_check import check_stimuli
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.strata import build_strata
 from minihuman.experiment.protocol.validation_errors import build_protocol_error
@@ -213,6 +214,7 @@ def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool
         lines = (*report.notices, *report.unprovable) if block.record_observations else report.notices
         notices |= dict.fromkeys(f"{block.world}: {notice}" for notice in lines)
         notices |= dict.fromkeys(_list_block_notices(block))
+    notices |= dict.fromkeys(check_stimuli(protocol, source))
     return list(notices)
 
 

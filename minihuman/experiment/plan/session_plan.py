@@ -69,6 +69,7 @@ class EpisodePlan(msgspec.Struct, frozen=True):
     response_deadline_ms: float = 0.0  # on_key only: the no-op comes so long after a picture without a key; 0: never
     outcome_rule: str = ""  # what its end means, see worlds/outcomes.py
     record_info: tuple[str, ...] = ()  # keys of the world's ``info`` that steps keep
+    labels: dict[str, Any] = {}  # of its stimulus: columns of the table that the world never sees
 
 
 class BlockText(msgspec.Struct, frozen=True):
