@@ -73,6 +73,7 @@ class LookAheadGraph:
         image_cache: numbers and packs pictures.
         world: one made for this episode's world before, to be used again.
         blind: look at what the session does alone, one round trip later.
+        actual: the session's own world, where no other can restore its copies: then it alone is looked at, too.
     """
 
     def __init__(
@@ -85,10 +86,11 @@ class LookAheadGraph:
         *,
         world: World | None = None,
         blind: bool = False,
+        actual: World | None = None,
     ) -> None:
         self.plan = plan
         self.wrong = 0  # steps after which the session was elsewhere
-        self.blind = blind  # this world cannot be looked ahead in
+        self.blind = blind or actual is not None  # this world cannot be looked ahead in
         self._actions = tuple(sorted(set(actions)))
         self._picture_px = picture_px
         self._image_cache = image_cache
@@ -96,8 +98,11 @@ class LookAheadGraph:
         self._scenes: dict[int, SceneNode] = {}  # by hash
         self._new_nodes: list[tuple[int, int]] = []  # as the page is sent them
         self._new_edges: list[tuple[int, int, int, bool]] = []
-        self.world = world or make_world(plan.world, plan.options)
-        self.world.reset(plan.seed)
+        if actual is not None:
+            self.world = actual
+        else:
+            self.world = world or make_world(plan.world, plan.options)
+            self.world.reset(plan.seed)
         self.root = self._scene(self.world)
 
     def step(self, action: int, actual: World) -> SceneNode:

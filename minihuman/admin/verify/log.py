@@ -87,6 +87,7 @@ from minihuman.simulation.model_conversation import ConversationRecord, find_pic
 from minihuman.trust import Trust, find_changed_sources, list_foreign_modules
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import resolve_files
+from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
 
 _FOR_VIEWERS = frozenset(topic.name for topic in topics.TOPICS if topic.is_preview)
 
@@ -296,7 +297,21 @@ def find_log_differences(path: Path, make_world: WorldFactory) -> Iterator[str]:
 
 
 def _replay(segment: _LogSegment, make_world: WorldFactory) -> Iterator[str]:
-    """Compare with a replay; where a model sat, also every prompt, its picture and how each answer was read."""
+    """Compare with a replay; where a model sat, also every prompt, its picture and how each answer was read.
+
+    A world that failed may end its process, or run without end: it is replayed in a process of its own.
+    """
+    if segment.events and isinstance(end := segment.events[-1], SessionEnded) and end.reason == "world_error":
+        worlds = IsolatedWorlds(make_world)
+        try:
+            yield from _compare_segment(segment, worlds)
+        finally:
+            worlds.close()
+        return
+    yield from _compare_segment(segment, make_world)
+
+
+def _compare_segment(segment: _LogSegment, make_world: WorldFactory) -> Iterator[str]:
     started = segment.started
     if started is None or not any(isinstance(event, ModelCall) for event in segment.events):
         yield from compare_replay(segment.events, make_world)

@@ -48,8 +48,9 @@ class catch_world_errors:  # noqa: N801 - used as `contextlib.suppress` is
     def __enter__(self) -> None: ...
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, WorldCodeError) and isinstance(error.__cause__, Exception):
-            error = error.__cause__  # a log has what the world said, without its place in a file
+        if isinstance(error, WorldCodeError):
+            cause = error.__cause__ if isinstance(error.__cause__, Exception) else error
+            raise WorldFailedError(error.log_text) from cause
         if isinstance(error, Exception):
             message = str(error) if isinstance(error, WorldError) else f"{type(error).__name__}: {error}"
             raise WorldFailedError(message) from error
