@@ -12,7 +12,7 @@ from concurrent.futures import Executor
 from contextlib import suppress
 from typing import Any, TypeVar
 
-from minihuman.errors import LogError
+from minihuman.errors import LogError, WorldError
 from minihuman.experiment.machine.inputs import ExperimenterCommand, Stop
 from minihuman.experiment.plan.session_plan import needs_gamepad
 from minihuman.experiment.words import InterfaceWords
@@ -28,6 +28,7 @@ from minihuman.web.page_presence import PagePresence
 from minihuman.web.page_protocol import PageProtocol, PageSession, ServerMessages, StreamNames
 from minihuman.web.session_clocks import SegmentClock
 from minihuman.web.session_host import SessionHost
+from minihuman.worlds.adapters.foreign_code import WorldCodeError
 from minihuman.worlds.source_digest import kernels_digest
 
 LOG = logging.getLogger("minihuman")
@@ -273,6 +274,9 @@ class Connection(PageSession):
             self.host.session.receive(Stop(self.host.last_at_ns, "disk_full", str(error)))
         except messages.MessageError:
             raise
+        except WorldError as error:  # of a picture for the page, which the session itself does not draw
+            log_text = error.log_text if isinstance(error, WorldCodeError) else str(error)
+            self.host.stop(Stop(self.host.last_at_ns, "world_error", log_text))
         except Exception as error:  # a bug of ours: this session ends, the others go on
             LOG.exception("a session failed")
             stop = Stop(self.host.last_at_ns, "internal_error", f"{type(error).__name__}: {error}")

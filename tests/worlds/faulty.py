@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+import time
 from typing import Any, ClassVar
 
 import gymnasium
@@ -25,8 +26,8 @@ class FaultyEnv(gymnasium.Env[Any, Any]):
         self.action_space = spaces.Discrete(2)
         self.observation_space = spaces.Box(0, 99, (1,), np.int64)
         self.steps = 0
-        if fault == "hang_at_construction":
-            _hang()
+        while fault == "loop_at_construction":
+            pass
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         super().reset(seed=seed)
@@ -68,7 +69,7 @@ def _fail(fault: str) -> float:
 
 def _hang() -> None:
     while True:
-        pass
+        time.sleep(3600)
 
 
 gymnasium.register("tests/Faulty-v0", entry_point=FaultyEnv)

@@ -74,9 +74,7 @@ def test_a_fault_is_a_sentence_and_ends_no_other_process(fault: str) -> None:
     with closing(IsolatedWorlds(World, limits)) as worlds, closing(worlds(FAULTY, {"fault": fault})) as world:
         world.reset(1)
         with pytest.raises(WorldError, match=r"Faulty-v0: (step|render)\(\) ") as raised:
-            for _ in range(faulty.FAULT_STEP):
-                world.step(0)
-                world.frame()
+            _play_to_fault(world)
         assert "\n" not in str(raised.value)
 
 
@@ -87,11 +85,15 @@ def test_a_log_has_the_same_words_wherever_a_world_failed(worlds: IsolatedWorlds
         with closing(make(FAULTY, {"fault": fault})) as world:
             world.reset(1)
             with pytest.raises(WorldFailedError) as raised, catch_world_errors():
-                for _ in range(faulty.FAULT_STEP):
-                    world.step(0)
-                    world.frame()
+                _play_to_fault(world)
             said.append(str(raised.value))
     assert said[0] == said[1]
+
+
+def _play_to_fault(world: World) -> None:
+    for _ in range(faulty.FAULT_STEP):
+        world.step(0)
+        world.frame()
 
 
 def test_a_construction_without_end_is_ended() -> None:
@@ -99,7 +101,7 @@ def test_a_construction_without_end_is_ended() -> None:
         closing(IsolatedWorlds(World, WorldLimits(construction_s=2.0))) as worlds,
         pytest.raises(WorldCodeError, match="its construction took more than 2 s"),
     ):
-        worlds(FAULTY, {"fault": "hang_at_construction"})
+        worlds(FAULTY, {"fault": "loop_at_construction"})
 
 
 def test_a_process_is_used_again_for_its_world_alone() -> None:

@@ -23,7 +23,7 @@ from minihuman.worlds.adapters.foreign_code import RemoteCodeError
 from minihuman.worlds.adapters.spaces import Action, ActionInterface, DiscreteActions, VectorActions
 from minihuman.worlds.adapters.transition import ResetResult, StepResult
 from minihuman.worlds.adapters.world import World
-from minihuman.worlds.contract import Palette, PathLengthBounds, View
+from minihuman.worlds.contract import Palette, PathLengthBounds, View, answer_to_old_names
 from minihuman.worlds.hashing import resolve_files
 from minihuman.worlds.isolation import messages
 from minihuman.worlds.isolation.process_pool import DEFAULT_LIMITS, WorldLimits, WorldProcessPool
@@ -337,6 +337,9 @@ class IsolatedWorld(World):
             self._memory.close()
             self._memory.unlink()
             self._memory = None
+
+
+answer_to_old_names(IsolatedWorld)
 
 
 def _build_actions(description: messages.Description) -> ActionInterface:
