@@ -10,6 +10,7 @@ import errno
 import os
 import signal
 import socket
+import stat
 import sys
 import threading
 import time
@@ -79,7 +80,7 @@ def make_private_folder(folder: Path, mode: int = OWNER_ONLY_FOLDER) -> None:
     """
     missing = []
     while not folder.is_dir():
-        if folder.exists():
+        if folder.exists() and not folder.is_dir():  # asked in this order, as another process may make it meanwhile
             raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), os.fspath(folder))
         missing.append(folder)
         if folder.parent == folder:
@@ -92,7 +93,10 @@ def make_private_folder(folder: Path, mode: int = OWNER_ONLY_FOLDER) -> None:
 def keep_private(file: Path) -> None:
     """Let a file that a library has made be its owner's alone, where the system and the file's owner allow it."""
     with contextlib.suppress(OSError):
-        os.chmod(file, OWNER_ONLY_FILE)
+        if (
+            stat.S_IMODE(os.stat(file).st_mode) != OWNER_ONLY_FILE
+        ):  # or its time changes, by which caches are told apart
+            os.chmod(file, OWNER_ONLY_FILE)
 
 
 def open_file(path: Path, flags: int, mode: int = 0o600) -> int:

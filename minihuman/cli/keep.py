@@ -54,7 +54,7 @@ def verify(
 
     Example: minihuman verify sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap
     """
-    from minihuman.workflow import verify as verify_logs
+    from minihuman.api import verify as verify_logs
 
     code = 0
     checks = verify_logs(

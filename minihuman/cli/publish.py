@@ -49,7 +49,7 @@ def export(
 
     Example: minihuman export minari sessions/fourrooms-transfer --outcome goal --out demos
     """
-    from minihuman.workflow import export as export_study
+    from minihuman.api import export as export_study
 
     if (out is None) == (folder is None):
         raise ExportError("give the output folder exactly once, with --out FOLDER")
@@ -173,10 +173,11 @@ def fit(
 
     Example: minihuman fit sessions/fourrooms-transfer --out people.csv
     """
-    from minihuman.dataset.sessions import StudySessions
+    from minihuman.dataset.tables import select
     from minihuman.planning.reaction_time_fit import describe_fits, fit_participants, write_fits
 
-    times = list(fit_participants(StudySessions(study)))
+    with select(study) as tables:
+        times = list(fit_participants(tables))
     print_result(times, lambda: "\n".join(describe_fits(times)), json=json)
     if out is not None:
         with name_output_when_full(out):

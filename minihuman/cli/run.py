@@ -50,8 +50,8 @@ def run(
 
     Example: minihuman run protocols/fourrooms-transfer.toml --participant sub-07
     """
+    from minihuman.api import run as run_session
     from minihuman.runtime.host import describe_ending
-    from minihuman.workflow import run as run_session
 
     if participant is None and not next_slot and (found := _ask_interrupted(protocol, data, ask_trust(trust))):
         participant, session = found
@@ -298,7 +298,7 @@ def simulate(
 
     Example: minihuman simulate protocols/fourrooms-transfer.toml --participants 10 --data /tmp/trial
     """
-    from minihuman.workflow import simulate as simulate_sessions
+    from minihuman.api import simulate as simulate_sessions
 
     with show_progress("") as progress:
         played = simulate_sessions(

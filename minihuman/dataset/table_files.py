@@ -24,7 +24,7 @@ import minihuman
 from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.info_columns import add_info_columns, build_info_schema, list_info_columns
 from minihuman.dataset.rows import arrow_schema
-from minihuman.dataset.store import StoreVersionError, StudyStore, TableDatabase, digest_relation
+from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_catalogue import (
     TABLES,
     TablePartition,
@@ -33,6 +33,7 @@ from minihuman.dataset.table_catalogue import (
     describe_columns,
 )
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
+from minihuman.dataset.table_database import StoreVersionError, TableDatabase, digest_relation
 
 TableFormat = Literal["parquet", "csv"]
 

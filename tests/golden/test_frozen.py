@@ -17,7 +17,7 @@ from minihuman.admin.verify.episodes import EpisodeVerification, verify_episodes
 from minihuman.admin.verify.log import verify_session
 from minihuman.dataset.annotations import read_annotations
 from minihuman.dataset.selection import Selection
-from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.tables import select
 from minihuman.errors import LogError, WorldError
 from minihuman.experiment.machine.activity import find_kind, list_built_in_kinds
 from minihuman.experiment.machine.events import Answered
@@ -30,11 +30,11 @@ from minihuman.log.record.finalization import recover_log
 from minihuman.log.record.mcap_recorder import resume_segment
 from minihuman.log.salvage.summary_section import read_summary
 from minihuman.plugins import list_plugin_names
-from minihuman.reporting.build import build_report
 from minihuman.worlds.catalogue import WORLDS
 from tests.golden import renamed
 from tests.golden.cells import cells_of, differences, frozen_cells
 from tests.golden.make import segment, study as frozen_study
+from tests.report.reports import write_report
 
 HERE = Path(__file__).parent
 LOGS = sorted([*HERE.glob("v*/*/sub-*/ses-*/*.mcap"), *HERE.glob("v*/*/sub-*/ses-*/*.mcap.part")])
@@ -203,7 +203,7 @@ def test_what_became_of_frozen_cells_is_said(monkeypatch):
 @pytest.mark.program
 @pytest.mark.parametrize("study", ["plain", "resumed", "every-part", "every-lesson"])
 def test_a_frozen_study_is_reported(study, tmp_path):
-    written = build_report(StudySessions(_copy(HERE / "v1" / study, tmp_path)), tmp_path / "out")
+    written = write_report(select(_copy(HERE / "v1" / study, tmp_path)), tmp_path / "out")
     assert any(path.name == "report.html" for path in written)
 
 

@@ -269,7 +269,7 @@ class PygameWindow(BlockingWindow):
         """Whether a key was pressed here, before, or beside Ctrl, Alt or Meta, which AltGr is not."""
         if not move.is_in_window:
             return "held_before_focus"
-        modifiers = event.mod & _SHORTCUT_MODIFIERS
+        modifiers = getattr(event, "mod", 0) & _SHORTCUT_MODIFIERS  # a posted event has no such field
         if modifiers == pygame.KMOD_RALT and self._record is not None and self._record.has_alt_graph:
             modifiers = 0
         if modifiers & pygame.KMOD_RALT and sys.platform == "win32":

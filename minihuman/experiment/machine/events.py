@@ -390,6 +390,11 @@ class ActivityEvent(TimedEvent):
     A field whose name ends in ``_ns`` is a time of the session; 0 if unknown.
     """
 
+    @property
+    def words_to_others(self) -> str:
+        """What its participant wrote to others; empty in nearly all kinds of events."""
+        return ""
+
 
 @dataclass(frozen=True, slots=True)
 class DesignDecided(ActivityEvent):

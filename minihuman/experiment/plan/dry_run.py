@@ -24,6 +24,7 @@ from minihuman.experiment.plan.session_plan import BonusSpec, EpisodePlan, Plann
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.strata import build_strata
 from minihuman.experiment.protocol.validation_errors import build_protocol_error
+from minihuman.experiment.words import LANGUAGES, LATER_WORDS, flatten_words
 from minihuman.worlds.adapters.spaces import VectorActions
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS
@@ -70,6 +71,18 @@ def _describe_pay(plan: SessionPlan, bonus: BonusSpec) -> Iterator[str]:
         "left early": f"the bonus for the points until then{waiting}",
     }
     yield from (f"pay          {case}: {amount}" for case, amount in pay.items())
+
+
+def describe_language(protocol: Protocol) -> Iterator[str]:
+    """Say where a study's own language lacks words that are newer than the study."""
+    language = protocol.study.language
+    if language in LANGUAGES:
+        return
+    own_words = flatten_words(protocol.words)
+    for word in LATER_WORDS:
+        if word not in own_words:
+            table, _, name = word.rpartition(".")
+            yield f"language {language!r} has no word for {word}, so English stands in; add {name} to [words.{table}]"
 
 
 def describe_strata(protocol: Protocol) -> Iterator[str]:

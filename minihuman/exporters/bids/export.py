@@ -9,15 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from minihuman import __version__
-from minihuman.activities.team.message_events import MessageShown, MessageTyped
 from minihuman.dataset.annotations import annotations_path
 from minihuman.dataset.included_episodes import IncludedEpisodes
 from minihuman.dataset.selection import SelectedSession
-from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
-from minihuman.dataset.table_files import write_tables
+from minihuman.dataset.tables import select
 from minihuman.errors import ExportError
+from minihuman.experiment.machine.events import ActivityEvent
 from minihuman.experiment.protocol.specs import AboutSpec
 from minihuman.exporters.bids.files import (
     EVENT_COLUMNS,
@@ -80,11 +78,8 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         dataset.add(counted)
     if dataset is None:
         return ExportResult((), 0, 0)
-    again = StudySessions(
-        chosen.sessions.source, chosen.sessions.selection
-    )  # the account of the first pass is the card's
-    with StudyStore(again, with_shortest=False) as store:
-        write_tables(store.tables, out / _DERIVATIVES / "tables", kinds=("csv",), without=COLUMNS_NEEDING_WORLD)
+    with select(chosen.sessions.source, chosen.sessions.selection) as tables:  # the first pass gave the card's account
+        tables.write(out / _DERIVATIVES / "tables", kinds=("csv",), without=COLUMNS_NEEDING_WORLD)
     paths = dataset.finish(chosen.sessions.source)
     return ExportResult(
         (*paths, out / _DERIVATIVES),
@@ -97,7 +92,7 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 def _holds_messages(log: SessionLog) -> bool:
     """Say whether a log holds what its participant wrote to others."""
-    return any(isinstance(event, MessageShown | MessageTyped) and event.text for event in log.part_events)
+    return any(isinstance(event, ActivityEvent) and event.words_to_others for event in log.part_events)
 
 
 class _Dataset:

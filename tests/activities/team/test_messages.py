@@ -13,13 +13,13 @@ from minihuman.activities.team.messages import MESSAGE_LETTERS
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.admin.withdrawal import withdraw_participant
+from minihuman.api import export
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.events import Noted
 from minihuman.experiment.machine.inputs import TextInput
 from minihuman.experiment.plan.dry_run import check_worlds
 from minihuman.experiment.replay import compare_replay
 from minihuman.runtime.team_host import TeamTable
-from minihuman.workflow import export
 from minihuman.worlds.adapters.world import World
 from tests.activities.team.machines import Clock, Seat, sit_down
 from tests.activities.team.study import FOUR_ROOMS, PEOPLE, team_study

@@ -1,5 +1,6 @@
 """The commands say in a sentence what is wrong with a world, and never end as if all were done."""
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -56,10 +57,12 @@ def test_a_world_that_fails_is_an_error_with_a_sentence(
 
 def test_ctrl_c_in_a_worlds_step_is_the_users(monkeypatch: pytest.MonkeyPatch) -> None:
     """Python has the signal handled between two instructions, so the error is raised where no code raises."""
-    import signal
-
     world = World(ODD["StepList"].id)
     world.reset(0)
     monkeypatch.setattr(world.unwrapped, "reward", lambda: signal.raise_signal(signal.SIGINT))
-    with pytest.raises(KeyboardInterrupt):
-        world.step(0)
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)  # a program in the background ignores it
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            world.step(0)
+    finally:
+        signal.signal(signal.SIGINT, handler)
