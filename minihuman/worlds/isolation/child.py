@@ -83,7 +83,7 @@ class WorldServer:
                 return self._construct(request)
             case messages.Reset():
                 begun = self._world.reset(request.seed)
-                return messages.Beginning(begun.observation_hash, begun.mission, begun.onset, self._moment())
+                return messages.ResetReport(begun.observation_hash, begun.mission, begun.onset, self._moment())
             case messages.Step():
                 return self._step(request)
             case messages.Advance():
@@ -138,9 +138,9 @@ class WorldServer:
             reward_means_success=world.reward_means_success,
         )
 
-    def _step(self, request: messages.Step) -> messages.Transition:
+    def _step(self, request: messages.Step) -> messages.StepReport:
         self._stepped = stepped = self._world.step(request.action)
-        return messages.Transition(
+        return messages.StepReport(
             stepped.reward,
             stepped.terminated,
             stepped.truncated,
@@ -150,12 +150,12 @@ class WorldServer:
             self._moment(),
         )
 
-    def _moment(self) -> messages.Moment:
+    def _moment(self) -> messages.StateReport:
         world = self._world
         pose = world.pose()
         place = None if pose is None else (pose.x, pose.y, pose.z, pose.yaw_rad)
         state_hash = world.state_hash()
-        return messages.Moment(state_hash, None if world.knows_state else state_hash, place, world.subgoals())
+        return messages.StateReport(state_hash, None if world.knows_state else state_hash, place, world.subgoals())
 
     def _draw(self, request: messages.Draw) -> tuple[tuple[int, ...], bool]:
         """Return the picture's shape, and whether it is in the memory; else it needs more."""

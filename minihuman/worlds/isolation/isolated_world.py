@@ -34,7 +34,7 @@ from minihuman.worlds.value_codec import decode_value, encode_value
 
 LOG = logging.getLogger("minihuman")
 T = TypeVar("T")
-MakeWorld = Callable[[str, dict[str, Any]], World]
+WorldMaker = Callable[[str, dict[str, Any]], World]
 
 
 class ElsewhereError(AttributeError):
@@ -118,7 +118,7 @@ class IsolatedWorld(World):
         self._cpu_before_s = self._process.reply.cpu_s
         self._is_open = True
         self._memory: SharedMemory | None = None
-        self._moment: messages.Moment | None = None
+        self._moment: messages.StateReport | None = None
         self._copies = 0
         self._forgotten: list[int] = []
         try:
@@ -146,7 +146,7 @@ class IsolatedWorld(World):
         return self._ask(messages.Query(name), answer, f"{name}()")
 
     @property
-    def _present(self) -> messages.Moment:
+    def _present(self) -> messages.StateReport:
         assert self._moment is not None, "reset() comes first"
         return self._moment
 
@@ -207,13 +207,13 @@ class IsolatedWorld(World):
 
     def reset(self, seed: int) -> ResetResult:
         """Begin an episode from a seed, with wrappers as they were made."""
-        begun = self._ask(messages.Reset(seed), messages.Beginning, "reset()")
+        begun = self._ask(messages.Reset(seed), messages.ResetReport, "reset()")
         self._moment = begun.moment
         return ResetResult(begun.observation_hash, begun.mission, begun.onset)
 
     def step(self, action: Action) -> StepResult:
         """Do an action, as any world does."""
-        stepped = self._ask(messages.Step(action), messages.Transition, "step()")
+        stepped = self._ask(messages.Step(action), messages.StepReport, "step()")
         self._moment = stepped.moment
         return RemoteStepResult(
             stepped.reward,
@@ -236,7 +236,7 @@ class IsolatedWorld(World):
     def advance(self, action: Action) -> tuple[bool, bool]:
         """Act without making an observation, as any world does."""
         terminated, truncated, self._moment = self._ask(
-            messages.Advance(action), tuple[bool, bool, messages.Moment], "advance()"
+            messages.Advance(action), tuple[bool, bool, messages.StateReport], "advance()"
         )
         return terminated, truncated
 
@@ -290,7 +290,7 @@ class IsolatedWorld(World):
             if is_there:
                 break
             self._release_memory()
-            self._memory = SharedMemory(create=True, size=math.prod(shape))
+            self._memory = SharedMemory(None, True, math.prod(shape))
         if self._memory is None or not is_there:
             raise WorldError(f"{self.id}: render() returns a larger picture each time; return pictures of one size")
         return np.ndarray(shape, np.uint8, self._memory.buf).copy()
@@ -314,7 +314,7 @@ class IsolatedWorld(World):
 
     def restore(self, saved: SavedState) -> None:
         """Go back to a saved state; the copy is not consumed."""
-        self._moment = self._ask(messages.Restore(saved.number), messages.Moment, "restore()")
+        self._moment = self._ask(messages.Restore(saved.number), messages.StateReport, "restore()")
 
     def close(self) -> None:
         """Close the environment, and give its process back."""
@@ -358,7 +358,7 @@ class IsolatedWorlds:
         limits: of each isolated world.
     """
 
-    def __init__(self, make_world: MakeWorld, limits: WorldLimits = DEFAULT_LIMITS) -> None:
+    def __init__(self, make_world: WorldMaker, limits: WorldLimits = DEFAULT_LIMITS) -> None:
         self.pool = WorldProcessPool(limits)
         self._make_world = make_world
         self._stays: set[str] = set()  # ids of worlds that cannot be isolated
@@ -389,7 +389,7 @@ class IsolatedWorlds:
 
 
 @contextmanager
-def choose_world_factory(isolates: bool) -> Iterator[MakeWorld]:
+def choose_world_factory(isolates: bool) -> Iterator[WorldMaker]:
     """Yield what makes the worlds of sessions: with ``isolates`` those that are not ours in processes of their own."""
     if not isolates:
         yield World

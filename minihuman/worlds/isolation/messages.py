@@ -105,7 +105,7 @@ class Description(msgspec.Struct, frozen=True, array_like=True):
     reward_means_success: bool
 
 
-class Moment(msgspec.Struct, frozen=True, array_like=True):
+class StateReport(msgspec.Struct, frozen=True, array_like=True):
     """Where the world is."""
 
     state_hash: int
@@ -114,16 +114,16 @@ class Moment(msgspec.Struct, frozen=True, array_like=True):
     subgoals: tuple[tuple[str, int], ...]
 
 
-class Beginning(msgspec.Struct, frozen=True, array_like=True):
+class ResetReport(msgspec.Struct, frozen=True, array_like=True):
     """What a reset gave."""
 
     observation_hash: int
     mission: str
     onset: bool
-    moment: Moment
+    moment: StateReport
 
 
-class Transition(msgspec.Struct, frozen=True, array_like=True):
+class StepReport(msgspec.Struct, frozen=True, array_like=True):
     """What a step gave."""
 
     reward: float
@@ -132,7 +132,7 @@ class Transition(msgspec.Struct, frozen=True, array_like=True):
     observation_hash: int
     onset: bool
     is_own: bool
-    moment: Moment
+    moment: StateReport
 
 
 class Reply(msgspec.Struct, frozen=True, array_like=True):
