@@ -5,11 +5,13 @@ import signal
 import sys
 import threading
 from collections.abc import Mapping
+from importlib import import_module
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 from multiprocessing.shared_memory import SharedMemory
 from typing import Any, assert_never
 
+import gymnasium
 import msgspec
 import numpy as np
 
@@ -124,6 +126,9 @@ class WorldServer:
 
     def _construct(self, request: messages.Construct) -> messages.Description:
         sys.path[:] = request.search_path
+        if request.module and request.world_id not in gymnasium.registry:
+            with contain_errors(request.world_id, "its code"):
+                import_module(request.module)
         self._made = world = World(request.world_id, decode_value(request.options), trusted=True)
         actions = world.actions
         discrete = actions if isinstance(actions, DiscreteActions) else DiscreteActions((), 0, {})

@@ -122,7 +122,7 @@ class IsolatedWorld(World):
         self._copies = 0
         self._forgotten: list[int] = []
         try:
-            construct = messages.Construct(world_id, encode_value(options), sys.path)
+            construct = messages.Construct(world_id, encode_value(options), sys.path, _find_module(world_id))
             self._description = self._ask(construct, messages.Description, "its construction")
         except BaseException:
             self.close()
@@ -406,9 +406,13 @@ def is_from_catalogue(world_id: str) -> bool:
     module, _, name = world_id.rpartition(":")
     if module and module.partition(".")[0] != "minihuman":
         return False
-    spec = gymnasium.registry.get(name)
+    return _find_module(name).partition(".")[0] == "minihuman"
+
+
+def _find_module(world_id: str) -> str:
+    """Return the module that has a registered environment; "" where none is registered under this id."""
+    spec = gymnasium.registry.get(world_id)
     if spec is None:
-        return False
+        return ""
     entry = spec.entry_point
-    where = entry if isinstance(entry, str) else getattr(entry, "__module__", "")
-    return where.partition(":")[0].partition(".")[0] == "minihuman"
+    return entry.partition(":")[0] if isinstance(entry, str) else str(getattr(entry, "__module__", ""))

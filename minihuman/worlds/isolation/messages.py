@@ -18,6 +18,7 @@ class Construct(Request, frozen=True):
     world_id: str
     options: bytes  # by `value_codec`, with the files that they refer to
     search_path: list[str]  # where Python looks for modules
+    module: str  # where the host's registry has it from, for an id that names none; "" if that does not know it
 
 
 class Reset(Request, frozen=True):
