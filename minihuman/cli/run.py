@@ -188,11 +188,13 @@ def serve(
         options=("--worlds-in-process",) if worlds_in_process else list_limit_options(limits),
     )
     worlds = None if worlds_in_process else IsolatedWorlds(PageWorld, limits)
-    with keep_processes_running(others):
-        run_server(study, data, socket, links=links, address=address, say=_say, worlds=worlds)
-    if worlds is not None:
-        worlds.close()
-        _say(str(worlds.pool.use))
+    try:
+        with keep_processes_running(others):
+            run_server(study, data, socket, links=links, address=address, say=_say, worlds=worlds)
+    finally:  # after SIGTERM, too
+        if worlds is not None:
+            worlds.close()
+            _say(str(worlds.pool.use))
     print("ended; unfinished sessions resume at the same step when the study is served again", flush=True)
 
 

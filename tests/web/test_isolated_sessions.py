@@ -12,7 +12,7 @@ import pytest
 
 from minihuman.admin.recruitment import Recruitment
 from minihuman.admin.verify.log import find_log_differences
-from minihuman.experiment.machine.events import FrameShown
+from minihuman.experiment.machine.events import FrameShown, Stepped
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.web.arrivals import Arrivals
@@ -25,6 +25,8 @@ from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
 from minihuman.worlds.isolation.process_pool import WorldLimits
 from tests.counts import count
 from tests.web.page_model import PageModel
+from tests.web.served import served
+from tests.web.test_hostile import Neighbour
 from tests.worlds import faulty
 
 FAILING = count(len(faulty.FAULTS), 1_000)
@@ -187,3 +189,20 @@ def test_others_play_to_their_end_while_a_world_hangs(tmp_path: Path) -> None:
     _require_whole(first, 1)
     _require_whole(second, 1)
     _require_failed(failed, "hang")
+
+
+@pytest.mark.program
+def test_a_served_session_in_a_process_of_its_own_is_proven_and_its_use_is_printed(tmp_path: Path) -> None:
+    with served(tmp_path, episodes=50, world=("CartPole-v1", ("left", "right"))) as server:
+        neighbour = Neighbour(server, server.links[0])
+        counts = neighbour.leaves()
+        server.process.terminate()
+        assert server.process.stdout is not None
+        printed = server.process.stdout.read()
+    assert counts.presses >= 12
+    assert "worlds in processes of their own: 1, each with" in printed
+    assert "Traceback" not in server.complaints()
+    assert "leaked" not in server.complaints()
+    [part] = (tmp_path / "data").rglob("*.mcap*")
+    steps = sum(isinstance(event, Stepped) for event in read_events(part))
+    assert steps > 0

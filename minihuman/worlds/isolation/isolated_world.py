@@ -10,7 +10,6 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing.shared_memory import SharedMemory
 from typing import Any, Literal, TypeVar
 
 import gymnasium
@@ -115,9 +114,7 @@ class IsolatedWorld(World):
         self.is_built_in = False
         self._pool = pool
         self._process = pool.take(world_id)
-        self._cpu_before_s = self._process.reply.cpu_s
         self._is_open = True
-        self._memory: SharedMemory | None = None
         self._moment: messages.StateReport | None = None
         self._copies = 0
         self._forgotten: list[int] = []
@@ -284,16 +281,16 @@ class IsolatedWorld(World):
     ) -> NDArray[np.uint8]:
         """The picture a person sees, as any world's."""
         for _ in range(2):  # the second time with memory enough
-            name = "" if self._memory is None else self._memory.name
+            memory = self._process.memory
+            name = "" if memory is None else memory.name
             draw = messages.Draw(view, size_px, palette, name)
             shape, is_there = self._ask(draw, tuple[tuple[int, int, int], bool], "render()")
             if is_there:
                 break
-            self._release_memory()
-            self._memory = SharedMemory(None, True, math.prod(shape))
-        if self._memory is None or not is_there:
+            self._process.reserve_memory(math.prod(shape))
+        if memory is None or not is_there:
             raise WorldError(f"{self.id}: render() returns a larger picture each time; return pictures of one size")
-        return np.ndarray(shape, np.uint8, self._memory.buf).copy()
+        return np.ndarray(shape, np.uint8, memory.buf).copy()
 
     def render(self, size_px: tuple[int, int]) -> Any:
         """What a participant sees."""
@@ -329,14 +326,7 @@ class IsolatedWorld(World):
                 )
             except RemoteCodeError as error:  # its episodes are over, and what was recorded of them counts
                 LOG.warning("the world did not close: %s", error)
-        self._pool.give_back(process, cpu_s=process.reply.cpu_s - self._cpu_before_s)
-        self._release_memory()
-
-    def _release_memory(self) -> None:
-        if self._memory is not None:
-            self._memory.close()
-            self._memory.unlink()
-            self._memory = None
+        self._pool.give_back(process)
 
 
 answer_to_old_names(IsolatedWorld)

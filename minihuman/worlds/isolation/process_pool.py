@@ -13,6 +13,7 @@ from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.context import BaseContext
+from multiprocessing.shared_memory import SharedMemory
 from typing import Any, Final, TypeVar
 
 import msgspec
@@ -69,8 +70,11 @@ class WorldProcess:
     def __init__(self, limits: WorldLimits) -> None:
         self.limits = limits
         self.ran = ""  # the world that it ran last; "" for none
+        self.is_running = False  # a world is open
+        self.cpu_before_s = 0.0  # what it had used when the world was opened
         self.is_healthy = True
         self.reply = messages.Reply(b"")  # the latest
+        self.memory: SharedMemory | None = None  # for pictures
         context = _get_context()
         self._connection, other_end = context.Pipe()
         # Not a daemon: worlds may start processes themselves. The pool ends it.
@@ -124,9 +128,21 @@ class WorldProcess:
             return f"{call} ended its process by {signal.Signals(-status).name}, as a fault in compiled code does"
         return f"{call} ended its process by signal {-status}"
 
+    def reserve_memory(self, size: int) -> None:
+        """Share so much memory with the process from now on."""
+        self._release_memory()
+        self.memory = SharedMemory(None, True, size)
+
+    def _release_memory(self) -> None:
+        if self.memory is not None:
+            self.memory.close()
+            self.memory.unlink()
+            self.memory = None
+
     def end(self) -> None:
         """End the process, and those that it started."""
         self.is_healthy = False
+        self._release_memory()
         end_group(self.pid)
         self._process.kill()
         self._process.join(_END_S)
@@ -156,18 +172,22 @@ class WorldProcessPool:
             for process in self._idle:
                 if process.ran == world_id:
                     self._idle.remove(process)
+                    process.is_running = True
+                    process.cpu_before_s = process.reply.cpu_s
                     return process
         process = WorldProcess(self.limits)
         process.ran = world_id
+        process.is_running = True
         with self._lock:
             self._all.add(process)
         return process
 
-    def give_back(self, process: WorldProcess, *, cpu_s: float) -> None:
-        """Give a process back whose world is closed, or that has failed; ``cpu_s`` is what the world used."""
+    def give_back(self, process: WorldProcess) -> None:
+        """Give a process back whose world is closed, or that has failed."""
         surplus = process
         with self._lock:
-            self.use.add(cpu_s, process.reply.peak_bytes)
+            process.is_running = False
+            self.use.add(process.reply.cpu_s - process.cpu_before_s, process.reply.peak_bytes)
             if process.is_healthy:
                 self._idle.append(process)
                 if len(self._idle) <= self._most_idle:
@@ -184,6 +204,8 @@ class WorldProcessPool:
             self._all.clear()
             self._idle.clear()
         for process in processes:
+            if process.is_running:  # a session that is left has not closed its world
+                self.use.add(process.reply.cpu_s - process.cpu_before_s, process.reply.peak_bytes)
             process.end()
 
 
