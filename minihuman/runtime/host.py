@@ -63,8 +63,11 @@ def host_session(
             **(window.open_gamepad() if needs_gamepad(plan) else {}),
             **of_devices,
         }
+        picture_px = _four_to_three(window.picture_px)
+        if picture_px is not None:
+            facts["picture_px"] = "{} x {}".format(*picture_px)
         require_unclaimed(SegmentPath.of_plan(data, plan))
-        session = build_session(plan, make_world, facts, picture_px=_four_to_three(window.picture_px))
+        session = build_session(plan, make_world, facts, picture_px=picture_px)
         begun(session)
 
         def open_log() -> Recorder:

@@ -74,6 +74,7 @@ class EpisodeAhead:
         )
         if play.steps:
             self.graph.move_to(play.world)
+        play.keep_picture_hash(self.graph.picture_hash)
         return self.graph.root.name
 
     def step(self, action: int, play: RunningEpisode | None) -> int:
@@ -91,7 +92,9 @@ class EpisodeAhead:
         if play.is_joint:  # others acted, too
             self.graph.move_to(play.world)
             return self.graph.root.name
-        return self.graph.step(action, play.world).name
+        scene = self.graph.step(action, play.world)
+        play.keep_picture_hash(self.graph.picture_hash)
+        return scene.name
 
     def compare(self, message: messages.PageMessage, events: Sequence[Event]) -> str:
         """Compare a message's step in the page with the session's; return how they differ, "" if they do not."""

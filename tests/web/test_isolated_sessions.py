@@ -1,20 +1,24 @@
 """Sessions in one server whose worlds fail, and others beside them: a world's failure is its session's alone."""
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import pytest
 
 from minihuman.admin.recruitment import Recruitment
-from minihuman.admin.verify.log import find_log_differences
+from minihuman.admin.verify.log import find_log_differences, verify_session
+from minihuman.admin.verify.pictures import PictureVerification, verify_pictures
 from minihuman.experiment.machine.events import FrameShown, Stepped
 from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.log.model.event_columns import EventColumns
 from minihuman.log.read.session_reader import read_events, read_log
+from minihuman.runtime.machine import collect_machine_facts
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.computed import PageWorld
 from minihuman.web.connection import Connection
@@ -27,13 +31,15 @@ from tests.counts import count
 from tests.web.page_model import PageModel
 from tests.web.served import served
 from tests.web.test_hostile import Neighbour
-from tests.worlds import faulty
+from tests.worlds import faulty, hidden
 
 FAILING = count(len(faulty.FAULTS), 1_000)
 OTHERS = count(2, 10)
 AT_ONCE = 8  # failing sessions
 EPISODES = count(2, 20)
 MS = 1_000_000
+FAULTY = f"{faulty.__name__}:tests/Faulty-v0"
+HIDDEN = f"{hidden.__name__}:tests/Hidden-v0"
 
 _STUDY = """
 [study]
@@ -54,8 +60,7 @@ name = "{name}"
 blocks = ["{name}"]
 [[blocks]]
 name = "{name}"
-world = "tests.worlds.faulty:tests/Faulty-v0"
-options = {{ fault = "{fault}" }}
+world = "{world}"
 episodes = {episodes}
 max_steps = 4
 final_frame_ms = 0
@@ -94,13 +99,23 @@ class _Server:
         return connection
 
 
-def _serve(folder: Path, fault: str, worlds: IsolatedWorlds, *, episodes: int = 1) -> _Server:
+def _serve(
+    folder: Path,
+    fault: str,
+    worlds: IsolatedWorlds | None,
+    *,
+    episodes: int = 1,
+    world: str = FAULTY,
+    facts: Mapping[str, str] = MappingProxyType({}),
+) -> _Server:
     """Start a server; several of them in one loop stand for one whose participants' worlds fail in different ways."""
-    text = _STUDY + _GROUP.format(name="all", fault=fault, episodes=episodes)
+    text = _STUDY + _GROUP.format(name="all", world=world, episodes=episodes)
+    if fault:
+        text += f'options = {{ fault = "{fault}" }}\n'
     protocol = decode_protocol(text.encode())
     data = folder / (fault or "well")
     factory = ConnectionFactory(Arrivals(protocol, data), data, {}, worlds=worlds)
-    factory.facts = {"player": "human"}
+    factory.facts = {"player": "human", **collect_machine_facts(), **facts}
     return _Server(Recruitment(data / "faults").issue(count(8, 1_000)), factory)
 
 
@@ -206,3 +221,47 @@ def test_a_served_session_in_a_process_of_its_own_is_proven_and_its_use_is_print
     [part] = (tmp_path / "data").rglob("*.mcap*")
     steps = sum(isinstance(event, Stepped) for event in read_events(part))
     assert steps > 0
+
+
+@pytest.mark.parametrize("isolated", [False, True], ids=["in process", "isolated"])
+def test_pictures_that_were_shown_are_drawn_again_and_equal(isolated: bool, tmp_path: Path) -> None:
+    with closing(IsolatedWorlds(PageWorld)) as worlds:
+        log = asyncio.run(_play(_serve(tmp_path, "", worlds if isolated else None, episodes=2), episodes=2))
+    assert verify_pictures(read_log(log)) == PictureVerification("equal", 8)
+    assert ("pictures equal: 8 that were shown, drawn again", True) in list(verify_session(log))
+
+
+def test_pictures_that_the_seed_does_not_govern_are_different(tmp_path: Path) -> None:
+    log = asyncio.run(_play(_serve(tmp_path, "", None, world=HIDDEN)))
+    verification = verify_pictures(read_log(log))
+    assert verification is not None
+    assert verification.verdict == "different"
+    lines = dict(verify_session(log))
+    assert lines[str(verification)] is False
+    assert lines["1 episodes, 4 steps, all as logged"] is True, "numbers have a verdict of their own"
+
+
+def test_pictures_of_another_version_are_not_comparable(tmp_path: Path) -> None:
+    log = asyncio.run(_play(_serve(tmp_path, "", None, world=HIDDEN, facts={"version_numpy": "0.1"})))
+    verification = verify_pictures(read_log(log))
+    assert verification is not None
+    assert verification.verdict == "not comparable"
+    assert "numpy 0.1, here" in verification.detail
+
+
+def test_a_log_without_hashes_says_that_pictures_are_not_recorded(tmp_path: Path) -> None:
+    log = read_log(asyncio.run(_play(_serve(tmp_path, "", None))))
+    frames = [replace(frame, picture_hash=0) for frame in log.episodes[0].frames]
+    old = replace(log.episodes[0], frames=EventColumns.of(FrameShown, frames))
+    verification = verify_pictures(replace(log, episodes=(old,)))
+    assert verification == PictureVerification("not recorded")
+
+
+def test_a_picture_that_was_changed_in_the_log_is_different(tmp_path: Path) -> None:
+    log = read_log(asyncio.run(_play(_serve(tmp_path, "", None))))
+    frames = [replace(frame, picture_hash=frame.picture_hash ^ (frame.step == 2)) for frame in log.episodes[0].frames]
+    changed = replace(log.episodes[0], frames=EventColumns.of(FrameShown, frames))
+    verification = verify_pictures(replace(log, episodes=(changed,)))
+    assert verification is not None
+    assert verification.verdict == "different"
+    assert "step 2: " in verification.detail

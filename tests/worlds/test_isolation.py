@@ -33,7 +33,9 @@ def worlds() -> Iterator[IsolatedWorlds]:
         yield made
 
 
-@pytest.mark.parametrize("world_id", ["CartPole-v1", "Pendulum-v1", "FrozenLake-v1", CORRIDOR, FAULTY, "tests/Corridor-v0"])
+@pytest.mark.parametrize(
+    "world_id", ["CartPole-v1", "Pendulum-v1", "FrozenLake-v1", CORRIDOR, FAULTY, "tests/Corridor-v0"]
+)
 def test_a_world_in_its_own_process_gives_what_it_gives_in_the_sessions(worlds: IsolatedWorlds, world_id: str) -> None:
     with closing(worlds(world_id, {})) as apart, closing(World(world_id)) as here:
         assert isinstance(apart, IsolatedWorld)

@@ -38,6 +38,7 @@ from minihuman.admin.policies import verify_advice
 from minihuman.admin.session_index import find_double_sessions
 from minihuman.admin.unfinished_withdrawals import find_unfinished_withdrawals
 from minihuman.admin.verify.episodes import describe_other_rules, verify_episodes
+from minihuman.admin.verify.pictures import verify_pictures
 from minihuman.dataset.annotations import describe_useless_annotation, read_annotations, split_annotations
 from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 from minihuman.display.text import is_division
@@ -634,6 +635,7 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
         yield other, True
     with raise_as_log_error(log, "played again"):
         steps = verify_episodes(session)
+        pictures = None if steps.difference else verify_pictures(session)
     for module in find_changed_sources(session.facts):
         yield f"recorded with another file of the module {module}", True
     if steps.difference:
@@ -657,6 +659,8 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
         yield from verify_advice(session, World)
     _, useless = split_annotations(session, read_annotations(session.path))
     yield from ((describe_useless_annotation(annotation), False) for annotation in useless)
+    if pictures is not None:
+        yield str(pictures), pictures.verdict != "different"
     if not steps.difference and not differences:
         yield f"{steps.episodes} episodes, {steps.steps} steps, all as logged", True
 

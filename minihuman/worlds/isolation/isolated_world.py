@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.trust import locate_world
 from minihuman.worlds.adapters.foreign_code import RemoteCodeError
+from minihuman.worlds.adapters.registered_module import find_registered_module
 from minihuman.worlds.adapters.spaces import Action, ActionInterface, DiscreteActions, VectorActions
 from minihuman.worlds.adapters.transition import ResetResult, StepResult
 from minihuman.worlds.adapters.world import World
@@ -119,7 +120,7 @@ class IsolatedWorld(World):
         self._copies = 0
         self._forgotten: list[int] = []
         try:
-            construct = messages.Construct(world_id, encode_value(options), sys.path, _find_module(world_id))
+            construct = messages.Construct(world_id, encode_value(options), sys.path, find_registered_module(world_id))
             self._description = self._ask(construct, messages.Description, "its construction")
         except BaseException:
             self.close()
@@ -396,13 +397,4 @@ def is_from_catalogue(world_id: str) -> bool:
     module, _, name = world_id.rpartition(":")
     if module and module.partition(".")[0] != "minihuman":
         return False
-    return _find_module(name).partition(".")[0] == "minihuman"
-
-
-def _find_module(world_id: str) -> str:
-    """Return the module that has a registered environment; "" where none is registered under this id."""
-    spec = gymnasium.registry.get(world_id)
-    if spec is None:
-        return ""
-    entry = spec.entry_point
-    return entry.partition(":")[0] if isinstance(entry, str) else str(getattr(entry, "__module__", ""))
+    return find_registered_module(name).partition(".")[0] == "minihuman"
