@@ -173,7 +173,7 @@ class LookAheadGraph:
         if tiles is not None:
             picture = cache.number_tiles(tiles)
         else:
-            drawn = world.frame(*look)
+            drawn = np.ascontiguousarray(world.frame(*look))
             picture = cache.number(drawn)
             picture_hash = 0 if world.is_built_in else hash_picture(drawn)
         saved = None

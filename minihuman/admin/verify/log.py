@@ -38,7 +38,7 @@ from minihuman.admin.policies import verify_advice
 from minihuman.admin.session_index import find_double_sessions
 from minihuman.admin.unfinished_withdrawals import find_unfinished_withdrawals
 from minihuman.admin.verify.episodes import describe_other_rules, verify_episodes
-from minihuman.admin.verify.pictures import verify_pictures
+from minihuman.admin.verify.shown_pictures import verify_pictures
 from minihuman.dataset.annotations import describe_useless_annotation, read_annotations, split_annotations
 from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 from minihuman.display.text import is_division
