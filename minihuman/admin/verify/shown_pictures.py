@@ -4,9 +4,11 @@ Hashes are taken of worlds that are not ours, where nothing else says what was s
 own: equal, different, not comparable (what draws them is of another version, or another system), or not recorded.
 """
 
-from collections.abc import Iterator, Mapping
+import platform
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
 from itertools import groupby
 from typing import Literal
 
@@ -15,12 +17,12 @@ import numpy as np
 from minihuman.errors import WorldError
 from minihuman.experiment.machine.activity import WorldFactory
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
-from minihuman.runtime.machine import collect_machine_facts, collect_world_facts
 from minihuman.worlds.adapters.world import World
+from minihuman.worlds.contract import PICTURES_VERSION
 from minihuman.worlds.hashing import hash_picture
 
 PictureVerdict = Literal["equal", "different", "not comparable", "not recorded"]
-_ALSO_COMPARED = ("pictures", "system", "machine")  # of the facts, beside versions; and
+_VERSION = "version_"  # before a package's name, in facts
 _NOT_COMPARED = ("version_minihuman", "version_mcap")  # which draw nothing of what is hashed
 
 
@@ -116,11 +118,10 @@ def _differences(
 def _judge_difference(
     recorded: Mapping[str, str], episode: EpisodeLog, difference: str, pictures: int
 ) -> PictureVerification:
-    now = {**collect_machine_facts(), **collect_world_facts([episode.plan.world])}
     changed = [
-        f"{name.removeprefix('version_')} {recorded[name]}, here {now.get(name, 'none')}"
+        f"{name.removeprefix(_VERSION)} {recorded[name]}, here {_find_fact(name)}"
         for name in recorded
-        if _draws(name) and recorded[name] != now.get(name)
+        if _draws(name) and recorded[name].split(" ")[0] != _find_fact(name)
     ]
     if changed:
         return PictureVerification("not comparable", pictures, f"they were drawn with {'; '.join(changed)}")
@@ -129,4 +130,21 @@ def _judge_difference(
 
 def _draws(fact: str) -> bool:
     """Whether what a fact says may change pictures."""
-    return fact in _ALSO_COMPARED or (fact.startswith("version_") and fact not in _NOT_COMPARED)
+    return fact in _STATION_FACTS or (fact.startswith(_VERSION) and fact not in _NOT_COMPARED)
+
+
+def _find_fact(name: str) -> str:
+    """Return what a fact is here, but for the release of the system."""
+    if name in _STATION_FACTS:
+        return _STATION_FACTS[name]()
+    try:
+        return version(name.removeprefix(_VERSION))
+    except PackageNotFoundError:
+        return "none"
+
+
+_STATION_FACTS: dict[str, Callable[[], str]] = {
+    "pictures": lambda: str(PICTURES_VERSION),
+    "system": platform.system,
+    "machine": platform.machine,
+}
