@@ -75,6 +75,7 @@ class WorldProcess:
         self.is_healthy = True
         self.reply = messages.Reply(b"")  # the latest
         self.memory: SharedMemory | None = None  # for pictures
+        self._lock = threading.RLock()  # held while an answer is waited for; the pool may end the process meanwhile
         context = _get_context()
         self._connection, other_end = context.Pipe()
         # Not a daemon: worlds may start processes themselves. The pool ends it.
@@ -103,6 +104,10 @@ class WorldProcess:
         Raises:
             RemoteCodeError: if the world fails, takes longer, or ends its process.
         """
+        with self._lock:
+            return self._ask(request, answer, world_id=world_id, call=call, limit_s=limit_s)
+
+    def _ask(self, request: messages.AnyRequest, answer: type[T], *, world_id: str, call: str, limit_s: float) -> T:
         if not self.is_healthy:
             raise RemoteCodeError(f"{world_id}: its process has ended, so that {call} cannot run")
         try:
@@ -142,11 +147,12 @@ class WorldProcess:
     def end(self) -> None:
         """End the process, and those that it started."""
         self.is_healthy = False
-        self._release_memory()
         end_group(self.pid)
         self._process.kill()
-        self._process.join(_END_S)
-        self._connection.close()
+        with self._lock:
+            self._process.join(_END_S)
+            self._connection.close()
+            self._release_memory()
 
 
 class WorldProcessPool:
