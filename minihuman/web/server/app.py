@@ -214,12 +214,16 @@ class WebServer:
         connection.changed.set()
         self._want_more(connection)
         writing = asyncio.create_task(self._write(page, connection, number, protocol))
+        code = 0
         try:
             while connection.presence.is_newest(number):
                 await self._receive(page, connection, protocol, await page.receive())
+        except SocketClosedError as error:
+            code = error.code
+            raise
         finally:
             writing.cancel()
-            connection.presence.close_socket(number, monotonic_s())
+            connection.presence.close_socket(number, monotonic_s(), code)
             await asyncio.gather(writing, return_exceptions=True)
 
     async def _receive(self, page: PageSocket, connection: Connection, protocol: PageProtocol, text: str) -> None:
