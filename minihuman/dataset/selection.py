@@ -28,7 +28,7 @@ from minihuman.dataset.session_measures import (
 )
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EPISODES, PARTICIPANTS
 from minihuman.errors import ReportError
-from minihuman.experiment.machine.events import EpisodesSkipped
+from minihuman.experiment.machine.events import EpisodesSkipped, Noted
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import ExclusionSpec, decode_logged_protocol
 from minihuman.experiment.protocol.specs import apply_overrides
@@ -389,5 +389,6 @@ def summarize_session(log: SessionLog) -> MeasureRow:
         "end_reason": log.end_reason,
         "clean": log.clean,
         "segments": len(log.segments),
+        "clock_notes": sum(isinstance(note, Noted) and note.is_about_clock for note in log.notes),
         "completed_share": len(completed) / planned if planned else None,
     }

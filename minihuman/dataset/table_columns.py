@@ -462,6 +462,12 @@ PARTICIPANTS = (
     TableColumn("clean", "boolean", "", "Whether the log was finished in the ordinary way."),
     TableColumn("segments", "integer", "", "How many segments the session has: 1, and one more for each resume."),
     TableColumn(
+        "clock_notes",
+        "integer",
+        "",
+        "Notes that the page's time was ahead of the server's or moved against it, a possible reason for exclusion.",
+    ),
+    TableColumn(
         "completed_share",
         "number",
         "",

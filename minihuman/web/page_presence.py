@@ -83,5 +83,5 @@ class PagePresence:
 
 def find_sign_interval_ms(plan: SessionPlan) -> int:
     """Find the longest time in which a session's page may send nothing, as its parts ask for signs of life."""
-    asked_s = [part.plan.sign_interval_s for part in plan.parts if part.plan.sign_interval_s]
+    asked_s: list[float] = [part.plan.sign_interval_s for part in plan.parts if part.plan.sign_interval_s]
     return round(1_000 * min([MAX_SIGN_INTERVAL_S, *asked_s]))

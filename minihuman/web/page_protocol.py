@@ -79,6 +79,10 @@ class PageSession(abc.ABC):
         """Take note that the page is closed, or left for another."""
 
     @abc.abstractmethod
+    def spend(self, n_bytes: int) -> bool:
+        """Take the size of a message into account; False if the session takes no more."""
+
+    @abc.abstractmethod
     def forget(self) -> None:
         """Keep nothing for the page: it begins anew when it comes again."""
 
@@ -139,7 +143,7 @@ class PageProtocol:
         message = decode_page_message(text)
         self._ends_with_round_trip = False
         match message:
-            case messages.NumberedMessage():
+            case messages.NumberedMessage() if self._session.spend(len(text)):
                 self._session.take(message, more=more)
                 self._ends_with_round_trip = isinstance(message.what, messages.RoundTripMessage)
             case messages.Ping() if more:

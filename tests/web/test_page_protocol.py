@@ -44,6 +44,9 @@ class EchoSession(PageSession):
     def bid_farewell(self, *, is_left: bool) -> None:
         self.farewells.append(is_left)
 
+    def spend(self, n_bytes: int) -> bool:
+        return True
+
     def forget(self) -> None:
         self._outgoing = OutgoingStream()
 

@@ -203,7 +203,7 @@ class TeamPlayActivity(PlayActivity):
         self._messages.salt = salt
         self._count_waiting()
         self._holders = tuple("person" if kind == PERSON else "agent" for kind in team.seats)
-        self._states = ("here",) * len(team.seats)
+        self._states = tuple[SeatState, ...]("here" for _ in team.seats)
         roles = self.plan.team.roles
         context = self.context
         role = roles[team.seat] if roles else ""

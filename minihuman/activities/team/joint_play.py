@@ -1,7 +1,8 @@
 """The play of one team in a block: lifts the barrier before each episode, and closes the joint actions. No I/O.
 
 It is given what its seats ask and the time, and answers; what a seat's agent chooses it asks for. It puts together who
-is present (`TeamPresence`), which inputs are there (`OpenStep`) and how long they have been waited for (`StepClock`).
+is present (`TeamPresence`), which inputs are there (`OpenStep`), how long they have been waited for (`StepClock`) and
+when they were due (`TickSchedule`).
 """
 
 import math
@@ -22,7 +23,8 @@ from minihuman.activities.team.requests import (
     SeatsReady,
     TeamLost,
 )
-from minihuman.activities.team.step_clock import MS_PER_S, StepClock
+from minihuman.activities.team.step_clock import MS_PER_S, Delay, StepClock
+from minihuman.activities.team.tick_schedule import TickSchedule
 
 
 @dataclass(slots=True)
@@ -56,6 +58,7 @@ class JointPlay:
         self._barriers: dict[int, ReadyBarrier] = {}  # by episode
         self._open_step = OpenStep(len(kinds))
         self._clock = StepClock(rules.late_ms, rules.thinking_limit_s)
+        self._schedules: dict[int, TickSchedule] = {}  # by episode
         self._concerned: set[int] = set()  # seats whose next answer may be another than their last
         self._has_declined = False  # somebody left before the first step
         self.presence = TeamPresence(kinds, rules)
@@ -123,6 +126,7 @@ class JointPlay:
                 return TeamLost(0, "partner_left")
             if self.presence.present - barrier.seats:
                 return None
+        self._schedules.setdefault(episode, TickSchedule(now_s))
         self._concern_others(seat)
         return SeatsReady(0, episode)
 
@@ -153,6 +157,9 @@ class JointPlay:
         episode = want.plan.episode
         if want.is_key and not self._open_step.has_submitted(seat, episode, want.step):
             self.presence.note_input(seat, now_s, is_held=want.is_held)
+        schedule = self._schedules.setdefault(episode, TickSchedule(now_s))
+        if want.action is not None:
+            schedule.record_input(seat, want.step, now_s)
         if want.action is not None and self.presence.is_shut_out(seat):
             return TeamLost(0, "replaced")
         is_back = want.is_key and self.presence.may_act(seat) and self.presence.has_returned(seat)
@@ -173,7 +180,7 @@ class JointPlay:
                 self._clock.open(now_s)
             self.presence.take_back(seat)
             self._open_step.submit(seat, want.action, is_key=want.is_key)
-        return self._judge_open_step(now_s, is_real_time=is_real_time)
+        return self._judge_open_step(want, now_s, is_real_time=is_real_time)
 
     def close(self, due: StepDue, seat: int, chosen: Mapping[int, int], idle_action: int) -> JointTaken:
         """Close a step for good.
@@ -198,11 +205,11 @@ class JointPlay:
 
     # How a step closes
 
-    def _judge_open_step(self, now_s: float, *, is_real_time: bool) -> StepDue | TeamLost | None:
+    def _judge_open_step(self, want: JointRequest, now_s: float, *, is_real_time: bool) -> StepDue | TeamLost | None:
         if not self._open_step.has_input:
             return None
         missing = self.presence.present - self._open_step.seats
-        delay = self._clock.find_delay(now_s) if missing else "in_time"
+        delay = self._find_delay(want, missing, now_s) if missing else "in_time"
         if is_real_time and delay != "in_time":
             return self._open_step.find_due(missing)
         if delay == "overdue":
@@ -210,6 +217,12 @@ class JointPlay:
                 return TeamLost(0, "partner_left")
             missing = self.presence.present - self._open_step.seats
         return None if missing else self._open_step.find_due(frozenset())
+
+    def _find_delay(self, want: JointRequest, missing: Collection[int], now_s: float) -> Delay:
+        """Find how late the missing inputs are by the server's clock, whatever the others' pages say of the time."""
+        period_s = want.plan.step_period_ms / MS_PER_S
+        due_s = self._schedules[want.plan.episode].find_due_s(missing, want.step, self._clock.opened_s, period_s)
+        return self._clock.find_delay(now_s, due_s)
 
     def _replace_missing(self, barrier: ReadyBarrier, asking: int, now_s: float) -> bool:
         """Give the seats of those to the stand-in who are gone, or not ready for too long; False if the block ends."""

@@ -511,7 +511,8 @@ class WebSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     open_access: bool = False  # who comes without a link and from no platform gets a slot, too
     recruitment_platforms: tuple[RecruitmentPlatform, ...] = ()  # that people may come from; () asks for links
     max_concurrent_sessions: int = 200  # seats
-    max_unconsented_per_address: int = 20  # of people without a link; raise it for a lab behind one address
+    max_unconsented_per_address: int = 20  # of people without a link who played nothing; raise it for a lab
+    require_signed_arrival: bool = False  # who comes from a platform needs a signature; see web/arrival_signature.py
     completion_codes: CompletionCodesSpec = CompletionCodesSpec()
     redirect: str = ""  # where the page leads at the end; {code} and {id}, the platform's id, are filled in
 
