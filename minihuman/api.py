@@ -86,6 +86,7 @@ def run(
     window: str = "auto",
     fullscreen: bool = True,
     lsl: bool = False,
+    isolate_worlds: bool = False,
     trust: Permission = False,
     on_progress: Listener = _ignore,
     on_start: Listener = _ignore,
@@ -106,6 +107,7 @@ def run(
         window: ``auto``, ``pygame``, ``pyglet`` or a plug-in's name.
         fullscreen: use the whole screen, not a window.
         lsl: send markers by the Lab Streaming Layer.
+        isolate_worlds: run worlds that are not ours in processes of their own; those of teams stay in this one.
         trust: trust the protocol's folder, now and from now on: run the Python in it. Or a function that is asked
             this as a question.
         on_progress: is told what is being prepared; "" when the window is about to open.
@@ -131,6 +133,7 @@ def run(
     from minihuman.runtime.machine import SessionClock
     from minihuman.runtime.shared_window import SharedWindow, host_team
     from minihuman.runtime.team_seating import count_seats_at_machine, require_one_process
+    from minihuman.worlds.isolation.isolated_world import choose_world_factory
 
     protocol = Path(protocol)
     data = Path(data)
@@ -165,7 +168,8 @@ def run(
         plans = [plan_session(code) for code in codes]
         if seats == 1:
             agent = make_agent_host(study, plans[0], data)
-            return host_session(plans[0], opened, clock, data, markers=lsl, agent=agent)
+            with choose_world_factory(isolate_worlds) as make_world:
+                return host_session(plans[0], opened, clock, data, markers=lsl, agent=agent, make_world=make_world)
         logs = host_team(study, plans, SharedWindow(opened, clock, seats), clock, data, markers=lsl)
         for log in logs[1:]:
             on_start(f"log: {log}" if log else "a session ended before anything was recorded; its slot is free again")
@@ -227,6 +231,7 @@ def simulate(
     player: str = "human-like",
     parallel: int = 1,
     max_price: float = 0.0,
+    isolate_worlds: bool = False,
     trust: Permission = False,
     on_progress: Listener = _ignore,
 ) -> Iterator[Path]:
@@ -244,6 +249,7 @@ def simulate(
             that ``OPENAI_BASE_URL`` and ``OPENAI_API_KEY`` name.
         parallel: how many sessions of a model are played at a time.
         max_price: stop a model's sessions when this run has cost so much; they can be resumed. 0: no limit.
+        isolate_worlds: as for ``run``; the worlds of a model's sessions stay in this process.
         trust: as for ``run``.
         on_progress: is told how far it is.
 
@@ -258,6 +264,7 @@ def simulate(
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.experiment.plan.dry_run import check_worlds
     from minihuman.runtime.simulated_session import simulate as play
+    from minihuman.worlds.isolation.isolated_world import choose_world_factory
 
     protocol, data = Path(protocol), Path(data)
     study = read_protocol(protocol, trust=trust)
@@ -266,9 +273,11 @@ def simulate(
         yield from _simulate_models(study, data, participants, player, parallel, max_price, on_progress)
         return
     check_worlds(study, str(protocol))
-    for number, path in enumerate(play(study, data, participants=participants, seed=seed, player=player), 1):
-        yield path
-        on_progress(f"{player} plays {study.study.name}: {number} of {participants} participants done")
+    with choose_world_factory(isolate_worlds) as make_world:
+        logs = play(study, data, participants=participants, seed=seed, player=player, make_world=make_world)
+        for number, path in enumerate(logs, 1):
+            yield path
+            on_progress(f"{player} plays {study.study.name}: {number} of {participants} participants done")
 
 
 def _simulate_models(
