@@ -39,10 +39,15 @@ if TYPE_CHECKING:
         ReportSummary as ReportSummary,
         VerificationLine as VerificationLine,
         export as export,
+        import_page_data as import_page_data,
         report as report,
         run as run,
         simulate as simulate,
         verify as verify,
+    )
+    from minihuman.worlds.adapters.page_world import (
+        ActionsVerification as ActionsVerification,
+        verify_actions as verify_actions,
     )
     from minihuman.worlds.adapters.pettingzoo import parallel_env as parallel_env
     from minihuman.worlds.grid.layout import observation_to_text as observation_to_text
@@ -51,6 +56,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _MODULES = {  # where each public name is; imported when it is asked for, so that importing minihuman is fast
+    "ActionsVerification": "minihuman.worlds.adapters.page_world",
     "Episode": "minihuman.api",
     "ExportSummary": "minihuman.workflow",
     "MinihumanError": "minihuman.errors",
@@ -62,6 +68,7 @@ _MODULES = {  # where each public name is; imported when it is asked for, so tha
     "Study": "minihuman.api",
     "VerificationLine": "minihuman.workflow",
     "export": "minihuman.workflow",
+    "import_page_data": "minihuman.workflow",
     "make_team": "minihuman.worlds.team",
     "observation_to_text": "minihuman.worlds.grid.layout",
     "open_session": "minihuman.api",
@@ -71,6 +78,7 @@ _MODULES = {  # where each public name is; imported when it is asked for, so tha
     "run": "minihuman.workflow",
     "simulate": "minihuman.workflow",
     "verify": "minihuman.workflow",
+    "verify_actions": "minihuman.worlds.adapters.page_world",
 }
 __all__ = [*_MODULES, "__version__"]
 

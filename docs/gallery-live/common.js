@@ -1,7 +1,5 @@
 // What the gallery and the level editor share: packed files, tiles, and the keys of actions.
 
-export const ROW_STEP = 6;
-export const MAX_STEPS = 7;
 export const KEYS = {
   ArrowLeft: ["left", "turn_left"], ArrowRight: ["right", "turn_right"], ArrowUp: ["forward", "move_forward"],
   ArrowDown: ["move_back"], " ": ["toggle"], Enter: ["done"], p: ["pickup"], d: ["drop"],

@@ -217,6 +217,7 @@ def build_report(
         players=sorted(participants["player"].unique()),
         windows=dict(participants["window"].fillna("a window that did not say").value_counts()),
         simulated=simulated,
+        imported=int((participants["evidence"] == "consistent").sum()),
         flow=flow_section(sessions.source, participants),
         methods=build_methods(outlines, qualities, simulated, protocols=protocols),
         known_keys=find_known_keys(outlines, protocols),

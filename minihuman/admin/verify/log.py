@@ -60,6 +60,7 @@ from minihuman.experiment.protocol.strata import build_strata
 from minihuman.experiment.replay import MACHINE_VERSION, compare_replay
 from minihuman.log import integrity, names as log_names, topics
 from minihuman.log.codec import EventDecoder, encode_event, event_cause_ns, find_topic, select_decoder
+from minihuman.log.evidence import find_evidence
 from minihuman.log.integrity import METADATA_PREFIX, HashChain, SegmentHead
 from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import (
@@ -632,6 +633,8 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
         yield f"and {len(differences) - MAX_DIFFERENCES} more", False
     if policies:
         yield from verify_advice(session, World)
+    if find_evidence(session.facts) == "consistent":
+        yield "imported from a page: consistent, not witnessed", True
     if not steps.difference and not differences:
         yield f"{steps.episodes} episodes, {steps.steps} steps, all as logged", True
 
