@@ -32,6 +32,7 @@ export class EpisodeView {
     this.canvas = host.appendChild(document.createElement("canvas"));
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", world.name);
+    this.canvas.dataset.keys = JSON.stringify(settings.key_map);
     Object.assign(this.canvas.style, { width: settings.width ?? "min(90vw, 60vh)", imageRendering: world.isGrid ? "pixelated" : "auto" });
     if (settings.buttons) host.append(this.#buttons());
   }

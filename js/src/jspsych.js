@@ -40,6 +40,9 @@ const info = /** @type {const} */ ({
 /** @type {WeakMap<JsPsych, Record<string, string>>} the key map of the latest trial */
 const carried = new WeakMap();
 
+/** @type {WeakMap<JsPsych, number>} when the latest simulated trial ended, though no time passed */
+const simulatedEnds = new WeakMap();
+
 /** An episode in a world. */
 export default class MinihumanEpisodePlugin {
   static info = info;
@@ -111,7 +114,9 @@ export default class MinihumanEpisodePlugin {
       record.release(key, stamp + 80);
     }
     world.close();
-    this.jsPsych.finishTrial({ ...record.columns, ...options?.data });
+    const columns = record.columns, started_unix_ms = Math.max(columns.started_unix_ms, simulatedEnds.get(this.jsPsych) ?? 0);
+    simulatedEnds.set(this.jsPsych, Math.ceil(started_unix_ms + columns.playing_ms));
+    this.jsPsych.finishTrial({ ...columns, started_unix_ms, ...options?.data });
   }
 
   /** @param {any} trial @param {() => void} on_load */

@@ -7,7 +7,7 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
@@ -288,13 +288,15 @@ def _find_end(verification: ActionsVerification, otherwise: str) -> str:
     return "left" if otherwise in ("terminated", "truncated") else otherwise
 
 
-def check_session_order(episodes: Iterable[PageEpisode]) -> str:
-    """Return which episode began before the one before it ended, by the page's wall clock; "" if none did.
+def check_session_order(episodes: Sequence[PageEpisode]) -> str:
+    """Return which episode cannot follow the one before it, which was left or ended later; "" if each can.
 
     A second's grace is for a clock that was set.
     """
     ended_ms = 0.0
     for number, episode in enumerate(episodes, 1):
+        if episode.end == "left" and number < len(episodes):
+            return f"episode {number} was left, but others follow; give each of them a file of its own"
         if episode.started_unix_ms + 1_000 < ended_ms:
             return f"episode {number} began before episode {number - 1} had ended"
         ended_ms = episode.started_unix_ms + episode.playing_ms

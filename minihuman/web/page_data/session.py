@@ -142,12 +142,12 @@ class RecordedKeys(Window):
         return ScreenShown(t_ns=now_ns, submit_ns=now_ns, flip_ns=now_ns)
 
     def wait(self, until_ns: int | None) -> list[Input]:
-        """Move the clock to the next key, or to ``until_ns``; close where the page was left."""
+        """Move the clock to the next key, or to ``until_ns``; where nothing is due, go on by Enter."""
         if self._coming and (until_ns is None or self._coming[0].t_ns <= until_ns):
             happened = self._coming.pop(0)
             self._clock.advance_to(happened.t_ns)
             return [happened]
-        if until_ns is not None:
+        if until_ns is not None and (self._coming or self._session.next_tick_ns is not None):
             self._clock.advance_to(until_ns)
             return []
         if self._play is not None and self._play is self._session.play and self._play.outcome is None:
@@ -169,6 +169,8 @@ def _list_inputs(episode: PageEpisode, shown_ns: int) -> Iterator[Input]:
         down_ns = shown_ns + round(rt_ms * NS_PER_MS)
         up_ns = down_ns + round((held_ms or _HOLD_MS) * NS_PER_MS)
         inputs += [KeyDown(down_ns, names[key], key), KeyUp(up_ns, names[key], key)]
+    if episode.end == "left":
+        inputs.append(Stop(shown_ns + round(episode.playing_ms * NS_PER_MS), "window_closed", "the page was left"))
     yield from sorted(inputs, key=lambda happened: happened.t_ns)
 
 
