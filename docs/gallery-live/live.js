@@ -65,9 +65,13 @@ async function replay(actions) {
 }
 
 async function draw() {
+  await drawPictures();
+  if ($("details").open) $("state").textContent = describeState(); // after the picture, which it is read with
+}
+
+async function drawPictures() {
   const isWhole = world.isGrid && $("full").checked;
   $("whole").hidden = !isWhole;
-  if ($("details").open) $("state").textContent = describeState();
   await world.draw($("view"), { view: "partial" });
   if (isWhole) await world.draw($("whole"), { view: "full" });
 }

@@ -71,7 +71,10 @@ export class Kernels {
   /** The same code with a memory of its own. */
   async again() {
     if (!this.module) throw new Error("these kernels were not compiled here");
-    return new Kernels(await WebAssembly.instantiate(this.module, {}), this.signatures);
+    const copy = new Kernels(await WebAssembly.instantiate(this.module, {}), this.signatures);
+    copy.module = this.module;
+    copy.sources = this.sources;
+    return copy;
   }
 
   /** @param {BufferSource} code @param {ModuleEntry} entry */
