@@ -6,9 +6,11 @@ is the kernel's and ends with the process, however that ends. Linux is tested; W
 
 import contextlib
 import ctypes
+import errno
 import os
 import signal
 import socket
+import stat
 import sys
 import threading
 import time
@@ -62,7 +64,42 @@ def is_sharing_violation(error: OSError) -> bool:
     return getattr(error, "winerror", None) in _SHARING_VIOLATIONS
 
 
-def open_file(path: Path, flags: int, mode: int = 0o644) -> int:
+OWNER_ONLY_FOLDER = 0o700  # what people did is nobody else's to read, whatever the umask
+OWNER_ONLY_FILE = 0o600
+
+
+def make_private_folder(folder: Path, mode: int = OWNER_ONLY_FOLDER) -> None:
+    """Make a folder and those above that are not there, for their owner alone; one that is there stays as it is.
+
+    Args:
+        folder: the folder.
+        mode: who may read them, if not the owner alone.
+
+    Raises:
+        OSError: if it cannot be made.
+    """
+    missing = []
+    while not folder.is_dir():
+        if folder.exists() and not folder.is_dir():  # asked in this order, as another process may make it meanwhile
+            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), os.fspath(folder))
+        missing.append(folder)
+        if folder.parent == folder:
+            break
+        folder = folder.parent
+    for path in reversed(missing):
+        path.mkdir(mode, exist_ok=True)
+
+
+def keep_private(file: Path) -> None:
+    """Let a file that a library has made be its owner's alone, where the system and the file's owner allow it."""
+    with contextlib.suppress(OSError):
+        if (
+            stat.S_IMODE(os.stat(file).st_mode) != OWNER_ONLY_FILE
+        ):  # or its time changes, by which caches are told apart
+            os.chmod(file, OWNER_ONLY_FILE)
+
+
+def open_file(path: Path, flags: int, mode: int = 0o600) -> int:
     """Open a file and return its descriptor: in bytes, not inherited by child processes, free to be renamed.
 
     Raises:

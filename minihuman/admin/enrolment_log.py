@@ -34,7 +34,7 @@ from minihuman.experiment.plan.expansion import assign_slot, enrol_participant
 from minihuman.experiment.plan.participant_codes import format_participant_code, parse_participant_code
 from minihuman.experiment.plan.session_plan import Participant
 from minihuman.experiment.protocol.protocol import Protocol
-from minihuman.operating_system import find_case_twin
+from minihuman.operating_system import find_case_twin, make_private_folder
 from minihuman.storage.journal import Journal, JournalState
 from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from minihuman.storage.system import wall_time
@@ -73,7 +73,7 @@ def take_slot(
             f"study {study_dir.name!r} would share its folder with {twin!r} on Windows and macOS; rename the study, "
             "or choose another folder with --data"
         )
-    study_dir.mkdir(parents=True, exist_ok=True)
+    make_private_folder(study_dir)
     journal = open_enrolment_log(study_dir)
     with journal.hold() as register:
         holders = _SlotHolders.of(journal, register.lines)
@@ -201,7 +201,7 @@ def record_team(study_dir: Path, entry: TeamRecorded) -> None:
     Raises:
         OSError: if the enrolment log cannot be written.
     """
-    study_dir.mkdir(parents=True, exist_ok=True)
+    make_private_folder(study_dir)
     with open_enrolment_log(study_dir).hold() as register:
         known = [line for line in register.lines if isinstance(line, TeamRecorded)]
         if not any((line.team, line.block, line.session) == (entry.team, entry.block, entry.session) for line in known):

@@ -55,7 +55,7 @@ def verify(
 
     Example: minihuman verify sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap
     """
-    from minihuman.workflow import verify as verify_logs
+    from minihuman.api import verify as verify_logs
 
     code = 0
     checks = verify_logs(
@@ -183,9 +183,12 @@ def withdraw(
         raise AllocationError(
             "choose what happens to the participant's data: add either --erase or --archive ARCHIVE.zip"
         )
-    print(take_out(study, code, seal=archive, note=AuditNote(ask_reason(reason), experimenter)).line())
+    withdrawal = take_out(study, code, seal=archive, note=AuditNote(ask_reason(reason), experimenter))
+    print(withdrawal.line())
     print("The next participant gets their slot. Make reports, figures and exports again: they hold their data.")
     print("Folders that `minihuman gather --tables` filled hold it, too, until it is run again.")
+    for line in withdrawal.left:
+        print(escape_control_characters(line))
 
 
 def replace(code: Code, study: StudyOption, reason: ReasonOption = "", experimenter: ExperimenterOption = "") -> None:
@@ -212,7 +215,7 @@ def import_(
 
     Example: minihuman import data/ --study sessions/online-maze
     """
-    from minihuman.workflow import import_page_data
+    from minihuman.api import import_page_data
 
     code = 0
     for imported in import_page_data(*files, study=study):
@@ -243,6 +246,14 @@ def gather(
     tables: Annotated[
         Path | None, Option("--tables", help="Only bring the tables from their store to this folder, without logs.")
     ] = None,
+    lost_machine: Annotated[
+        str,
+        Option(
+            "--lost-machine",
+            help="The number of a machine that no longer exists, as in `minihuman status`; withdrawals wait for it no "
+            "longer.",
+        ),
+    ] = "",
 ) -> None:
     """Synchronize a study's logs and tables with the remote stores.
 
@@ -250,15 +261,22 @@ def gather(
 
     Example: minihuman gather sessions/fourrooms-transfer
     """
+    from minihuman.admin.erasure_ledger import declare_machine_lost
+    from minihuman.admin.local_copies import obey_withdrawals
+    from minihuman.admin.recorded_outputs import TABLES, record_output
     from minihuman.admin.remote_logs import sync_logs
     from minihuman.dataset.remote_tables import fetch_tables, store_tables
 
     if tables is not None:
-        came, removed = fetch_tables(study, tables)
+        came, removed = fetch_tables(study, tables, say=lambda line: print_account([line]))
+        print_account(filter(None, [record_output(Path(study), TABLES, tables)]))
         print(f"{came} files of tables fetched, {removed} removed in {tables}")
         return
     folder = Path(study).absolute()
-    came, went = sync_logs(folder.parent, f"{folder.name}/")
+    if lost_machine:
+        declare_machine_lost(folder, lost_machine, say=print)
+    obey_withdrawals(folder, ask_store=True, say=lambda line: print_account([line]))
+    came, went = sync_logs(folder.parent, f"{folder.name}/", say=lambda line: print_account([line]))
     print(f"{came} logs fetched, {went} stored")
     if (counts := store_tables(folder, say=lambda line: print_account([line]))) is not None:
         print(f"{counts[0]} files of tables stored, {counts[1]} removed")

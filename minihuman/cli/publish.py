@@ -34,6 +34,13 @@ def export(
     stored_frames: Annotated[
         bool, Option("--stored-frames", help="Use the observations stored in the logs instead of replaying episodes.")
     ] = False,
+    with_messages: Annotated[
+        bool,
+        Option(
+            "--with-messages",
+            help="Also copy the logs that hold messages between participants; BIDS alone contains logs.",
+        ),
+    ] = False,
     engine: EngineOption = "local",
     *,
     selection: Any,
@@ -42,7 +49,7 @@ def export(
 
     Example: minihuman export minari sessions/fourrooms-transfer --outcome goal --out demos
     """
-    from minihuman.workflow import export as export_study
+    from minihuman.api import export as export_study
 
     if (out is None) == (folder is None):
         raise ExportError("give the output folder exactly once, with --out FOLDER")
@@ -55,6 +62,7 @@ def export(
             out,
             selection=selection,
             stored_frames=stored_frames,
+            with_messages=with_messages,
             engine=engine,
             on_progress=progress,
         )
@@ -165,10 +173,11 @@ def fit(
 
     Example: minihuman fit sessions/fourrooms-transfer --out people.csv
     """
-    from minihuman.dataset.sessions import StudySessions
+    from minihuman.dataset.tables import select
     from minihuman.planning.reaction_time_fit import describe_fits, fit_participants, write_fits
 
-    times = list(fit_participants(StudySessions(study)))
+    with select(study) as tables:
+        times = list(fit_participants(tables))
     print_result(times, lambda: "\n".join(describe_fits(times)), json=json)
     if out is not None:
         with name_output_when_full(out):

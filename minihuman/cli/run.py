@@ -48,8 +48,8 @@ def run(
 
     Example: minihuman run protocols/fourrooms-transfer.toml --participant sub-07
     """
+    from minihuman.api import run as run_session
     from minihuman.runtime.host import describe_ending
-    from minihuman.workflow import run as run_session
 
     if participant is None and not next_slot and (found := _ask_interrupted(protocol, data, ask_trust(trust))):
         participant, session = found
@@ -260,7 +260,7 @@ def simulate(
 
     Example: minihuman simulate protocols/fourrooms-transfer.toml --participants 10 --data /tmp/trial
     """
-    from minihuman.workflow import simulate as simulate_sessions
+    from minihuman.api import simulate as simulate_sessions
 
     with show_progress("") as progress:
         played = simulate_sessions(
@@ -274,8 +274,30 @@ def simulate(
             trust=ask_trust(trust),
             on_progress=progress,
         )
+        logs = []
         for path in played:
             print(path, flush=True)
+            logs.append(path)
+    if player.startswith("model:"):  # any other player that fails is an error at once
+        _require_whole_sessions(logs, player)
+
+
+def _require_whole_sessions(logs: list[Path], player: str) -> None:
+    """Raise SimulationError if the player ended a session before its last episode."""
+    from minihuman.log.read.session_reader import read_log
+
+    short = []
+    for path in logs:
+        log = read_log(path)
+        whole = sum(episode.outcome not in (None, "abandoned") for episode in log.episodes)
+        if log.end_reason == "player_failed" and whole < len(log.plan.episodes):
+            short.append(f"{path}, with {whole} of {len(log.plan.episodes)} episodes")
+    if short:
+        sessions = "1 session" if len(short) == 1 else f"{len(short)} sessions"
+        raise SimulationError(
+            f"{player} ended {sessions} before the last episode, without a valid answer or at a limit; the first is "
+            f"{short[0]}"
+        )
 
 
 def watch(

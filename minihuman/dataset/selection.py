@@ -11,7 +11,13 @@ from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from typing import Any, Literal
 
-from minihuman.dataset.annotations import Annotation, collect_tags, list_episode_tags, read_annotations
+from minihuman.dataset.annotations import (
+    Annotation,
+    collect_tags,
+    list_episode_tags,
+    read_annotations,
+    split_annotations,
+)
 from minihuman.dataset.log_files import SkippedLog, list_other_sessions, map_logs
 from minihuman.dataset.session_measures import (
     MeasureRow,
@@ -292,7 +298,7 @@ class Selection:
             ProtocolError: if the protocol in the log cannot be understood.
             ReportError: if the protocol excludes by a measure that there is not.
         """
-        marks = read_annotations(log.path) if marks is None else tuple(marks)
+        marks, _ = split_annotations(log, read_annotations(log.path) if marks is None else marks)
         rules = () if RULES in self.with_ else read_exclusion_rules(log.plan)
         if rules and measured is None:
             measured = SessionMeasures.of(log, self.planner(log.plan, with_shortest=False))

@@ -17,6 +17,7 @@ from typing import Any
 from minihuman.dataset.activity_tables import ActivityTable, list_activity_tables
 from minihuman.dataset.episode_columns import EpisodeColumn, list_episode_columns
 from minihuman.dataset.table_columns import COLUMN_ALIASES, SESSION_TABLES, TableColumn
+from minihuman.storage.outside_names import explain_refused_name
 
 
 class _TableCatalogue(Mapping[str, tuple[TableColumn, ...]]):
@@ -103,7 +104,7 @@ _PRIMARY_KEYS: Mapping[
 }
 
 
-_PARTITION = re.compile(r"(\w+)/study=([^/]+)/participant=([^/]+)/ses-(\d+)-([0-9a-f]{16})\.parquet")
+_PARTITION = re.compile(r"(\w+)/study=([^/]+)/participant=([^/]+)/ses-(\d{2,4})-([0-9a-f]{16})\.parquet", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,9 +127,11 @@ class TablePartition:
 
     @classmethod
     def parse(cls, name: str) -> "TablePartition | None":
-        """Read a file's name; None where it is no partition's."""
+        """Read a file's name, whoever gave it; None where it is no partition's."""
         found = _PARTITION.fullmatch(name)
-        return cls(found[1], found[2], found[3], int(found[4]), found[5]) if found else None
+        if found is None or any(explain_refused_name(part) for part in found.group(1, 2, 3)):
+            return None
+        return cls(found[1], found[2], found[3], int(found[4]), found[5])
 
     @property
     def of_session(self) -> tuple[str, str, int]:

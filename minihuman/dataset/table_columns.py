@@ -140,7 +140,14 @@ PRESSES = (
     TableColumn("key", "key", "", "The physical key."),
     TableColumn("down", "boolean", "", "True for a press, false for a release."),
     TableColumn("action", "text", "", "The action it asked for; empty where it has none."),
-    TableColumn("verdict", "text", "", "Its effect: accepted, unmapped, spare, repeat, queued, not_playing, release."),
+    TableColumn(
+        "verdict",
+        "text",
+        "",
+        "Its effect: accepted, unmapped, spare, repeat, queued, not_playing, typing, release; held_before_focus: it "
+        "was down before the window had the focus; shortcut: beside Ctrl, Alt or Meta; release_at_focus_loss: the "
+        "window lost the focus with the key down.",
+    ),
 )
 
 
@@ -285,7 +292,8 @@ OTHER_INPUTS = (
         "what",
         "text",
         "",
-        "typed; what the pointer did: pressed, moved while pressed, released; axis: one of a gamepad moved.",
+        "typed; what the pointer did: pressed, moved while pressed, released, held_before_focus (the click that gave "
+        "the focus), cancelled (a release that no finger made); axis: one of a gamepad moved.",
     ),
     TableColumn("text", "text", "", "What was typed."),
     TableColumn("target", "text", "", "The spot the pointer went down in, empty for none; the axis that moved."),

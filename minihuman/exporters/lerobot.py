@@ -40,6 +40,7 @@ from minihuman.exporters.world_info import build_info_columns, format_info_texts
 from minihuman.log.model.session_log import EpisodeLog
 
 _NULLABLE_TYPES = {"bool": pa.bool_(), "string": pa.string()}  # by a feature's type
+LARGEST_REWARD = float(np.sqrt(np.finfo(np.float64).max))
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
@@ -113,6 +114,11 @@ INFO = "info."  # before a kept key of the world's info
 def build_features(item: IncludedEpisode, first: ReplayedEpisode) -> dict[str, dict[str, Any]]:
     """What a frame of the episode's dataset has: type, shape and names of each feature, as ``info.json`` says them."""
     names = name_state(first)
+    if not names:
+        raise ExportError(
+            f"{item.log.path}: {item.episode.name}: the observation has no numbers, which LeRobot's observation.state "
+            "needs; export as minari, robomimic, rlds or imitation"
+        )
     seen = {PICTURE: _video_feature(pad_to_even(first.pictures[0]))} if first.pictures else {}
     actions = name_actions(item)
     number = {"dtype": "int64", "shape": [1], "names": ["what the environment's step takes"]}
@@ -167,6 +173,13 @@ def build_columns(
 ) -> dict[str, NDArray[Any]]:
     """The features that come from the episode, ``n`` rows each."""
     episode = item.episode
+    too_large = np.flatnonzero(np.isfinite(episode.rewards) & (np.abs(episode.rewards) > LARGEST_REWARD))
+    if len(too_large):
+        step = int(too_large[0])
+        raise ExportError(
+            f"{item.log.path}: {episode.name} step {step + 1}: the reward {episode.rewards[step]:g} has no square, of "
+            "which LeRobot's statistics are made; export as minari, robomimic or imitation"
+        )
     pictures = [pad_to_even(picture) for picture in demonstration.pictures[:-1]]
     done = np.zeros(len(episode.actions), bool)
     done[-1] = True
@@ -365,7 +378,8 @@ class _Dataset:
         self._video.write(pictures)
         places: dict[str, Any] = {"chunk_index": chunk, "file_index": file}
         places |= {"from_timestamp": first / FPS, "to_timestamp": self._video.frames / FPS}
-        if path.exists() and path.stat().st_size >= VIDEO_BYTES:  # a short first episode may still be in the encoder
+        written_bytes = path.stat().st_size if path.exists() else 0  # the encoder holds the first pictures back
+        if written_bytes >= VIDEO_BYTES:
             self._video.close()
             self._video_file, self._video = self._video_file + 1, None
         return {f"videos/{PICTURE}/{name}": value for name, value in places.items()}

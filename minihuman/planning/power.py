@@ -21,8 +21,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from minihuman.dataset.measures import log_excess_steps, log_steps_ratio, spl
-from minihuman.dataset.selection import Selection
-from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.tables import select
 from minihuman.errors import PlayerFailedError, ReportError
 from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
@@ -164,9 +163,9 @@ def _play_share(toml: bytes, group: str, player: str, job: tuple[int, int]) -> p
     with TemporaryDirectory(prefix="minihuman-power-") as folder:
         for _ in simulate(alone, Path(folder), participants=people, seed=seed, player=player):
             pass
-        sessions = StudySessions(Path(folder), Selection(), processes=1).rows(with_shortest=True)
-        tables: list[pd.DataFrame] = [one.rows["episodes"].to_pandas()[_COLUMNS] for one in sessions]
-        return pd.concat(tables)
+        with select(Path(folder), processes=1) as tables:
+            tables.require(("episodes",), shortest_paths=True)
+            return tables.frame("episodes", _COLUMNS)
 
 
 def _play_bare_share(protocol: Protocol, player: str, seed: int) -> pd.DataFrame:

@@ -17,8 +17,7 @@ import msgspec
 import numpy as np
 import pandas as pd
 
-from minihuman.dataset.selection import Selection
-from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.tables import select
 from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec
@@ -88,9 +87,9 @@ def simulate_report_pool(toml: bytes, *, people: int, player: str, seed: int) ->
     with TemporaryDirectory(prefix="minihuman-power-") as folder:
         whole = msgspec.structs.replace(protocol, study=study)
         list(simulate(whole, Path(folder), participants=people, seed=seed, player=player))
-        rows = [one.rows for one in StudySessions(Path(folder), Selection(), processes=1).rows(with_shortest=True)]
-    tables = {name: pd.concat([one[name].to_pandas() for one in rows], ignore_index=True) for name in _TABLES}
-    return make_report_pool(protocol, tables)
+        with select(Path(folder), processes=1) as tables:
+            tables.require(_TABLES, shortest_paths=True)
+            return make_report_pool(protocol, {name: tables.frame(name) for name in _TABLES})
 
 
 def make_report_pool(protocol: Protocol, tables: Mapping[str, pd.DataFrame]) -> ReportPool:

@@ -1,7 +1,7 @@
 """Sections of the report that kinds of activity write: what they are made of, and those of all installed kinds."""
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -10,12 +10,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from minihuman.dataset.selection import Selection
-from minihuman.dataset.store import CachedSession
+from minihuman.dataset.tables import Tables
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.activity import GROUP, find_kind
 from minihuman.log.model.session_log import SessionLog
-from minihuman.log.read.session_reader import read_log
 from minihuman.plugins import list_plugin_names
 from minihuman.reporting.template import ReportFigure, Table
 
@@ -53,26 +51,20 @@ class ReportSection:
 
 
 class SectionSource:
-    """What a section is made of: a study's tables, and the logs behind them.
+    """What a section is made of: a study's tables, and the sessions behind them.
 
     Args:
-        sessions: the study's, as the store lists them.
-        table: gives a table of the study by its name.
-        selection: which episodes are included.
+        tables: the study's.
         figures: the folder for figures.
     """
 
-    def __init__(
-        self,
-        sessions: Sequence[CachedSession],
-        table: Callable[[str], pd.DataFrame],
-        selection: Selection,
-        figures: Path,
-    ) -> None:
-        self.table = table
+    def __init__(self, tables: Tables, figures: Path) -> None:
         self.figures = figures
-        self._sessions = sessions
-        self._selection = selection
+        self._tables = tables
+
+    def table(self, name: str) -> pd.DataFrame:
+        """Return a table of the study."""
+        return self._tables.frame(name)
 
     def read_logs(self, rows: pd.DataFrame) -> Mapping[str, SessionLog]:
         """Read the sessions that have rows in a table, by participant and session, with the episodes included.
@@ -89,8 +81,8 @@ class SectionSource:
     @cached_property
     def _logs(self) -> dict[tuple[str, int], SessionLog]:
         """Every session's included episodes; read once, whichever sections ask."""
-        paths = [Path(session.path) for session in self._sessions if session.outline is not None]
-        selected = (self._selection.judge(read_log(path)) for path in paths)
+        asked_for = (session for session in self._tables.sessions if session.outline is not None)
+        selected = (self._tables.read_session(session) for session in asked_for)
         logs = [session.session for session in selected if session.places]
         return dict(sorted(((log.plan.participant.id, log.plan.session), log) for log in logs))
 

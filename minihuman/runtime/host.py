@@ -8,7 +8,6 @@ from minihuman.admin.enrolment_log import free_slot
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.session_index import summarize_session
 from minihuman.display.windows.window import Window
-from minihuman.errors import WorldError
 from minihuman.experiment.machine.activity import RequestHandler
 from minihuman.experiment.machine.events import FINAL_END_REASONS
 from minihuman.experiment.machine.session import SessionMachine
@@ -22,7 +21,7 @@ from minihuman.log.record.recorder import DeferredRecorder, Recorder
 from minihuman.runtime.devices.device import DeviceRecorder, open_devices
 from minihuman.runtime.devices.lsl import LslMarkerRecorder, pylsl
 from minihuman.runtime.machine import SessionClock, collect_machine_facts, collect_world_facts, list_world_ids
-from minihuman.runtime.session_loop import CommandInbox, inbox_path, run_session
+from minihuman.runtime.session_loop import CommandInbox, describe_world_failure, inbox_path, run_session
 from minihuman.worlds.adapters.world import World
 
 
@@ -81,10 +80,7 @@ def host_session(
     if path is None and plan.session == 1:
         free_slot(data / plan.study, plan.participant.id, session.end_reason)
     if session.failure is not None:
-        failure = f"{type(session.failure).__name__}: {session.failure}"
-        raise WorldError(
-            f"the world failed ({failure}); what was recorded up to then is in {path}"
-        ) from session.failure
+        raise describe_world_failure(session, path) from session.failure
     return path
 
 

@@ -30,7 +30,7 @@ from minihuman.experiment.protocol.protocol import Protocol, decode_logged_proto
 from minihuman.experiment.protocol.specs import ModelSpec
 from minihuman.experiment.replay import resume_from_events
 from minihuman.log.model.session_log import CUT_OFF
-from minihuman.log.paths import LOG_SUFFIX, MODELS_FOLDER, PART_SUFFIX
+from minihuman.log.paths import LOG_SUFFIX, MODELS_FOLDER, PART_SUFFIX, list_log_files
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.disk import RecorderSettings
 from minihuman.log.record.file_lock import is_being_recorded
@@ -41,7 +41,7 @@ from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
 from minihuman.runtime.model_run import ModelRun
 from minihuman.runtime.model_window import ModelWindow, ResumableRecorder, SessionLeft
-from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.session_loop import describe_world_failure, run_session
 from minihuman.runtime.team_seating import require_one_process
 from minihuman.simulation.model_conversation import (
     ANSWER_RULES,
@@ -123,7 +123,7 @@ def _find_cut_off(study_dir: Path, player: str) -> Iterator[Path | str]:
     """What a killed or stopped run left: live files of this model, and codes of slots whose session has no plan yet."""
     for slot in read_enrolled(study_dir):
         folder = study_dir / slot.participant
-        parts = sorted(folder.glob(f"ses-*/*{PART_SUFFIX}"))
+        parts = list_log_files(folder, f"ses-*/*{PART_SUFFIX}")
         if any(is_being_recorded(part) for part in parts):
             continue
         try:
@@ -131,7 +131,7 @@ def _find_cut_off(study_dir: Path, player: str) -> Iterator[Path | str]:
         except LogError:  # nothing was asked before the plan was written
             yield slot.participant
         else:
-            yield from [] if parts or list(folder.glob(f"ses-*/*{LOG_SUFFIX}")) else [slot.participant]
+            yield from [] if parts or list_log_files(folder, f"ses-*/*{LOG_SUFFIX}") else [slot.participant]
 
 
 @contextmanager
@@ -244,7 +244,7 @@ def _play(
     finally:
         window.close()
     if session.failure is not None:
-        raise session.failure
+        raise describe_world_failure(session, path) from session.failure
     return path, session.end_reason
 
 

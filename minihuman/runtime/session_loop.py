@@ -15,10 +15,11 @@ from typing import Literal
 import msgspec
 
 from minihuman.display.windows.window import Clock, Window
-from minihuman.errors import LogError, PlayerFailedError
+from minihuman.errors import LogError, PlayerFailedError, WorldError
 from minihuman.experiment.machine.activity import RequestHandler
 from minihuman.experiment.machine.events import SessionEnded
 from minihuman.experiment.machine.inputs import ExperimenterCommand, Input, KeyDown, ScreenShown, Stop, Tick
+from minihuman.experiment.machine.screen_texts import find_stop_code
 from minihuman.experiment.machine.screens import Screen
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.log.paths import LOG_SUFFIX
@@ -145,6 +146,12 @@ def run_session(
     return path
 
 
+def describe_world_failure(session: SessionMachine, log: Path | None) -> WorldError:
+    """Make the error of a session that its world ended: what failed, and where what was recorded is."""
+    kept = "" if log is None else f"; what was recorded up to then is in {log}"
+    return WorldError(f"the world failed ({session.end_detail}){kept}")
+
+
 class _SessionLoop:
     """A session between its window and its log."""
 
@@ -207,6 +214,8 @@ class _SessionLoop:
         """Leave on the screen what failed, until a key, the window's cross, a signal or the time ends it."""
         if not (self._failed or self.log_error):
             return
+        reason, detail = self._session.end_reason, self._session.end_detail
+        LOG.warning("the session stopped, code %s on its screen: %s", find_stop_code(reason, detail), detail)
         if self._display(self._session.screen) is None:  # the error has a screen of its own
             self._window.show(self._session.screen)
         until_ns = self._clock() + round(last_screen_s * _NS_PER_S)

@@ -32,7 +32,7 @@ from minihuman.moved import forward_names
 from minihuman.plugins import limit_answer_time
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
-from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.session_loop import describe_world_failure, run_session
 from minihuman.runtime.simulated_window import SimulatedWindow
 from minihuman.runtime.team_host import TeamTable
 from minihuman.runtime.team_seating import list_teams
@@ -170,7 +170,7 @@ def _play(
     except PlayerFailedError as error:
         raise PlayerFailedError(f"{facts['player']}: {error}; {_free(data, plan, error)}", error.reason) from error
     if session.failure is not None:
-        raise session.failure
+        raise describe_world_failure(session, path) from session.failure
     return path, session.end_reason
 
 

@@ -9,7 +9,7 @@ from minihuman.activities.team.joint_play import TeamHistory
 from minihuman.activities.team.joint_step import JointAction
 from minihuman.admin.enrolment_entries import list_team_entries
 from minihuman.experiment.machine.events import FINAL_END_REASONS, EpisodeStarted, SessionEnded
-from minihuman.log.paths import PART_SUFFIX, session_folder
+from minihuman.log.paths import PART_SUFFIX, list_log_files, session_folder
 from minihuman.log.read.reader import read_segment_starts
 from minihuman.log.read.session_reader import read_events
 
@@ -39,7 +39,8 @@ def list_team_segments(study_dir: Path, data: Path, key: TeamBlockKey) -> list[T
         if TeamBlockKey(entry.team, entry.session, entry.block) != key:
             continue
         for seat, code in entry.members.items():
-            for path in session_folder(data, study_dir.name, code, entry.session).glob("*.mcap*"):
+            folder = session_folder(data, study_dir.name, code, entry.session)
+            for path in list_log_files(folder, "*.mcap*"):
                 starts = read_segment_starts(path, first=True).values()
                 segments |= {TeamSegment(int(started_ns), path, int(seat)) for started_ns in starts}
     return sorted(segments)

@@ -23,7 +23,7 @@ def open_journal(
     name: str,
     decode: LineDecoder[Line],
     *,
-    mode: int = 0o644,
+    mode: int = 0o600,
     chained: bool = False,
     declaration: Line | None = None,
 ) -> Journal[Line]:

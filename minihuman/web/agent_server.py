@@ -111,6 +111,14 @@ class ProgramClient(ModelClient):
             }
 
 
+class BadRequestError(MinihumanError, ValueError):
+    """A program asked for what there is not; its words are for the program."""
+
+
+class TooManySessionsError(MinihumanError, BlockingIOError):
+    """As many sessions run as may."""
+
+
 @dataclass(slots=True)
 class ProgramSessions:
     """The sessions of programs.
@@ -138,17 +146,17 @@ class ProgramSessions:
         """Begin a program's session, or resume one of that name that was left; return its secret and its client.
 
         Raises:
-            ValueError: if the name is none.
-            BlockingIOError: if too many sessions run.
+            BadRequestError: if the name is none.
+            TooManySessionsError: if too many sessions run.
         """
         if not (isinstance(name, str) and name.isprintable() and 0 < len(name) <= MAX_NAME):
-            raise ValueError(f"name is a text of 1 to {MAX_NAME} characters")
+            raise BadRequestError(f"name is a text of 1 to {MAX_NAME} characters")
         with self.lock:
             self.threads = [thread for thread in self.threads if thread.is_alive()]
             for ended in [secret for secret, client in self.clients.items() if client.over][:-MAX_SESSIONS]:
                 del self.clients[ended]
             if len(self.threads) >= MAX_SESSIONS:
-                raise BlockingIOError(f"{MAX_SESSIONS} sessions run already; try again later")
+                raise TooManySessionsError(f"{MAX_SESSIONS} sessions run already; try again later")
             secret = secrets.token_urlsafe(16)
             client = self.clients[secret] = ProgramClient(name, self.protocol.model.timeout_s)
             self.threads.append(threading.Thread(target=self._play, args=(client,), daemon=True))
@@ -220,8 +228,10 @@ def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.
         def _begin(self, body: dict[str, Any]) -> None:
             try:
                 secret, client = programs.begin(body.get("name"))
-            except (ValueError, BlockingIOError) as error:
-                self._reply(400 if isinstance(error, ValueError) else 503, {"error": str(error)})
+            except BadRequestError as error:
+                self._reply(400, {"error": str(error)})
+            except TooManySessionsError as error:
+                self._reply(503, {"error": str(error)})
             else:
                 self._reply(201, {"session": f"/sessions/{secret}", **client.read_screen()})
 
@@ -285,18 +295,22 @@ _INSTRUCTIONS = (
 def make_mcp_server(programs: ProgramSessions) -> "MCPServer":
     """Make the server; ``run()`` serves one client on the standard input and output."""
     from mcp.server.mcpserver import MCPServer  # the extra mcp
+    from mcp.server.mcpserver.exceptions import ToolError
 
     server = MCPServer("minihuman", instructions=_INSTRUCTIONS)
 
     def find(session: str) -> ProgramClient:
         if session not in programs.clients:
-            raise ValueError("this session does not exist; begin a session first")
+            raise ToolError("this session does not exist; begin a session first")
         return programs.clients[session]
 
     @server.tool(structured_output=False)
     def begin(name: str) -> list[Any]:
         """Begin a session, or resume one of that name that was left; return its secret and the first screen."""
-        secret, client = programs.begin(name)
+        try:
+            secret, client = programs.begin(name)
+        except (BadRequestError, TooManySessionsError) as error:
+            raise ToolError(str(error)) from error  # of any other exception the client is told its tool's name alone
         return _show_screen(client, session=secret)
 
     @server.tool(structured_output=False)
@@ -304,7 +318,7 @@ def make_mcp_server(programs: ProgramSessions) -> "MCPServer":
         """Answer the screen of that number; return the next one."""
         client = find(session)
         if not client.answer(number, answer):
-            raise ValueError(f"screen {number} does not wait for an answer; call read_screen")
+            raise ToolError(f"screen {number} does not wait for an answer; call read_screen")
         return _show_screen(client)
 
     @server.tool(structured_output=False)

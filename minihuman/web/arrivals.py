@@ -23,7 +23,7 @@ from minihuman.experiment.plan.allocation import allocation_sha256, build_alloca
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.protocol.specs import RecruitmentPlatform
-from minihuman.log.paths import PART_SUFFIX, list_sessions, session_folder
+from minihuman.log.paths import PART_SUFFIX, list_log_files, list_sessions, session_folder
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.finalization import find_leftovers
 from minihuman.log.record.session_leases import Lease, SessionLeases, name_session
@@ -227,7 +227,7 @@ class Arrivals:
         self, participant: str, session: int, plan: SessionPlan | None, utc_offset_min: int | None
     ) -> Admission | Rejection:
         folder = session_folder(self._data, self.protocol.study.name, participant, session)
-        part = next(iter(sorted(folder.glob(f"*{PART_SUFFIX}"))), None)
+        part = next(iter(list_log_files(folder, f"*{PART_SUFFIX}")), None)
         key = f"{participant}/{session}"
         admission = Admission(key, participant, session, part, plan, utc_offset_min=utc_offset_min)
         if part is not None or plan is not None:

@@ -139,6 +139,10 @@ class Connection(PageSession):
         """Return the last of the page's messages that may be acknowledged: no crash and no other server can undo it."""
         return self.host.safe(None if self.lease is None else self.lease.count_acknowledgeable(monotonic_s()))
 
+    def count_unsaved(self) -> int:
+        """How many of the page's messages were taken, and may not be on the disk."""
+        return max(0, self.host.outbox.through - self.safe())
+
     def take(self, numbered: messages.NumberedMessage, *, more: bool = False) -> None:
         """Take a message of the page's stream; ``more`` came with it. A log that cannot be written ends the session.
 

@@ -42,6 +42,7 @@ _RULES = (
     "clauses",
     "number_rules",
     "consent_rules",
+    "key_rules",
     "agent_rules",
 )  # facts that say by what a session was played
 

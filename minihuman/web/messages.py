@@ -15,9 +15,10 @@ from msgspec import Meta
 
 from minihuman.errors import MinihumanError
 from minihuman.experiment.keys import PAD_AXES
+from minihuman.experiment.machine.inputs import KeyReleaseCause, PointerCause, PressCause
 from minihuman.web.screen_types import PageType, ScreenValues
 
-MESSAGE_VERSION = 6
+MESSAGE_VERSION = 7
 
 Ns = Annotated[int, Meta(ge=0, le=2**53)]
 Number = Annotated[int, Meta(ge=0, le=2**31)]
@@ -46,6 +47,7 @@ class KeyMessage(msgspec.Struct, tag="key", tag_field="t", forbid_unknown_fields
     trusted: bool = True  # False: a script made it, no keyboard
     # of the step that the page made by itself, 16 hexadecimal digits; "" where it made none
     digest: Digest = ""
+    cause: PressCause | KeyReleaseCause = "finger"
 
 
 class DisplayedMessage(msgspec.Struct, tag="shown", tag_field="t", forbid_unknown_fields=True):
@@ -81,6 +83,7 @@ class PointerMessage(msgspec.Struct, tag="pointer", tag_field="t", forbid_unknow
     target: ShortText = ""
     along: Fraction = 0.0
     stamp: Ns = 2**53  # none: pages of before, which did not tell
+    cause: PointerCause = "finger"
 
 
 class AxisMessage(msgspec.Struct, tag="axis", tag_field="t", forbid_unknown_fields=True):

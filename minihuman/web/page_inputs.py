@@ -58,7 +58,8 @@ class PageInputs:
                 return inputs.TextInput(at_ns, "".join(letter for letter in message.text if letter.isprintable()))
             case messages.PointerMessage():
                 stamp_ns = min(message.stamp, at_ns)
-                return _POINTERS[message.what](stamp_ns, message.x, message.y, message.target, message.along)
+                place = (message.x, message.y, message.target, message.along)
+                return _POINTERS[message.what](stamp_ns, *place, message.cause)
             case messages.AxisMessage():
                 return inputs.AxisChanged(min(message.stamp, at_ns), message.axis, message.value)
             case messages.FocusMessage():
@@ -68,11 +69,14 @@ class PageInputs:
         return None
 
     def _convert_key(self, message: messages.KeyMessage, at_ns: int) -> inputs.Input:
+        """Convert a key; a cause that does not fit, which our page never says, counts as a finger."""
         stamp_ns = min(message.stamp, at_ns)
         if not message.down:
-            return inputs.KeyUp(stamp_ns, message.key, message.symbol)
+            release_cause: inputs.KeyReleaseCause = "focus_loss" if message.cause == "focus_loss" else "finger"
+            return inputs.KeyUp(stamp_ns, message.key, message.symbol, release_cause)
         self._keys_down.add((stamp_ns, message.key))
-        return inputs.KeyDown(stamp_ns, message.key, message.symbol, repeat=message.repeat)
+        cause = "finger" if message.cause == "focus_loss" else message.cause
+        return inputs.KeyDown(stamp_ns, message.key, message.symbol, message.repeat, cause)
 
     def note_missed(self, message: messages.PageMessage, at_ns: int, now_ns: int) -> list[Event]:
         """Return a note of a press of a time that has passed: what the log does not have was done in another tab."""

@@ -61,10 +61,17 @@ class TeamWorld(abc.ABC):
     mission: str  # what the team is to do, in words
     max_steps: int
     observation_space: spaces.Box  # of one body
+    _last_seed: int | None = None
 
     @abc.abstractmethod
-    def reset(self, seed: int) -> None:
-        """Begin a new episode; the same seed begins the same one."""
+    def reset(self, seed: int | None = None) -> None:
+        """Begin a new episode; the same seed begins the same one. Without one, the next of the last seed's is taken."""
+
+    def choose_seed(self, seed: int | None) -> int:
+        """Return the seed of a new episode: the given one, or one drawn from the last, at first from chance."""
+        chosen = int(np.random.default_rng(self._last_seed).integers(2**63)) if seed is None else seed
+        self._last_seed = chosen
+        return chosen
 
     @abc.abstractmethod
     def step(self, actions: Sequence[int]) -> TeamStep:

@@ -15,9 +15,10 @@ import pytest
 
 from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import StudyStore, TableDatabase
+from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_catalogue import TABLES
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
+from minihuman.dataset.table_database import TableDatabase
 from tests.builders import session, write_log
 from tests.counts import PATIENCE_S, count
 

@@ -261,5 +261,5 @@ FOUND_BY_TWO = {
 }
 FOUND_BY_AT_COMMITS = {
     "named before stored": 39,
-    "copy dropped before finished": 15,
+    "copy dropped before finished": 7,
 }

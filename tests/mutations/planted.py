@@ -62,8 +62,8 @@ PLANTED = (
     Mutant(
         "two keys may have one time",
         "display/windows/blocking_window.py",
-        "max(t_ns, self._last_key_ns + 1)",
-        "max(t_ns, self._last_key_ns)",
+        "t_ns = max(t_ns, self._last_key_ns + 1)",
+        "t_ns = max(t_ns, self._last_key_ns)",
         ("tests/windows/test_blocking.py", "tests/windows"),
     ),
     Mutant(

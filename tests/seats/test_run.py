@@ -1,4 +1,5 @@
 import os
+import re
 import signal
 import time
 from collections.abc import Sequence
@@ -118,6 +119,12 @@ def test_a_signal_ends_the_session_not_the_process(number):
     assert not any(event.key == "q" for event in of(recorder.events, KeyPressed))
 
 
+def assert_is_kept_in_part(screen, kind):
+    """No exception is shown: what is kept, whom to call, and a code that the program's log has beside the error."""
+    sentence = r"What was recorded before that is kept\. Please call the experimenter\."
+    assert re.fullmatch(rf"{sentence}\n\n{kind}-[0-9A-F]{{4}}", screen.body)
+
+
 class FullDisk(MemoryRecorder):
     """Takes three steps, then has no room left."""
 
@@ -141,7 +148,7 @@ def test_a_full_disk_stops_the_session_visibly_and_keeps_what_was_written():
     assert recorder.closed
     assert len(of(recorder.events, Stepped)) == 3
     assert "cannot be written" in window.screens[-1].title
-    assert "no space left" in window.screens[-1].body
+    assert_is_kept_in_part(window.screens[-1], "D")
 
 
 class FullBehind(MemoryRecorder):
@@ -159,14 +166,17 @@ def test_the_picture_of_a_step_that_could_not_be_written_is_not_shown():
     with pytest.raises(LogError, match="no space left"):
         run_session(SessionMachine(plan, World, {}), window, FullBehind(), clock)
     assert max(screen.step for screen in window.screens if isinstance(screen, PlayScreen)) == 3
-    assert "no space left" in window.screens[-1].body
+    assert_is_kept_in_part(window.screens[-1], "D")
 
 
 def test_a_world_that_breaks_is_said_on_the_screen_until_a_key_is_pressed():
     plan = corridor_plan(episodes=1)
     window, events = run(taps("enter", key_of(plan, "crash"), "enter", "q"), plan)
     assert of(events, SessionEnded)[0].reason == "world_error"
-    assert "collapsed" in window.screens[-1].body
+    assert window.screens[-1].title == "The session had to stop: the world has failed"
+    assert re.fullmatch(
+        r"Everything up to here is kept\. Please call the experimenter\.\n\nW-[0-9A-F]{4}", window.screens[-1].body
+    )
 
 
 def test_a_screen_nobody_acknowledges_goes_away_by_itself():

@@ -61,6 +61,27 @@ def browsing(*, size: tuple[int, int] | None = (1366, 768)) -> Iterator[Any]:
 
 
 @contextmanager
+def launch_on_display(display: str) -> "Iterator[Callable[[str], Somebody]]":
+    """A browser with a window of its own on a display; yields a maker of participants."""
+    where = need("chromium")
+    with _driving() as driver:
+        browser = driver.chromium.launch(
+            executable_path=where, headless=False, args=list(_ARGUMENTS), env={**os.environ, "DISPLAY": display}
+        )
+
+        def sit_down(url: str) -> Somebody:
+            person = Somebody(browser.new_context(no_viewport=True), url)
+            line = person.page.context.new_cdp_session(person.page)
+            line.send("Emulation.setFocusEmulationEnabled", {"enabled": False})  # else no page ever loses the focus
+            return person
+
+        try:
+            yield sit_down
+        finally:
+            browser.close()
+
+
+@contextmanager
 def browsing_with_profile(profile: Path) -> "Iterator[tuple[Somebody, Callable[[], None]]]":
     """A browser with a profile that outlives it; yields a participant on an empty page, and what kills the browser."""
     where = need("chromium")

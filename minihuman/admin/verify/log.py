@@ -32,11 +32,14 @@ from minihuman.admin.enrolment_entries import (
     open_enrolment_log,
     read_chain_heads,
 )
-from minihuman.admin.manifest import find_changed_files
+from minihuman.admin.erasure_ledger import find_pending_machines
+from minihuman.admin.manifest import GONE, find_changed_files
 from minihuman.admin.policies import verify_advice
 from minihuman.admin.session_index import find_double_sessions
 from minihuman.admin.unfinished_withdrawals import find_unfinished_withdrawals
 from minihuman.admin.verify.episodes import describe_other_rules, verify_episodes
+from minihuman.dataset.annotations import describe_useless_annotation, read_annotations, split_annotations
+from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 from minihuman.display.text import is_division
 from minihuman.errors import LogError, MinihumanError
 from minihuman.experiment.machine.activity import WorldFactory
@@ -62,11 +65,14 @@ from minihuman.log import integrity, names as log_names, topics
 from minihuman.log.codec import EventDecoder, encode_event, event_cause_ns, find_topic, select_decoder
 from minihuman.log.evidence import find_evidence
 from minihuman.log.integrity import METADATA_PREFIX, HashChain, SegmentHead
+from minihuman.log.model.doubtful_presses import describe_doubtful_presses, find_doubtful_presses
 from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import (
     LOG_SUFFIX,
     PART_SUFFIX,
+    SYSTEM_COMPANION,
     find_log_folders,
+    find_system_companions,
     group_sessions,
     raise_as_log_error,
     study_folder,
@@ -618,6 +624,8 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
         yield f"recorded with another file of the module {module}", True
     if steps.difference:
         yield steps.difference, False
+    if warning := describe_doubtful_presses(find_doubtful_presses(session)):
+        yield warning, True
     if steps.n_other_renderer:
         yield (
             f"{steps.n_other_renderer} episodes with an earlier renderer's pictures: these are not compared",
@@ -635,6 +643,8 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
         yield from verify_advice(session, World)
     if find_evidence(session.facts) == "consistent":
         yield "imported from a page: consistent, not witnessed", True
+    _, useless = split_annotations(session, read_annotations(session.path))
+    yield from ((describe_useless_annotation(annotation), False) for annotation in useless)
     if not steps.difference and not differences:
         yield f"{steps.episodes} episodes, {steps.steps} steps, all as logged", True
 
@@ -649,7 +659,9 @@ def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
         LogError: if a line of the enrolment log is damaged.
     """
     folders = list(find_log_folders(study))
+    yield from ((f"skipped {path.name}: {SYSTEM_COMPANION}", True) for path in find_system_companions(folders))
     yield from ((double, False) for double in find_double_sessions(folders))
+    yield from ((pending, False) for pending in find_pending_machines(study))
     journal = open_enrolment_log(study)
     if not journal.begun:
         return
@@ -685,5 +697,17 @@ def verify_manifest(study: Path, seal: str) -> Iterator[tuple[str, bool]]:
     Raises:
         LogError: if the seal is none.
     """
-    lines = [(line, False) for line in find_changed_files(study, seal)]
-    yield from lines or [("every file is as it was sealed", True)]
+    withdrawn = read_withdrawn_codes(study)
+    by_code: Counter[str] = Counter()
+    changes: list[str] = []
+    for line in find_changed_files(study, seal):
+        code = line.partition("/")[0]
+        if code in withdrawn and line.endswith(GONE):
+            by_code[code] += 1
+        else:
+            changes.append(line)
+    for code, files in sorted(by_code.items()):
+        yield f"{files} files of {code} are gone: {code} withdrew after the manifest was made", True
+    yield from ((line, False) for line in changes)
+    if not changes:
+        yield f"every {'other ' if by_code else ''}file is as it was sealed", True

@@ -23,7 +23,18 @@ KeyVerdict = Literal[
     "not_playing",  # the session was not taking actions (paused, feedback, ...)
     "release",  # a key came up
     "typing",  # it types into a text; what it typed is TextTyped
+    "held_before_focus",  # it was down before the window had the focus, so nobody pressed it here
+    "shortcut",  # Ctrl, Alt or Meta was down: the system's or the browser's
+    "release_at_focus_loss",  # the window lost the focus with the key down; when the finger left it is unknown
 ]
+PointerUse = Literal[
+    "pressed",
+    "moved",
+    "released",
+    "held_before_focus",  # pressed before the window had the focus: the click that brought it
+    "cancelled",  # a release that no finger made
+]
+UNPRESSED_VERDICTS = ("repeat", "held_before_focus", "shortcut")  # of keys that went down without a press of this task
 EndCause = Literal["", "max_s", "block_max_s", "agent_failed", "partner_left"]  # what else than a step ended an episode
 ModelCallState = Literal[
     "asked",
@@ -279,7 +290,7 @@ class TextTyped(TimedEvent):
 class PointerUsed(TimedEvent):
     """A pointer went down, moved while down, or came up, at ``t_ns - waited_ns``; x and y are 0..1 of the picture."""
 
-    what: Literal["pressed", "moved", "released"]
+    what: PointerUse
     x: float
     y: float
     target: str
@@ -378,6 +389,11 @@ class ActivityEvent(TimedEvent):
 
     A field whose name ends in ``_ns`` is a time of the session; 0 if unknown.
     """
+
+    @property
+    def words_to_others(self) -> str:
+        """What its participant wrote to others; empty in nearly all kinds of events."""
+        return ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -573,7 +589,7 @@ class _StreamChecker:
         self._rule(event.step == self._steps, f"step {self._steps} is next, not {event.step}")
         asked = playing.plan.record_observations
         self._rule(self._observations == asked * (self._steps + 1), "a step's observation comes before it")
-        self._rule(event.return_ == self._return, f"rewards sum to {self._return}, not {event.return_}")
+        self._rule(_is_sum(event.return_, self._return), f"rewards sum to {self._return}, not {event.return_}")
         self._rule(0 <= event.action < len(playing.action_names), f"there is no action {event.action}")
         self._rule(event.key_t_ns <= event.t_ns, "a key comes before its step")
         self._rule(event.rt_ms is None or event.rt_ms >= 0, "a reaction follows what it answers")
@@ -589,7 +605,8 @@ class _StreamChecker:
         if playing is None or event.episode != playing.plan.episode:
             self._rule(False, "only the running episode ends")
             return
-        self._rule((event.steps, event.return_) == (self._steps, self._return), "an end counts the episode's steps")
+        counted = event.steps == self._steps and _is_sum(event.return_, self._return)
+        self._rule(counted, "an end counts the episode's steps")
         final = playing.state_hash if last is None else last.state_hash
         self._rule(event.state_hash == final, "an episode ends in the state of its last step")
         expected: Outcome = "abandoned"
@@ -606,3 +623,8 @@ class _StreamChecker:
     def _rule(self, holds: bool, rule: str) -> None:
         if not holds:
             self.found.append(f"{self._where}: {rule}")
+
+
+def _is_sum(logged: float, summed: float) -> bool:
+    """Tell whether a return is the sum of its rewards; of a reward that is NaN both are NaN."""
+    return logged == summed or (logged != logged and summed != summed)

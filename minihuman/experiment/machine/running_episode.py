@@ -23,6 +23,7 @@ from minihuman.experiment.machine.events import (
 )
 from minihuman.experiment.machine.inputs import ScreenShown
 from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.worlds.adapters.foreign_code import WorldCodeError
 from minihuman.worlds.outcomes import OutcomeJudge
 from minihuman.worlds.pose import Pose
 
@@ -47,8 +48,11 @@ class catch_world_errors:  # noqa: N801 - used as `contextlib.suppress` is
     def __enter__(self) -> None: ...
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, WorldCodeError) and isinstance(error.__cause__, Exception):
+            error = error.__cause__  # a log has what the world said, without its place in a file
         if isinstance(error, Exception):
-            raise WorldFailedError(f"{type(error).__name__}: {error}") from error
+            message = str(error) if isinstance(error, WorldError) else f"{type(error).__name__}: {error}"
+            raise WorldFailedError(message) from error
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,7 @@ from minihuman.experiment.machine.events import (
     Event,
     Noted,
     PauseReason,
+    PointerUse,
     PointerUsed,
     SessionEnded,
     SessionStarted,
@@ -51,11 +52,8 @@ from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.moved import forward_names
 
 ABORT_CHORD = frozenset({"f9", "f12"})
-
-
 CONSENT_RULES = "2"  # the fact "consent_rules" of a session: Escape on a consent text declines; before, it quit
-
-
+KEY_RULES = "2"  # the fact "key_rules": what was down before the focus, and shortcuts, never act; before, they did
 HOLD_TO_END_NS = 2_000_000_000  # Escape, held over the question whether to end the session
 
 
@@ -104,8 +102,6 @@ class KeyState:
 
 
 PAUSE_KEY = "f8"
-
-
 _PAUSE_REASONS: dict[TransitionCause, PauseReason] = {
     TransitionCause.PAUSE: "participant",
     TransitionCause.FOCUS_LOST: "focus_lost",
@@ -114,13 +110,15 @@ _PAUSE_REASONS: dict[TransitionCause, PauseReason] = {
 }
 
 
-_POINTER_WORDS: dict[type[PointerInput], Literal["pressed", "moved", "released"]] = {
+_POINTER_WORDS: dict[type[PointerInput], PointerUse] = {
     PointerPressed: "pressed",
     PointerMoved: "moved",
     PointerReleased: "released",
 }
-
-
+_OTHER_POINTER_CAUSES: dict[type[PointerInput], Literal["held_before_focus", "cancelled"]] = {
+    PointerPressed: "held_before_focus",
+    PointerReleased: "cancelled",
+}
 _TIMELESS = (Stop, ScreenShown, TextInput, PointerInput)  # what is due by now is not done before these
 
 
@@ -169,6 +167,7 @@ class SessionMachine:
         self._came_from: list[Phase] = []
         self._keys = KeyState(self._context.keys_down)
         self._focused = True
+        self._pointer_acts = True  # the press that the pointer is down with is one of this window
         self._end_reason: EndReason = "complete"
         self._end_detail = ""
 
@@ -205,6 +204,11 @@ class SessionMachine:
     def end_reason(self) -> EndReason:
         """Why it ended; "complete" as long as it has not."""
         return self._end_reason
+
+    @property
+    def end_detail(self) -> str:
+        """What else there is to know of the end; of a world that failed, what it raised. Never for a participant."""
+        return self._end_detail
 
     @property
     def next_tick_ns(self) -> int | None:
@@ -287,10 +291,7 @@ class SessionMachine:
                 self._context.emit(self.part.typed_event(self.now_ns, happened.text))
                 self._to_part(happened)
             case PointerInput():
-                place = (happened.x, happened.y, happened.target, happened.along)
-                waited_ns = self.now_ns - happened.t_ns
-                self._context.emit(PointerUsed(self.now_ns, _POINTER_WORDS[type(happened)], *place, waited_ns))
-                self._to_part(happened)
+                self._use_pointer(happened)
             case AxisChanged():
                 self._context.axes[happened.axis] = happened.value
                 self._context.emit(AxisMoved(self.now_ns, happened.axis, happened.value, self.now_ns - happened.t_ns))
@@ -344,9 +345,30 @@ class SessionMachine:
             case "abort":
                 self._end("aborted", command.text)
 
+    @property
+    def _judges_causes(self) -> bool:
+        """Whether it matters why a key or a button is down; under the first key rules it did not."""
+        return self._facts.get("key_rules", "1") == KEY_RULES
+
+    def _use_pointer(self, happened: PointerInput) -> None:
+        """Log what the pointer did; a press that began before the focus, and what follows from it, reaches no part."""
+        other_cause = _OTHER_POINTER_CAUSES.get(type(happened))
+        is_other = self._judges_causes and happened.cause == other_cause
+        what = other_cause if is_other and other_cause else _POINTER_WORDS[type(happened)]
+        if isinstance(happened, PointerPressed):
+            self._pointer_acts = what == "pressed"
+        waited_ns = self.now_ns - happened.t_ns
+        place = (happened.x, happened.y, happened.target, happened.along)
+        self._context.emit(PointerUsed(self.now_ns, what, *place, waited_ns))
+        if self._pointer_acts and what != "cancelled":
+            self._to_part(happened)
+
     # Keys
 
     def _key_down(self, press: KeyDown) -> None:
+        if self._judges_causes and press.cause != "finger":
+            self._context.emit_key(press, press.cause, self.phase)
+            return
         self._keys.down(press.key, press.t_ns)
         chord = self._keys.completes_chord(press.key) and not press.repeat
         if chord and SESSION_TRANSITIONS.find(self._phase, TransitionCause.ASK_ABORT, self):
@@ -380,6 +402,9 @@ class SessionMachine:
 
     def _key_up(self, release: KeyUp) -> None:
         self._keys.up(release.key)
+        if self._judges_causes and release.cause == "focus_loss":
+            self._context.emit_key(release, "release_at_focus_loss", self.phase)
+            return
         self._context.emit_key(release, "release", self.phase)
         if release.key == "escape" and self._keys.release_escape():
             self._move(TransitionCause.STAY)

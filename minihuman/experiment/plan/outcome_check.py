@@ -18,7 +18,6 @@ from minihuman.experiment.plan.stated_outcomes import (
 )
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.specs import apply_overrides
-from minihuman.experiment.words import LANGUAGES, flatten_words
 from minihuman.worlds.adapters.success import can_keep, find_info, has_info, read_success
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.outcomes import WORLD_RULE, parse_outcome_rule
@@ -64,17 +63,8 @@ def check_outcome_rules(protocol: Protocol, source: str) -> tuple[str, ...]:
         if not tried.says_success(rule):
             _require_no_need(protocol, block, rule, tried, source)
         lines.append(f"outcome of block {block.name!r}: {_describe_rule(rule, tried)}")
-        if parse_outcome_rule(rule.rule).may_be_unknown:
-            lines += _describe_missing_word(protocol)
         lines += _describe_info(block, rule, tried)
     return tuple(dict.fromkeys(lines))
-
-
-def _describe_missing_word(protocol: Protocol) -> Iterator[str]:
-    """Say where a study's own language has no word for an end that is no more than an end."""
-    language, word = protocol.study.language, "outcome.ended"
-    if language not in LANGUAGES and word not in flatten_words(protocol.words):
-        yield f"language {language!r} has no word for {word}, so English stands in; add ended to [words.outcome]"
 
 
 def _require_no_need(protocol: Protocol, block: BlockSpec, rule: StatedRule, tried: TriedWorld, source: str) -> None:

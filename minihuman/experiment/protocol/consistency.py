@@ -22,7 +22,7 @@ from minihuman.experiment.protocol.specs import (
     is_completion_code,
 )
 from minihuman.experiment.protocol.validation_errors import FieldError, select_errors
-from minihuman.experiment.words import LANGUAGES, flatten_words, load_words
+from minihuman.experiment.words import LANGUAGES, LATER_WORDS, flatten_words, load_words
 from minihuman.worlds.catalogue import is_first_person
 from minihuman.worlds.outcomes import normalize_outcome_rule
 
@@ -134,15 +134,12 @@ def _check_words(protocol: Protocol) -> Iterator[FieldError]:
             yield f"$.words.{key}", f"is {value!r}; a word is a text in quotes"
 
 
-_LATER_WORD = "outcome.ended"  # studies that run were written before it; `check` says where English stands in
-
-
 def _check_missing_words(protocol: Protocol) -> Iterator[FieldError]:
     """Name the words that a language of the study's own lacks. A log may lack newer ones: English serves."""
     language, own = protocol.study.language, flatten_words(protocol.words)
     if language in LANGUAGES:
         return
-    unused: tuple[str, ...] = ("action.", "mission.", "key.", _LATER_WORD)
+    unused: tuple[str, ...] = ("action.", "mission.", "key.", *LATER_WORDS)
     if all(block.team is None for block in protocol.blocks):
         unused += ("team.",)
     missing = [key for key in load_words("en") if key not in own and not key.startswith(unused)]

@@ -44,6 +44,7 @@ from minihuman.log.read.reader import LogReader
 from minihuman.log.read.world_statements import read_infos, read_successes
 from minihuman.log.salvage.records import TopicMessages
 from minihuman.log.salvage.summary_section import all_ended_cleanly
+from minihuman.storage.outside_names import require_name
 from minihuman.trust import find_logged_sources
 
 
@@ -551,6 +552,8 @@ def list_session_files(path: Path) -> list[Path]:
 
 def _session(path: Path, gathered: SessionAssembler, readings: list[LogReader]) -> SessionLog:
     first = gathered.started[0]
+    require_name(first.plan.study, "the study")  # a log from elsewhere says so; exports name files by them
+    require_name(first.plan.participant.id, "the participant")
     starts = [facts for reading in readings for facts in reading.starts]
     ends = [facts for reading in readings for facts in reading.ends]
     segments, episodes = gathered.session(starts, ends)

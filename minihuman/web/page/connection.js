@@ -21,7 +21,7 @@ import { IncomingStream } from "./stream.js";
  * @property {(why: string, refusal: Refusal | null) => void} leave
  */
 
-const VERSION = 6;
+const VERSION = 7;
 const MIN_RETRY_MS = 200;
 const MAX_RETRY_MS = 3000;
 const SILENCE_MS = 20_000; // of a socket that has brought nothing: the line may be dead since the laptop slept

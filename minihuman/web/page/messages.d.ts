@@ -22,6 +22,7 @@ export interface KeyMessage {
   repeat?: boolean;
   trusted?: boolean;
   digest?: string;
+  cause?: "finger" | "held_before_focus" | "shortcut" | "finger" | "focus_loss";
 }
 
 /** A screen, or in an episode a step's picture, reached the display. */
@@ -57,6 +58,7 @@ export interface PointerMessage {
   target?: string;
   along?: number;
   stamp?: number;
+  cause?: "finger" | "held_before_focus" | "cancelled";
 }
 
 /** An axis of a gamepad moved, at ``stamp``, by the gamepad's own time. */

@@ -39,7 +39,7 @@ function shorten(at, what) {
   if (what.t === "shown" && what.step !== undefined && what.screen === undefined && what.name === undefined) {
     return ["s", ago(what.flip), ago(what.submit), what.episode, what.step, what.node];
   }
-  if (what.t !== "key" || what.trusted === false) return null;
+  if (what.t !== "key" || what.trusted === false || what.cause) return null;
   return ["k", ago(what.stamp), what.key, what.down ? 1 : 0, what.digest, what.symbol, what.repeat];
 }
 

@@ -8,6 +8,7 @@ import { el } from "./elements.js";
 
 const KEYS_OF = new Set(["play", "blank"]);
 const SWIPE_PX = 24;
+const ARROWS = new Set(["up", "left", "down", "right"]);
 const OWN_BUTTONS = new Set(["page", "question", "activity"]);
 
 export class TouchKeys {
@@ -43,9 +44,12 @@ export class TouchKeys {
     const looks = JSON.stringify([names, [...labels]]);
     if (looks === this.#shown) return;
     this.#shown = looks;
-    const played = names.filter((name) => name !== "escape");
+    const arrows = names.filter((name) => ARROWS.has(name)), others = names.filter((name) => !ARROWS.has(name));
+    const played = others.filter((name) => name !== "escape");
     this.bar.dataset.columns = String(played.length > 4 ? 3 : played.length || 1);
-    this.bar.replaceChildren(...names.map((name) => this.#button(name, labels.get(this.caps[name]) ?? this.caps[name])));
+    const button = (/** @type {string} */ name) => this.#button(name, labels.get(this.caps[name]) ?? this.caps[name]);
+    const pad = arrows.length ? [el("div", { class: "arrows" }, arrows.map(button))] : []; // each where it points
+    this.bar.replaceChildren(...pad, ...others.map(button));
     this.bar.hidden = !names.length;
     this.resized();
   }

@@ -21,6 +21,7 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
 from minihuman.errors import MinihumanError
+from minihuman.experiment.machine.screen_texts import find_stop_code
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts
 from minihuman.storage.lease import RENEWAL_INTERVAL_S, TTL_S, LeaseLostError
 from minihuman.storage.system import monotonic_s
@@ -241,12 +242,17 @@ class WebServer:
             self._factory.isolate(connection)
             await asyncio.to_thread(self._arrivals.decline, admission, why)
         person = await asyncio.to_thread(self._arrivals.id_on_platform, admission.participant)
-        code = get_session_code(self._arrivals.protocol, admission.session)
-        completion = build_completion(self._web, end, session_code=code, person=person)
+        session_code = get_session_code(self._arrivals.protocol, admission.session)
+        completion = build_completion(self._web, end, session_code=session_code, person=person)
         words = get_page_texts(session.plan.language)
-        connection.over = messages.SessionOver(
-            end, words[end], words["code"], completion.code, words["leave"], completion.url
-        )
+        text, code = words[end], completion.code
+        if end == "broken":
+            unsaved = connection.count_unsaved()
+            text = words["broken_in_part"].replace("{unsaved}", str(unsaved)) if unsaved else text
+            stop_code = find_stop_code(session.end_reason, session.end_detail)
+            LOG.warning("a session stopped, code %s on its page: %s", stop_code, session.end_detail)
+            code = code or stop_code
+        connection.over = messages.SessionOver(end, text, words["code"], code, words["leave"], completion.url)
         connection.host.outgoing.add(connection.over)
         connection.changed.set()
 

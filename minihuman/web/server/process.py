@@ -13,12 +13,14 @@ from pathlib import Path
 
 import uvicorn
 
+from minihuman.admin.local_copies import obey_withdrawals
 from minihuman.errors import LogError, MinihumanError, ProtocolError
 from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.log.record.session_leases import SessionLeases
-from minihuman.operating_system import claim_address, exit_when_terminated
+from minihuman.operating_system import claim_address, exit_when_terminated, make_private_folder
 from minihuman.storage.lease import open_lease_table
+from minihuman.storage.remote_store import RemoteStoreError
 from minihuman.web.arrivals import Arrivals, build_link, build_platform_link
 from minihuman.web.message_codec import MAX_MESSAGE_BYTES
 from minihuman.web.server.app import WebServer
@@ -71,6 +73,10 @@ def run_server(
 
     Sessions are left as they are, for the next server to resume.
     """
+    try:
+        obey_withdrawals(data / protocol.study.name, ask_store=True, say=say)
+    except RemoteStoreError as error:  # people can take part all the same; `gather` asks again
+        say(str(error))
     table = open_lease_table(data / protocol.study.name)
     arrivals = Arrivals(protocol, data, None if table is None else SessionLeases(table))
     address = f"{address.rstrip('/')}/" if address else f"http://{HOST}:{taken.getsockname()[1]}/"
@@ -104,7 +110,7 @@ def list_process_commands(
 ) -> Iterator[tuple[str, ...]]:
     """The words of each process beside the first worker; each worker has a port of its own, one after the other."""
     if watch:
-        study_dir.mkdir(parents=True, exist_ok=True)
+        make_private_folder(study_dir)
         yield "watch", str(study_dir)
     if workers > 1 and not port:
         raise LogError("--port is 0, but several workers need consecutive ports; set the first port with --port")

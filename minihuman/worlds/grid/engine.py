@@ -128,7 +128,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         check_whole("tile_size", tile_size, 1, MOST_LINES // max(width, height))
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise WorldError(f"render_mode is {render_mode!r}; use one of {', '.join(self.metadata['render_modes'])}")
-        self.action_names = ACTION_NAMES[:actions]
+        self.action_names = self._name_actions(actions)
         self.mission_space = MissionSpace(mission) if isinstance(mission, str) else mission
         self.mission = self.mission_space.first()
         self.action_space = spaces.Discrete(actions)  # type: ignore[assignment]  # its numbers are NumPy's
@@ -158,6 +158,23 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         self._stream_is_ahead = False  # kernels have drawn since the generator was brought up to date
         self._draws = False  # whether a step draws random numbers
         clear(self._row)
+
+    def _name_actions(self, actions: int) -> tuple[str, ...]:
+        """The grid's own names, and one with its number for each further action.
+
+        Raises:
+            WorldError: if there are further actions, and no rules of its own that give them a meaning.
+        """
+        if actions > len(ACTION_NAMES) and not self._has_own_rules():
+            raise WorldError(
+                f"actions is {actions}, but {type(self).__name__} has the grid's {len(ACTION_NAMES)} alone; ask for "
+                f"{len(ACTION_NAMES)} or fewer, or write reward_and_done, which says what the others do"
+            )
+        return (*ACTION_NAMES[:actions], *(f"action_{number}" for number in range(len(ACTION_NAMES), actions)))
+
+    def _has_own_rules(self) -> bool:
+        """Whether a step has rules that the grid does not know."""
+        return any(getattr(type(self), name) is not getattr(GridEngine, name) for name in ("step", "advance"))
 
     @abc.abstractmethod
     def _lay_out(self) -> None:

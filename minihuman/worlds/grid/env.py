@@ -336,11 +336,14 @@ class GridWorld(GridEngine, abc.ABC):
     own_steps: ClassVar[bool] = True  # of an instruction: judge each part by its own steps
     done_required: ClassVar[bool] = False  # a clause ends when "done" is said right after it was done
     _has_own_reward: ClassVar[bool] = False
+    _has_own_step_values: ClassVar[bool] = False  # a reward or an observation that kernels do not make
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Note whether the subclass has a reward of its own."""
+        """Note whether the subclass has a reward and an observation of its own."""
         super().__init_subclass__(**kwargs)
         cls._has_own_reward = cls.reward_and_done is not GridWorld.reward_and_done
+        looks_otherwise = any(getattr(cls, name) is not getattr(GridEngine, name) for name in ("observation", "look"))
+        cls._has_own_step_values = cls._has_own_reward or looks_otherwise
 
     @abc.abstractmethod
     def layout(self, grid: Layout) -> None:
@@ -358,6 +361,10 @@ class GridWorld(GridEngine, abc.ABC):
         """Whether kernels alone step and draw it: not with a `reward_and_done` of its own."""
         return not self._has_own_reward and self._is_plain(GridWorld)
 
+    def _has_own_rules(self) -> bool:
+        own_steps = any(getattr(type(self), name) is not getattr(GridWorld, name) for name in ("step", "advance"))
+        return self._has_own_reward or own_steps
+
     def _lay_out(self) -> None:
         grid = Layout(self._row, self.np_random, self.mission_space.first(), self.kinds)
         self.layout(grid)
@@ -368,7 +375,7 @@ class GridWorld(GridEngine, abc.ABC):
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Act. Raises WorldError before `reset`, after an episode's end, and for an action there is not."""
-        if not self._has_own_reward:
+        if not self._has_own_step_values:
             return super().step(action)
         reward, terminated, truncated = self.advance(action)
         return self.observation(), reward, terminated, truncated, {}

@@ -85,7 +85,7 @@ def test_a_partner_who_leaves_ends_the_block_where_the_protocol_says_so_and_the_
     two.host.close()  # the session is over: nobody waits
     one.wait(1)
     assert [ended.reason for ended in one.of(TeamEnded)] == ["partner_left"]
-    assert [(ended.outcome, ended.cause) for ended in one.of(EpisodeEnded)] == [("timeout", "partner_left")]
+    assert [(ended.outcome, ended.cause) for ended in one.of(EpisodeEnded)] == [("ended", "partner_left")]
     one.wait(10)
     assert [(skip.count, skip.reason) for skip in one.of(EpisodesSkipped)] == [(2, "partner_left")]
     assert one.machine.phase is Phase.CLOSING
