@@ -70,8 +70,8 @@ def pack_worlds(folder: Path, seeds: range, names: Collection[str] = ()) -> Pack
             continue
         write = _write_scenes if isinstance(env, FirstPersonEnv) else _write_rows
         title = {"kind": kind, "title": f"{entry.name}: {entry.summary}", "name": entry.name, "options": options}
-        seeds_of = {"first_seed": seeds.start, "seeds": len(seeds)}
-        packed.append(title | seeds_of | {"actions": list(env.action_names)} | write(folder, env, entry, seeds))
+        seed_range = {"first_seed": seeds.start, "seeds": len(seeds)}
+        packed.append(title | seed_range | {"actions": list(env.action_names)} | write(folder, env, entry, seeds))
     if names and skipped:
         raise WorldError(f"{', '.join(skipped)}: the rules are Python, which no page computes; pack another world")
     index = {"version": PACK_VERSION, "atlas": _write_atlas(folder), "worlds": packed}

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from minihuman.errors import MinihumanError
 from minihuman.log.read.session_reader import read_log
-from minihuman.web.page_data.episodes import (
+from minihuman.web.page_data.imported_session import write_session
+from minihuman.web.page_data.page_episodes import (
     NOT_PROVED,
     PageDataError,
     PageEpisode,
@@ -16,7 +17,6 @@ from minihuman.web.page_data.episodes import (
     read_page_data,
     verify_episode,
 )
-from minihuman.web.page_data.session import write_session
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ import pytest
 import minihuman
 from minihuman.cli.command_line import make_command_line
 from minihuman.log.read.session_reader import read_log
-from minihuman.web.page_data.episodes import (
+from minihuman.web.page_data.page_episodes import (
     NOT_PROVED,
     PageDataError,
     PageEpisode,

@@ -33,7 +33,7 @@ from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.log.record.recorder import BufferedRecorder
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
 from minihuman.runtime.session_loop import run_session
-from minihuman.web.page_data.episodes import PageDataError, PageEpisode
+from minihuman.web.page_data.page_episodes import PageDataError, PageEpisode
 from minihuman.worlds.adapters.world import World
 
 GROUP = "page"

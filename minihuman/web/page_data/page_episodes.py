@@ -46,7 +46,7 @@ class PageDataError(MinihumanError, ValueError):
     exit_code = 1  # a check failed
 
 
-End = Literal["terminated", "truncated", "time_limit", "left"]
+EpisodeEnd = Literal["terminated", "truncated", "time_limit", "left"]
 
 
 class PageEpisode(msgspec.Struct, frozen=True):
@@ -65,7 +65,7 @@ class PageEpisode(msgspec.Struct, frozen=True):
     digests: str  # 16 digits a step
     buttons: tuple[int, ...]  # steps that a button on the screen made
     untrusted: tuple[int, ...]  # steps that a program's event made, as the page says
-    end: End
+    end: EpisodeEnd
     time_limit_ms: float
     playing_ms: float
     reward: float
