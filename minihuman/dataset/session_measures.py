@@ -120,6 +120,7 @@ def _episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
         "turns_in_place": None if math.isnan(walk.length) else walk.turns,  # unknown without poses
         "ineffective_steps": tally.ineffective_steps.total(),
         "refused": tally.refused.total(),
+        "absent_share": None if episode.team is None else episode.team.absent_share,
     }
 
 

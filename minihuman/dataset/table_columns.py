@@ -403,6 +403,12 @@ EPISODES = (
     TableColumn("turns_in_place", "integer", "", "Runs of turning on the spot; empty where the world gives no pose."),
     TableColumn("ineffective_steps", "integer", "", "Steps that changed nothing to be seen."),
     TableColumn("refused", "integer", "", "Presses with no action, or while no action was taken."),
+    TableColumn(
+        "absent_share",
+        "number",
+        "",
+        "Of a team: share of joint steps in which a person's seat idled or an agent had it.",
+    ),
     TableColumn("tags", "text", "", "The reviewers' tags in force, separated by spaces."),
     EXCLUDED_COLUMN,
 )

@@ -22,7 +22,7 @@ from minihuman.web.arrivals import Admission
 from minihuman.web.eligibility import get_page_texts, list_touch_keys
 from minihuman.web.hosted_session import HostedSession, SessionRecording
 from minihuman.web.key_codes import KEY_CODES
-from minihuman.web.page_presence import PagePresence
+from minihuman.web.page_presence import PagePresence, find_sign_interval_ms
 from minihuman.web.page_protocol import PageSession, ServerMessages, StreamNames
 from minihuman.web.session_clocks import SegmentClock
 from minihuman.web.session_host import SessionHost
@@ -50,7 +50,7 @@ class Connection(PageSession):
         self.hosted = hosted
         self.lease = admission.lease if leases is not None else None
         self.recording = SessionRecording(hosted, self.lease, leases)
-        self.presence = PagePresence(monotonic_s())
+        self.presence = PagePresence(monotonic_s(), hosted.signs)
         self.loop = asyncio.get_running_loop()
         self.changed = asyncio.Event()  # there is something to send
         self.network = ""  # from which it was made, in memory only
@@ -120,10 +120,19 @@ class Connection(PageSession):
             keys=dict(KEY_CODES),
             touch=list_touch_keys(plan),
             gamepad=needs_gamepad(plan),
+            sign_ms=find_sign_interval_ms(plan),
             token=self.admission.token,
             words=get_page_texts(plan.language) | quit_text,
             taken=self.host.last_at_ns,
         )
+
+    def hear(self) -> None:
+        """Take note that the page is alive."""
+        self.presence.hear(monotonic_s())
+
+    def bid_farewell(self, *, is_left: bool) -> None:
+        """Take note that the page is closed, or left for another."""
+        self.presence.bid_farewell(monotonic_s(), is_left=is_left)
 
     def forget(self) -> None:
         """Keep nothing for the page: it begins anew when it comes again."""
@@ -166,6 +175,8 @@ class Connection(PageSession):
             return
         if isinstance(numbered.what, _ACTS):
             self.presence.record_act(arrival_ns / 1e9)
+        elif isinstance(numbered.what, messages.FocusMessage):
+            self.presence.turn_focus(arrival_ns / 1e9, has_focus=numbered.what.focused)
         if self._guarded(self.host.receive, numbered.n, numbered.at, numbered.what, more=more, arrival_ns=arrival_ns):
             self.host.outbox.record_step_time(current_system().clock.monotonic_ns() - arrival_ns)
 

@@ -55,3 +55,13 @@ def test_a_page_that_is_open_may_be_left_alone() -> None:
     presence.open_socket(1.0)
     presence.record_act(4.0)
     assert presence.inactivity_s(10.0) == 6.0
+
+
+def test_a_page_that_said_farewell_is_not_offline_and_is_here_again_with_its_next_socket():
+    presence = PagePresence(0.0)
+    number = presence.open_socket(1.0)
+    presence.bid_farewell(3.0, is_left=True)
+    presence.close_socket(number, 4.0, 1006)
+    assert (presence.signs.page, presence.signs.page_s) == ("left", 3.0)
+    presence.open_socket(9.0)
+    assert (presence.signs.page, presence.signs.page_s) == ("open", 9.0)

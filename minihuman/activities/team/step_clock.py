@@ -4,7 +4,9 @@ from typing import Literal
 
 MS_PER_S = 1_000
 
-Delay = Literal["in_time", "late", "overdue"]  # late: the tick closes without it; overdue: a partner waits no longer
+Delay = Literal[
+    "in_time", "late", "overdue"
+]  # late: the tick closes without it; overdue: who is here has thought for too long
 
 
 class StepClock:
@@ -12,12 +14,12 @@ class StepClock:
 
     Args:
         late_ms: how long a tick waits for an input.
-        partner_wait_s: how long people wait for a partner's input.
+        thinking_wait_s: how long people wait for the input of a partner who is here.
     """
 
-    def __init__(self, late_ms: float, partner_wait_s: float) -> None:
+    def __init__(self, late_ms: float, thinking_wait_s: float) -> None:
         self._late_ms = late_ms
-        self._partner_wait_s = partner_wait_s
+        self._thinking_wait_s = thinking_wait_s
         self._opened_s = 0.0
 
     def open(self, now_s: float) -> None:
@@ -27,6 +29,6 @@ class StepClock:
     def find_delay(self, now_s: float) -> Delay:
         """Find how late an input would be that came now."""
         open_s = now_s - self._opened_s
-        if open_s >= self._partner_wait_s:
+        if open_s >= self._thinking_wait_s:
             return "overdue"
         return "late" if open_s * MS_PER_S >= self._late_ms else "in_time"

@@ -78,9 +78,9 @@ def describe_language(protocol: Protocol) -> Iterator[str]:
     language = protocol.study.language
     if language in LANGUAGES:
         return
-    own_words = flatten_words(protocol.words)
+    words_given = flatten_words(protocol.words)
     for word in LATER_WORDS:
-        if word not in own_words:
+        if word not in words_given:
             table, _, name = word.rpartition(".")
             yield f"language {language!r} has no word for {word}, so English stands in; add {name} to [words.{table}]"
 

@@ -89,6 +89,11 @@ class PartPlan(msgspec.Struct, frozen=True):
         return False
 
     @property
+    def sign_interval_s(self) -> float:
+        """The longest time in which a page of the session sends nothing, as others wait for it; 0: nobody waits."""
+        return 0.0
+
+    @property
     def closes_session(self) -> bool:
         """Whether the part has the session's last words alone."""
         return False
