@@ -21,8 +21,10 @@ if TYPE_CHECKING:
     from minihuman.experiment.plan.session_plan import SessionPlan
     from minihuman.experiment.protocol.protocol import Protocol
     from minihuman.recorded_study import Session, Study
+    from minihuman.web.page_data.imports import ImportedFile
 
 Listener = Callable[[str], None]
+_PAGE_DATA_SUFFIXES = (".json", ".csv")
 _LOGS_PER_PROCESS = 8  # to verify; fewer are replayed sooner than one more process starts
 
 
@@ -321,7 +323,8 @@ def verify(
     """Replay logs from their seeds and inputs, and compare every message; of a study also its enrolment log.
 
     Args:
-        paths: session logs, or folders of them; with a manifest, study folders.
+        paths: session logs, or folders of them, and files of a page's episodes (.json, .csv); with a manifest, study
+            folders.
         manifest: a digest or manifest file; then only the files are compared with it.
         trust: trust the modules of the logs' worlds, now and from now on.
         policies: compare the agents' actions with their policy files, too.
@@ -364,6 +367,9 @@ def verify(
         if manifest is not None:
             checks.append(_name_findings(path, verify_manifest(path, manifest)))
             continue
+        if path.suffix.lower() in _PAGE_DATA_SUFFIXES and path.is_file():
+            checks.append(_name_findings(path, _verify_page_data(path)))
+            continue
         studies = find_studies(path)
         logs = find_sessions(path, required=not studies)
         processes = 1 if trust else None  # what is trusted is one file
@@ -384,6 +390,12 @@ def _obey_withdrawals(paths: Iterable[Path | str]) -> Iterator[VerificationLine]
         yield from (VerificationLine(study, line, ok=True) for line in lines)
 
 
+def _verify_page_data(file: Path) -> Iterator[tuple[str, bool]]:
+    from minihuman.web.page_data.imports import verify_page_data
+
+    yield from verify_page_data(file)
+
+
 def _verify_log(log: Path, *, trust: bool, policies: bool) -> list[VerificationLine]:
     from minihuman.admin.verify.log import verify_session
 
@@ -396,6 +408,28 @@ def _name_findings(path: Path, found: Iterable[tuple[str, bool]]) -> Iterator[Ve
             yield VerificationLine(path, text, ok)
     except MinihumanError as error:
         yield VerificationLine(path, str(error), ok=False, error=error)
+
+
+def import_page_data(*paths: Path | str, study: Path | str) -> Iterator["ImportedFile"]:
+    """Import episodes that a page computed without a server: jsPsych's JSON or CSV, or kept games.
+
+    Each file is one participant's session. Its episodes are played again from their seeds and actions; where nothing
+    differs, the session machine writes them as a log, which says that it is consistent, not witnessed. A file that was
+    imported before is passed over.
+
+    Args:
+        paths: files, or folders of them.
+        study: the study's folder, which has imported sessions alone; it is made if it does not exist.
+
+    Yields:
+        What became of each file. ``error`` says why one was refused; the others are imported all the same.
+
+    Raises:
+        MinihumanError: if a path has no data of a page.
+    """
+    from minihuman.web.page_data.imports import import_files
+
+    yield from import_files(map(Path, paths), Path(study))
 
 
 def export(

@@ -64,6 +64,7 @@ from minihuman.experiment.protocol.strata import build_strata
 from minihuman.experiment.replay import MACHINE_VERSION, compare_replay
 from minihuman.log import integrity, names as log_names, topics
 from minihuman.log.codec import EventDecoder, encode_event, event_cause_ns, find_topic, select_decoder
+from minihuman.log.evidence import find_evidence
 from minihuman.log.integrity import METADATA_PREFIX, HashChain, SegmentHead
 from minihuman.log.model.doubtful_presses import describe_doubtful_presses, find_doubtful_presses
 from minihuman.log.names import CHAIN_KEY
@@ -661,6 +662,8 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
         yield f"and {len(differences) - MAX_DIFFERENCES} more", False
     if policies:
         yield from verify_advice(session, World)
+    if find_evidence(session.facts) == "consistent":
+        yield "imported from a page: consistent, not witnessed", True
     _, useless = split_annotations(session, read_annotations(session.path))
     yield from ((describe_useless_annotation(annotation), False) for annotation in useless)
     if pictures is not None:
