@@ -37,7 +37,7 @@ from minihuman.experiment.replay import WorldLender, can_copy_session, copy_sess
 from minihuman.web.messages import FilmFrame, LookAheadUpdate, PrefetchedScreen, ScreenPrefetch
 from minihuman.web.screen_values import ImageCache, NumberPicture, convert_screen
 from minihuman.worlds.adapters.world import World
-from minihuman.worlds.hashing import hash_picture
+from minihuman.worlds.picture_hash import hash_picture
 
 _NAME_BITS = 2**52 - 1  # of a scene's hash: what a page's numbers hold
 

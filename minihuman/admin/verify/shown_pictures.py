@@ -19,7 +19,7 @@ from minihuman.experiment.machine.activity import WorldFactory
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.contract import PICTURES_VERSION
-from minihuman.worlds.hashing import hash_picture
+from minihuman.worlds.picture_hash import hash_picture
 
 PictureVerdict = Literal["equal", "different", "not comparable", "not recorded"]
 _VERSION = "version_"  # before a package's name, in facts

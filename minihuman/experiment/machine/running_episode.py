@@ -24,8 +24,8 @@ from minihuman.experiment.machine.events import (
 from minihuman.experiment.machine.inputs import ScreenShown
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.worlds.adapters.foreign_code import WorldCodeError
-from minihuman.worlds.hashing import hash_picture
 from minihuman.worlds.outcomes import OutcomeJudge
+from minihuman.worlds.picture_hash import hash_picture
 from minihuman.worlds.pose import Pose
 
 if TYPE_CHECKING:
