@@ -10,10 +10,12 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal, get_args
 
+import msgspec
 import numpy as np
 import pandas as pd
 
 from minihuman.experiment.protocol.specs import AnalysisSpec
+from minihuman.experiment.protocol.study_design import Design
 from minihuman.reporting.study_measures import find_measure
 from minihuman.statistics.comparison import (
     Equivalence,
@@ -229,8 +231,12 @@ def compute_results(
     participants: pd.DataFrame,
     analysis: AnalysisSpec | None = None,
     teams: pd.DataFrame | None = None,
+    design: Design | None = None,
 ) -> Results:
-    """Compute the results from three tables; ``analysis`` is what the protocol names, ``teams`` the table of teams."""
+    """Compute the results from three tables; ``analysis`` is what the protocol names, ``teams`` the table of teams.
+
+    ``design`` says which blocks are one condition; without it each block is its own.
+    """
     units = {} if teams is None else {str(name): find_units(rows) for name, rows in teams.groupby("block")}
     analysis = analysis or AnalysisSpec()
     counted_people = participants[participants["exclusion_reason"].isna()]
@@ -253,7 +259,7 @@ def compute_results(
         ),
         target=target,
         order=tuple(order),
-        within=compare_within(unite_teams(kept, teams), analysis),
+        within=compare_within(*name_conditions(unite_teams(kept, teams), analysis, design or Design())),
         kept=(counted_people["participant"].nunique(), len(counted)),
     )
 
@@ -267,6 +273,14 @@ def unite_teams(rows: pd.DataFrame, teams: pd.DataFrame | None) -> pd.DataFrame:
         for block, part in rows.groupby("block", sort=False)
     ]
     return pd.concat(parts).loc[rows.index]
+
+
+def name_conditions(rows: pd.DataFrame, analysis: AnalysisSpec, design: Design) -> tuple[pd.DataFrame, AnalysisSpec]:
+    """Put each block's condition in the place of the block, in the rows and in the analysis."""
+    if not design.conditions:
+        return rows, analysis
+    named = rows.assign(block=rows["block"].replace(dict(design.condition_of_block)))
+    return named, msgspec.structs.replace(analysis, conditions=design.conditions)
 
 
 def compare_within(rows: pd.DataFrame, analysis: AnalysisSpec) -> WithinResults | None:
