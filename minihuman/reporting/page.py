@@ -363,9 +363,17 @@ def _growth(one: BlockResults, mixed: MixedModel | None) -> dict[str, Any]:
         "growth_measure": found.measure.capitalize(),
         "growth_reference": found.reference,
         "growth_left_out": found.left_out,
-        "mixed": _terms(mixed.terms) if mixed and mixed.terms else None,
+        "mixed": _estimates(mixed.terms) if mixed and mixed.terms else None,
         "mixed_model": mixed,
     }
+
+
+def _estimates(terms: Sequence[GrowthTerm]) -> Table:
+    """The terms of a mixed model, without its Wald intervals and p.
+
+    Of 2 and 18 people with SDs 3 to 1 they reject a true null in a third of studies.
+    """
+    return Table(("term", "estimate"), [(term.name, format_number(term.estimate)) for term in terms])
 
 
 def _terms(terms: Sequence[GrowthTerm]) -> Table:
