@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import fields, replace
 from itertools import islice, pairwise, takewhile
-from typing import Any, get_args, get_type_hints
+from typing import Any, TypeGuard, get_args, get_type_hints
 
 from minihuman.activities.questions.question import AnswerDraft
 from minihuman.activities.team.events import PictureCorrected
@@ -304,17 +304,35 @@ def _show_screen(session: SessionMachine, event: Event) -> None:
     """Let a text, a blank or a cross be seen as late as a key says that it was: that is no event of its own either.
 
     Who presses Enter before "Ready?" is to be seen meant the screen before. A screen that stands for some time does so
-    from when it was seen, so a key that found it still there says that its time was not over.
+    from when it was seen, so what found it still there says that its time was not over.
     """
-    if not isinstance(event, KeyPressed) or event.phase != session.phase:
-        return
-    if session.phase is Phase.READY and event.down and event.verdict == "not_playing" and event.key in ENTER_KEYS:
+    if _comes_too_soon(event, session.phase):
         pressed_ns = event.t_ns - event.waited_ns
         session.receive(ScreenShown(0, 0, pressed_ns + 1))
-    elif session.phase in _TIMED_PHASES and session.next_tick_ns is not None and session.next_tick_ns <= event.t_ns:
+    elif session.phase in _TIMED_PHASES and _finds_phase(event, session.phase):
+        over_ns = session.next_tick_ns
+        if over_ns is None or over_ns > event.t_ns:
+            return
         session.receive(ScreenShown(0, 0, event.t_ns))
         over_ns = session.next_tick_ns  # had it been seen just now
         session.receive(ScreenShown(0, 0, event.t_ns + 1 - (over_ns - event.t_ns)))
+
+
+def _comes_too_soon(event: Event, phase: str) -> TypeGuard[KeyPressed]:
+    """Whether Enter was pressed before "Ready?" was to be seen."""
+    if not isinstance(event, KeyPressed) or phase != Phase.READY or event.phase != phase:
+        return False
+    return event.down and event.verdict == "not_playing" and event.key in ENTER_KEYS
+
+
+def _finds_phase(event: Event, phase: str) -> bool:
+    """Whether an event says that a phase had not ended yet: its end, which time brings first, would stand before."""
+    match event:
+        case KeyPressed():
+            return event.phase == phase
+        case AxisMoved() | Noted(kind="focus" | "experimenter"):
+            return True
+    return False
 
 
 def _find_stop(coming: list[Event], phase: str) -> Stop | None:

@@ -96,7 +96,8 @@ class _Writer:
         if origin is Literal:
             return " | ".join(f'"{word}"' for word in arguments)
         if origin in (UnionType, Union):
-            return " | ".join(dict.fromkeys(self._write_type(argument) for argument in arguments))
+            words = (word for argument in arguments for word in self._write_type(argument).split(" | "))
+            return " | ".join(dict.fromkeys(words))
         if origin is dict:
             return f"Record<{self._write_type(arguments[0])}, {self._write_type(arguments[1])}>"
         if origin is list:

@@ -184,6 +184,8 @@ class PygameWindow(BlockingWindow):
         self._fullscreen = fullscreen
         self._closed = False
         self._gamepad: Gamepad | None = None
+        self._down_at_focus: list[str] = []  # and still are
+        self._down_in_sdl: set[str] = set()  # keys whose press SDL saw
         self._record = _open_record(clock) if driver == "x11" else None
         pygame.mouse.set_visible(False)
         pygame.key.stop_text_input()  # an input method would swallow keys
@@ -226,7 +228,20 @@ class PygameWindow(BlockingWindow):
         if any(event.type in _TO_REPAINT for event in events):
             self._repaint()
         timed = _drop_invented_releases(list(self._timed(events)))
-        return [arrived for event, move in timed for arrived in self._inputs(event, move, t_ns)]
+        inputs = [arrived for event, move in timed for arrived in self._inputs(event, move, t_ns)]
+        return [*inputs, *self._release_unseen(t_ns)]
+
+    def _release_unseen(self, t_ns: int) -> list[Input]:
+        """Release keys that were down as the focus came: SDL drops the release of a key whose press it did not see."""
+        if self._record is None:
+            return []
+        unseen = [key for key in self._down_at_focus if key not in self._down_in_sdl]
+        up = [key for key in unseen if not self._record.is_down(key)]
+        return [released for key in up for released in self._release_unseen_key(key, t_ns)]
+
+    def _release_unseen_key(self, key: str, t_ns: int) -> list[Input]:
+        self._down_at_focus = [other for other in self._down_at_focus if other != key]
+        return self._key(False, key, "", t_ns) if self._held.is_down(key) else []
 
     def _timed(self, events: list[pygame.event.Event]) -> Iterator[tuple[pygame.event.Event, KeyMove]]:
         """Events and what the X server, if any, says of them: SDL tells no times, and invents presses and releases."""
@@ -242,12 +257,20 @@ class PygameWindow(BlockingWindow):
             case pygame.KEYDOWN:
                 cause = self._find_cause(event, move)
                 pressed_ns = now_ns if cause == "held_before_focus" else t_ns  # no press of this window has that time
-                return self._key(True, key_from_scancode(event.scancode), _symbol(event), pressed_ns, cause)
+                key = key_from_scancode(event.scancode)
+                is_new = cause != "held_before_focus" and move.t_ns is not None and key not in self._down_in_sdl
+                came_up = is_new and key in self._down_at_focus
+                released = self._release_unseen_key(key, t_ns) if came_up else []
+                self._down_in_sdl.add(key)
+                return [*released, *self._key(True, key, _symbol(event), pressed_ns, cause)]
             case pygame.KEYUP:
-                return self._key(False, key_from_scancode(event.scancode), _symbol(event), t_ns)
+                key = key_from_scancode(event.scancode)
+                self._down_in_sdl.discard(key)
+                return self._key(False, key, _symbol(event), t_ns)
             case pygame.WINDOWFOCUSGAINED:
                 return self._focus(now_ns, True)
             case pygame.WINDOWFOCUSLOST:
+                self._down_in_sdl.clear()
                 moved = self._gamepad.lose_focus() if self._gamepad else []
                 return [*(AxisChanged(now_ns, axis, 0.0) for axis in moved), *self._focus(now_ns, False)]
             case pygame.TEXTINPUT:
@@ -286,7 +309,8 @@ class PygameWindow(BlockingWindow):
         return inputs
 
     def _find_held_keys(self) -> Sequence[str]:
-        return self._record.find_held_keys() if self._record else ()
+        self._down_at_focus = self._record.find_held_keys() if self._record else []
+        return self._down_at_focus
 
     def open_gamepad(self) -> dict[str, str]:
         """Take inputs of the first gamepad that is connected.

@@ -290,8 +290,15 @@ class X11InputRecord(_Server):
     def has_alt_graph(self) -> bool:
         """Whether the right Alt key makes letters on the present layout, so that it is no modifier of a shortcut."""
         self._read()
-        keycode = next((code for code, name in self._positions.items() if name in ("RALT", "LVL3", "ALGR")), 0)
+        codes = {name: code for code, name in self._positions.items()}
+        # LVL3 is no key of a keyboard's: it says AltGr on every layout.
+        keycode = next((codes[name] for name in ("RALT", "ALGR", "LVL3") if name in codes), 0)
         return self._x.XkbKeycodeToKeysym(self._display, keycode, 0, 0) in _ALT_GRAPH_KEYSYMS
+
+    def is_down(self, key: str) -> bool:
+        """Whether a key is down, in whichever window it was pressed."""
+        self._read()
+        return key in self._down
 
     def find_held_keys(self) -> list[str]:
         """The keys that were down when the window got the focus, and still are."""

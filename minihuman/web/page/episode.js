@@ -220,19 +220,34 @@ export class EpisodePlayer {
       number, rules, confirmed: null, trail: [], asked: [], pace: 0, step: -1, scene: -1, ended: false, known: false, frozen: 0,
       nextTick: null, queued: null, drawn: "", agent: this.#agents.get(number), who: "", agentDue: null, flipped: null,
     };
-    for (const { n, at, what } of this.outbox.list()) {
-      if (n <= through || at <= this.taken()) continue;
-      const key = what.t === "key" && what.down ? what : null;
-      if (play.agent) { // whose steps lay between, nobody knows any more
-        if (!UNTIMED.has(what.t)) play.frozen = n;
-      } else if (what.t === "focus" || (what.t === "tick" && rules.real_time) || (key && RESERVED.has(key.key))) {
-        play.frozen = n;
-      } else if (key && !rules.real_time && rules.team !== "ticks" && !play.frozen && (!key.repeat || rules.auto_repeat)) {
-        const action = rules.actions[key.key];
-        if (action !== undefined) play.trail.push({ n, action });
-      }
-    }
+    for (const message of this.outbox.list()) if (message.n > through && message.at > this.taken()) this.#learnSent(play, message);
     return this.play = play;
+  }
+
+  // What was sent before the page knew of the episode: what it did there, if that is known.
+  /** @param {Play} play @param {import("./stream.js").Message} message */
+  #learnSent(play, { n, at, what }) {
+    const { rules } = play;
+    const key = what.t === "key" && what.down && !what.cause ? what : null; // a press with another cause does nothing
+    const isStepUnknown = rules.real_time && (what.t === "tick" || (TELLS_TIME.has(what.t) && this.#isTickDue(play, at)));
+    if (isStepUnknown) this.#takeTick(play, at);
+    if (play.agent) { // whose steps lay between, nobody knows any more
+      if (!UNTIMED.has(what.t)) play.frozen = n;
+    } else if (what.t === "focus" || isStepUnknown || (key && RESERVED.has(key.key))) {
+      Object.assign(play, { frozen: n, queued: null });
+    }
+    if (what.t === "focus") play.nextTick = null;
+    if (what.t === "shown" && what.episode === play.number && rules.real_time) play.nextTick ??= what.flip + rules.period;
+    if (key && !play.agent && rules.team !== "ticks") this.#learnPress(play, n, key);
+  }
+
+  // Where time makes the steps, a press waits for the next one.
+  /** @param {Play} play @param {number} n @param {import("./messages").KeyMessage} press */
+  #learnPress(play, n, { key, repeat }) {
+    const { rules } = play, action = rules.actions[key];
+    if (action === undefined) return;
+    if (rules.real_time) { if (!repeat) play.queued = action; }
+    else if (!play.frozen && (!repeat || rules.auto_repeat)) play.trail.push({ n, action });
   }
 
   // ---- the picture
@@ -353,8 +368,15 @@ export class EpisodePlayer {
   /** @param {number} n @param {number} at @param {string} kind @param {number | null} due when the screen ends by the clock */
   passTime(n, at, kind, due) {
     const play = this.play;
-    if (!play || play.frozen || play.ended) return;
-    if (this.#isTickDue(play, at) && TELLS_TIME.has(kind)) {
+    if (!play || play.ended) return;
+    const isDue = this.#isTickDue(play, at) && TELLS_TIME.has(kind);
+    if (play.frozen) { // the session may be elsewhere; if it is not, it makes a step, and what waited for that is done
+      if (!isDue) return;
+      this.#takeTick(play, at);
+      play.trail.push({ n, action: undefined });
+      return;
+    }
+    if (isDue) {
       if (due !== null && at >= due && this.#computed(play)) return this.freeze(n); // the session ends the episode
       if (!this.#computed(play)) play.asked.push(n);
       const action = this.#takeTick(play, at);
@@ -402,6 +424,7 @@ export class EpisodePlayer {
 
   /** @param {ComputedScenes} scenes @param {Play} play @param {Action} action */
   #stepOf(scenes, play, action) {
+    if (!play.known) return undefined; // the scene is one before
     const edge = scenes.get(play.scene)?.edges.get(action);
     return edge && { digest: scenes.get(edge[0])?.digest, ends: edge[1] };
   }

@@ -22,7 +22,7 @@ export interface KeyMessage {
   repeat?: boolean;
   trusted?: boolean;
   digest?: string;
-  cause?: "finger" | "held_before_focus" | "shortcut" | "finger" | "focus_loss";
+  cause?: "finger" | "held_before_focus" | "shortcut" | "focus_loss";
 }
 
 /** A screen, or in an episode a step's picture, reached the display. */

@@ -29,7 +29,14 @@ from minihuman.web import messages
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.connection import Connection
 from minihuman.web.connection_factory import ConnectionFactory
-from minihuman.web.eligibility import build_completion, classify_ending, get_page_texts, get_session_code
+from minihuman.web.eligibility import (
+    Completion,
+    WebEnding,
+    build_completion,
+    classify_ending,
+    get_page_texts,
+    get_session_code,
+)
 from minihuman.web.http_security import is_same_origin
 from minihuman.web.message_codec import decode_page_message, encode_unnumbered
 from minihuman.web.page_protocol import PageProtocol
@@ -49,6 +56,32 @@ MAX_LOOP_BLOCK_S = 0.002  # before messages have a turn
 ANOTHER, REFUSED, FOREIGN = 4001, 4003, 4004
 CLOSE_BUSY = 4100  # the page tries again in a while
 CLOSE_OLD = 4002  # and after this it is loaded anew: it is of another release than the server
+
+
+def classify_connection_ending(connection: Connection) -> WebEnding:
+    """What the end of a session is to its participant; one whose finished recording is not whole is broken."""
+    if connection.recording.is_broken:
+        return "broken"
+    session = connection.host.session
+    return classify_ending(session.end_reason, agreed=connection.agreed, part_kind=session.part.part.kind)
+
+
+def build_session_over(connection: Connection, completion: Completion) -> messages.SessionOver:
+    """Build the last message to a page: what happened, what is saved, and a code.
+
+    That all is saved is said of a log that was closed whole; of any other, how many inputs it may lack.
+    """
+    session = connection.host.session
+    words = get_page_texts(session.plan.language)
+    text = words[completion.end]
+    code = completion.code
+    if completion.end == "broken":
+        unsaved = connection.count_unsaved()
+        text = words["broken_in_part"].replace("{unsaved}", str(unsaved)) if unsaved else text
+        stop_code = find_stop_code(session.end_reason, session.end_detail)
+        LOG.warning("a session stopped, code %s on its page: %s", stop_code, session.end_detail)
+        code = code or stop_code
+    return messages.SessionOver(completion.end, text, words["code"], code, words["leave"], completion.url)
 
 
 class WebServer:
@@ -234,9 +267,7 @@ class WebServer:
         session = connection.host.session
         admission = connection.admission
         await asyncio.to_thread(connection.finish)
-        end = classify_ending(session.end_reason, agreed=connection.agreed, part_kind=session.part.part.kind)
-        if connection.recording.is_broken:
-            end = "broken"
+        end = classify_connection_ending(connection)
         if not connection.agreed:
             why = "declined" if end == "declined" else session.end_reason
             self._factory.isolate(connection)
@@ -244,15 +275,7 @@ class WebServer:
         person = await asyncio.to_thread(self._arrivals.id_on_platform, admission.participant)
         session_code = get_session_code(self._arrivals.protocol, admission.session)
         completion = build_completion(self._web, end, session_code=session_code, person=person)
-        words = get_page_texts(session.plan.language)
-        text, code = words[end], completion.code
-        if end == "broken":
-            unsaved = connection.count_unsaved()
-            text = words["broken_in_part"].replace("{unsaved}", str(unsaved)) if unsaved else text
-            stop_code = find_stop_code(session.end_reason, session.end_detail)
-            LOG.warning("a session stopped, code %s on its page: %s", stop_code, session.end_detail)
-            code = code or stop_code
-        connection.over = messages.SessionOver(end, text, words["code"], code, words["leave"], completion.url)
+        connection.over = build_session_over(connection, completion)
         connection.host.outgoing.add(connection.over)
         connection.changed.set()
 
