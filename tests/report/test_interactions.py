@@ -81,7 +81,7 @@ def test_an_interaction_of_one_degree_of_freedom_is_the_groups_test_of_contrast_
     assert (compared.groups.p, compared.groups.interval) == (test.p(), test.interval())
     assert found.omnibus == ()
     (sentence,) = state_interaction(found)
-    assert "low − high, a − b is −" in sentence
+    assert "low - high, a - b is -" in sentence.replace("\N{MINUS SIGN}", "-")
     assert "9 and 14 participants" in sentence
 
 
