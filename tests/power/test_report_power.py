@@ -83,7 +83,7 @@ def test_a_shift_of_the_interaction_moves_one_cell_and_its_p_is_the_reports():
     assert by.drop(("a", "narrow")).to_numpy() == pytest.approx(0)
     report = compute_interaction(moved, design, NAMED, ("a", "b"))
     ((name, p),) = compare_study(moved, drawn_from, "interaction")
-    assert (name, p) == (f"reward_mean: narrow \N{MINUS SIGN} wide, a - b", report.contrasts[0].groups.p)
+    assert (name, p) == ("reward_mean: narrow \N{MINUS SIGN} wide, a - b", report.contrasts[0].groups.p)
     assert p < 0.01
 
 
