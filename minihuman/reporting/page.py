@@ -133,7 +133,7 @@ def build_page(facts: PageContent, found: Results, templates: Path | None = None
         "practice": facts.practice,
         "published": _published(target) if facts.papers and target else None,
         "question": ask_question(facts.analysis, found, facts.design, facts.interaction),
-        "answers_first": _answer(target if facts.first_block else None, found, facts.interaction),
+        "answers_first": _answer(target if facts.first_block else None, found, facts),
         "excluded": _count_excluded(facts.exclusions),
         "within": _within(found.within),
         "interaction": _interaction(facts.interaction),
@@ -184,9 +184,12 @@ def _join(names: Sequence[str]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
 
 
-def _answer(target: BlockResults | None, found: Results, interaction: InteractionResults | None) -> list[str]:
-    """The statements that answer it: the interaction's, the primary's, adjusted ones, equivalence, and conditions."""
-    said = list(state_interaction(interaction)) if interaction else []
+def _answer(target: BlockResults | None, found: Results, facts: PageContent) -> list[str]:
+    """The statements that answer it: the primary's, adjusted ones, equivalence, and conditions.
+
+    The interaction's come first where the question is about it, else last.
+    """
+    said = []
     if target is not None and len(target.groups) > 1:
         said += [difference_statement(each, target.block) for each in target.headline]
         said += [f"Adjusted for the covariates. {difference_statement(each, target.block)}" for each in target.adjusted]
@@ -194,7 +197,8 @@ def _answer(target: BlockResults | None, found: Results, interaction: Interactio
     if found.within:
         primary = [one for one in found.within.comparisons if found.within.roles[one.measure] == "primary"]
         said += [paired_statement(one) for one in primary]
-    return said
+    interaction = list(state_interaction(facts.interaction)) if facts.interaction else []
+    return [*interaction, *said] if facts.design.primary_effect == "interaction" else [*said, *interaction]
 
 
 def _count_excluded(exclusions: pd.DataFrame) -> str:
