@@ -21,7 +21,7 @@ from minihuman.dataset.tables import select
 from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec
-from minihuman.experiment.protocol.study_design import Design, derive_design
+from minihuman.experiment.protocol.study_design import ExperimentDesign, derive_design
 from minihuman.planning.power import ALPHA, PowerEstimate, tabulate_power
 from minihuman.reporting.interactions import InteractionResults, compute_interaction
 from minihuman.reporting.results import (
@@ -75,7 +75,7 @@ class ReportPool:
     groups: Mapping[str, int]  # in the order of the report, with their allocation ratio
     analysis: AnalysisSpec
     target: str
-    design: Design = field(default_factory=Design)
+    design: ExperimentDesign = field(default_factory=ExperimentDesign)
 
 
 def simulate_report_pool(toml: bytes, *, people: int, player: str, seed: int) -> ReportPool:

@@ -13,7 +13,7 @@ from minihuman.dataset.tables import Tables, select
 from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec, apply_overrides
-from minihuman.experiment.protocol.study_design import Design, derive_design
+from minihuman.experiment.protocol.study_design import ExperimentDesign, derive_design
 from minihuman.reporting.activity_sections import (
     ReportSection,
     SectionSource,
@@ -79,7 +79,7 @@ class _ReportInput:
     reaction_times: pd.DataFrame  # counts by bin
     protocols: list[Protocol]
     analysis: AnalysisSpec
-    design: Design
+    design: ExperimentDesign
     sections: list[ReportSection]
     plays: list[PlayerRows]  # the study's and its models'; empty without models
 
@@ -276,10 +276,10 @@ def read_planned_analysis(protocols: Sequence[Protocol]) -> AnalysisSpec:
     return named.pop() if len(named) == 1 else AnalysisSpec()
 
 
-def read_planned_design(protocols: Sequence[Protocol]) -> Design:
+def read_planned_design(protocols: Sequence[Protocol]) -> ExperimentDesign:
     """Read the design that the protocol states; an empty one where its versions differ."""
     named = {derive_design(protocol) for protocol in protocols}
-    return named.pop() if len(named) == 1 else Design()
+    return named.pop() if len(named) == 1 else ExperimentDesign()
 
 
 def find_practice(protocols: Sequence[Protocol], groups: Iterable[str]) -> frozenset[tuple[str, str]]:

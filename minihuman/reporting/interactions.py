@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from minihuman.experiment.protocol.specs import AnalysisSpec
-from minihuman.experiment.protocol.study_design import Contrast, Design
+from minihuman.experiment.protocol.study_design import Contrast, ExperimentDesign
 from minihuman.reporting.results import (
     Results,
     Role,
@@ -69,7 +69,6 @@ class InteractionResults:
     contrasts: tuple[ContrastComparison, ...]
     left_out: int  # participants without a value in every condition, of the first measure
     cells: pd.DataFrame  # of the first measure: index group and participant, a column per condition
-    has_stated_contrasts: bool
 
     @property
     def measure(self) -> str:
@@ -83,7 +82,7 @@ class InteractionResults:
 
 
 def compute_interaction(
-    rows: pd.DataFrame, design: Design, analysis: AnalysisSpec, order: tuple[str, ...]
+    rows: pd.DataFrame, design: ExperimentDesign, analysis: AnalysisSpec, order: tuple[str, ...]
 ) -> InteractionResults | None:
     """Compare contrast scores between groups on the measures that the protocol names, or all that have values.
 
@@ -126,12 +125,11 @@ def compute_interaction(
         contrasts=contrasts,
         left_out=len(tables[first]) - len(complete[first]),
         cells=cells,
-        has_stated_contrasts=bool(design.contrasts),
     )
 
 
 def choose_first_block(
-    design: Design, analysis: AnalysisSpec, results: Results, interaction: InteractionResults | None
+    design: ExperimentDesign, analysis: AnalysisSpec, results: Results, interaction: InteractionResults | None
 ) -> str:
     """Choose the block whose comparison of groups answers the question: none where the interaction does.
 
@@ -210,14 +208,11 @@ def state_interaction(found: InteractionResults) -> Iterator[str]:
     omnibus = next((one for one in found.omnibus if one.measure == found.measure), None)
     if omnibus is not None:
         yield _state_omnibus(opening, omnibus.test, found)
-    if omnibus is None or len(found.headline) <= _MOST_STATED:
+    else:
         for compared in found.headline:
             yield _state_contrast(opening, compared, is_alone=len(found.headline) == 1)
     if found.left_out:
         yield f"{found.left_out} participants without a value in every condition are not in the interaction."
-
-
-_MOST_STATED = 3  # contrasts in sentences; of more, the table has them
 
 
 def _state_omnibus(opening: str, test: InteractionTest, found: InteractionResults) -> str:

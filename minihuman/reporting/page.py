@@ -15,7 +15,7 @@ import pandas as pd
 from minihuman.dataset.recording_quality import RecordingQuality
 from minihuman.dataset.selection import SelectionSummary
 from minihuman.experiment.protocol.specs import AnalysisSpec
-from minihuman.experiment.protocol.study_design import Design
+from minihuman.experiment.protocol.study_design import ExperimentDesign
 from minihuman.reporting.activity_sections import ReportSection
 from minihuman.reporting.interactions import InteractionResults, cells_table, interaction_table, state_interaction
 from minihuman.reporting.results import BlockResults, Results, WithinResults, label_measure, summarise_group_rewards
@@ -101,7 +101,7 @@ class PageContent:
     exclusions: pd.DataFrame
     account: SelectionSummary
     analysis: AnalysisSpec  # what the protocol named
-    design: Design
+    design: ExperimentDesign
     interaction: InteractionResults | None  # of groups and conditions, in a mixed design
     first_block: str  # whose comparison of groups is among the answers; "": none's
     papers: bool  # the protocol is the published study's
@@ -157,7 +157,7 @@ def build_page(facts: PageContent, found: Results, templates: Path | None = None
 def ask_question(
     analysis: AnalysisSpec,
     found: Results,
-    design: Design | None = None,
+    design: ExperimentDesign | None = None,
     interaction: InteractionResults | None = None,
 ) -> str:
     """What the study compares, in one sentence, after the protocol's own question."""
@@ -187,18 +187,20 @@ def _join(names: Sequence[str]) -> str:
 def _answer(target: BlockResults | None, found: Results, facts: PageContent) -> list[str]:
     """The statements that answer it: the primary's, adjusted ones, equivalence, and conditions.
 
-    The interaction's come first where the question is about it, else last.
+    Where the question is about the interaction, its answer comes first, and conditions pooled over groups are left to
+    their table.
     """
+    is_about_interaction = facts.interaction is not None and facts.design.primary_effect == "interaction"
     said = []
     if target is not None and len(target.groups) > 1:
         said += [difference_statement(each, target.block) for each in target.headline]
         said += [f"Adjusted for the covariates. {difference_statement(each, target.block)}" for each in target.adjusted]
         said += [equivalence_statement(each, target.roles) for each in target.alike]
-    if found.within:
+    if found.within and not is_about_interaction:
         primary = [one for one in found.within.comparisons if found.within.roles[one.measure] == "primary"]
         said += [paired_statement(one) for one in primary]
     interaction = list(state_interaction(facts.interaction)) if facts.interaction else []
-    return [*interaction, *said] if facts.design.primary_effect == "interaction" else [*said, *interaction]
+    return [*interaction, *said] if is_about_interaction else [*said, *interaction]
 
 
 def _count_excluded(exclusions: pd.DataFrame) -> str:

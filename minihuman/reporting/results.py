@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from minihuman.experiment.protocol.specs import AnalysisSpec
-from minihuman.experiment.protocol.study_design import Design
+from minihuman.experiment.protocol.study_design import ExperimentDesign
 from minihuman.reporting.study_measures import find_measure
 from minihuman.statistics.comparison import (
     Equivalence,
@@ -231,7 +231,7 @@ def compute_results(
     participants: pd.DataFrame,
     analysis: AnalysisSpec | None = None,
     teams: pd.DataFrame | None = None,
-    design: Design | None = None,
+    design: ExperimentDesign | None = None,
 ) -> Results:
     """Compute the results from three tables; ``analysis`` is what the protocol names, ``teams`` the table of teams.
 
@@ -259,7 +259,7 @@ def compute_results(
         ),
         target=target,
         order=tuple(order),
-        within=compare_within(*name_conditions(unite_teams(kept, teams), analysis, design or Design())),
+        within=compare_within(*name_conditions(unite_teams(kept, teams), analysis, design or ExperimentDesign())),
         kept=(counted_people["participant"].nunique(), len(counted)),
     )
 
@@ -275,7 +275,9 @@ def unite_teams(rows: pd.DataFrame, teams: pd.DataFrame | None) -> pd.DataFrame:
     return pd.concat(parts).loc[rows.index]
 
 
-def name_conditions(rows: pd.DataFrame, analysis: AnalysisSpec, design: Design) -> tuple[pd.DataFrame, AnalysisSpec]:
+def name_conditions(
+    rows: pd.DataFrame, analysis: AnalysisSpec, design: ExperimentDesign
+) -> tuple[pd.DataFrame, AnalysisSpec]:
     """Put each block's condition in the place of the block, in the rows and in the analysis."""
     if not design.conditions:
         return rows, analysis

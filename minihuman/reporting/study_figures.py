@@ -82,8 +82,8 @@ def draw_interaction(found: InteractionResults, out: Path) -> ReportFigure:
         for compared in found.headline
     ]
     png, _ = draw_figure_files(
-        out / "groups_and_conditions",
-        "cells.cells_figure",
+        out / "groups_and_conditions_result",
+        "design_cells.cells_figure",
         groups,
         found.conditions,
         differences,

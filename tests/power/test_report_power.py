@@ -10,7 +10,7 @@ import scipy
 from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec
-from minihuman.experiment.protocol.study_design import Design, Factor
+from minihuman.experiment.protocol.study_design import ExperimentDesign, Factor
 from minihuman.planning.report_power import (
     ReportPool,
     StudyDesign,
@@ -73,7 +73,7 @@ def test_its_p_are_the_reports(primary):
 
 def test_a_shift_of_the_interaction_moves_one_cell_and_its_p_is_the_reports():
     factors = Factor("group", ("a", "b"), is_within=False), Factor("condition", CONDITIONS, is_within=True)
-    design = Design(factors, "", "interaction", tuple((name, name) for name in CONDITIONS))
+    design = ExperimentDesign(factors, "", "interaction", tuple((name, name) for name in CONDITIONS))
     drawn_from = dataclasses.replace(pool(people=30), design=design)
     still, moved = (
         draw_study(drawn_from, StudyDesign(shift, "interaction"), 20, np.random.default_rng(4)) for shift in (0.0, 2.0)

@@ -35,7 +35,7 @@ class Contrast:
 
 
 @dataclass(frozen=True, slots=True)
-class Design:
+class ExperimentDesign:
     """What a study varies, and what it asks."""
 
     factors: tuple[Factor, ...] = ()
@@ -67,7 +67,7 @@ class Design:
         )
 
 
-def derive_design(protocol: Protocol) -> Design:
+def derive_design(protocol: Protocol) -> ExperimentDesign:
     """Derive the design of a protocol's study."""
     condition_of_block = name_conditions(
         protocol.design.condition,
@@ -82,7 +82,7 @@ def derive_design(protocol: Protocol) -> Design:
         _find_orders(protocol, condition_of_block),
     )
     factors = tuple(factor for factor in found if factor is not None)
-    return Design(
+    return ExperimentDesign(
         factors=factors,
         question=protocol.design.question.strip(),
         primary_effect=protocol.design.primary_effect or _choose_effect({factor.name for factor in factors}),
