@@ -283,6 +283,24 @@ def claim_address(listener: socket.socket) -> None:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
 
 
+def raise_file_limit(needed: int) -> int:
+    """Let this process have so many files and sockets open, if the system's hard limit allows it.
+
+    Returns:
+        how many it may have; ``needed`` where the system sets no limit.
+    """
+    if sys.platform == "win32":  # there is none for sockets
+        return needed
+    import resource  # of Unix alone
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft == resource.RLIM_INFINITY or soft >= needed:
+        return needed if soft == resource.RLIM_INFINITY else soft
+    allowed = needed if hard == resource.RLIM_INFINITY else min(needed, hard)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (allowed, hard))
+    return allowed
+
+
 def count_processes() -> int:
     """How many processes work side by side at most: one per core."""
     return min(os.cpu_count() or 1, MAX_PROCESSES)

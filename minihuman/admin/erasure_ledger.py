@@ -129,7 +129,7 @@ def _list_stored_entries(store: RemoteStore, study: str) -> Iterable[LedgerEntry
 def _store_entries(store: RemoteStore, study: str, entries: Iterable[LedgerEntry]) -> None:
     with tempfile.TemporaryDirectory(prefix="minihuman-") as folder:
         path = Path(folder, "entry")
-        path.write_text("An entry of minihuman's erasure ledger; its name says all.\n", encoding="utf-8")
+        path.write_text("An entry of minihuman's erasure ledger; its name says all.\n", encoding="utf-8", newline="\n")
         for entry in entries:
             try:
                 store.put(f"{study}/{STORE_FOLDER}/{_name(entry)}", path)

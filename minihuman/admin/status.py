@@ -7,7 +7,7 @@ MCAP.
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +24,7 @@ from minihuman.admin.enrolment_entries import (
     read_enrolment_log,
 )
 from minihuman.admin.erasure_ledger import find_pending_machines
+from minihuman.admin.recruitment import Recruitment
 from minihuman.admin.session_index import SessionRow, find_double_sessions, read_session_index
 from minihuman.admin.session_summary import SessionSummary
 from minihuman.admin.unfinished_withdrawals import find_unfinished_withdrawals
@@ -152,6 +153,8 @@ def format_status(study_dir: Path, found: "StudyStatus | None" = None) -> Iterat
         yield f"{count} {what}"
     for code in found.replaced:
         yield f"{code:12} does not come back; the slot is offered again"
+    if found.sources:
+        yield "came online: " + ", ".join(f"{count} by {source}" for source, count in found.sources.items())
     if found.withdrew:
         yield f"{found.withdrew} withdrew and {'is' if found.withdrew == 1 else 'are'} excluded"
     if found.interventions:
@@ -243,6 +246,7 @@ class StudyStatus:
     interventions: Mapping[str, int]  # what was done by hand, in counts
     problems: tuple[str, ...]  # logs that are gone, and ends of logs that the enrolment log lacks
     live: frozenset[Path]  # folders in which a session is being recorded
+    sources: Mapping[str, int] = field(default_factory=dict)  # of those who came online, and have a slot
     companions: tuple[Path, ...] = ()  # files that another system keeps beside logs: they are not read
     useless_annotations: tuple[str, ...] = ()  # a line each, of those of episodes that no session has
 
@@ -272,6 +276,7 @@ def read_study_status(study_dir: Path) -> StudyStatus:
             for folder, names in folders
             if any(name.endswith(PART_SUFFIX) and is_being_recorded(folder / name) for name in names)
         ),
+        sources=Recruitment(study_dir).count_sources(),
         companions=tuple(find_system_companions(folders)),
         useless_annotations=tuple(_find_useless_annotations(folders)),
     )

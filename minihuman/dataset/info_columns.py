@@ -1,19 +1,33 @@
-"""Columns of the files of the table ``steps`` for what a study keeps of its worlds' ``info``: one for each key.
+"""Columns of tables' files for what a study's JSON columns hold: of ``steps`` what it keeps of its worlds' ``info``, of
+``episodes`` and ``trials`` the labels of its stimuli; one column for each key.
 
 In the study's table itself it is one column of JSON, as every study has the same tables.
 """
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import duckdb
 import pyarrow as pa
 
+from minihuman.activities.trials.stimulus_table import name_label_column
 from minihuman.dataset.table_columns import TableColumn, TableColumnType
 
-INFO_TABLE, INFO_COLUMN = "steps", "info"
-_MEANING = "The world's info[{!r}] after the step; empty where it did not say."
+
+@dataclass(frozen=True, slots=True)
+class JsonColumn:
+    """A column of JSON whose keys are columns of a table's files."""
+
+    name: str
+    meaning: str  # of one of them, with the key in it
+
+
+INFO = JsonColumn("info", "The world's info[{!r}] after the step; empty where it did not say.")
+LABELS = JsonColumn("labels", "The label {!r} of the trial's stimulus; empty where it has none.")
+LABELLED_TABLES = ("episodes", "trials")
+_JSON_COLUMNS = {"steps": INFO, **dict.fromkeys(LABELLED_TABLES, LABELS)}
 _KINDS: Mapping[frozenset[str], TableColumnType] = {  # by DuckDB's types of the values, beside NULL
     frozenset({"BOOLEAN"}): "boolean",
     frozenset({"BIGINT", "UBIGINT", "DOUBLE"}): "number",
@@ -23,16 +37,16 @@ _ARROW_TYPES = {"boolean": pa.bool_(), "number": pa.float64(), "text": pa.string
 
 def list_info_columns(connection: duckdb.DuckDBPyConnection, table: str) -> dict[str, TableColumn]:
     """List the columns of a table's kept keys, by key: boolean or number where all values are, else text."""
-    if table != INFO_TABLE:
+    column = _JSON_COLUMNS.get(table)
+    if column is None:
         return {}
     found = connection.execute(
-        "SELECT key, list(DISTINCT json_type(info, '$.\"' || key || '\"')) "
-        f"FROM (SELECT info, unnest(json_keys(info)) AS key FROM kept.{INFO_TABLE} WHERE {INFO_COLUMN} <> '') "
-        "GROUP BY key ORDER BY key"
+        f"SELECT key, list(DISTINCT json_type({column.name}, '$.\"' || key || '\"')) "
+        f"FROM (SELECT {column.name}, unnest(json_keys({column.name})) AS key FROM kept.{table} "
+        f"WHERE {column.name} <> '') GROUP BY key ORDER BY key"
     ).fetchall()
-    return {
-        key: TableColumn(f"{INFO_COLUMN}_{key}", _find_kind(types), "", _MEANING.format(key)) for key, types in found
-    }
+    name = name_label_column if column is LABELS else "info_{}".format
+    return {key: TableColumn(name(key), _find_kind(types), "", column.meaning.format(key)) for key, types in found}
 
 
 def _find_kind(types: Sequence[str]) -> TableColumnType:
@@ -45,15 +59,16 @@ def build_info_schema(columns: Mapping[str, TableColumn]) -> list[pa.Field]:
     return [pa.field(column.name, _ARROW_TYPES[column.kind]) for column in columns.values()]
 
 
-def add_info_columns(table: pa.Table, columns: Mapping[str, TableColumn]) -> pa.Table:
-    """Add these columns to some rows of the table."""
+def add_info_columns(rows: pa.Table, table: str, columns: Mapping[str, TableColumn]) -> pa.Table:
+    """Add these columns to some rows of a table."""
     if not columns:
-        return table
-    infos = [json.loads(text) if text else {} for text in table.column(INFO_COLUMN).to_pylist()]
+        return rows
+    texts = rows.column(_JSON_COLUMNS[table].name).to_pylist()
+    objects = [json.loads(text) if text else {} for text in texts]
     for (key, column), field in zip(columns.items(), build_info_schema(columns), strict=True):
-        values = [_convert(info.get(key), column.kind) for info in infos]
-        table = table.append_column(field, pa.array(values, field.type))
-    return table
+        values = [_convert(content.get(key), column.kind) for content in objects]
+        rows = rows.append_column(field, pa.array(values, field.type))
+    return rows
 
 
 def _convert(value: Any, kind: str) -> Any:

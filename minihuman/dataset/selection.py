@@ -5,6 +5,7 @@ that no reviewer annotated with ``exclude``, and that no exclusion rule of the p
 Protocol versions are told apart by their own name and by the SHA-256 of their bytes.
 """
 
+import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -28,7 +29,7 @@ from minihuman.dataset.session_measures import (
 )
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EPISODES, PARTICIPANTS
 from minihuman.errors import ReportError
-from minihuman.experiment.machine.events import EpisodesSkipped
+from minihuman.experiment.machine.events import EpisodesSkipped, Noted
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import ExclusionSpec, decode_logged_protocol
 from minihuman.experiment.protocol.specs import apply_overrides
@@ -60,7 +61,9 @@ def check_exclusion_measures(exclusions: Sequence[ExclusionSpec], source: str) -
     """
     for number, rule in enumerate(exclusions):
         known = [column.name for column in _COLUMNS[rule.level] if column.kind in ("integer", "number", "boolean")]
-        if rule.measure not in known:
+        if rule.level != "episode" and (rule.where or rule.measured_label):
+            raise ReportError(f"{source}: $.exclusions[{number}]: a participant has no labels; use level = 'episode'")
+        if rule.measure not in known and not rule.measured_label:
             raise ReportError(
                 f"{source}: $.exclusions[{number}].measure: {rule.measure!r} is not a measure of "
                 f"{'an episode' if rule.level == 'episode' else 'a participant'}; use one of {', '.join(known)}"
@@ -100,8 +103,12 @@ class ExclusionRule:
 
     def broken_by(self, row: Mapping[str, Any]) -> bool:
         """Whether a row's measure lies outside what the rule allows; a measure that nothing tells does not."""
-        value, rule = row.get(self.exclusion.measure), self.exclusion
-        if value is None:
+        rule = self.exclusion
+        labels = json.loads(row.get("labels") or "{}")
+        if any(labels.get(name) != level for name, level in rule.where.items()):
+            return False
+        value = labels.get(rule.measured_label) if rule.measured_label else row.get(rule.measure)
+        if not isinstance(value, int | float):  # nothing says it, or a label is a text in this row
             return False
         return (rule.below is not None and value < rule.below) or (rule.above is not None and value > rule.above)
 
@@ -389,5 +396,6 @@ def summarize_session(log: SessionLog) -> MeasureRow:
         "end_reason": log.end_reason,
         "clean": log.clean,
         "segments": len(log.segments),
+        "clock_notes": sum(isinstance(note, Noted) and note.is_about_clock for note in log.notes),
         "completed_share": len(completed) / planned if planned else None,
     }

@@ -1,5 +1,6 @@
 """Compute one session's measures per episode, before any selection, and aggregate them over episodes."""
 
+import json
 import math
 import operator
 import statistics
@@ -120,6 +121,8 @@ def _episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
         "turns_in_place": None if math.isnan(walk.length) else walk.turns,  # unknown without poses
         "ineffective_steps": tally.ineffective_steps.total(),
         "refused": tally.refused.total(),
+        "absent_share": None if episode.team is None else episode.team.absent_share,
+        "labels": json.dumps(plan.labels, sort_keys=True, ensure_ascii=False) if plan.labels else "",
     }
 
 

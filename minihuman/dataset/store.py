@@ -74,7 +74,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         self._described = ""  # the file, when its rows were compared with their digests
         self._compared = frozenset[str]()  # the tables of which they were; of no log's own, where it is empty
         self._file = StoreFile(sessions)
-        self.tables = self._file.open(read_only=True)
+        self.tables = self._file.open_database(read_only=True)
         try:
             logs = self._update()
             self._account(logs, whole=with_account)
@@ -148,7 +148,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
                 self.tables.connection.execute("CHECKPOINT")
                 self._described = describe_cache(self.tables.path)
             self.tables.close()
-            self.tables = self._file.open(read_only=is_fresh)
+            self.tables = self._file.open_database(read_only=is_fresh)
             described = describe_cache(self.tables.path)
             if described != self._described:
                 self._described = described

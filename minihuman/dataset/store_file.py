@@ -29,7 +29,7 @@ class StoreFile:
         """Whether the tables lie in a file that goes away, not in the study's own."""
         return self._temporary is not None
 
-    def open(self, *, read_only: bool) -> TableDatabase:
+    def open_database(self, *, read_only: bool) -> TableDatabase:
         """Open the study's own file if it can hold what is asked for, else one that goes away.
 
         A file that is new or made by other software is opened for writing.
@@ -44,7 +44,7 @@ class StoreFile:
                 break
             except StoreVersionError:
                 if read_only:
-                    return self.open(read_only=False)
+                    return self.open_database(read_only=False)
             except CatalogueChangedError:
                 self.note(f"{self._own} was changed by another program; its tables were made anew from the logs")
             except duckdb.Error:  # cut off, or no such file

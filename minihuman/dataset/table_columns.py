@@ -403,6 +403,13 @@ EPISODES = (
     TableColumn("turns_in_place", "integer", "", "Runs of turning on the spot; empty where the world gives no pose."),
     TableColumn("ineffective_steps", "integer", "", "Steps that changed nothing to be seen."),
     TableColumn("refused", "integer", "", "Presses with no action, or while no action was taken."),
+    TableColumn(
+        "absent_share",
+        "number",
+        "",
+        "Of a team: share of joint steps in which a person's seat idled or an agent had it.",
+    ),
+    TableColumn("labels", "text", "JSON", "The labels of a trial's stimulus, by column of its table; empty without."),
     TableColumn("tags", "text", "", "The reviewers' tags in force, separated by spaces."),
     EXCLUDED_COLUMN,
 )
@@ -455,6 +462,12 @@ PARTICIPANTS = (
     TableColumn("end_reason", "text", "", "Why the session ended."),
     TableColumn("clean", "boolean", "", "Whether the log was finished in the ordinary way."),
     TableColumn("segments", "integer", "", "How many segments the session has: 1, and one more for each resume."),
+    TableColumn(
+        "clock_notes",
+        "integer",
+        "",
+        "Notes that the page's time was ahead of the server's or moved against it, a possible reason for exclusion.",
+    ),
     TableColumn(
         "completed_share",
         "number",

@@ -106,7 +106,7 @@ def write_tables(
         columns = pa.schema([*arrow_schema(name, without=without), *build_info_schema(infos[name])])
         writers = [_WRITERS[kind](folder / f"{name}.{kind}", columns) for kind in kinds]
         for batch in tables.batches(name, without=without):
-            rows = add_info_columns(pa.Table.from_batches([batch]), infos[name])
+            rows = add_info_columns(pa.Table.from_batches([batch]), name, infos[name])
             for writer in writers:
                 writer.write_table(rows)
         for writer in writers:

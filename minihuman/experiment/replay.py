@@ -315,6 +315,7 @@ def _show_screen(session: SessionMachine, event: Event) -> None:
             return
         session.receive(ScreenShown(0, 0, event.t_ns))
         over_ns = session.next_tick_ns  # had it been seen just now
+        assert over_ns is not None  # a screen that stands for some time was just seen
         session.receive(ScreenShown(0, 0, event.t_ns + 1 - (over_ns - event.t_ns)))
 
 

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import pyarrow.compute as pc
 
 from minihuman.dataset.included_episodes import IncludedEpisodes
+from minihuman.dataset.info_columns import LABELLED_TABLES, add_info_columns, list_info_columns
 from minihuman.dataset.table_catalogue import EVERY_MOMENT, TABLES, build_data_dictionary
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.table_files import TableFormat
@@ -88,7 +89,11 @@ def _write_labelled(chosen: IncludedEpisodes, out: Path, kind: Literal["sav", "d
             if name in EVERY_MOMENT or not tables.count(name):
                 continue
             described = [column for column in columns if column.name not in COLUMNS_NEEDING_WORLD]
-            frame = tables.frame(name, [column.name for column in described])
+            rows = tables.arrow(name, [column.name for column in described])
+            is_labelled = name in LABELLED_TABLES
+            label_columns = list_info_columns(tables.store.tables.connection, name) if is_labelled else {}
+            frame = add_info_columns(rows, name, label_columns).to_pandas()
+            described += label_columns.values()
             flags = [column.name for column in described if column.kind == "boolean"]
             frame[flags] = frame[flags].astype("float64")
             for column in described:

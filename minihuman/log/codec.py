@@ -221,6 +221,11 @@ _EPISODE_PLAN = MessageCodec(
     {
         "key_map": nested("key_map", _KEY_MAP),
         "options": json_field("options_json"),
+        "labels": FieldCodec(
+            "labels_json",
+            lambda labels: _to_json(labels) if labels else "",
+            lambda text: msgspec.json.decode(text or "{}"),
+        ),
         "hold": FieldCodec("hold", lambda hold: "" if hold == "once" else hold, lambda hold: hold or "once"),
     },
 )

@@ -31,7 +31,7 @@ from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.figures.style import COLUMN_CM, MUTED, SERIES, figure_style, save_figure
 from minihuman.operating_system import count_processes
 from minihuman.runtime.simulated_session import simulate
-from minihuman.simulation.participant import SimulatedParticipant, make_participant
+from minihuman.simulation.participant import NoPress, SimulatedParticipant, make_participant
 from minihuman.statistics.comparison import Values, permutation_tests
 from minihuman.statistics.scores import wilson_interval
 from minihuman.statistics.two_part_model import summarise_people, two_parts_p
@@ -88,7 +88,7 @@ def _play(plan: EpisodePlan, pool: tuple[str, ...], player: SimulatedParticipant
         press = player.press(world)
         if press is None:
             raise PlayerFailedError(f"the simulated participant gave no answer in {plan.world}", "no answer")
-        action = plan.key_map.keys.get(press.key, "")
+        action = plan.noop or "" if isinstance(press, NoPress) else plan.key_map.keys.get(press.key, "")
         presses += 1
         if action:
             transition = world.step(world.action_names.index(action))

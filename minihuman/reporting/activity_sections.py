@@ -36,6 +36,8 @@ class ReportSection:
         rank: of sections with one title, those with smaller numbers come first.
         figures: drawn when they are asked for; shown among the report's other figures.
         measure_tables: tables by name, with participant, session and block, that the measures of a protocol may use.
+        blocks: that are reported in full here: of trials, which have no ways to a goal.
+        is_leading: whether the figures come before the report's own of a block.
     """
 
     title: str
@@ -43,6 +45,8 @@ class ReportSection:
     rank: int = 0
     figures: Iterable[ReportFigure] = ()
     measure_tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    blocks: frozenset[str] = frozenset()
+    is_leading: bool = False
 
     @property
     def anchor(self) -> str:
@@ -56,15 +60,29 @@ class SectionSource:
     Args:
         tables: the study's.
         figures: the folder for figures.
+        practice: group and block of all practice.
     """
 
-    def __init__(self, tables: Tables, figures: Path) -> None:
+    def __init__(self, tables: Tables, figures: Path, practice: frozenset[tuple[str, str]] = frozenset()) -> None:
         self.figures = figures
+        self._practice = practice
         self._tables = tables
 
     def table(self, name: str) -> pd.DataFrame:
         """Return a table of the study."""
         return self._tables.frame(name)
+
+    def keep_included(self, rows: pd.DataFrame) -> pd.DataFrame:
+        """Keep the rows of a table of episodes that the statistics include, each with its world."""
+        keys = ["participant", "session", "episode", "attempt"]
+        episodes = self._tables.frame("episodes", [*keys, "world", "exclusion_reason"])
+        included = episodes[episodes["exclusion_reason"].isna()][[*keys, "world"]]
+        return rows.merge(included, on=keys, validate="one_to_one")
+
+    def keep_analysed(self, rows: pd.DataFrame) -> pd.DataFrame:
+        """Keep the rows of a table that are not of practice."""
+        pairs = zip(rows["group"], rows["block"], strict=True)
+        return rows[[pair not in self._practice for pair in pairs]]
 
     def read_logs(self, rows: pd.DataFrame) -> Mapping[str, SessionLog]:
         """Read the sessions that have rows in a table, by participant and session, with the episodes included.

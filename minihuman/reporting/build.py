@@ -28,6 +28,7 @@ from minihuman.reporting.results import (
     Results,
     compute_results,
     exclude_practice_alone,
+    leave_out_navigation,
     list_exclusions,
     unite_teams,
 )
@@ -58,7 +59,7 @@ from minihuman.statistics.paired import MixedModel, fit_mixed_model
 
 _EPISODE_COLUMNS = [  # all that the results and the curves need; a big study has many episodes
     "participant", "group", "session", "segment", "block", "episode", "attempt", "episode_in_block",
-    "exclusion_reason", "world", "steps", "max_steps", "outcome",
+    "exclusion_reason", "world", "steps", "labels", "max_steps", "outcome",
     "spl", "log_steps_ratio", "excess_steps", "path_efficiency", "response_median_ms", "reaction_median_ms",
     *(measure for measure, _, _ in CURVES),
 ]  # fmt: skip
@@ -111,8 +112,19 @@ def build_report(
     tables.release()  # drawing takes seconds
     practice = find_practice(report_input.protocols, report_input.participants["group"].unique())
     episodes, blocks = (rows[~_is_practice(rows, practice)] for rows in (report_input.episodes, report_input.blocks))
+    trial_blocks = frozenset(block for section in report_input.sections for block in section.blocks)
+    episodes, blocks = leave_out_navigation(episodes, blocks, trial_blocks)
+    levels = [section.measure_tables.get("trial_levels") for section in report_input.sections]
     analysis, design = report_input.analysis, report_input.design
-    results = compute_results(episodes, blocks, report_input.participants, analysis, report_input.teams, design)
+    results = compute_results(
+        episodes,
+        blocks,
+        report_input.participants,
+        analysis,
+        report_input.teams,
+        next((rows for rows in levels if rows is not None), None),
+        design,
+    )
     included = unite_teams(blocks[blocks["exclusion_reason"].isna()], report_input.teams)
     interaction = compute_interaction(included, design, analysis, results.order)
     cells = [] if interaction is None else [draw_interaction(interaction, out / "figures")]
@@ -145,7 +157,8 @@ def _read_input(tables: Tables, study: str, names: Sequence[str], figures: Path)
     protocols = tables.read_protocols()
     analysis = read_planned_analysis(protocols)
     blocks = tables.frame("blocks")
-    sections = build_activity_sections(SectionSource(tables, figures))
+    practice = find_practice(protocols, tables.frame("participants", ["group"])["group"].unique())
+    sections = build_activity_sections(SectionSource(tables, figures, practice))
     if measures := analysis.find_plugin_measures():
         tables_by_name = {name: tables.frame(name) for name in names}
         for section in sections:
@@ -188,12 +201,15 @@ def _draw_figures(
     """Draw all figures but those of the estimates; ``analysed`` are episodes and blocks without practice."""
     episodes, blocks = analysed
     paths = draw_paths(tables, out)
+    sections = sorted(report_input.sections, key=lambda section: not section.is_leading)
+    figures = [(section.is_leading, figure) for section in sections for figure in section.figures]
     return [
+        *(figure for is_leading, figure in figures if is_leading),
         *draw_reaction_times(report_input.reaction_times, results, out),
         *draw_learning_curves(episodes, results, out),
         *draw_sessions(blocks, results, out),
         *draw_waiting_times(results, out),
-        *(figure for section in report_input.sections for figure in section.figures),
+        *(figure for is_leading, figure in figures if not is_leading),
         *paths,
     ]
 

@@ -173,7 +173,9 @@ def ask_question(
     parts = []
     if len(groups) > 1:
         parts.append(f"groups {_join(groups)} in block {found.target}")
-    if conditions:
+    if found.within and found.within.label:
+        parts.append(f"levels {_join(conditions)} of {found.within.label} within participants")
+    elif conditions:
         parts.append(f"blocks {_join(conditions)} within participants")
     if not parts:
         return f"{stated}One group: nothing is compared between groups."
@@ -213,7 +215,12 @@ def _count_excluded(exclusions: pd.DataFrame) -> str:
 def _within(found: WithinResults | None) -> dict[str, Any] | None:
     if found is None:
         return None
-    return {"conditions": _join(found.conditions), "table": conditions_table(found), "effects": crossover_table(found)}
+    return {
+        "label": found.label,
+        "conditions": _join(found.conditions),
+        "table": conditions_table(found),
+        "effects": crossover_table(found),
+    }
 
 
 def _interaction(found: InteractionResults | None) -> dict[str, Table] | None:

@@ -203,6 +203,8 @@ def draw_paths(tables: Tables, out: Path) -> Iterator[ReportFigure]:
             examples.setdefault(candidate.outline.group, candidate)
     for group, example in sorted(examples.items()):
         session = tables.read_session(example).session
+        if not any(episode.start.map for episode in session.episodes):  # trials, for instance
+            continue
         png, _ = draw_figure_files(out / f"paths_{group}", "path_figures.blocks_figure", group_by_block(session))
         caption = f"Paths of {session.plan.participant.id} (group {group}), the first participant with the most blocks."
         yield ReportFigure("", png, caption)

@@ -31,6 +31,7 @@ from minihuman.errors import MinihumanError
 from minihuman.experiment.machine.activity import ActivityRequest, RequestHandler
 from minihuman.experiment.machine.events import Event
 from minihuman.experiment.machine.inputs import ActivityInput
+from minihuman.experiment.machine.life_signs import LifeSigns
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.pending_session import is_allocation_pending
 from minihuman.experiment.plan.session_plan import SessionPlan
@@ -253,6 +254,7 @@ def make_agent_host(
     logged: Sequence[Event] = (),
     teams: TeamTable | None = None,
     changed: Callable[[], None] = lambda: None,
+    signs: LifeSigns | None = None,
 ) -> RequestHandler | None:
     """Make the host of a session's agent; None where no part has one and the group is drawn.
 
@@ -267,16 +269,20 @@ def make_agent_host(
         logged: the events so far of a segment that is resumed.
         teams: those of this process; None: the session's own, where only agents can sit beside its person.
         changed: called when a member of the session's team did something that may answer a request of it.
+        signs: of life, of the page that the session is in; None: it is in none.
     """
     if is_allocation_pending(plan):
 
         def make_next(drawn_plan: SessionPlan) -> RequestHandler | None:
-            return make_agent_host(protocol, drawn_plan, data, patient=patient, teams=teams, changed=changed)
+            return make_agent_host(
+                protocol, drawn_plan, data, patient=patient, teams=teams, changed=changed, signs=signs
+            )
 
         return GroupDrawHost(protocol, plan, data, make_next)
     if any(isinstance(part.plan, TeamPlayPlan) for part in plan.parts):
         own_host = _make_host(protocol, plan, data, patient=patient, logged=logged)
-        return TeamMember(teams or TeamTable(protocol, data), plan, own_host, patient=patient, changed=changed)
+        table = teams or TeamTable(protocol, data)
+        return TeamMember(table, plan, own_host, patient=patient, changed=changed, signs=signs)
     return _make_host(protocol, plan, data, patient=patient, logged=logged)
 
 

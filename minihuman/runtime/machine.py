@@ -14,6 +14,7 @@ from pathlib import Path
 import minihuman
 from minihuman.activities.agent_blocks.activity import AGENT_RULES
 from minihuman.activities.questions.number.draft import NUMBER_RULES
+from minihuman.activities.team.presence import PRESENCE_RULES
 from minihuman.experiment.machine.session import CONSENT_RULES, KEY_RULES
 from minihuman.experiment.pending_session import is_allocation_pending
 from minihuman.experiment.plan.session_plan import SessionPlan
@@ -64,6 +65,7 @@ def collect_machine_facts() -> dict[str, str]:
         "consent_rules": CONSENT_RULES,
         "key_rules": KEY_RULES,
         "agent_rules": AGENT_RULES,
+        "presence_rules": PRESENCE_RULES,
         "python": platform.python_version(),
         "system": f"{platform.system()} {_numbers(platform.release())}",
         "machine": platform.machine(),

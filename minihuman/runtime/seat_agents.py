@@ -14,7 +14,7 @@ from minihuman.errors import WorldError
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.experiment.protocol.protocol import Protocol
-from minihuman.simulation.participant import make_participant
+from minihuman.simulation.participant import NoPress, make_participant
 from minihuman.worlds.adapters.world import World
 
 
@@ -89,7 +89,7 @@ class SimulatedAgent(BaseAgent):
         """Give the action of the key that is pressed the probability 1."""
         press = self._participant.press(world)
         names = world.action_names
-        name = "" if press is None else self._keys.get(press.key, "")
+        name = "" if press is None or isinstance(press, NoPress) else self._keys.get(press.key, "")
         number: int = names.index(name) if name in names else world.unwrapped.team.idle_action
         return np.array([action == number for action in range(len(names))], np.float32)
 

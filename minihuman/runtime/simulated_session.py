@@ -66,7 +66,9 @@ def simulate(protocol: Protocol, data: Path, *, participants: int, seed: int, pl
     def begin() -> tuple[SessionPlan, SimulatedParticipant]:
         plan = plan_next_session(protocol, data)
         place = plan.participant.index
-        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(place, *filter(None, (left[place],)))))
+        taken_over = int(plan.participant.id.partition("-")[2]) - 1 - place  # 0 for the slot's first participant
+        who = (place, *filter(None, (left[place], taken_over)))
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=who))
         return plan, make_participant(player, rng)
 
     if any(len(team.persons) > 1 for _, team in list_teams(protocol, None)):

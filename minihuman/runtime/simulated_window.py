@@ -68,6 +68,7 @@ class SimulatedWindow(Window, SimulatedPerson):
         self._n_draws = 0
         self._steps_at_last_key = 0  # of the running episode, at the last key
         self._useless_presses = 0  # since then
+        self._withheld: tuple[RunningEpisode, int] | None = None  # the trial and step without a response
         self._last_ns = 0  # of the last key, and of the last new screen
         self._coming: list[Input] = []  # in order of time
 
@@ -178,6 +179,8 @@ class SimulatedWindow(Window, SimulatedPerson):
                 self.press_key("enter")
 
     def _play(self, play: RunningEpisode) -> None:
+        if self._withheld == (play, play.steps):
+            return
         self.begin_episode(play)
         self._useless_presses = 0 if play.steps != self._steps_at_last_key else self._useless_presses + 1
         self._steps_at_last_key = play.steps
@@ -185,4 +188,7 @@ class SimulatedWindow(Window, SimulatedPerson):
             message = f"{MOST_USELESS_PRESSES} keys in a row led to no step of {play.plan.world}"
             raise PlayerFailedError(message, "no key that steps")
         press = ask_key(self.participant, play)
-        self.press_key(press.key, press.delay_ms, press.hold_ms)
+        if press is None:
+            self._withheld = play, play.steps
+        else:
+            self.press_key(press.key, press.delay_ms, press.hold_ms)

@@ -22,6 +22,7 @@ from minihuman.activities.team.requests import (
     JointRequest,
     JointTaken,
     ReadyRequest,
+    SeatSighted,
     SeatsReady,
     Team,
     TeamJoined,
@@ -33,6 +34,7 @@ from minihuman.admin.enrolment_log import now_text, record_team
 from minihuman.admin.policies import PolicyStore
 from minihuman.experiment.machine.activity import ActivityRequest, RequestHandler
 from minihuman.experiment.machine.inputs import ActivityInput
+from minihuman.experiment.machine.life_signs import LifeSigns
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.plan.session_plan import SessionPlan
@@ -76,6 +78,10 @@ class TeamTable:
         self._lobbies: dict[str, Lobby[TeamMember]] = {}  # by block
         self._teams: dict[TeamBlockKey, RunningTeam] = {}  # as long as they play
         self._policies = PolicyStore(self._study_dir)
+
+    def read_clock_s(self) -> float:
+        """Return the time that waiting is measured by."""
+        return self._now_s()
 
     def depart(self) -> None:
         """One of those who are gathered comes to no further lobby."""
@@ -209,7 +215,9 @@ class TeamTable:
             running = self._teams[key] = RunningTeam(JointPlay(team.seats, rules.team), agents)
             n_persons = team.seats.count(PERSON)
             running.play.restore(read_team_history(self._study_dir, self._data, key, n_persons=n_persons))
-        running.members[team.seat] = member
+        if running.members.get(team.seat) is not member:
+            running.members[team.seat] = member
+            running.play.presence.follow(team.seat, member.signs)
         return running
 
     def answer_ready(self, want: ReadyRequest, member: "TeamMember") -> SeatsReady | TeamLost | None:
@@ -221,10 +229,16 @@ class TeamTable:
 
     def answer_joint(
         self, want: JointRequest, episode: TeamEpisode, member: "TeamMember"
-    ) -> MessageGiven | JointTaken | TeamLost | None:
-        """A message of another; or the joint action of a step, once every seat's input is there or its time is over."""
+    ) -> MessageGiven | SeatSighted | JointTaken | TeamLost | None:
+        """A message of another, or how a seat is seen now; or the joint action of a step.
+
+        A step's joint action is there once every seat's input is, or its time is over.
+        """
         running = self.take_seat(want.team, want.plan.block_name, want.rules, member)
-        answer: MessageGiven | JointTaken | TeamLost | None = running.play.answer_message(want, self._now_s())
+        now_s = self._now_s()
+        answer: MessageGiven | SeatSighted | JointTaken | TeamLost | None = running.play.answer_message(want, now_s)
+        if answer is None:
+            answer = running.play.find_news(want, now_s, is_real_time=episode.real_time)
         if answer is None:
             answer = self._submit(running, want, episode)
         self._notify_concerned(running)
@@ -249,6 +263,7 @@ class TeamTable:
             for key, running in list(self._teams.items()):
                 for seat in [seat for seat, other in running.members.items() if other is member]:
                     del running.members[seat]
+                    member.signs.lose_page("closed", self._now_s())
                     running.play.leave(seat)
                     self._notify_concerned(running)
                 if not running.members:
@@ -265,6 +280,7 @@ class TeamMember(RequestHandler):
         then: answers the other requests; None where there are none.
         patient: wait for the others instead of saying that nothing is there yet.
         changed: called when another member's input may have an answer for this one.
+        signs: of life, of the page that the session is in; None: there is no page, and each request is a sign.
     """
 
     def __init__(
@@ -275,12 +291,15 @@ class TeamMember(RequestHandler):
         *,
         patient: bool = False,
         changed: Callable[[], None] = lambda: None,
+        signs: LifeSigns | None = None,
     ) -> None:
         self.table = table
         self.plan = plan
         self.changed = changed
         self._then = then
         self._patient = patient
+        self._is_in_page = signs is not None
+        self.signs = signs or LifeSigns()
 
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
         """The team, the start of an episode or a joint action; None as long as others are waited for."""
@@ -300,7 +319,9 @@ class TeamMember(RequestHandler):
 
     def _ask(
         self, want: TeamRequest | ReadyRequest | JointRequest, play: RunningEpisode | None
-    ) -> Team | SeatsReady | JointTaken | TeamLost | MessageGiven | None:
+    ) -> Team | SeatsReady | JointTaken | TeamLost | MessageGiven | SeatSighted | None:
+        if not self._is_in_page:
+            self.signs.hear(self.table.read_clock_s())
         match want:
             case TeamRequest():
                 return self.table.join(want, self)

@@ -10,7 +10,7 @@ from minihuman.experiment.machine.activity import Activity
 from minihuman.experiment.machine.running_episode import NS_PER_MS, RunningEpisode
 from minihuman.experiment.machine.screens import Screen
 from minihuman.plugins import limit_answer_time, locate_error
-from minihuman.simulation.participant import KeyPress, SimulatedParticipant
+from minihuman.simulation.participant import KeyPress, NoPress, SimulatedParticipant
 
 READING_MS = 1_000.0
 HOLD_MS = 90.0
@@ -108,14 +108,18 @@ def check_press(press: object) -> KeyPress:
     return press
 
 
-def ask_key(participant: SimulatedParticipant, play: RunningEpisode) -> KeyPress:
-    """Return a player's next key.
+def ask_key(participant: SimulatedParticipant, play: RunningEpisode) -> KeyPress | None:
+    """Return a player's next key; None where a response is withheld.
 
     Raises:
-        PlayerFailedError: if there is none.
+        PlayerFailedError: if there is none, or it is withheld where no deadline comes.
     """
     with name_failures():
         press = participant.press(play.world)
+    if isinstance(press, NoPress):
+        if not play.plan.response_deadline_ms:
+            raise PlayerFailedError("it pressed no key where no deadline comes", "no key and no deadline")
+        return None
     if press is None:
         raise PlayerFailedError("it gave no answer", "no answer")
     return check_press(press)

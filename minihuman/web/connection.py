@@ -22,8 +22,9 @@ from minihuman.web.arrivals import Admission
 from minihuman.web.eligibility import get_page_texts, list_touch_keys
 from minihuman.web.hosted_session import HostedSession, SessionRecording
 from minihuman.web.key_codes import KEY_CODES
-from minihuman.web.page_presence import PagePresence
+from minihuman.web.page_presence import PagePresence, find_sign_interval_ms
 from minihuman.web.page_protocol import PageSession, ServerMessages, StreamNames
+from minihuman.web.session_budget import SessionBudget
 from minihuman.web.session_clocks import SegmentClock
 from minihuman.web.session_host import SessionHost
 from minihuman.worlds.source_digest import kernels_digest
@@ -40,17 +41,24 @@ class Connection(PageSession):
         hosted: their session.
         inbox: the experimenter's commands.
         leases: of this server; None where no other machine has this study.
+        max_outage_s: for how long, at most, no server had a session that another one had.
     """
 
     def __init__(
-        self, admission: Admission, hosted: HostedSession, inbox: CommandInbox, leases: SessionLeases | None = None
+        self,
+        admission: Admission,
+        hosted: HostedSession,
+        inbox: CommandInbox,
+        leases: SessionLeases | None = None,
+        *,
+        max_outage_s: float = 0.0,
     ) -> None:
         self.key = admission.key
         self.admission = admission
         self.hosted = hosted
         self.lease = admission.lease if leases is not None else None
         self.recording = SessionRecording(hosted, self.lease, leases)
-        self.presence = PagePresence(monotonic_s())
+        self.presence = PagePresence(monotonic_s(), hosted.signs)
         self.loop = asyncio.get_running_loop()
         self.changed = asyncio.Event()  # there is something to send
         self.network = ""  # from which it was made, in memory only
@@ -58,9 +66,9 @@ class Connection(PageSession):
         self._inbox = inbox
         self._streams = StreamNames()
         self._is_blind = False  # what keys lead to cannot be found out
-        clock = current_system().clock  # the wall clock may have been set back since a session began
-        since_start_ns = max(clock.wall_ns() - hosted.started_ns, hosted.host.last_at_ns)
-        self._clock = SegmentClock(clock.monotonic_ns() - since_start_ns)
+        self._clock = _start_clock(hosted, max_outage_s)
+        self._budget = SessionBudget(hosted.host.session.plan)
+        self.is_over_budget = False  # the page sent more than its session can need, and the session was ended
 
     @property
     def host(self) -> SessionHost:
@@ -76,6 +84,16 @@ class Connection(PageSession):
     def agreed(self) -> bool:
         """Whether anything is recorded: there was a consent, or none was asked for."""
         return bool(self.hosted.files)
+
+    @property
+    def has_taken_part(self) -> bool:
+        """Whether the participant made a step; in a study without episodes, whether they agreed."""
+        return self.host.has_stepped or (self.agreed and not self.host.session.plan.episodes)
+
+    @property
+    def is_unproven(self) -> bool:
+        """Whether all that is known of the participant is an address: no link of ours, and nothing that they did."""
+        return bool(self.network) and not self.has_taken_part
 
     def now_ns(self) -> int:
         """Return the session's time, by the server's clock."""
@@ -97,7 +115,12 @@ class Connection(PageSession):
         if self._streams.receive_stream(hello.stream, hello.first):
             self.host.begin_stream(hello.first - 1)
         if hello.segment == self.hosted.segment:
-            self._clock.catch_up(hello.last - self.now_ns())
+            clock = current_system().clock
+            ahead_ns = hello.last - self.now_ns()
+            note = self._clock.catch_up(ahead_ns, wall_ns=clock.wall_ns(), monotonic_ns=clock.monotonic_ns())
+            self.host.note(note)
+            if not self._clock.allows(hello.last, self.now_ns()):
+                self.hosted.segment = secrets.token_hex(8)  # else all that the page has kept would be refused, for ever
         resumes = self._streams.resumes(hello.life, hello.heard, self.outgoing)
         if resumes:
             self.outgoing.acknowledge(hello.heard)
@@ -120,10 +143,31 @@ class Connection(PageSession):
             keys=dict(KEY_CODES),
             touch=list_touch_keys(plan),
             gamepad=needs_gamepad(plan),
+            sign_ms=find_sign_interval_ms(plan),
             token=self.admission.token,
             words=get_page_texts(plan.language) | quit_text,
             taken=self.host.last_at_ns,
         )
+
+    def hear(self) -> None:
+        """Take note that the page is alive."""
+        self.presence.hear(monotonic_s())
+
+    def bid_farewell(self, *, is_left: bool) -> None:
+        """Take note that the page is closed, or left for another."""
+        self.presence.bid_farewell(monotonic_s(), is_left=is_left)
+
+    def spend(self, n_bytes: int) -> bool:
+        """Take the size of a message into account; the session of a page that sends too much is noted and ended."""
+        if self.is_over_budget:
+            return False
+        now_ns = self.now_ns()
+        if self._budget.spend(n_bytes, now_ns):
+            return True
+        self.is_over_budget = True
+        limit_bytes = self._budget.find_limit_bytes(now_ns)
+        self.stop("aborted", f"the page sent more than the {limit_bytes} bytes that this session can need by now")
+        return False
 
     def forget(self) -> None:
         """Keep nothing for the page: it begins anew when it comes again."""
@@ -161,11 +205,13 @@ class Connection(PageSession):
 
     def _take_new(self, numbered: messages.NumberedMessage, *, more: bool) -> None:
         arrival_ns = current_system().clock.monotonic_ns()
-        self._clock.check(numbered.n, numbered.at, self._clock.at(arrival_ns))
+        self.host.note(self._clock.check(numbered.n, numbered.at, self._clock.at(arrival_ns)))
         if self.host.over:
             return
         if isinstance(numbered.what, _ACTS):
             self.presence.record_act(arrival_ns / 1e9)
+        elif isinstance(numbered.what, messages.FocusMessage):
+            self.presence.turn_focus(arrival_ns / 1e9, has_focus=numbered.what.focused)
         if self._guarded(self.host.receive, numbered.n, numbered.at, numbered.what, more=more, arrival_ns=arrival_ns):
             self.host.outbox.record_step_time(current_system().clock.monotonic_ns() - arrival_ns)
 
@@ -236,3 +282,19 @@ class Connection(PageSession):
     def leave(self) -> None:
         """Make the log durable and go: the next server goes on with it. Blocks for the disk."""
         self.recording.leave(is_dismissed=bool(self.presence.dismissal_code))
+
+
+def _start_clock(hosted: HostedSession, max_outage_s: float) -> SegmentClock:
+    """Start the clock of a session where it is by the wall clock, which may have been set back since it began."""
+    clock = current_system().clock
+    wall_ns = clock.wall_ns()
+    monotonic_ns = clock.monotonic_ns()
+    logged_ns = hosted.host.last_at_ns
+    since_start_ns = max(wall_ns - hosted.started_ns, logged_ns)
+    longest_ns = logged_ns + round(max_outage_s * 1e9)  # before a consent a server that is gone left no log
+    return SegmentClock(
+        monotonic_ns - since_start_ns,
+        wall_ns=wall_ns,
+        monotonic_ns=monotonic_ns,
+        outage_ns=max(0, longest_ns - since_start_ns),
+    )

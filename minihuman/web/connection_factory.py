@@ -9,6 +9,7 @@ import contextlib
 import hashlib
 import itertools
 import logging
+import shutil
 from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -16,7 +17,7 @@ from weakref import WeakValueDictionary
 
 from minihuman.errors import AllocationError, LogError, MinihumanError
 from minihuman.log.paths import LOG_SUFFIX, SegmentPath, session_folder
-from minihuman.log.record.disk import GroupCommit
+from minihuman.log.record.disk import RESERVE_BYTES, GroupCommit
 from minihuman.log.record.file_lock import is_being_recorded
 from minihuman.runtime.session_loop import CommandInbox, inbox_path
 from minihuman.runtime.team_host import TeamTable
@@ -85,11 +86,15 @@ class ConnectionFactory:
             known = self._connections.get(self._connection_keys.get(link_digest, ""))
             if known is not None:
                 return known
-            if self._is_full() or (not is_invited and self._is_crowded(network)):
+            if (
+                self._is_full()
+                or self._is_disk_low()
+                or (not is_invited and self._is_crowded(network) and not await self._is_issued(hello.token))
+            ):
                 return self._refusals.turn_away("busy")
             connection = await self._admit_page(hello)
             if isinstance(connection, Connection):
-                connection.network = network
+                connection.network = "" if connection.admission.is_invited else network
                 self._connection_keys[link_digest] = connection.key
             return connection
 
@@ -109,14 +114,29 @@ class ConnectionFactory:
     def _is_full(self) -> bool:
         return len(self._connections) >= self._web.max_concurrent_sessions
 
+    def _is_disk_low(self) -> bool:
+        """Whether the disk has no more room than the logs of those who play need to be finished."""
+        folder = next(path for path in (self._data, *self._data.absolute().parents) if path.is_dir())
+        is_low = shutil.disk_usage(folder).free < RESERVE_BYTES
+        if is_low:
+            LOG.warning("%s is nearly full: nobody new is admitted; free some space", folder)
+        return is_low
+
+    async def _is_issued(self, token: str) -> bool:
+        """Whether a link of an open study was issued, by the experimenter or by a page that comes again."""
+        try:
+            return await asyncio.to_thread(self._arrivals.is_invited, token)
+        except OSError:  # the database is away: they are told where they are admitted
+            return False
+
     def _is_crowded(self, network: str) -> bool:
-        """Whether a network has as many sessions without a consent as it may."""
-        unconsented = [
+        """Whether as many came from a network as may, consented or not, and have played nothing."""
+        unproven = [
             connection
             for connection in self._connections.values()
-            if connection.network == network and not connection.agreed and not connection.host.over
+            if connection.network == network and connection.is_unproven and not connection.host.over
         ]
-        return len(unconsented) >= self._web.max_unconsented_per_address
+        return len(unproven) >= self._web.max_unconsented_per_address
 
     def isolate(self, connection: Connection) -> None:
         """Keep a connection for its own page alone: the participant's code is free for the next one."""
@@ -160,7 +180,13 @@ class ConnectionFactory:
             if isinstance(error, OSError | AllocationError):
                 return WAIT
             return self._refusals.turn_away("broken")
-        connection = Connection(admission, hosted, self._open_inbox(admission), self._arrivals.leases)
+        connection = Connection(
+            admission,
+            hosted,
+            self._open_inbox(admission),
+            self._arrivals.leases,
+            max_outage_s=self._web.reconnect_timeout_s,
+        )
         self._connections[admission.key] = connection
         opened.append(connection)
         wake()

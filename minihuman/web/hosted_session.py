@@ -14,6 +14,7 @@ from pathlib import Path
 from minihuman.admin.manifest import record_log_end
 from minihuman.errors import LogError
 from minihuman.experiment.machine.events import FINAL_END_REASONS, Event, SessionStarted
+from minihuman.experiment.machine.life_signs import LifeSigns
 from minihuman.experiment.pending_session import build_session
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
@@ -44,6 +45,7 @@ _RULES = (
     "consent_rules",
     "key_rules",
     "agent_rules",
+    "presence_rules",
 )  # facts that say by what a session was played
 
 
@@ -73,6 +75,7 @@ class HostedSession:
     started_ns: int  # the wall clock at the segment's time 0, ns since 1970
     segment: str  # what the page calls the segment: it says nothing of whose it is
     files: list[McapRecorder] = field(default_factory=list)  # its log, once there is one
+    signs: LifeSigns = field(default_factory=LifeSigns)  # of its page and participant
 
 
 def start_host(
@@ -106,9 +109,10 @@ def start_host(
     require_unclaimed(SegmentPath.of_plan(disk.data, plan))
     session = build_session(plan, PageWorld, facts, picture_px=settings.picture_px, renders_steps=False)
     recorder = DeferredRecorder(plan, open_recorder)
-    agent = make_agent_host(disk.protocol, plan, disk.data, teams=disk.teams, changed=at_team_change)
+    signs = LifeSigns(tells_acts=True)
+    agent = make_agent_host(disk.protocol, plan, disk.data, teams=disk.teams, changed=at_team_change, signs=signs)
     host = SessionHost(session, recorder, PageWorld, settings, agent=agent)
-    return HostedSession(host, recorder, started_ns, name_segment(disk.data, plan), files)
+    return HostedSession(host, recorder, started_ns, name_segment(disk.data, plan), files, signs)
 
 
 def resume_host(
@@ -144,11 +148,12 @@ def resume_host(
         left=left,
         settings=RecorderSettings(group=disk.group_commit, on_sync=at_sync),
     )
+    signs = LifeSigns(tells_acts=True)
     agent = make_agent_host(
-        disk.protocol, plan, disk.data, logged=left.events, teams=disk.teams, changed=at_team_change
+        disk.protocol, plan, disk.data, logged=left.events, teams=disk.teams, changed=at_team_change, signs=signs
     )
     host = SessionHost(session, recorder, PageWorld, settings, agent=agent, logged=left.events, unwritten=unwritten)
-    return HostedSession(host, recorder, left.started_ns, name_segment(disk.data, plan), [recorder])
+    return HostedSession(host, recorder, left.started_ns, name_segment(disk.data, plan), [recorder], signs)
 
 
 def _refuse_other_rules(part: Path, events: Sequence[Event], facts: Mapping[str, str]) -> None:

@@ -12,6 +12,7 @@ from msgspec import Meta
 from minihuman.web.messages import (
     Digest,
     DisplayedMessage,
+    Farewell,
     Hello,
     KeyMessage,
     KeyName,
@@ -33,7 +34,7 @@ MAX_MESSAGE_BYTES = 16 * 1024  # of a page's message
 _PICTURE = struct.Struct("<IIBBHH")  # stream number, picture number, encoding, spare, width, height
 _PART = struct.Struct("<BI")  # of several messages in one: 0 for text and 1 for a picture, bytes
 
-_FROM_PAGE = msgspec.json.Decoder(Hello | NumberedMessage | PageAck | Ping)
+_FROM_PAGE = msgspec.json.Decoder(Hello | NumberedMessage | PageAck | Ping | Farewell)
 # Numbered messages that come with every key are arrays: kind, number, time in us, and these fields, absent ones at the
 # end left out. Times of events are in us before the message's own.
 _HEAD = [("n", Annotated[int, Meta(ge=1, le=2**31)]), ("at", Annotated[int, Meta(ge=1, le=2**43)])]
@@ -56,7 +57,7 @@ _Tick: Any = msgspec.defstruct(
 _SHORT: msgspec.json.Decoder[Any] = msgspec.json.Decoder(_Press | _Shown | _Tick)
 
 
-def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck | Ping:
+def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck | Ping | Farewell:
     """A message of the page's.
 
     Raises:
@@ -67,7 +68,7 @@ def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck 
     try:
         if text[:1] in ("[", b"["):
             return _expand(_SHORT.decode(text))
-        message: Hello | NumberedMessage | PageAck | Ping = _FROM_PAGE.decode(text)
+        message: Hello | NumberedMessage | PageAck | Ping | Farewell = _FROM_PAGE.decode(text)
         return message
     except (msgspec.DecodeError, LookupError, TypeError, ValueError, RecursionError) as error:
         raise MessageError(f"a message from a page cannot be decoded ({error}); reload the page") from error

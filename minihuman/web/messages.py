@@ -181,6 +181,12 @@ class Ping(msgspec.Struct, tag="ping", tag_field="t", forbid_unknown_fields=True
     sent: Ns
 
 
+class Farewell(msgspec.Struct, tag="bye", tag_field="t", forbid_unknown_fields=True):
+    """The page is being closed, or gives way to another one in its place."""
+
+    left: bool  # for another page
+
+
 class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):
     """The answer to a hello: whose turn it is in both streams, and the session's time."""
 
@@ -195,6 +201,7 @@ class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):
     words: Texts  # what the page says around a session
     taken: int  # the time of the last of the page's messages that the session has: it may not be acknowledged
     gamepad: bool  # whether the study is played with one
+    sign_ms: int  # the longest time in which the page sends nothing
 
 
 class Refusal(msgspec.Struct, tag="refused", tag_field="t"):

@@ -12,6 +12,7 @@ _POINTERS: Mapping[str, type[inputs.PointerPressed | inputs.PointerMoved | input
     "moved": inputs.PointerMoved,
     "released": inputs.PointerReleased,
 }
+_MAX_REMEMBERED = 2_000  # presses: a page repeats what was not acknowledged, which is of the last seconds
 MakeInput = Callable[[int], inputs.Input | None]  # at the time of the page's echo
 
 
@@ -23,8 +24,11 @@ class PageInputs:
     """
 
     def __init__(self, known: Iterable[Event]) -> None:
-        presses = (event for event in known if isinstance(event, KeyPressed) and event.down)
-        self._keys_down = {(event.t_ns - event.waited_ns, event.key) for event in presses}
+        self._keys_down: dict[tuple[int, str], None] = {}  # the latest presses, the oldest first
+        self._forgotten_ns = -1  # of earlier ones nothing is known
+        for event in known:
+            if isinstance(event, KeyPressed) and event.down:
+                self._remember(event.t_ns - event.waited_ns, event.key)
         self._last_asked = 0
         self._asked: dict[int, MakeInput] = {}  # what happens at the page's echo
 
@@ -74,15 +78,23 @@ class PageInputs:
         if not message.down:
             release_cause: inputs.KeyReleaseCause = "focus_loss" if message.cause == "focus_loss" else "finger"
             return inputs.KeyUp(stamp_ns, message.key, message.symbol, release_cause)
-        self._keys_down.add((stamp_ns, message.key))
+        self._remember(stamp_ns, message.key)
         cause = "finger" if message.cause == "focus_loss" else message.cause
         return inputs.KeyDown(stamp_ns, message.key, message.symbol, message.repeat, cause)
+
+    def _remember(self, stamp_ns: int, key: str) -> None:
+        self._keys_down[stamp_ns, key] = None
+        if len(self._keys_down) > _MAX_REMEMBERED:
+            oldest = next(iter(self._keys_down))
+            del self._keys_down[oldest]
+            self._forgotten_ns = max(self._forgotten_ns, oldest[0])
 
     def note_missed(self, message: messages.PageMessage, at_ns: int, now_ns: int) -> list[Event]:
         """Return a note of a press of a time that has passed: what the log does not have was done in another tab."""
         if not isinstance(message, messages.KeyMessage) or not message.down:
             return []
-        if (min(message.stamp, at_ns), message.key) in self._keys_down:
+        stamp_ns = min(message.stamp, at_ns)
+        if stamp_ns <= self._forgotten_ns or (stamp_ns, message.key) in self._keys_down:
             return []
         return [Noted(now_ns, BROWSER_NOTE, f"not taken: {message.key} at {message.stamp} ns")]
 

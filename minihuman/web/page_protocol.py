@@ -71,6 +71,18 @@ class PageSession(abc.ABC):
         """
 
     @abc.abstractmethod
+    def hear(self) -> None:
+        """Take note that the page is alive."""
+
+    @abc.abstractmethod
+    def bid_farewell(self, *, is_left: bool) -> None:
+        """Take note that the page is closed, or left for another."""
+
+    @abc.abstractmethod
+    def spend(self, n_bytes: int) -> bool:
+        """Take the size of a message into account; False if the session takes no more."""
+
+    @abc.abstractmethod
     def forget(self) -> None:
         """Keep nothing for the page: it begins anew when it comes again."""
 
@@ -109,6 +121,7 @@ class PageProtocol:
 
     def begin_text(self) -> None:
         """Begin to receive a text, which has several messages."""
+        self._session.hear()
         self._last_number = self._session.outgoing.last_number
         self._safe = self._session.safe()
         self._was_behind = False
@@ -130,7 +143,7 @@ class PageProtocol:
         message = decode_page_message(text)
         self._ends_with_round_trip = False
         match message:
-            case messages.NumberedMessage():
+            case messages.NumberedMessage() if self._session.spend(len(text)):
                 self._session.take(message, more=more)
                 self._ends_with_round_trip = isinstance(message.what, messages.RoundTripMessage)
             case messages.Ping() if more:
@@ -140,6 +153,9 @@ class PageProtocol:
                 return encode_unnumbered(messages.Pong(message.sent, received_ns, self._session.now_ns()))
             case messages.PageAck():
                 self._acknowledge(message.n)
+            case messages.Farewell():
+                if not self.is_superseded:  # else another page is here already, and this one's word is late
+                    self._session.bid_farewell(is_left=message.left)
             case messages.Hello():
                 raise messages.MessageError(
                     "a second hello arrived, but a page must send one per connection; reload the page"

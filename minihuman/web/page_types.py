@@ -19,7 +19,7 @@ from minihuman.web import messages
 from minihuman.web.screen_types import PageType, ScreenValues
 
 PATH = Path(__file__).with_name("page") / "messages.d.ts"
-FROM_PAGE = messages.Hello | messages.NumberedMessage | messages.PageAck | messages.Ping
+FROM_PAGE = messages.Hello | messages.NumberedMessage | messages.PageAck | messages.Ping | messages.Farewell
 UNNUMBERED = messages.Welcome | messages.Refusal | messages.ServerAck | messages.Pong
 ALIASES: dict[str, Any] = {  # types that have a name in the page, too
     "BrowserFacts": messages.BrowserFacts,
@@ -167,4 +167,4 @@ def write_page_types() -> str:
 
 
 if __name__ == "__main__":
-    PATH.write_text(write_page_types(), encoding="utf-8")
+    PATH.write_text(write_page_types(), encoding="utf-8", newline="\n")

@@ -241,10 +241,11 @@ class ImageCache:
         new = dict.fromkeys(key for key in tiles.keys if key not in self._tiles)
         self._tiles |= {key: self.number(tiles.draw(*key), is_tile=True) for key in new}
         data = np.array([self._tiles[key] for key in tiles.keys], "<u4").tobytes()
-        if data not in self._numbers:
+        digest = xxhash.xxh3_128_digest(data)  # not the data, of which a long session has megabytes
+        if digest not in self._numbers:
             size_px = tiles.columns * tiles.tile_px, len(tiles.keys) // tiles.columns * tiles.tile_px
-            self._add(data, TILED, *size_px, data)
-        return self._numbers[data]
+            self._add(digest, TILED, *size_px, data)
+        return self._numbers[digest]
 
     def _add(self, digest: bytes, packing: int, width: int, height: int, packed: bytes) -> None:
         self._new.append(PictureMessage(self.next, packing, width, height, packed))

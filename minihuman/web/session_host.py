@@ -62,6 +62,8 @@ class SessionHost:
         self._writer = SessionWriter(session, recorder)
         self._begun = bool(logged)  # the session knows what time it is
         self._draws = True  # the page does not know the screen
+        self._notes: list[str] = []  # of the page, that come with its next message
+        self.has_stepped = any(isinstance(event, Stepped) for event in logged)
         self._unheard = 0  # notes of what was done in segments before
         self._writer.write(unwritten)
 
@@ -107,6 +109,11 @@ class SessionHost:
         self._mark_ns = self.last_at_ns
         self.link = PageClock()
 
+    def note(self, text: str) -> None:
+        """Note something of the page at the time of its next message; "" is nothing."""
+        if text:
+            self._notes.append(text)
+
     def receive(
         self,
         number: int,
@@ -142,9 +149,12 @@ class SessionHost:
         play = self.session.play
         computes = self.outbox.is_computed
         self._draws = play is None  # else when the page is told where the session is, if it is
-        events = self._find_events(message, at_ns)
+        events = self._find_events(message, at_ns, arrival_ns)
         if difference := self.outbox.compare(message, events):
             events = [Noted(at_ns, BROWSER_NOTE, difference), *events]
+        if self._notes:
+            events = [*(Noted(at_ns, BROWSER_NOTE, note) for note in self._notes), *events]
+            self._notes.clear()
         waits = more and play is not None and self.session.play is play and (computes or not leads)
         if waits:
             self._writer.write_later(events)
@@ -155,7 +165,9 @@ class SessionHost:
         self.outbox.follow(events)
         if not waits:
             self._answer()
-        return any(isinstance(event, Stepped) for event in events)
+        is_step = any(isinstance(event, Stepped) for event in events)
+        self.has_stepped |= is_step
+        return is_step
 
     def _advance(self, number: int, at_ns: int, message: messages.PageMessage, arrival_ns: int | None) -> None:
         """Let the session's time be a message's."""
@@ -167,7 +179,7 @@ class SessionHost:
         self.last_at_ns = at_ns
         self.outbox.at_ns = at_ns
         if arrival_ns is not None:
-            self.link.arrive(at_ns, arrival_ns)
+            self.note(self.link.arrive(at_ns, arrival_ns))
         if not self._begun and not isinstance(message, messages.TickMessage):
             self._writer.write(self.session.receive(inputs.Tick(at_ns)))
         self._begun = True
@@ -241,12 +253,12 @@ class SessionHost:
 
     # What the page did
 
-    def _find_events(self, message: messages.PageMessage, at_ns: int) -> list[Event]:
+    def _find_events(self, message: messages.PageMessage, at_ns: int, arrival_ns: int | None) -> list[Event]:
         match message:
             case messages.RoundTripMessage():
                 linked = self.link.linked(at_ns, message)
-                drift = self.link.look(linked)
-                return [Noted(at_ns, BROWSER_NOTE, drift), linked] if drift else [linked]
+                self.note("" if arrival_ns is None else self.link.look(linked, arrival_ns))
+                return [linked]
             case messages.GamepadMessage(id=name, axes=axes, buttons=buttons):
                 what = f"{axes} axes of -1 to 1, {buttons} buttons, dead zone {PAD_DEAD_ZONE}, read once a frame"
                 return [Noted(at_ns, BROWSER_NOTE, f"gamepad {name}: {what}")]

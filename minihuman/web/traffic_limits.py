@@ -9,6 +9,8 @@ MESSAGE_BURST = 200
 HELLO_TIMEOUT_S = 10.0  # a socket without a hello by then is closed
 MAX_TARGET_BYTES = 2_048  # of a request's path and query
 MAX_WAITING = 200  # sockets without a hello
+HANDLES_PER_SESSION = 2  # its socket and its log
+_OTHER_HANDLES = 2 * MAX_WAITING + 128  # those who say nothing yet, the journals, the database
 PREFETCH_BACKLOG = 300  # unacknowledged messages above which nothing is prefetched
 MAX_BACKLOG = 3_000  # and above which the page starts anew
 
@@ -28,6 +30,11 @@ class RateLimit:
             return False
         self.left -= 1
         return True
+
+
+def count_handles(max_concurrent_sessions: int) -> int:
+    """Return how many files and sockets a server has open at most."""
+    return HANDLES_PER_SESSION * max_concurrent_sessions + _OTHER_HANDLES
 
 
 def find_network(address: str) -> str:

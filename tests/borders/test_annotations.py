@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from minihuman import workflow
+from minihuman import api
 from minihuman.admin.status import format_status
 from minihuman.dataset.annotations import annotations_path
 from tests.builders import session, write_log
@@ -23,9 +23,9 @@ def test_an_annotation_of_an_episode_that_is_none_is_named_and_excludes_nothing(
 ) -> None:
     study = log.parents[2]
     annotations_path(log).write_text(f'{{"tag":"exclude","at":"now","episode":{number}}}\n')
-    assert workflow.export("csv", study, tmp_path / "out").episodes == 2
+    assert api.export("csv", study, tmp_path / "out").episodes == 2
     assert "has no effect" in "\n".join(format_status(study))
-    lines = [line.text for line in workflow.verify(log) if "has no effect" in line.text and not line.ok]
+    lines = [line.text for line in api.verify(log) if "has no effect" in line.text and not line.ok]
     assert [f"of episode {number[:12]}" in line for line in lines] == [True]
 
 
@@ -33,6 +33,6 @@ def test_an_annotation_of_an_episode_that_is_none_is_named_and_excludes_nothing(
 def test_an_annotation_that_cannot_be_read_is_named_without_a_traceback(log: Path, tmp_path: Path, number: str) -> None:
     other = write_log(session(participant="sub-02", index=1, blocks=("grid",), episodes=2), tmp_path / "data")
     annotations_path(log).write_text(f'{{"tag":"exclude","at":"now","episode":{number}}}\n')
-    exported = workflow.export("csv", other.parents[2], tmp_path / "out")
+    exported = api.export("csv", other.parents[2], tmp_path / "out")
     assert exported.episodes in (2, 4)
     assert exported.episodes == 4 or any("marks.jsonl" in note for note in exported.notes)

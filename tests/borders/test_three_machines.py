@@ -10,7 +10,7 @@ import psycopg
 import pyarrow.parquet
 import pytest
 
-from minihuman import workflow
+from minihuman import api
 from minihuman.admin.enrolment_entries import SlotTaken, open_enrolment_log
 from minihuman.admin.erasure_ledger import ErasureLedger, find_pending_machines
 from minihuman.admin.local_copies import obey_withdrawals
@@ -98,7 +98,7 @@ class Study:
             gather(str(data / self.name))
             with StudyStore(StudySessions(data / self.name), with_shortest=False):
                 pass
-        workflow.export("csv", self.machines[2] / self.name, folder / "export")
+        api.export("csv", self.machines[2] / self.name, folder / "export")
 
     def run(self, data: Path, command: str) -> None:
         """Start a command on a machine that has heard of no withdrawal yet."""
@@ -110,9 +110,9 @@ class Study:
                 obey_withdrawals(study)
                 list_problems(study)
             case "verify":
-                assert list(workflow.verify(study))
+                assert list(api.verify(study))
             case "export":
-                workflow.export("csv", study, data / "export")
+                api.export("csv", study, data / "export")
             case "serve":
                 obey_withdrawals(study, ask_store=True)
 
@@ -212,7 +212,7 @@ def test_a_copy_that_comes_back_from_a_backup_is_erased_again(tmp_path: Path) ->
     )
     log.parent.mkdir(parents=True)
     log.write_bytes(content)
-    assert list(workflow.verify(study))
+    assert list(api.verify(study))
     assert find_words(tmp_path) == []
 
 

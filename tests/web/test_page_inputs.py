@@ -46,6 +46,18 @@ def test_a_press_that_the_log_does_not_have_was_made_in_a_tab_that_did_not_lead(
         assert page_inputs.note_missed(messages.KeyMessage(*known), 90, 100) == []
 
 
+def test_a_session_of_any_length_remembers_its_latest_presses_alone() -> None:
+    page_inputs = PageInputs(())
+    for stamp_ns in range(10_000):
+        page_inputs.convert(messages.KeyMessage("up", True, stamp_ns), stamp_ns, is_present=False)
+    assert len(page_inputs._keys_down) == 2_000
+    assert page_inputs.note_missed(messages.KeyMessage("up", True, 9_990), 9_990, 10_000) == []
+    assert (
+        page_inputs.note_missed(messages.KeyMessage("left", True, 10), 10, 10_000) == []
+    )  # forgotten: nothing is known
+    assert page_inputs.note_missed(messages.KeyMessage("left", True, 9_990), 9_990, 10_000) != []
+
+
 def test_a_question_to_the_page_is_answered_once() -> None:
     page_inputs = PageInputs(())
     number = page_inputs.ask(inputs.Tick)

@@ -20,6 +20,8 @@ class EchoSession(PageSession):
         self.durable = 0
         self.time_ns = 1_000
         self._outgoing: ServerMessages = OutgoingStream()
+        self.texts = 0
+        self.farewells: list[bool] = []
 
     @property
     def outgoing(self) -> ServerMessages:
@@ -36,11 +38,20 @@ class EchoSession(PageSession):
         if not isinstance(numbered.what, messages.RoundTripMessage):
             self.outgoing.add(messages.EpisodeState(numbered.n, None))
 
+    def hear(self) -> None:
+        self.texts += 1
+
+    def bid_farewell(self, *, is_left: bool) -> None:
+        self.farewells.append(is_left)
+
+    def spend(self, n_bytes: int) -> bool:
+        return True
+
     def forget(self) -> None:
         self._outgoing = OutgoingStream()
 
 
-WELCOME = messages.Welcome("", "", False, 0, 0, {}, {}, "", {}, 0, False)
+WELCOME = messages.Welcome("", "", False, 0, 0, {}, {}, "", {}, 0, False, 4_500)
 
 
 def protocol_of(session: PageSession, after: int = 0) -> PageProtocol:
@@ -190,3 +201,21 @@ def test_a_page_goes_on_with_the_numbering_that_it_has(life, heard, resumes) -> 
     assert not names.resumes(life, heard, outgoing)
     names.life = "a"
     assert names.resumes(life, heard, outgoing) is resumes
+
+
+def test_any_text_is_a_sign_of_life_of_the_page_and_its_farewell_says_where_it_goes() -> None:
+    session = EchoSession()
+    protocol = protocol_of(session)
+    receive(protocol, '{"t":"ping","sent":1}')
+    receive(protocol, '{"t":"heard","n":0}', '{"t":"bye","left":true}')
+    receive(protocol, '{"t":"bye","left":false}')
+    assert session.texts == 3
+    assert session.farewells == [True, False]
+
+
+def test_the_late_farewell_of_a_page_that_another_one_followed_says_nothing() -> None:
+    session = EchoSession()
+    protocol = protocol_of(session)
+    session.forget()  # the next page's numbering
+    receive(protocol, '{"t":"bye","left":false}')
+    assert session.farewells == []

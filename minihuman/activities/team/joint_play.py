@@ -1,10 +1,12 @@
 """The play of one team in a block: lifts the barrier before each episode, and closes the joint actions. No I/O.
 
 It is given what its seats ask and the time, and answers; what a seat's agent chooses it asks for. It puts together who
-is present (`TeamPresence`), which inputs are there (`OpenStep`) and how long they have been waited for (`StepClock`).
+is present (`TeamPresence`), which inputs are there (`OpenStep`), how long they have been waited for (`StepClock`) and
+when they were due (`TickSchedule`).
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from minihuman.activities.team.events import ActionSource
@@ -13,8 +15,16 @@ from minihuman.activities.team.message_events import MessageGiven
 from minihuman.activities.team.message_exchange import MessageExchange
 from minihuman.activities.team.plan import TeamPlan
 from minihuman.activities.team.presence import TeamPresence
-from minihuman.activities.team.requests import JointRequest, JointTaken, ReadyRequest, SeatsReady, TeamLost
-from minihuman.activities.team.step_clock import StepClock
+from minihuman.activities.team.requests import (
+    JointRequest,
+    JointTaken,
+    ReadyRequest,
+    SeatSighted,
+    SeatsReady,
+    TeamLost,
+)
+from minihuman.activities.team.step_clock import MS_PER_S, Delay, StepClock
+from minihuman.activities.team.tick_schedule import TickSchedule
 
 
 @dataclass(slots=True)
@@ -47,7 +57,8 @@ class JointPlay:
         self._steps: dict[int, list[JointAction]] = {}  # that are closed, by episode
         self._barriers: dict[int, ReadyBarrier] = {}  # by episode
         self._open_step = OpenStep(len(kinds))
-        self._clock = StepClock(rules.late_ms, rules.partner_wait_s)
+        self._clock = StepClock(rules.late_ms, rules.thinking_limit_s)
+        self._schedules: dict[int, TickSchedule] = {}  # by episode
         self._concerned: set[int] = set()  # seats whose next answer may be another than their last
         self._has_declined = False  # somebody left before the first step
         self.presence = TeamPresence(kinds, rules)
@@ -103,18 +114,26 @@ class JointPlay:
             return TeamLost(0, "partner_left")
         if self.presence.is_shut_out(seat):
             return TeamLost(0, "replaced")
-        self.presence.take_back(seat)
-        self.presence.note_key(seat, now_s)
         barrier = self._barriers.setdefault(episode, ReadyBarrier(now_s))
+        if seat not in barrier.seats or not self.presence.has_acted(seat):
+            self.presence.note_input(seat, now_s)
         barrier.seats.add(seat)
-        missing = self.presence.present - barrier.seats
-        if missing and not self._steps.get(episode):
-            if now_s - barrier.since_s < self._rules.partner_wait_s:
-                return None
-            if not self._hand_over(missing):
+        if self.presence.has_returned(seat):
+            self.presence.take_back(seat)
+        self.presence.begin_wait({seat}, now_s)
+        if not self._steps.get(episode):
+            if not self._replace_missing(barrier, seat, now_s):
                 return TeamLost(0, "partner_left")
+            if self.presence.present - barrier.seats:
+                return None
+        self._schedules.setdefault(episode, TickSchedule(now_s))
         self._concern_others(seat)
         return SeatsReady(0, episode)
+
+    def find_news(self, want: JointRequest, now_s: float, *, is_real_time: bool) -> SeatSighted | None:
+        """Tell a seat of another, or of itself, that is seen otherwise than it knows."""
+        news = self.presence.find_news(want.states, now_s, is_real_time=is_real_time)
+        return None if news is None else SeatSighted(0, news.seat, news.state, round(news.for_s * MS_PER_S))
 
     def answer_message(self, want: JointRequest, now_s: float) -> MessageGiven | None:
         """Take a seat's messages, and return the next one of another that it has not received."""
@@ -136,26 +155,32 @@ class JointPlay:
         """
         seat = want.team.seat
         episode = want.plan.episode
-        is_idle = self._is_idle(want, now_s)
+        if want.is_key and not self._open_step.has_submitted(seat, episode, want.step):
+            self.presence.note_input(seat, now_s, is_held=want.is_held)
+        schedule = self._schedules.setdefault(episode, TickSchedule(now_s))
+        if want.action is not None:
+            schedule.record_input(seat, want.step, now_s)
         if want.action is not None and self.presence.is_shut_out(seat):
             return TeamLost(0, "replaced")
-        may_act = self.presence.may_act(seat)
+        is_back = want.is_key and self.presence.may_act(seat) and self.presence.has_returned(seat)
         steps = self.list_steps(episode)
         if want.step <= len(steps):
-            if want.is_key and is_real_time and may_act:  # too late for this tick, in time for the next one
+            if is_back:  # too late for this step, in time for the next one
                 self.presence.take_back(seat)
             return JointTaken(0, episode, want.step, *steps[want.step - 1])
         if self.presence.has_ended:
             return TeamLost(0, "partner_left")
         self._open_step.open(episode, want.step)
-        if is_idle and seat not in self.presence.absent and not self._hand_over({seat}):
+        overdue = self.presence.find_overdue(seat, now_s, is_real_time=is_real_time)
+        if not self._hand_over(overdue, now_s):
             return TeamLost(0, "partner_left")
-        if want.action is not None and may_act and not is_idle:
+        self._open_step.withdraw_idle(overdue)
+        if want.action is not None and (is_back or seat in self.presence.present):
             if not self._open_step.has_input:
                 self._clock.open(now_s)
             self.presence.take_back(seat)
-            self._open_step.submit(seat, want.action)
-        return self._judge_open_step(now_s, is_real_time=is_real_time)
+            self._open_step.submit(seat, want.action, is_key=want.is_key)
+        return self._judge_open_step(want, now_s, is_real_time=is_real_time)
 
     def close(self, due: StepDue, seat: int, chosen: Mapping[int, int], idle_action: int) -> JointTaken:
         """Close a step for good.
@@ -180,33 +205,36 @@ class JointPlay:
 
     # How a step closes
 
-    def _is_idle(self, want: JointRequest, now_s: float) -> bool:
-        """Tell whether a page gives its seat's idle action at each tick while its person presses no key."""
-        seat = want.team.seat
-        if want.is_key:
-            self.presence.note_key(seat, now_s)
-            return False
-        self.presence.note_silence(seat, now_s)
-        return want.action is not None and self.presence.is_silent(seat, now_s)
-
-    def _judge_open_step(self, now_s: float, *, is_real_time: bool) -> StepDue | TeamLost | None:
+    def _judge_open_step(self, want: JointRequest, now_s: float, *, is_real_time: bool) -> StepDue | TeamLost | None:
         if not self._open_step.has_input:
             return None
         missing = self.presence.present - self._open_step.seats
-        if not missing:
-            return self._open_step.find_due(frozenset())
-        match self._clock.find_delay(now_s):
-            case "overdue":
-                if not self._hand_over(missing):
-                    return TeamLost(0, "partner_left")
-                return self._open_step.find_due(frozenset())
-            case "late" if is_real_time:
-                return self._open_step.find_due(missing)
-        return None
+        delay = self._find_delay(want, missing, now_s) if missing else "in_time"
+        if is_real_time and delay != "in_time":
+            return self._open_step.find_due(missing)
+        if delay == "overdue":
+            if not self._hand_over(self.presence.find_thinkers(missing, now_s), now_s):
+                return TeamLost(0, "partner_left")
+            missing = self.presence.present - self._open_step.seats
+        return None if missing else self._open_step.find_due(frozenset())
 
-    def _hand_over(self, seats: Iterable[int]) -> bool:
+    def _find_delay(self, want: JointRequest, missing: Collection[int], now_s: float) -> Delay:
+        """Find how late the missing inputs are by the server's clock, whatever the others' pages say of the time."""
+        period_s = want.plan.step_period_ms / MS_PER_S
+        due_s = self._schedules[want.plan.episode].find_due_s(missing, want.step, self._clock.opened_s, period_s)
+        return self._clock.find_delay(now_s, due_s)
+
+    def _replace_missing(self, barrier: ReadyBarrier, asking: int, now_s: float) -> bool:
+        """Give the seats of those to the stand-in who are gone, or not ready for too long; False if the block ends."""
+        missing = self.presence.present - barrier.seats
+        replaced = missing & set(self.presence.find_overdue(asking, now_s, is_real_time=False))
+        if now_s - barrier.since_s >= self._rules.thinking_limit_s:
+            replaced |= set(self.presence.find_thinkers(missing, now_s))
+        return self._hand_over(replaced, now_s)
+
+    def _hand_over(self, seats: Collection[int], now_s: float = -math.inf) -> bool:
         """Give seats to the stand-in; False where the block ends instead."""
-        if self.presence.hand_over(seats):
+        if not seats or self.presence.hand_over(seats, now_s):
             return True
         self._concerned |= self.presence.persons
         return False

@@ -3,7 +3,7 @@
 A closed step never reopens, and of two inputs of a seat for one step the first counts.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -54,6 +54,7 @@ class OpenStep:
         self._n_seats = n_seats
         self._place = (-1, 0)  # episode and step
         self._inputs: dict[int, int] = {}  # by seat
+        self._idle: set[int] = set()  # seats whose input no key gave
 
     @property
     def has_input(self) -> bool:
@@ -65,15 +66,30 @@ class OpenStep:
         """The seats that have acted."""
         return frozenset(self._inputs)
 
+    def has_submitted(self, seat: int, episode: int, step: int) -> bool:
+        """Tell whether a seat's input for a step is here."""
+        return self._place == (episode, step) and seat in self._inputs
+
     def open(self, episode: int, step: int) -> None:
         """Open a step, unless it is open."""
         if self._place != (episode, step):
             self._place = (episode, step)
             self._inputs = {}
+            self._idle = set()
 
-    def submit(self, seat: int, action: int) -> None:
+    def submit(self, seat: int, action: int, *, is_key: bool = True) -> None:
         """Take a seat's input; its first one counts."""
-        self._inputs.setdefault(seat, action)
+        if seat in self._inputs:
+            return
+        self._inputs[seat] = action
+        if not is_key:
+            self._idle.add(seat)
+
+    def withdraw_idle(self, seats: Iterable[int]) -> None:
+        """Forget the inputs that no key gave of seats that are an agent's now, so that it acts in this step already."""
+        for seat in self._idle & set(seats):
+            del self._inputs[seat]
+        self._idle -= set(seats)
 
     def find_due(self, late: frozenset[int]) -> StepDue:
         """Return the step as it is to be closed now, the agents acting where no input came and none is late."""

@@ -4,12 +4,19 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Protocol
 
+import msgspec
+
 from minihuman.activities.team.plan import PERSON, REPORT_KEY, SEAT_GRAMMAR, SIMULATED, TeamPlan
 from minihuman.experiment.keys import BUTTON_NAMES, RESERVED_KEYS
 
 RuleErrors = Iterator[tuple[str, str]]  # a field, and what is wrong with it
 _AGENT_KINDS = ("policy", "scripted", SIMULATED)
-_LIMITS = (("late_ms", 10, 10_000), ("lobby_s", 1, 86_400), ("partner_wait_s", 1, 86_400))
+_LIMITS = (
+    ("late_ms", 10, 10_000),
+    ("lobby_s", 1, 86_400),
+    ("partner_wait_s", 1, 86_400),
+    ("thinking_wait_s", 1, 86_400),
+)
 
 
 class TeamBlock(Protocol):
@@ -90,6 +97,8 @@ def _check_roles(team: TeamPlan) -> RuleErrors:
 def _check_limits(team: TeamPlan) -> RuleErrors:
     for name, least, most in _LIMITS:
         number = getattr(team, name)
+        if number is msgspec.UNSET:
+            continue
         if not least <= number <= most:
             yield name, f"is {number:g}; use {least} to {most}"
 

@@ -4,7 +4,8 @@ from typing import Literal
 
 MS_PER_S = 1_000
 
-Delay = Literal["in_time", "late", "overdue"]  # late: the tick closes without it; overdue: a partner waits no longer
+# late: the tick closes without it; overdue: who is here has thought for too long
+Delay = Literal["in_time", "late", "overdue"]
 
 
 class StepClock:
@@ -12,21 +13,26 @@ class StepClock:
 
     Args:
         late_ms: how long a tick waits for an input.
-        partner_wait_s: how long people wait for a partner's input.
+        thinking_wait_s: how long people wait for the input of a partner who is here.
     """
 
-    def __init__(self, late_ms: float, partner_wait_s: float) -> None:
+    def __init__(self, late_ms: float, thinking_wait_s: float) -> None:
         self._late_ms = late_ms
-        self._partner_wait_s = partner_wait_s
-        self._opened_s = 0.0
+        self._thinking_wait_s = thinking_wait_s
+        self.opened_s = 0.0  # when the step's first input came
 
     def open(self, now_s: float) -> None:
         """Begin a step."""
-        self._opened_s = now_s
+        self.opened_s = now_s
 
-    def find_delay(self, now_s: float) -> Delay:
-        """Find how late an input would be that came now."""
-        open_s = now_s - self._opened_s
-        if open_s >= self._partner_wait_s:
+    def find_delay(self, now_s: float, due_s: float | None = None) -> Delay:
+        """Find how late an input would be that came now.
+
+        Args:
+            now_s: the time.
+            due_s: when the inputs that are missing were due; None: as soon as the step was opened.
+        """
+        if now_s - self.opened_s >= self._thinking_wait_s:
             return "overdue"
-        return "late" if open_s * MS_PER_S >= self._late_ms else "in_time"
+        late_s = now_s - (self.opened_s if due_s is None else due_s)
+        return "late" if late_s * MS_PER_S >= self._late_ms else "in_time"

@@ -20,6 +20,7 @@ TRIAL_BLOCK = ActivityKind(
     "trials",
     TrialsPlan,
     TrialsActivity,
-    tables="minihuman.activities.play.tables:PLAY_TABLES",
+    tables="minihuman.activities.trials.tables:TRIAL_TABLES",
+    report="minihuman.activities.trials.report:build_section",
     is_played_alone=True,
 )

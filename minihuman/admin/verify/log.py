@@ -537,11 +537,15 @@ def _without_later_fields(part: PlannedPart, logged: PlannedPart) -> PlannedPart
 
 
 def _as_planned_before(episode: EpisodePlan | None, logged: EpisodePlan | None) -> EpisodePlan | None:
-    """A planned episode as plans were: with images in its options, and first-person worlds by the host's sine alone."""
+    """A planned episode as plans were: with images and labels in its options, and first-person worlds by the host's
+    sine alone.
+    """
     if episode is None or logged is None:
         return episode
     options = {k: v for k, v in episode.options.items() if k != "trig" or k in logged.options}
     held = options if options.get("image") == logged.options.get("image") else resolve_files(options)
+    if not logged.labels and not set(episode.labels).isdisjoint(logged.options):
+        return msgspec.structs.replace(episode, options=held | episode.labels, labels={})
     return msgspec.structs.replace(episode, options=held)
 
 

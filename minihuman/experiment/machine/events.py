@@ -62,6 +62,9 @@ EndReason = Literal[
     "internal_error",
 ]
 
+CLOCK_NOTE = (
+    "the page's time"  # with this begins a note of kind "page" that says that a page's clock is not to be believed
+)
 FINAL_END_REASONS: frozenset[str] = frozenset(
     {"complete", "screened_out", "declined"}
 )  # ends after which nothing is left to do
@@ -351,6 +354,11 @@ class Noted(TimedEvent):
 
     kind: str
     text: str
+
+    @property
+    def is_about_clock(self) -> bool:
+        """Whether it says that the times of a browser's page are not to be believed."""
+        return self.kind == "page" and self.text.startswith(CLOCK_NOTE)
 
 
 @dataclass(frozen=True, slots=True)

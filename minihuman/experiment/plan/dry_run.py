@@ -21,6 +21,7 @@ from minihuman.experiment.machine.running_episode import check_bindings
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.plan.part_plans import list_world_options
 from minihuman.experiment.plan.session_plan import BonusSpec, EpisodePlan, PlannedPart, SessionPlan
+from minihuman.experiment.plan.stimulus_check import check_stimuli
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.strata import build_strata
 from minihuman.experiment.protocol.validation_errors import build_protocol_error
@@ -78,9 +79,9 @@ def describe_language(protocol: Protocol) -> Iterator[str]:
     language = protocol.study.language
     if language in LANGUAGES:
         return
-    own_words = flatten_words(protocol.words)
+    words_given = flatten_words(protocol.words)
     for word in LATER_WORDS:
-        if word not in own_words:
+        if word not in words_given:
             table, _, name = word.rpartition(".")
             yield f"language {language!r} has no word for {word}, so English stands in; add {name} to [words.{table}]"
 
@@ -213,6 +214,7 @@ def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool
         lines = (*report.notices, *report.unprovable) if block.record_observations else report.notices
         notices |= dict.fromkeys(f"{block.world}: {notice}" for notice in lines)
         notices |= dict.fromkeys(_list_block_notices(block))
+    notices |= dict.fromkeys(check_stimuli(protocol, source))
     return list(notices)
 
 

@@ -166,7 +166,7 @@ def _plan_episodes(
     session: int,
     first: int,
 ) -> list[EpisodePlan]:
-    options = trials.plan_options(protocol, block, f"{block.name}-session-{session}", participant.index)
+    stimuli = trials.plan_stimuli(protocol, block, f"{block.name}-session-{session}", participant.index)
     return [
         EpisodePlan(
             episode=first + place,
@@ -175,7 +175,8 @@ def _plan_episodes(
             episode_in_block=place,
             episodes_in_block=block.episodes,
             world=block.world,
-            options=list_world_options(block) | options[place],
+            options=list_world_options(block) | stimuli[place].options,
+            labels=stimuli[place].labels,
             seed=layout,
             actions=block.actions,
             key_map=key_map,

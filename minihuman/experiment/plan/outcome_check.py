@@ -140,12 +140,15 @@ def list_success_needs(protocol: Protocol, block: BlockSpec) -> list[str]:
 
 
 def try_world_info(block: BlockSpec) -> TriedWorld:
-    """Play a block's world a little, every action in turn, and collect what it says."""
+    """Play a block's world a little, every action of the block in turn, and collect what it says."""
     values: dict[str, Any] = {}
     if is_of_catalogue(block.world) and not block.record_info and block.success is None:
         return TriedWorld(is_own=False)
     with closing(World(block.world, list_world_options(block))) as world:
-        is_own, numbers = world.reward_means_success, world.actions.numbers
+        is_own = world.reward_means_success
+        world.name_actions(block.actions)
+        names = dict.fromkeys((*block.actions, *filter(None, (block.noop_action,))))
+        numbers = [world.action_names.index(name) for name in names]
         world.reset(0)
         for step in range(N_TRIED_STEPS):
             transition = world.step(numbers[step // 3 % len(numbers)])

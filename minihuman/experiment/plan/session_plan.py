@@ -69,6 +69,7 @@ class EpisodePlan(msgspec.Struct, frozen=True):
     response_deadline_ms: float = 0.0  # on_key only: the no-op comes so long after a picture without a key; 0: never
     outcome_rule: str = ""  # what its end means, see worlds/outcomes.py
     record_info: tuple[str, ...] = ()  # keys of the world's ``info`` that steps keep
+    labels: dict[str, Any] = {}  # of its stimulus: columns of the table that the world never sees
 
 
 class BlockText(msgspec.Struct, frozen=True):
@@ -87,6 +88,11 @@ class PartPlan(msgspec.Struct, frozen=True):
     def asks_consent(self) -> bool:
         """Whether the part asks for consent."""
         return False
+
+    @property
+    def sign_interval_s(self) -> float:
+        """The longest time in which a page of the session sends nothing, as others wait for it; 0: nobody waits."""
+        return 0.0
 
     @property
     def closes_session(self) -> bool:

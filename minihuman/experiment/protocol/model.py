@@ -133,9 +133,15 @@ class ExclusionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     reason: str
     level: Literal["episode", "participant"]
-    measure: str  # a column of the report's episode or participant table
+    measure: str  # a column of the report's episode or participant table, or "label:NAME" of a trial
     below: float | None = None  # leaves out values less than this
     above: float | None = None  # leaves out values greater than this
+    where: dict[str, str | int | float | bool] = {}  # only trials whose labels have these levels
+
+    @property
+    def measured_label(self) -> str:
+        """The label of a trial that is measured; "" for another measure."""
+        return self.measure.removeprefix("label:") if self.measure.startswith("label:") else ""
 
 
 class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -17,6 +17,7 @@ from typing import Any
 
 import msgspec
 
+from minihuman.activities.trials.plan import StimuliSpec
 from minihuman.errors import ProtocolError
 from minihuman.experiment.keys import BUTTON_NAMES, KEY_NAMES_TEXT, PAD_AXES, RESERVED_KEYS
 from minihuman.experiment.protocol import specs, strata
@@ -154,7 +155,7 @@ def _check_study_design(protocol: Protocol) -> list[FieldError]:
     return list(
         check_study_design(
             protocol.design,
-            compared_blocks=protocol.analysis.conditions,
+            compared_blocks=() if protocol.analysis.condition_label else protocol.analysis.conditions,
             options_by_block={block.name: block.options for block in protocol.blocks},
             has_groups=len(protocol.groups) > 1,
         )
@@ -258,6 +259,7 @@ def _check_block(block: BlockSpec, protocol: Protocol) -> list[FieldError]:
                 "stimuli",
                 "needs a file or rows, and not both",
             ),
+            *_check_order(stimuli),
         ]
     )
     if isinstance(block.seeds, tuple):
@@ -333,6 +335,24 @@ def _check_unused_block_fields(block: BlockSpec, keys: KeysSpec) -> list[FieldEr
             (real_time and block.auto_repeat, "auto_repeat", "is for 'on_key'; in 'real_time' a tick decides"),
         ]
     )
+
+
+def _check_order(stimuli: StimuliSpec | None) -> list[tuple[object, str, str]]:
+    """The rules of the order of a table of stimuli."""
+    if stimuli is None:
+        return []
+    is_ordered = bool(stimuli.balanced_by or stimuli.max_run)
+    return [
+        (
+            is_ordered and stimuli.order == "fixed",
+            "stimuli.order",
+            "is 'fixed', but balanced_by and max_run draw one; use 'shuffled'",
+        ),
+        *(
+            (most < 1, "stimuli.max_run", f"has {column} = {most}; use 1 or more")
+            for column, most in stimuli.max_run.items()
+        ),
+    ]
 
 
 def _check_placeholders(text: str) -> None:

@@ -71,7 +71,7 @@ def derive_design(protocol: Protocol) -> ExperimentDesign:
     """Derive the design of a protocol's study."""
     condition_of_block = name_conditions(
         protocol.design.condition,
-        protocol.analysis.conditions,
+        () if protocol.analysis.condition_label else protocol.analysis.conditions,  # levels of a label are in trials
         {block.name: block.options for block in protocol.blocks},
     )
     found = (

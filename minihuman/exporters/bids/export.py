@@ -22,6 +22,7 @@ from minihuman.exporters.bids.files import (
     Phenotype,
     build_events,
     describe_event_columns,
+    describe_label_columns,
     make_label,
     make_subject_label,
     write_json,
@@ -118,6 +119,7 @@ class _Dataset:
         self._people: dict[str, dict[str, Any]] = {}
         self._sessions: defaultdict[str, list[dict[str, str]]] = defaultdict(list)
         self._phenotype = Phenotype()
+        self._label_columns: dict[str, Any] = {}
         self._station = first.log.facts
 
     def add(self, counted: SelectedSession) -> None:
@@ -139,7 +141,9 @@ class _Dataset:
             theirs = [episode for episode in asked if episode.segment == segment.number]
             rows = build_events(segment, theirs, counting)
             events = folder / "beh" / f"{stem}_run-{segment.number}_events.tsv"
-            written = [write_tsv(events, list(EVENT_COLUMNS), rows)]
+            labels = describe_label_columns(theirs)
+            self._label_columns |= labels
+            written = [write_tsv(events, [*EVENT_COLUMNS, *labels], rows)]
             written += write_motion(stem, folder / "motion", segment.number, self._task_facts, segment, theirs)
             written += write_physio(stem, folder / "beh", segment.number, self._task_facts, segment, devices)
             at = segment.started_at.removesuffix("Z")[:26]  # microseconds are the finest that BIDS has
@@ -179,7 +183,10 @@ class _Dataset:
             "OperatingSystem": self._station.get("system", ""),
         }
         presented = {"StimulusPresentation": {name: said for name, said in stimuli.items() if said}}
-        write_json(out / f"task-{self._task}_events.json", self._task_facts | presented | describe_event_columns())
+        write_json(
+            out / f"task-{self._task}_events.json",
+            self._task_facts | presented | describe_event_columns() | self._label_columns,
+        )
         for who, sessions in self._sessions.items():
             write_tsv(out / who / f"{who}_sessions.tsv", ["session_id", "acq_time"], sessions)
         meaning = {"Description": "When the session began, UTC."}

@@ -7,6 +7,7 @@ where a segment lies in the session follows from the wall clock at its start, an
 one ended.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from minihuman.activities.team.events import (
     InputLate,
     JointStepped,
     PictureCorrected,
+    SeatSeen,
     SeatsReadied,
     SeatTaken,
     TeamEnded,
@@ -160,6 +162,7 @@ class TeamRecord:
     late: int  # inputs of this seat that came too late
     takeovers: int  # how often an agent took a person's seat
     corrected: int  # pictures of the own action that the others' changed
+    sightings: tuple[SeatSeen, ...] = ()  # of people's seats that were not seen as before
 
     @property
     def partner_seats(self) -> tuple[int, ...]:
@@ -180,6 +183,20 @@ class TeamRecord:
     def persons(self) -> tuple[int, ...]:
         """The seats of people."""
         return tuple(seat for seat, kind in enumerate(self.seats) if kind == PERSON)
+
+    @property
+    def steps_by_source(self) -> tuple[dict[str, int], ...]:
+        """By seat, how many joint steps each source acted in."""
+        by_seat = zip(*self.sources, strict=True) if self.sources else ((),) * len(self.seats)
+        return tuple(dict(sorted(Counter(sources).items())) for sources in by_seat)
+
+    @property
+    def absent_share(self) -> float | None:
+        """The share of joint steps in which a person's seat idled for want of an input, or an agent acted in it."""
+        if not self.sources:
+            return None
+        absent = sum(any(sources[seat] != "person" for seat in self.persons) for sources in self.sources)
+        return absent / len(self.sources)
 
     def find_difference(self, seed: int) -> str:
         """What contradicts the digest of the joint actions; "" where nothing does."""
@@ -221,6 +238,7 @@ def gather_team(
         late=sum(isinstance(event, InputLate) for event in events),
         takeovers=sum(event.by == "agent" for event in taken),
         corrected=sum(isinstance(event, PictureCorrected) for event in events),
+        sightings=tuple(event for event in events if isinstance(event, SeatSeen)),
     )
 
 

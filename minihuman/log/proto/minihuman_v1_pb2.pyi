@@ -42,7 +42,7 @@ class KeyMap(_message.Message):
     def __init__(self, keys: _Optional[_Iterable[_Union[Binding, _Mapping]]] = ..., spare_keys: _Optional[_Iterable[str]] = ..., spare: _Optional[str] = ..., seed: _Optional[int] = ...) -> None: ...
 
 class EpisodePlan(_message.Message):
-    __slots__ = ("episode", "block", "block_name", "episode_in_block", "episodes_in_block", "world", "options_json", "seed", "actions", "key_map", "show_keys", "pace", "step_period_ms", "noop", "auto_repeat", "max_steps", "view", "palette", "record_observations", "onset_at_reset", "hold", "response_deadline_ms", "outcome_rule", "record_info")
+    __slots__ = ("episode", "block", "block_name", "episode_in_block", "episodes_in_block", "world", "options_json", "seed", "actions", "key_map", "show_keys", "pace", "step_period_ms", "noop", "auto_repeat", "max_steps", "view", "palette", "record_observations", "onset_at_reset", "hold", "response_deadline_ms", "outcome_rule", "record_info", "labels_json")
     EPISODE_FIELD_NUMBER: _ClassVar[int]
     BLOCK_FIELD_NUMBER: _ClassVar[int]
     BLOCK_NAME_FIELD_NUMBER: _ClassVar[int]
@@ -67,6 +67,7 @@ class EpisodePlan(_message.Message):
     RESPONSE_DEADLINE_MS_FIELD_NUMBER: _ClassVar[int]
     OUTCOME_RULE_FIELD_NUMBER: _ClassVar[int]
     RECORD_INFO_FIELD_NUMBER: _ClassVar[int]
+    LABELS_JSON_FIELD_NUMBER: _ClassVar[int]
     episode: int
     block: int
     block_name: str
@@ -91,7 +92,8 @@ class EpisodePlan(_message.Message):
     response_deadline_ms: float
     outcome_rule: str
     record_info: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, episode: _Optional[int] = ..., block: _Optional[int] = ..., block_name: _Optional[str] = ..., episode_in_block: _Optional[int] = ..., episodes_in_block: _Optional[int] = ..., world: _Optional[str] = ..., options_json: _Optional[str] = ..., seed: _Optional[int] = ..., actions: _Optional[_Iterable[str]] = ..., key_map: _Optional[_Union[KeyMap, _Mapping]] = ..., show_keys: bool = ..., pace: _Optional[str] = ..., step_period_ms: _Optional[float] = ..., noop: _Optional[str] = ..., auto_repeat: bool = ..., max_steps: _Optional[int] = ..., view: _Optional[str] = ..., palette: _Optional[str] = ..., record_observations: bool = ..., onset_at_reset: bool = ..., hold: _Optional[str] = ..., response_deadline_ms: _Optional[float] = ..., outcome_rule: _Optional[str] = ..., record_info: _Optional[_Iterable[str]] = ...) -> None: ...
+    labels_json: str
+    def __init__(self, episode: _Optional[int] = ..., block: _Optional[int] = ..., block_name: _Optional[str] = ..., episode_in_block: _Optional[int] = ..., episodes_in_block: _Optional[int] = ..., world: _Optional[str] = ..., options_json: _Optional[str] = ..., seed: _Optional[int] = ..., actions: _Optional[_Iterable[str]] = ..., key_map: _Optional[_Union[KeyMap, _Mapping]] = ..., show_keys: bool = ..., pace: _Optional[str] = ..., step_period_ms: _Optional[float] = ..., noop: _Optional[str] = ..., auto_repeat: bool = ..., max_steps: _Optional[int] = ..., view: _Optional[str] = ..., palette: _Optional[str] = ..., record_observations: bool = ..., onset_at_reset: bool = ..., hold: _Optional[str] = ..., response_deadline_ms: _Optional[float] = ..., outcome_rule: _Optional[str] = ..., record_info: _Optional[_Iterable[str]] = ..., labels_json: _Optional[str] = ...) -> None: ...
 
 class BlockText(_message.Message):
     __slots__ = ("instruction", "feedback", "rest", "rest_s")

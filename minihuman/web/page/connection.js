@@ -152,6 +152,9 @@ export class Connection {
     }, { once: true });
   }
 
+  /** Say that the page is closed, or left for another one that may come back to it. @param {boolean} left */
+  bidFarewell(left) { if (this.welcomed) this.#send({ t: "bye", left }); }
+
   /** End it for good, from this side. */
   close() {
     this.finished = true;
@@ -212,14 +215,14 @@ export class Connection {
     this.#retryMs = MIN_RETRY_MS;
     this.listener.status("");
     this.listener.resume(fresh);
-    this.latency.restart();
+    this.latency.restart(m.sign_ms);
   }
 }
 
 const MAX_SILENCE_MS = 8000;
 const REPORT_PERIOD_MS = 10000;
-const PING_PERIOD_MS = 2500;
-const BATCH_PATIENCE_MS = 2000; // a ping waits so long for messages to go with
+// Of the longest time in which the page sends nothing: a ping is due, and goes with messages; later it goes alone.
+const DUE_SHARE = 0.55, ALONE_SHARE = 0.95;
 
 /** Round-trip times: the fastest of the latest eight goes into the log now and then. */
 class Latency {
@@ -228,6 +231,7 @@ class Latency {
   #pingedMs = 0; // when the last one was sent that has no answer
   #reportedMs = -Infinity;
   #reports = 0;
+  #signMs = 0;
   #nextMs = 0; // from then on it is time for another
   /** @type {ReturnType<typeof setTimeout> | undefined} */ #timer;
   least = Infinity; // ns, of all round trips on this socket
@@ -239,7 +243,9 @@ class Latency {
     this.socket = socket;
   }
 
-  restart() {
+  /** @param {number} signMs the longest time in which the page sends nothing */
+  restart(signMs) {
+    this.#signMs = signMs;
     clearTimeout(this.#timer);
     this.#samples = [];
     this.least = Infinity;
@@ -256,9 +262,9 @@ class Latency {
   #takePing() {
     const now = performance.now();
     this.#pingedMs ||= now;
-    this.#nextMs = now + PING_PERIOD_MS;
+    this.#nextMs = now + DUE_SHARE * this.#signMs;
     clearTimeout(this.#timer);
-    this.#timer = setTimeout(() => this.#ping(), ++this.#pings < 4 ? 60 : PING_PERIOD_MS + BATCH_PATIENCE_MS);
+    this.#timer = setTimeout(() => this.#ping(), ++this.#pings < 4 ? 60 : ALONE_SHARE * this.#signMs);
     return JSON.stringify({ t: "ping", sent: this.outbox.now() });
   }
 

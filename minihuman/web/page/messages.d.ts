@@ -4,7 +4,7 @@
 export type BrowserFacts = Record<string, boolean | number | string>;
 export type Texts = Record<string, string>;
 export type PageMessage = KeyMessage | DisplayedMessage | TickMessage | TextMessage | PointerMessage | AxisMessage | GamepadMessage | FocusMessage | RoundTripMessage | CommandEcho | LateInputMessage;
-export type FromPage = Hello | NumberedMessage | PageAck | Ping;
+export type FromPage = Hello | NumberedMessage | PageAck | Ping | Farewell;
 export type UnnumberedMessage = Welcome | Refusal | ServerAck | Pong;
 export type ServerMessage = ScreenMessage | FilmFrame | ArraysMessage | EpisodeRules | StateCorrection | AgentControl | EpisodeState | LookAheadUpdate | ScreenPrefetch | CommandMessage | SessionOver;
 export type WorldState = GridState | FirstPersonState;
@@ -141,6 +141,12 @@ export interface Ping {
   sent: number;
 }
 
+/** The page is being closed, or gives way to another one in its place. */
+export interface Farewell {
+  t: "bye";
+  left: boolean;
+}
+
 /** The answer to a hello: whose turn it is in both streams, and the session's time. */
 export interface Welcome {
   t: "welcome";
@@ -155,6 +161,7 @@ export interface Welcome {
   words: Texts;
   taken: number;
   gamepad: boolean;
+  sign_ms: number;
 }
 
 /** The server refuses the page, which does not come again by itself. */

@@ -114,6 +114,7 @@ class Page {
       this.#player.view.fit();
       this.#films.fit();
     });
+    addEventListener("pagehide", (event) => this.#connection.bidFarewell(event.persisted));
     // Another link was put into the address: another person, of whom nothing that is kept here is true.
     addEventListener("hashchange", () => {
       this.#connection.close();

@@ -6,8 +6,10 @@ after the other, so that a key never waits longer than two milliseconds or one s
 
 import asyncio
 import contextlib
+import hmac
 import json
 import logging
+import os
 from collections import deque
 from collections.abc import AsyncIterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -54,13 +56,15 @@ LOOK_AHEAD_SLICE_S = 0.01  # of one connection, before its page gets what was fo
 MAX_LOOP_BLOCK_S = 0.002  # before messages have a turn
 # Codes of a closed socket after which the page does not come again by itself.
 ANOTHER, REFUSED, FOREIGN = 4001, 4003, 4004
+_VANISHED = ("connection_lost", "timed_out")
 CLOSE_BUSY = 4100  # the page tries again in a while
+METRICS_TOKEN_VARIABLE = "MINIHUMAN_METRICS_TOKEN"
 CLOSE_OLD = 4002  # and after this it is loaded anew: it is of another release than the server
 
 
 def classify_connection_ending(connection: Connection) -> WebEnding:
-    """What the end of a session is to its participant; one whose finished recording is not whole is broken."""
-    if connection.recording.is_broken:
+    """What the end of a session is to its participant: broken if its log is not whole, or its page sent too much."""
+    if connection.recording.is_broken or connection.is_over_budget:
         return "broken"
     session = connection.host.session
     return classify_ending(session.end_reason, agreed=connection.agreed, part_kind=session.part.part.kind)
@@ -137,8 +141,10 @@ class WebServer:
         """Answer; a server whose loop is stuck does not."""
         return Response("ok\n", media_type="text/plain")
 
-    async def _metrics(self, _: Request) -> Response:
-        """What Prometheus reads; nothing that says who is there."""
+    async def _metrics(self, request: Request) -> Response:
+        """What Prometheus reads; nothing that says who is there. Closed to all who come through a proxy."""
+        if not _may_read_metrics(request):
+            return Response(status_code=404)
         gauges = {
             "sessions": sum(not connection.host.over for connection in self.connections.values()),
             "pages_connected": sum(connection.presence.is_here for connection in self.connections.values()),
@@ -202,12 +208,16 @@ class WebServer:
         connection.changed.set()
         self._want_more(connection)
         writing = asyncio.create_task(self._write(page, connection, number, protocol))
+        code = 0
         try:
             while connection.presence.is_newest(number):
                 await self._receive(page, connection, protocol, await page.receive())
+        except SocketClosedError as error:
+            code = error.code
+            raise
         finally:
             writing.cancel()
-            connection.presence.close_socket(number, monotonic_s())
+            connection.presence.close_socket(number, monotonic_s(), code)
             await asyncio.gather(writing, return_exceptions=True)
 
     async def _receive(self, page: PageSocket, connection: Connection, protocol: PageProtocol, text: str) -> None:
@@ -272,6 +282,8 @@ class WebServer:
             why = "declined" if end == "declined" else session.end_reason
             self._factory.isolate(connection)
             await asyncio.to_thread(self._arrivals.decline, admission, why)
+        elif session.end_reason in _VANISHED and connection.is_unproven:
+            await asyncio.to_thread(self._arrivals.release, admission, session.end_reason)
         person = await asyncio.to_thread(self._arrivals.id_on_platform, admission.participant)
         session_code = get_session_code(self._arrivals.protocol, admission.session)
         completion = build_completion(self._web, end, session_code=session_code, person=person)
@@ -404,6 +416,15 @@ class WebServer:
 
 def _has_lease(connection: Connection) -> bool:
     return connection.lease is not None and not connection.lease.lost and not connection.recording.is_finished
+
+
+def _may_read_metrics(request: Request) -> bool:
+    """Whether a request has the token for metrics, or comes from this machine and through no proxy."""
+    token = os.environ.get(METRICS_TOKEN_VARIABLE, "")
+    if token:
+        return hmac.compare_digest(request.headers.get("authorization", "").encode(), f"Bearer {token}".encode())
+    is_forwarded = "x-forwarded-for" in request.headers or "forwarded" in request.headers
+    return not is_forwarded and request.client is not None and request.client.host in ("127.0.0.1", "::1")
 
 
 async def _no_icon(_: Request) -> Response:

@@ -10,7 +10,15 @@ _ENDS = (WebSocketDisconnect, RuntimeError)  # RuntimeError: something was sent 
 
 
 class SocketClosedError(Exception):
-    """The socket has ended, from either side."""
+    """The socket has ended, from either side.
+
+    Args:
+        code: that the page closed it with; 0: none is known.
+    """
+
+    def __init__(self, code: int = 0) -> None:
+        super().__init__(code)
+        self.code = code
 
 
 class PageSocket:
@@ -40,7 +48,9 @@ class PageSocket:
             return await self._socket.receive_text()
         except KeyError:
             raise MessageError("a binary message arrived, but a page must send text; reload the page") from None
-        except _ENDS as error:
+        except WebSocketDisconnect as error:
+            raise SocketClosedError(error.code) from error
+        except RuntimeError as error:
             raise SocketClosedError from error
 
     async def send(self, message: str | bytes) -> None:

@@ -18,12 +18,15 @@ from minihuman.errors import LogError, MinihumanError, ProtocolError
 from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.log.record.session_leases import SessionLeases
-from minihuman.operating_system import claim_address, exit_when_terminated, make_private_folder
+from minihuman.operating_system import claim_address, exit_when_terminated, make_private_folder, raise_file_limit
 from minihuman.storage.lease import open_lease_table
 from minihuman.storage.remote_store import RemoteStoreError
+from minihuman.web.arrival_signature import read_arrival_key
 from minihuman.web.arrivals import Arrivals, build_link, build_platform_link
 from minihuman.web.message_codec import MAX_MESSAGE_BYTES
 from minihuman.web.server.app import WebServer
+from minihuman.web.server.request_timeout import TimedHttpProtocol
+from minihuman.web.traffic_limits import count_handles
 
 HOST = "127.0.0.1"
 _WAITING = 1024  # connections that the system keeps until they are looked at
@@ -66,19 +69,36 @@ def open_listening_socket(port: int, host: str = HOST) -> socket.socket:
     return taken
 
 
+def _require_handles(max_sessions: int) -> None:
+    needed = count_handles(max_sessions)
+    allowed = raise_file_limit(needed)
+    if allowed < needed:
+        raise ServeError(
+            f"max_concurrent_sessions is {max_sessions}, for which a server needs {needed} open files and sockets, but "
+            f"the system's hard limit is {allowed}; raise it (LimitNOFILE of a systemd unit, `ulimit -Hn`) or lower "
+            "max_concurrent_sessions"
+        )
+
+
 def run_server(
     protocol: Protocol, data: Path, taken: socket.socket, *, links: int, say: Callable[[str], None], address: str = ""
 ) -> None:
     """Serve a study until SIGTERM or Ctrl-C; ``say`` gets each link, to ``address`` or this machine.
 
     Sessions are left as they are, for the next server to resume.
+
+    Raises:
+        ArrivalKeyError: if the study requires signed arrivals and there is no key.
+        ServeError: if the system lets this process have too few files open for the sessions of the study.
     """
+    _require_handles(protocol.web.max_concurrent_sessions)
     try:
         obey_withdrawals(data / protocol.study.name, ask_store=True, say=say)
     except RemoteStoreError as error:  # people can take part all the same; `gather` asks again
         say(str(error))
     table = open_lease_table(data / protocol.study.name)
-    arrivals = Arrivals(protocol, data, None if table is None else SessionLeases(table))
+    arrival_key = read_arrival_key() if protocol.web.require_signed_arrival else b""
+    arrivals = Arrivals(protocol, data, None if table is None else SessionLeases(table), arrival_key=arrival_key)
     address = f"{address.rstrip('/')}/" if address else f"http://{HOST}:{taken.getsockname()[1]}/"
     for token in arrivals.recruits.issue(links):
         say(build_link(address, token))
@@ -89,6 +109,7 @@ def run_server(
     server = WebServer(arrivals, data)
     config = uvicorn.Config(
         server.app(),
+        http=TimedHttpProtocol,
         ws="websockets-sansio",
         ws_max_size=MAX_MESSAGE_BYTES,
         ws_ping_interval=20.0,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.entities import texture_variants
 from minihuman.worlds.first_person.parameters import running_sum
+from minihuman.worlds.first_person.room_names import RoomNames
 from minihuman.worlds.first_person.walls import wall_pieces
 from minihuman.worlds.hashing import hash64
 
@@ -156,7 +157,7 @@ class Portal(NamedTuple):
 
 
 @dataclass(slots=True, eq=False)
-class Room:
+class Room(RoomNames):
     """One room: a shape, how high its walls are, what covers them, and the portals cut so far."""
 
     outline: RoomOutline

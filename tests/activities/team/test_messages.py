@@ -277,6 +277,18 @@ def test_without_either_nothing_is_written_or_shown(tmp_path: Path) -> None:
     assert one.machine.screen.messages is None
 
 
+def test_messages_of_a_page_that_moves_its_clock_reach_the_partner_at_the_servers_interval(tmp_path: Path) -> None:
+    (one, two), clock, _ = talking(tmp_path)
+    for number in range(3):
+        one.wait(2001)  # by its own clock
+        write(one, f"word{number}")
+    two.wait(1)
+    assert len(two.of(MessageShown)) == 1
+    clock.s += 2.1
+    two.wait(1)
+    assert len(two.of(MessageShown)) == 2
+
+
 def test_a_bids_export_has_no_log_with_what_people_wrote_to_each_other_unless_asked(tmp_path: Path) -> None:
     (one, two), _, _ = talking(tmp_path)
     write(one, SECRET)
