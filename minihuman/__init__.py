@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         ReportSummary as ReportSummary,
         VerificationLine as VerificationLine,
         export as export,
+        import_page_data as import_page_data,
         open_session as open_session,
         open_study as open_study,
         report as report,
@@ -44,6 +45,10 @@ if TYPE_CHECKING:
         Session as Session,
         Study as Study,
     )
+    from minihuman.worlds.adapters.page_world import (
+        ActionsVerification as ActionsVerification,
+        verify_actions as verify_actions,
+    )
     from minihuman.worlds.adapters.pettingzoo import parallel_env as parallel_env
     from minihuman.worlds.grid.layout import observation_to_text as observation_to_text
     from minihuman.worlds.team import make_team as make_team
@@ -51,6 +56,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _MODULES = {  # where each public name is; imported when it is asked for, so that importing minihuman is fast
+    "ActionsVerification": "minihuman.worlds.adapters.page_world",
     "Episode": "minihuman.recorded_study",
     "ExportSummary": "minihuman.api",
     "MinihumanError": "minihuman.errors",
@@ -62,6 +68,7 @@ _MODULES = {  # where each public name is; imported when it is asked for, so tha
     "Study": "minihuman.recorded_study",
     "VerificationLine": "minihuman.api",
     "export": "minihuman.api",
+    "import_page_data": "minihuman.api",
     "make_team": "minihuman.worlds.team",
     "observation_to_text": "minihuman.worlds.grid.layout",
     "open_session": "minihuman.api",
@@ -71,6 +78,7 @@ _MODULES = {  # where each public name is; imported when it is asked for, so tha
     "run": "minihuman.api",
     "simulate": "minihuman.api",
     "verify": "minihuman.api",
+    "verify_actions": "minihuman.worlds.adapters.page_world",
 }
 __all__ = [*_MODULES, "__version__"]
 

@@ -21,8 +21,10 @@ if TYPE_CHECKING:
     from minihuman.experiment.plan.session_plan import SessionPlan
     from minihuman.experiment.protocol.protocol import Protocol
     from minihuman.recorded_study import Session, Study
+    from minihuman.web.page_data.imports import ImportedFile
 
 Listener = Callable[[str], None]
+_PAGE_DATA_SUFFIXES = (".json", ".csv")
 _LOGS_PER_PROCESS = 8  # to verify; fewer are replayed sooner than one more process starts
 
 
@@ -86,6 +88,7 @@ def run(
     window: str = "auto",
     fullscreen: bool = True,
     lsl: bool = False,
+    isolate_worlds: bool = False,
     trust: Permission = False,
     on_progress: Listener = _ignore,
     on_start: Listener = _ignore,
@@ -106,6 +109,7 @@ def run(
         window: ``auto``, ``pygame``, ``pyglet`` or a plug-in's name.
         fullscreen: use the whole screen, not a window.
         lsl: send markers by the Lab Streaming Layer.
+        isolate_worlds: run worlds that are not ours in processes of their own; those of teams stay in this one.
         trust: trust the protocol's folder, now and from now on: run the Python in it. Or a function that is asked
             this as a question.
         on_progress: is told what is being prepared; "" when the window is about to open.
@@ -131,6 +135,7 @@ def run(
     from minihuman.runtime.machine import SessionClock
     from minihuman.runtime.shared_window import SharedWindow, host_team
     from minihuman.runtime.team_seating import count_seats_at_machine, require_one_process
+    from minihuman.worlds.isolation.isolated_world import choose_world_factory
 
     protocol = Path(protocol)
     data = Path(data)
@@ -165,7 +170,8 @@ def run(
         plans = [plan_session(code) for code in codes]
         if seats == 1:
             agent = make_agent_host(study, plans[0], data)
-            return host_session(plans[0], opened, clock, data, markers=lsl, agent=agent)
+            with choose_world_factory(isolate_worlds) as make_world:
+                return host_session(plans[0], opened, clock, data, markers=lsl, agent=agent, make_world=make_world)
         logs = host_team(study, plans, SharedWindow(opened, clock, seats), clock, data, markers=lsl)
         for log in logs[1:]:
             on_start(f"log: {log}" if log else "a session ended before anything was recorded; its slot is free again")
@@ -227,6 +233,7 @@ def simulate(
     player: str = "human-like",
     parallel: int = 1,
     max_price: float = 0.0,
+    isolate_worlds: bool = False,
     trust: Permission = False,
     on_progress: Listener = _ignore,
 ) -> Iterator[Path]:
@@ -244,6 +251,7 @@ def simulate(
             that ``OPENAI_BASE_URL`` and ``OPENAI_API_KEY`` name.
         parallel: how many sessions of a model are played at a time.
         max_price: stop a model's sessions when this run has cost so much; they can be resumed. 0: no limit.
+        isolate_worlds: as for ``run``; the worlds of a model's sessions stay in this process.
         trust: as for ``run``.
         on_progress: is told how far it is.
 
@@ -258,6 +266,7 @@ def simulate(
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.experiment.plan.dry_run import check_worlds
     from minihuman.runtime.simulated_session import simulate as play
+    from minihuman.worlds.isolation.isolated_world import choose_world_factory
 
     protocol, data = Path(protocol), Path(data)
     study = read_protocol(protocol, trust=trust)
@@ -266,9 +275,11 @@ def simulate(
         yield from _simulate_models(study, data, participants, player, parallel, max_price, on_progress)
         return
     check_worlds(study, str(protocol))
-    for number, path in enumerate(play(study, data, participants=participants, seed=seed, player=player), 1):
-        yield path
-        on_progress(f"{player} plays {study.study.name}: {number} of {participants} participants done")
+    with choose_world_factory(isolate_worlds) as make_world:
+        logs = play(study, data, participants=participants, seed=seed, player=player, make_world=make_world)
+        for number, path in enumerate(logs, 1):
+            yield path
+            on_progress(f"{player} plays {study.study.name}: {number} of {participants} participants done")
 
 
 def _simulate_models(
@@ -312,7 +323,8 @@ def verify(
     """Replay logs from their seeds and inputs, and compare every message; of a study also its enrolment log.
 
     Args:
-        paths: session logs, or folders of them; with a manifest, study folders.
+        paths: session logs, or folders of them, and files of a page's episodes (.json, .csv); with a manifest, study
+            folders.
         manifest: a digest or manifest file; then only the files are compared with it.
         trust: trust the modules of the logs' worlds, now and from now on.
         policies: compare the agents' actions with their policy files, too.
@@ -355,6 +367,9 @@ def verify(
         if manifest is not None:
             checks.append(_name_findings(path, verify_manifest(path, manifest)))
             continue
+        if path.suffix.lower() in _PAGE_DATA_SUFFIXES and path.is_file():
+            checks.append(_name_findings(path, _verify_page_data(path)))
+            continue
         studies = find_studies(path)
         logs = find_sessions(path, required=not studies)
         processes = 1 if trust else None  # what is trusted is one file
@@ -375,6 +390,12 @@ def _obey_withdrawals(paths: Iterable[Path | str]) -> Iterator[VerificationLine]
         yield from (VerificationLine(study, line, ok=True) for line in lines)
 
 
+def _verify_page_data(file: Path) -> Iterator[tuple[str, bool]]:
+    from minihuman.web.page_data.imports import verify_page_data
+
+    yield from verify_page_data(file)
+
+
 def _verify_log(log: Path, *, trust: bool, policies: bool) -> list[VerificationLine]:
     from minihuman.admin.verify.log import verify_session
 
@@ -387,6 +408,28 @@ def _name_findings(path: Path, found: Iterable[tuple[str, bool]]) -> Iterator[Ve
             yield VerificationLine(path, text, ok)
     except MinihumanError as error:
         yield VerificationLine(path, str(error), ok=False, error=error)
+
+
+def import_page_data(*paths: Path | str, study: Path | str) -> Iterator["ImportedFile"]:
+    """Import episodes that a page computed without a server: jsPsych's JSON or CSV, or kept games.
+
+    Each file is one participant's session. Its episodes are played again from their seeds and actions; where nothing
+    differs, the session machine writes them as a log, which says that it is consistent, not witnessed. A file that was
+    imported before is passed over.
+
+    Args:
+        paths: files, or folders of them.
+        study: the study's folder, which has imported sessions alone; it is made if it does not exist.
+
+    Yields:
+        What became of each file. ``error`` says why one was refused; the others are imported all the same.
+
+    Raises:
+        MinihumanError: if a path has no data of a page.
+    """
+    from minihuman.web.page_data.imports import import_files
+
+    yield from import_files(map(Path, paths), Path(study))
 
 
 def export(

@@ -349,11 +349,48 @@ def limit_memory(share: float) -> None:
     Linux does both. macOS may refuse, and Windows has no such call for a running process: there is no limit then.
     """
     if sys.platform != "win32":
+        limit_memory_bytes(int(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") * share))
+
+
+def limit_memory_bytes(limit: int) -> None:
+    """Limit this process to so many bytes, and have the system end it first when memory is short; as `limit_memory`."""
+    if sys.platform != "win32":
         with contextlib.suppress(OSError):
             Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii", newline="\n")
-        limit = int(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") * share)
         with contextlib.suppress(OSError, ValueError):
             resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+
+
+def measure_own_use() -> tuple[float, int]:
+    """Return the CPU time in seconds that this process has used, and the most memory in bytes that it had.
+
+    Windows does not say the memory: it is 0 there.
+    """
+    if sys.platform == "win32":
+        return time.process_time(), 0
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    unit = 1 if sys.platform == "darwin" else 1024
+    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss * unit
+
+
+def lead_own_group() -> None:
+    """Make this process the first of a group, which Ctrl-C in the terminal does not reach; Windows has none."""
+    if sys.platform != "win32":
+        os.setsid()
+
+
+def end_group(pid: int) -> None:
+    """End a process and those that it started, if it leads a group; one that has ended is left alone."""
+    if sys.platform != "win32":
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(pid, signal.SIGKILL)
+
+
+def end_with_parent() -> None:
+    """Have the system end this process as soon as its parent ends, whatever it is doing; Linux alone does."""
+    if sys.platform == "linux":
+        pr_set_pdeathsig = 1
+        ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
 
 
 @contextlib.contextmanager

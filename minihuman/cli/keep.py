@@ -1,4 +1,4 @@
-"""Commands that keep and administer data: verify, recover, annotate, manifest, withdraw, replace, gather."""
+"""Commands that keep and administer data: verify, recover, annotate, manifest, withdraw, replace, import, gather."""
 
 import sys
 from pathlib import Path
@@ -8,6 +8,7 @@ from minihuman.cli.options import (
     Argument,
     EngineOption,
     ExperimenterOption,
+    JsonOption,
     LogFile,
     Option,
     ReasonOption,
@@ -23,7 +24,7 @@ StudyOption = Annotated[Path, Option("--study", help="The study's folder, such a
 
 
 def verify(
-    logs: Annotated[list[Path], Argument("Session logs, or folders of them.", "LOG...")],
+    logs: Annotated[list[Path], Argument("Session logs or a page's data, or folders of logs.", "LOG...")],
     manifest: Annotated[
         str | None,
         Option("--manifest", "--seal", help="Compare the files with this manifest, given as a file or by its digest."),
@@ -200,6 +201,42 @@ def replace(code: Code, study: StudyOption, reason: ReasonOption = "", experimen
 
     offer(study, code, AuditNote(ask_reason(reason), experimenter))
     print(f"the next `minihuman run` offers {code}'s slot")
+
+
+def import_(
+    files: Annotated[list[Path], Argument("Files of a page's data (.json, .csv), or folders of them.", "DATA...")],
+    study: Annotated[Path, Option("--study", help="The study's folder; it is made if it does not exist.")],
+    json: JsonOption = False,
+) -> None:
+    """Import episodes that a web page recorded without a server.
+
+    Each file is one participant's session. Its episodes are replayed from their seeds and actions; a file that differs
+    is refused. The logs say that they are consistent, not witnessed. The exit status is 1 if a file was refused.
+
+    Example: minihuman import data/ --study sessions/online-maze
+    """
+    from minihuman.api import import_page_data
+
+    code = 0
+    for imported in import_page_data(*files, study=study):
+        code = max(code, imported.error.exit_code if imported.error else 0)
+        if json:
+            log = None if imported.log is None else str(imported.log)
+            counts = {"episodes": imported.episodes, "steps": imported.steps}
+            print_json(
+                {
+                    "file": imported.file,
+                    "log": log,
+                    **counts,
+                    "refused": imported.error is not None,
+                    "said": imported.text,
+                }
+            )
+        elif imported.error:
+            print(escape_control_characters(f"minihuman: {imported.text}"), file=sys.stderr, flush=True)
+        else:
+            print(escape_control_characters(f"{imported.file}: {imported.text}"), flush=True)
+    raise SystemExit(code)
 
 
 def gather(

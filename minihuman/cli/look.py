@@ -103,15 +103,21 @@ def film(
 ) -> None:
     """Write a film of a session's episodes, or a contact sheet.
 
-    Keys, reaction times and the map are shown beside what the participant saw.
+    Keys, reaction times and the map are shown beside the pictures, which the world draws again. For a world that is not
+    minihuman's own, the command says whether they are proved to be what the participant saw.
 
     Example: minihuman film sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap --episode 3 --out episode-3.mp4
     """
+    from minihuman.admin.verify.shown_pictures import verify_pictures
     from minihuman.log.read.session_reader import read_log
     from minihuman.replay.film import write_film
 
+    session = read_log(log)
     with name_output_when_full(out):
-        print(write_film(read_log(log), out, episode=episode))
+        print(write_film(session, out, episode=episode))
+    pictures = verify_pictures(session)
+    if pictures is not None:
+        print(pictures)
 
 
 @selection_options()

@@ -63,6 +63,9 @@ ExperimenterOption = Annotated[
 TrustOption = Annotated[
     bool, Option("--trust", help="Trust the protocol's folder from now on, so that Python code in it may run.")
 ]
+IsolationOption = Annotated[
+    bool, Option("--isolate-worlds", help="Run worlds that are not minihuman's own in processes of their own.")
+]
 EngineOption = Annotated[
     str,
     Option(help="Where many logs are worked on: `local`, or `ray`, a Ray cluster (RAY_ADDRESS) that sees the files."),

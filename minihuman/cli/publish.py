@@ -1,4 +1,4 @@
-"""Commands for planning and publishing: export, power, fit, payments."""
+"""Commands for planning and publishing: export, power, fit, payments, pack."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -235,3 +235,23 @@ def score(
     print(format_scorecard(card))
     for path in paths:
         print(path)
+
+
+def pack(
+    worlds: Annotated[
+        list[str], Argument("World ids, such as MiniGrid-FourRooms-v0; `minihuman worlds` lists them.", "WORLD...")
+    ],
+    out: Annotated[Path, Option(help="The folder to write to; files of an earlier pack in it are replaced.")],
+    seeds: Annotated[str, Option(help="The seeds to pack, such as 0-99.")] = "0-99",
+) -> None:
+    """Pack worlds for web pages that run without a server.
+
+    The folder holds the worlds' compiled rules, their pictures, the first states of the seeds, and the JavaScript
+    modules that play them. Put it beside your page, on any web host.
+
+    Example: minihuman pack MiniGrid-FourRooms-v0 --seeds 0-49 --out site/worlds
+    """
+    from minihuman.web.world_pack import pack_worlds, parse_seeds
+
+    packed = pack_worlds(out, parse_seeds(seeds), worlds)
+    print(f"{len(packed.worlds)} worlds, {packed.size_bytes / 1e6:.1f} MB in {out}")

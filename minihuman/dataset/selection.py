@@ -33,6 +33,7 @@ from minihuman.experiment.machine.events import EpisodesSkipped, Noted
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import ExclusionSpec, decode_logged_protocol
 from minihuman.experiment.protocol.specs import apply_overrides
+from minihuman.log.evidence import find_evidence
 from minihuman.log.model.session_log import CUT_OFF, EpisodeLog, SessionLog
 
 _ENOUGH = 6  # letters of a SHA-256 that name a protocol
@@ -391,6 +392,7 @@ def summarize_session(log: SessionLog) -> MeasureRow:
     planned = len(log.plan.episodes) - skipped
     return {
         "player": log.player,
+        "evidence": find_evidence(log.facts),
         "window": log.segments[0].facts.get("window", "") if log.segments else "",
         "started_at": log.started_at,
         "end_reason": log.end_reason,

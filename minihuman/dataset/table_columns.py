@@ -457,6 +457,9 @@ BLOCKS = (*SESSION_COLUMNS, *BLOCK_COLUMNS, *_OVER_EPISODES, EXCLUDED_COLUMN)
 PARTICIPANTS = (
     *SESSION_COLUMNS,
     TableColumn("player", "text", "", "Who pressed the keys: human, or the simulated player's name."),
+    TableColumn(
+        "evidence", "text", "", "witnessed: recorded as it was played; consistent: imported from a page's own data."
+    ),
     TableColumn("window", "text", "", "The participant's window: pygame, pyglet, web or simulated; empty if unknown."),
     TableColumn("started_at", "text", "UTC", "When the session began, ISO 8601."),
     TableColumn("end_reason", "text", "", "Why the session ended."),

@@ -230,6 +230,7 @@ def _gather_content(
         players=sorted(participants["player"].unique()),
         windows=dict(participants["window"].fillna("a window that did not say").value_counts()),
         simulated=simulated,
+        imported=int((participants["evidence"] == "consistent").sum()),
         flow=flow_section(tables.source, participants),
         methods=build_methods(outlines, qualities, simulated, protocols=report_input.protocols),
         known_keys=find_known_keys(outlines, report_input.protocols),

@@ -85,6 +85,7 @@ class PageContent:
     sessions: int
     players: Sequence[str]
     simulated: int  # sessions that no person played
+    imported: int  # sessions that a page recorded and nobody witnessed
     windows: Mapping[str, int]  # what they sat at, and how many sessions there
     flow: FlowSection | None  # how many came, left, were screened out and are included
     methods: Sequence[str]
@@ -128,6 +129,7 @@ def build_page(facts: PageContent, found: Results, templates: Path | None = None
         "included": found.kept,
         "players": facts.players,
         "simulated": facts.simulated,
+        "imported": facts.imported,
         "windows": ", ".join(f"{window} in {count} sessions" for window, count in facts.windows.items()),
         "flow": facts.flow,
         "practice": facts.practice,

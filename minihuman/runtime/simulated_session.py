@@ -20,7 +20,7 @@ from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import plan_next_session
 from minihuman.display.windows.window import VirtualClock
 from minihuman.errors import MinihumanError, PlayerFailedError
-from minihuman.experiment.machine.activity import find_kind
+from minihuman.experiment.machine.activity import WorldFactory, find_kind
 from minihuman.experiment.pending_session import build_session
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.session_plan import SessionPlan
@@ -43,7 +43,15 @@ from minihuman.simulation.participant import (
 from minihuman.worlds.adapters.world import World
 
 
-def simulate(protocol: Protocol, data: Path, *, participants: int, seed: int, player: str) -> Iterator[Path]:
+def simulate(
+    protocol: Protocol,
+    data: Path,
+    *,
+    participants: int,
+    seed: int,
+    player: str,
+    make_world: WorldFactory = World,
+) -> Iterator[Path]:
     """Run simulated participants one after the other, in the next free slots; yield the log of each of their sessions.
 
     A study of several sessions is played to its end, without the days between; a participant who is screened out does
@@ -51,7 +59,7 @@ def simulate(protocol: Protocol, data: Path, *, participants: int, seed: int, pl
     Each has a random stream of its own, from ``seed``, its slot, and how many left that slot before.
 
     A player that crashes or gives no answer ends its session as ``player_failed``, its slot is free again, and no
-    further session begins.
+    further session begins. ``make_world`` makes the sessions' worlds.
 
     Raises:
         AllocationError: if there are too few free slots, before any session; or another program took them since.
@@ -76,7 +84,7 @@ def simulate(protocol: Protocol, data: Path, *, participants: int, seed: int, pl
         return
     for _ in range(participants):
         plan, person = begin()
-        yield from _play_sessions(protocol, data, plan, person, facts, left)
+        yield from _play_sessions(protocol, data, plan, person, facts, left, make_world=make_world)
 
 
 def _simulate_teams(
@@ -104,10 +112,12 @@ def _play_sessions(
     facts: dict[str, str],
     left: Counter[int],
     teams: TeamTable | None = None,
+    *,
+    make_world: WorldFactory = World,
 ) -> Iterator[Path]:
     """All sessions of one person, who is counted in ``left`` if there are no data of them."""
     place = plan.participant.index
-    log, reason = _play(protocol, plan, person, data, facts, before=left[place], teams=teams)
+    log, reason = _play(protocol, plan, person, data, facts, before=left[place], teams=teams, make_world=make_world)
     if log is None:
         free_slot(data / plan.study, plan.participant.id, reason)
         left[place] += 1
@@ -117,7 +127,7 @@ def _play_sessions(
         if reason != "complete":
             break
         plan = plan_next_session(protocol, data, participant=plan.participant.id, session=session, any_day=True)
-        log, reason = _play(protocol, plan, person, data, facts, teams=teams)
+        log, reason = _play(protocol, plan, person, data, facts, teams=teams, make_world=make_world)
         if log is not None:
             yield log
 
@@ -158,11 +168,12 @@ def _play(
     *,
     before: int = 0,
     teams: TeamTable | None = None,
+    make_world: WorldFactory = World,
 ) -> tuple[Path | None, str]:
     """Return the log (None if screened out before the group was drawn) and why the session ended."""
     clock = VirtualClock()
     facts = facts | collect_world_facts(list_world_ids(plan)) | {"window": "simulated"}
-    session = build_session(plan, World, facts, picture_px=None)
+    session = build_session(plan, make_world, facts, picture_px=None)
     log = DeferredRecorder(plan, lambda: McapRecorder(data, session.plan, started_ns=time.time_ns()))
     recorder = BufferedRecorder(log)
     window = SimulatedWindow(player, session, clock, before=before, at_rest=recorder.flush)

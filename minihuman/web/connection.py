@@ -7,10 +7,12 @@ it is in the session (`session_clocks`), and what becomes of the log in the end 
 import asyncio
 import logging
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
 from contextlib import suppress
+from typing import Any, TypeVar
 
-from minihuman.errors import LogError
+from minihuman.errors import LogError, WorldError
 from minihuman.experiment.machine.inputs import ExperimenterCommand, Stop
 from minihuman.experiment.plan.session_plan import needs_gamepad
 from minihuman.experiment.words import InterfaceWords
@@ -23,13 +25,15 @@ from minihuman.web.eligibility import get_page_texts, list_touch_keys
 from minihuman.web.hosted_session import HostedSession, SessionRecording
 from minihuman.web.key_codes import KEY_CODES
 from minihuman.web.page_presence import PagePresence, find_sign_interval_ms
-from minihuman.web.page_protocol import PageSession, ServerMessages, StreamNames
+from minihuman.web.page_protocol import PageProtocol, PageSession, ServerMessages, StreamNames
 from minihuman.web.session_budget import SessionBudget
 from minihuman.web.session_clocks import SegmentClock
 from minihuman.web.session_host import SessionHost
+from minihuman.worlds.adapters.foreign_code import WorldCodeError
 from minihuman.worlds.source_digest import kernels_digest
 
 LOG = logging.getLogger("minihuman")
+T = TypeVar("T")
 _ACTS = messages.KeyMessage | messages.PointerMessage | messages.TextMessage | messages.AxisMessage  # of a person
 
 
@@ -42,6 +46,7 @@ class Connection(PageSession):
         inbox: the experimenter's commands.
         leases: of this server; None where no other machine has this study.
         max_outage_s: for how long, at most, no server had a session that another one had.
+        threads: where the session runs, as its worlds may keep it waiting; None: in the server's loop.
     """
 
     def __init__(
@@ -52,6 +57,7 @@ class Connection(PageSession):
         leases: SessionLeases | None = None,
         *,
         max_outage_s: float = 0.0,
+        threads: Executor | None = None,
     ) -> None:
         self.key = admission.key
         self.admission = admission
@@ -60,6 +66,9 @@ class Connection(PageSession):
         self.recording = SessionRecording(hosted, self.lease, leases)
         self.presence = PagePresence(monotonic_s(), hosted.signs)
         self.loop = asyncio.get_running_loop()
+        self._threads = threads
+        self._turn = asyncio.Lock()  # one thread at a time
+        self._polling: asyncio.Task[bool] | None = None
         self.changed = asyncio.Event()  # there is something to send
         self.network = ""  # from which it was made, in memory only
         self.over: messages.SessionOver | None = None  # the last message to the page
@@ -102,6 +111,51 @@ class Connection(PageSession):
     def _next_ns(self) -> int:
         """Return a time for an input from outside: now, and after the page's last message."""
         return max(self.now_ns(), self.host.last_at_ns + 1)
+
+    # Threads
+
+    @property
+    def has_threads(self) -> bool:
+        """Whether its worlds may keep it waiting, so that its work is done in threads."""
+        return self._threads is not None
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a thread is at work on the session, so that nothing else may look at it."""
+        return self._turn.locked()
+
+    async def run(self, work: Callable[..., T], *arguments: Any) -> T:
+        """Do something with the session: where its worlds may keep it waiting, in a thread, after what came before.
+
+        The work is done to its end though who waits for it is cancelled.
+        """
+        if self._threads is None:
+            return work(*arguments)
+        return await asyncio.shield(self._run_in_turn(self._threads, work, arguments))
+
+    async def _run_in_turn(self, threads: Executor, work: Callable[..., T], arguments: tuple[Any, ...]) -> T:
+        async with self._turn:
+            return await self.loop.run_in_executor(threads, work, *arguments)
+
+    async def take_batches(self, protocol: PageProtocol) -> Iterable[bytes]:
+        """Take what there is to send, while no thread adds to it."""
+        if self._threads is None:
+            return protocol.take_batches()
+        async with self._turn:
+            return list(protocol.take_batches())
+
+    def poll_soon(self) -> None:
+        """Poll from the loop, in a thread where the session runs in one."""
+        if self._threads is None:
+            self.poll()
+        else:
+            self._polling = self.loop.create_task(self.run(self.poll))
+
+    def _say_changed(self) -> None:
+        if self._threads is None:
+            self.changed.set()
+        else:
+            self.loop.call_soon_threadsafe(self.changed.set)
 
     # The page
 
@@ -221,7 +275,7 @@ class Connection(PageSession):
         """See whether a learner has made something; True if there is something to tell the page."""
         has_news = bool(self._guarded(self.host.poll))
         if has_news:
-            self.changed.set()
+            self._say_changed()
         return has_news
 
     def grow(self) -> bool:
@@ -238,7 +292,7 @@ class Connection(PageSession):
     def send_prefetched(self) -> None:
         """Tell the page what was found ahead."""
         self.host.outbox.send_prefetched()
-        self.changed.set()
+        self._say_changed()
 
     def read_inbox(self) -> None:
         """Hand on what the experimenter asks for: to the page, or at once where there is none."""
@@ -247,12 +301,12 @@ class Connection(PageSession):
                 self.host.ask(request.what, request.text)
             else:
                 self._guarded(self.host.stop, ExperimenterCommand(self._next_ns(), request.what, request.text))
-            self.changed.set()
+            self._say_changed()
 
     def stop(self, reason: str, detail: str) -> None:
         """End the session from outside."""
         self._guarded(self.host.stop, Stop(self._next_ns(), reason, detail))  # type: ignore[arg-type]
-        self.changed.set()
+        self._say_changed()
 
     def _guarded(self, do: Callable[..., bool | None], *arguments: object, **options: object) -> bool | None:
         try:
@@ -261,6 +315,9 @@ class Connection(PageSession):
             self.host.session.receive(Stop(self.host.last_at_ns, "disk_full", str(error)))
         except messages.MessageError:
             raise
+        except WorldError as error:  # of a picture for the page, which the session itself does not draw
+            log_text = error.log_text if isinstance(error, WorldCodeError) else str(error)
+            self.host.stop(Stop(self.host.last_at_ns, "world_error", log_text))
         except Exception as error:  # a bug of ours: this session ends, the others go on
             LOG.exception("a session failed")
             stop = Stop(self.host.last_at_ns, "internal_error", f"{type(error).__name__}: {error}")

@@ -12,6 +12,7 @@ import logging
 import shutil
 from collections import deque
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from weakref import WeakValueDictionary
 
@@ -23,6 +24,7 @@ from minihuman.runtime.session_loop import CommandInbox, inbox_path
 from minihuman.runtime.team_host import TeamTable
 from minihuman.storage.system import current_system
 from minihuman.web.arrivals import Admission, Arrival, Arrivals, Rejection, identify_visitor, is_token
+from minihuman.web.computed import PageWorld
 from minihuman.web.connection import Connection
 from minihuman.web.eligibility import (
     check_eligibility,
@@ -37,6 +39,7 @@ from minihuman.web.messages import MESSAGE_VERSION, Hello, Refusal
 from minihuman.web.outbox import PageSettings
 from minihuman.web.refusals import WAIT, RefusalTexts
 from minihuman.web.traffic_limits import find_network
+from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
 from minihuman.worlds.source_digest import kernels_digest
 
 LOG = logging.getLogger("minihuman")
@@ -50,10 +53,17 @@ class ConnectionFactory:
         data: where sessions are kept.
         connections: the open ones; new ones are added.
         group: writes their logs; None: a thread of its own.
+        worlds: runs worlds that are not ours in processes of their own; None: all run in this one.
     """
 
     def __init__(
-        self, arrivals: Arrivals, data: Path, connections: dict[str, Connection], *, group: GroupCommit | None = None
+        self,
+        arrivals: Arrivals,
+        data: Path,
+        connections: dict[str, Connection],
+        *,
+        group: GroupCommit | None = None,
+        worlds: IsolatedWorlds | None = None,
     ) -> None:
         self.facts: Mapping[str, str] = {}  # of this machine
         self.recorded: set[Connection] = set()  # of leased sessions, whose logs have grown
@@ -61,7 +71,10 @@ class ConnectionFactory:
         self._data = data
         self._connections = connections
         arrivals.hosted = connections
-        self._disk = HostStorage(arrivals.protocol, data, group or GroupCommit(), TeamTable(arrivals.protocol, data))
+        self._disk = HostStorage(
+            arrivals.protocol, data, group or GroupCommit(), TeamTable(arrivals.protocol, data), worlds or PageWorld
+        )
+        self._threads = self._make_threads(worlds)
         self._wakes = _WakeQueue(self.recorded)
         self._web = arrivals.protocol.web
         self._settings = PageSettings(self._web.image_size_px, self._web.image_encoding)
@@ -69,6 +82,13 @@ class ConnectionFactory:
         self._isolation_numbers = itertools.count(1)
         self._connection_keys: dict[bytes, str] = {}  # by a digest of a hello's link
         self._turns: WeakValueDictionary[bytes, asyncio.Lock] = WeakValueDictionary()  # while one waits
+
+    def _make_threads(self, worlds: IsolatedWorlds | None) -> Executor | None:
+        """Make threads for the sessions of a study with isolated worlds, which may keep all of them waiting at once."""
+        protocol = self._arrivals.protocol
+        if worlds is None or not any(worlds.isolates(block.world) for block in protocol.blocks):
+            return None
+        return ThreadPoolExecutor(protocol.web.max_concurrent_sessions, "minihuman-session")
 
     async def connect(self, hello: Hello, address: str = "") -> Connection | Refusal:
         """Find or make the connection for a hello from a network address."""
@@ -169,7 +189,7 @@ class ConnectionFactory:
 
         def ask_team() -> None:
             for connection in opened:
-                connection.loop.call_soon_threadsafe(connection.poll)
+                connection.loop.call_soon_threadsafe(connection.poll_soon)
 
         try:
             hosted = await asyncio.to_thread(self._host_session, admission, self._collect_facts(hello), wake, ask_team)
@@ -186,6 +206,7 @@ class ConnectionFactory:
             self._open_inbox(admission),
             self._arrivals.leases,
             max_outage_s=self._web.reconnect_timeout_s,
+            threads=self._threads,
         )
         self._connections[admission.key] = connection
         opened.append(connection)

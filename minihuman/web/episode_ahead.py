@@ -35,6 +35,7 @@ class EpisodeAhead:
         self._make_world = make_world
         self._picture_px = picture_px
         self._own_world: World | None = None  # that may be reset
+        self._lends = True  # a world of its own can restore the copies of the session's
 
     def forget(self, *, keeps_computed: bool) -> None:
         """Begin with a page that has no rules; what it computes can be the same episode when it is loaded again."""
@@ -54,6 +55,7 @@ class EpisodeAhead:
         """
         self.plan = play.plan
         self.graph = None
+        self._lends = play.world.has_portable_copies
         if computes:
             if self.computed is None or self.computed.play is not play:  # else the page was loaded again
                 self.computed = ComputedEpisode(play, self._picture_px)
@@ -65,12 +67,14 @@ class EpisodeAhead:
             actions,
             self._picture_px,
             images,
-            world=self._find_world(play.plan),
+            world=self._find_world(play.plan) if self._lends else None,
             # a team's ticks also have the others' actions; where keys combine, any step is possible
             blind=(play.is_joint and play.real_time) or play.repeats_held or not play.world.actions.is_discrete,
+            actual=None if self._lends else play.world,
         )
         if play.steps:
             self.graph.move_to(play.world)
+        play.keep_picture_hash(self.graph.picture_hash)
         return self.graph.root.name
 
     def step(self, action: int, play: RunningEpisode | None) -> int:
@@ -88,7 +92,9 @@ class EpisodeAhead:
         if play.is_joint:  # others acted, too
             self.graph.move_to(play.world)
             return self.graph.root.name
-        return self.graph.step(action, play.world).name
+        scene = self.graph.step(action, play.world)
+        play.keep_picture_hash(self.graph.picture_hash)
+        return scene.name
 
     def compare(self, message: messages.PageMessage, events: Sequence[Event]) -> str:
         """Compare a message's step in the page with the session's; return how they differ, "" if they do not."""
@@ -103,7 +109,7 @@ class EpisodeAhead:
 
     def lend(self, world_id: str, options: dict[str, Any]) -> World | None:
         """Lend the own world, if it will do: a graph goes back to a scene of its own before each step."""
-        if self.plan is None or (self.plan.world, self.plan.options) != (world_id, options):
+        if self.plan is None or not self._lends or (self.plan.world, self.plan.options) != (world_id, options):
             return None
         return self._find_world(self.plan)
 

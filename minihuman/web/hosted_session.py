@@ -13,6 +13,7 @@ from pathlib import Path
 
 from minihuman.admin.manifest import record_log_end
 from minihuman.errors import LogError
+from minihuman.experiment.machine.activity import WorldFactory
 from minihuman.experiment.machine.events import FINAL_END_REASONS, Event, SessionStarted
 from minihuman.experiment.machine.life_signs import LifeSigns
 from minihuman.experiment.pending_session import build_session
@@ -58,12 +59,14 @@ class HostStorage:
         data: the data folder.
         group_commit: writes for all sessions of a process.
         teams: those of the sessions of a process.
+        make_world: makes the worlds of sessions.
     """
 
     protocol: Protocol
     data: Path
     group_commit: GroupCommit
     teams: TeamTable | None = None
+    make_world: WorldFactory = PageWorld
 
 
 @dataclass(slots=True)
@@ -107,11 +110,11 @@ def start_host(
         return files[0]
 
     require_unclaimed(SegmentPath.of_plan(disk.data, plan))
-    session = build_session(plan, PageWorld, facts, picture_px=settings.picture_px, renders_steps=False)
+    session = build_session(plan, disk.make_world, facts, picture_px=settings.picture_px, renders_steps=False)
     recorder = DeferredRecorder(plan, open_recorder)
     signs = LifeSigns(tells_acts=True)
     agent = make_agent_host(disk.protocol, plan, disk.data, teams=disk.teams, changed=at_team_change, signs=signs)
-    host = SessionHost(session, recorder, PageWorld, settings, agent=agent)
+    host = SessionHost(session, recorder, disk.make_world, settings, agent=agent)
     return HostedSession(host, recorder, started_ns, name_segment(disk.data, plan), files, signs)
 
 
@@ -135,7 +138,7 @@ def resume_host(
     try:
         _refuse_other_rules(part, left.events, facts)
         session, unwritten = resume_from_events(
-            left.events, PageWorld, picture_px=settings.picture_px, renders_steps=False
+            left.events, disk.make_world, picture_px=settings.picture_px, renders_steps=False
         )
     except BaseException:
         left.close()
@@ -152,7 +155,9 @@ def resume_host(
     agent = make_agent_host(
         disk.protocol, plan, disk.data, logged=left.events, teams=disk.teams, changed=at_team_change, signs=signs
     )
-    host = SessionHost(session, recorder, PageWorld, settings, agent=agent, logged=left.events, unwritten=unwritten)
+    host = SessionHost(
+        session, recorder, disk.make_world, settings, agent=agent, logged=left.events, unwritten=unwritten
+    )
     return HostedSession(host, recorder, left.started_ns, name_segment(disk.data, plan), [recorder], signs)
 
 

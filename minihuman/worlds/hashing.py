@@ -8,6 +8,8 @@ from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
+import xxhash
+from numpy.typing import NDArray
 
 _FLOAT = struct.Struct("<cd")
 _PLAIN = frozenset(np.dtype(f"<{kind}") for kind in ("u1", "i1", "i2", "i4", "i8", "u2", "u4", "u8", "f4", "f8"))
@@ -92,6 +94,12 @@ def _rarer(value: Any, add: Callable[[bytes], None]) -> None:
             _canonical(list(value), add)
         case _:
             raise TypeError(f"{type(value).__name__} {value!r} cannot be hashed; it has no canonical form")
+
+
+def hash_picture(picture: NDArray[np.uint8]) -> int:
+    """Hash a picture uint8[H, W, 3] by its bytes and size: XXH3, from 1 to 2**64 - 1; 0 stands for no picture."""
+    height, width = picture.shape[:2]
+    return xxhash.xxh3_64_intdigest(np.ascontiguousarray(picture).data, seed=height << 32 | width) or 1
 
 
 @lru_cache(1024)

@@ -38,6 +38,7 @@ from minihuman.admin.policies import verify_advice
 from minihuman.admin.session_index import find_double_sessions
 from minihuman.admin.unfinished_withdrawals import find_unfinished_withdrawals
 from minihuman.admin.verify.episodes import describe_other_rules, verify_episodes
+from minihuman.admin.verify.shown_pictures import verify_pictures
 from minihuman.dataset.annotations import describe_useless_annotation, read_annotations, split_annotations
 from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 from minihuman.display.text import is_division
@@ -63,6 +64,7 @@ from minihuman.experiment.protocol.strata import build_strata
 from minihuman.experiment.replay import MACHINE_VERSION, compare_replay
 from minihuman.log import integrity, names as log_names, topics
 from minihuman.log.codec import EventDecoder, encode_event, event_cause_ns, find_topic, select_decoder
+from minihuman.log.evidence import find_evidence
 from minihuman.log.integrity import METADATA_PREFIX, HashChain, SegmentHead
 from minihuman.log.model.doubtful_presses import describe_doubtful_presses, find_doubtful_presses
 from minihuman.log.names import CHAIN_KEY
@@ -87,6 +89,7 @@ from minihuman.simulation.model_conversation import ConversationRecord, find_pic
 from minihuman.trust import Trust, find_changed_sources, list_foreign_modules
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import resolve_files
+from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
 
 _FOR_VIEWERS = frozenset(topic.name for topic in topics.TOPICS if topic.is_preview)
 
@@ -296,7 +299,21 @@ def find_log_differences(path: Path, make_world: WorldFactory) -> Iterator[str]:
 
 
 def _replay(segment: _LogSegment, make_world: WorldFactory) -> Iterator[str]:
-    """Compare with a replay; where a model sat, also every prompt, its picture and how each answer was read."""
+    """Compare with a replay; where a model sat, also every prompt, its picture and how each answer was read.
+
+    A world that failed may end its process, or run without end: it is replayed in a process of its own.
+    """
+    if segment.events and isinstance(end := segment.events[-1], SessionEnded) and end.reason == "world_error":
+        worlds = IsolatedWorlds(make_world)
+        try:
+            yield from _compare_segment(segment, worlds)
+        finally:
+            worlds.close()
+        return
+    yield from _compare_segment(segment, make_world)
+
+
+def _compare_segment(segment: _LogSegment, make_world: WorldFactory) -> Iterator[str]:
     started = segment.started
     if started is None or not any(isinstance(event, ModelCall) for event in segment.events):
         yield from compare_replay(segment.events, make_world)
@@ -623,6 +640,7 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
         yield other, True
     with raise_as_log_error(log, "played again"):
         steps = verify_episodes(session)
+        pictures = None if steps.difference else verify_pictures(session)
     for module in find_changed_sources(session.facts):
         yield f"recorded with another file of the module {module}", True
     if steps.difference:
@@ -644,8 +662,12 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
         yield f"and {len(differences) - MAX_DIFFERENCES} more", False
     if policies:
         yield from verify_advice(session, World)
+    if find_evidence(session.facts) == "consistent":
+        yield "imported from a page: consistent, not witnessed", True
     _, useless = split_annotations(session, read_annotations(session.path))
     yield from ((describe_useless_annotation(annotation), False) for annotation in useless)
+    if pictures is not None:
+        yield str(pictures), pictures.verdict != "different"
     if not steps.difference and not differences:
         yield f"{steps.episodes} episodes, {steps.steps} steps, all as logged", True
 

@@ -211,6 +211,7 @@ class FrameShown(TimedEvent):
     step: int  # the step whose result it shows, 0 for the reset
     submit_ns: int
     flip_ns: int
+    picture_hash: int = 0  # of the picture of a world that is not ours, by `hash_picture`; 0 where none was taken
 
 
 @dataclass(frozen=True, slots=True)

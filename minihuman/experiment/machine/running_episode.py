@@ -24,6 +24,7 @@ from minihuman.experiment.machine.events import (
 from minihuman.experiment.machine.inputs import ScreenShown
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.worlds.adapters.foreign_code import WorldCodeError
+from minihuman.worlds.hashing import hash_picture
 from minihuman.worlds.outcomes import OutcomeJudge
 from minihuman.worlds.pose import Pose
 
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from minihuman.worlds.adapters.world import World  # imports Gymnasium, which reading a log does not need
 
 NS_PER_MS = 1_000_000
+_MOST_HASHES = 256  # of pictures that are on their way to a display
 EMPTY_IMAGE = np.zeros((0, 0, 3), dtype=np.uint8)
 
 
@@ -48,8 +50,9 @@ class catch_world_errors:  # noqa: N801 - used as `contextlib.suppress` is
     def __enter__(self) -> None: ...
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, WorldCodeError) and isinstance(error.__cause__, Exception):
-            error = error.__cause__  # a log has what the world said, without its place in a file
+        if isinstance(error, WorldCodeError):
+            cause = error.__cause__ if isinstance(error.__cause__, Exception) else error
+            raise WorldFailedError(error.log_text) from cause
         if isinstance(error, Exception):
             message = str(error) if isinstance(error, WorldError) else f"{type(error).__name__}: {error}"
             raise WorldFailedError(message) from error
@@ -107,6 +110,7 @@ class RunningEpisode:
         self._pressed: dict[str, int] = {}  # since the last tick, with the time of each press
         self._flips_ns: list[int] = []  # of the pictures shown since play began or went on, the last two
         self._shown_step = -1
+        self._picture_hashes: dict[int, int] = {}  # by step, of the latest steps
         with catch_world_errors():
             world.name_actions(plan.actions)
             self._action_of = {key: _index(plan, world, name) for key, name in plan.key_map.keys.items()}
@@ -167,7 +171,19 @@ class RunningEpisode:
         if self._picture_px is None:
             return EMPTY_IMAGE
         with catch_world_errors():
-            return self.world.frame(self.plan.view, self._picture_px, self.plan.palette)
+            picture = self.world.frame(self.plan.view, self._picture_px, self.plan.palette)
+        if not self.world.is_built_in:  # what is ours is drawn again by its version
+            self.keep_picture_hash(hash_picture(picture))
+        return picture
+
+    def keep_picture_hash(self, picture_hash: int) -> None:
+        """Keep the hash of the present picture for when it is shown; what several bodies see is not hashed."""
+        if self.is_joint or not picture_hash:
+            return
+        self._picture_hashes.pop(self.steps, None)
+        self._picture_hashes[self.steps] = picture_hash
+        if len(self._picture_hashes) > _MOST_HASHES:
+            del self._picture_hashes[next(iter(self._picture_hashes))]
 
     def picture_between(self, before: Pose, share: float) -> NDArray[np.uint8]:
         """The picture a share (0..1) of the way from an earlier pose, in a first-person world."""
@@ -192,7 +208,8 @@ class RunningEpisode:
             self.next_tick_ns = shown.flip_ns + self._period_ns
         elif self.plan.response_deadline_ms and self.next_tick_ns is None and step == self.steps:
             self.next_tick_ns = shown.flip_ns + round(self.plan.response_deadline_ms * NS_PER_MS)
-        return FrameShown(shown.t_ns, self.plan.episode, step, shown.submit_ns, shown.flip_ns)
+        picture_hash = self._picture_hashes.get(step, 0)
+        return FrameShown(shown.t_ns, self.plan.episode, step, shown.submit_ns, shown.flip_ns, picture_hash)
 
     @property
     def takes_clicks(self) -> bool:

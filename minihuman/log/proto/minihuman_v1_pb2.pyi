@@ -382,18 +382,20 @@ class Observation(_message.Message):
     def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., png: _Optional[bytes] = ..., msgpack: _Optional[bytes] = ...) -> None: ...
 
 class FrameShown(_message.Message):
-    __slots__ = ("t_ns", "episode", "step", "submit_ns", "flip_ns")
+    __slots__ = ("t_ns", "episode", "step", "submit_ns", "flip_ns", "picture_hash")
     T_NS_FIELD_NUMBER: _ClassVar[int]
     EPISODE_FIELD_NUMBER: _ClassVar[int]
     STEP_FIELD_NUMBER: _ClassVar[int]
     SUBMIT_NS_FIELD_NUMBER: _ClassVar[int]
     FLIP_NS_FIELD_NUMBER: _ClassVar[int]
+    PICTURE_HASH_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     episode: int
     step: int
     submit_ns: int
     flip_ns: int
-    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., submit_ns: _Optional[int] = ..., flip_ns: _Optional[int] = ...) -> None: ...
+    picture_hash: int
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., submit_ns: _Optional[int] = ..., flip_ns: _Optional[int] = ..., picture_hash: _Optional[int] = ...) -> None: ...
 
 class Sample(_message.Message):
     __slots__ = ("t_ns", "device", "values", "text")

@@ -11,9 +11,11 @@ import json
 import logging
 import os
 from collections import deque
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Coroutine, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -45,6 +47,7 @@ from minihuman.web.page_protocol import PageProtocol
 from minihuman.web.server.page_routes import PAGE_FOLDER, HeaderMiddleware, build_page_routes
 from minihuman.web.server.page_socket import PageSocket, SocketClosedError
 from minihuman.web.traffic_limits import HELLO_TIMEOUT_S, MAX_WAITING
+from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
 from minihuman.worlds.source_digest import kernels_digest
 
 LOG = logging.getLogger("minihuman")
@@ -95,13 +98,22 @@ class WebServer:
         arrivals: the study, and who comes.
         data: where sessions are kept.
         routes: of other pages that this server has.
+        worlds: runs worlds that are not ours in processes of their own; None: all run in this one.
     """
 
-    def __init__(self, arrivals: Arrivals, data: Path, *, routes: Sequence[BaseRoute] = ()) -> None:
+    def __init__(
+        self,
+        arrivals: Arrivals,
+        data: Path,
+        *,
+        routes: Sequence[BaseRoute] = (),
+        worlds: IsolatedWorlds | None = None,
+    ) -> None:
         self.connections: dict[str, Connection] = {}
         self._arrivals = arrivals
         self._web = arrivals.protocol.web
-        self._factory = ConnectionFactory(arrivals, data, self.connections)
+        self._factory = ConnectionFactory(arrivals, data, self.connections, worlds=worlds)
+        self._tasks: set[asyncio.Task[None]] = set()  # of sessions whose worlds may keep them waiting
         self._routes = routes
         self._silent: dict[PageSocket, None] = {}  # without a hello, the oldest first
         self._connecting = 0  # sockets with a hello, without an answer
@@ -132,9 +144,9 @@ class WebServer:
         try:
             yield
         finally:
-            for task in tasks:
+            for task in (*tasks, *self._tasks):
                 task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await asyncio.gather(*tasks, *self._tasks, return_exceptions=True)
             await asyncio.gather(*(asyncio.to_thread(connection.leave) for connection in self.connections.values()))
 
     async def _health(self, _: Request) -> Response:
@@ -203,7 +215,7 @@ class WebServer:
             self._connecting -= 1
 
     async def _serve(self, page: PageSocket, connection: Connection, hello: messages.Hello) -> None:
-        welcome, number, after = connection.greet(hello)
+        welcome, number, after = await connection.run(connection.greet, hello)
         protocol = PageProtocol(connection, welcome, after, monotonic_s())
         connection.changed.set()
         self._want_more(connection)
@@ -229,11 +241,11 @@ class WebServer:
             while not protocol.admits(now_s):
                 await asyncio.sleep(0.1)  # backpressure; a page that reconnects sends a lot at once
                 now_s = monotonic_s()
-            answer = protocol.receive(line, more=place < len(lines))
+            answer = await connection.run(partial(protocol.receive, line, more=place < len(lines)))
             if answer is not None:
                 await page.send(answer)
         await self._finish_if_over(connection)
-        effect = protocol.end_text()
+        effect = await connection.run(protocol.end_text)
         if effect.has_answer:
             connection.changed.set()
             await asyncio.sleep(0)  # the page hears of this before the next message is taken
@@ -250,9 +262,9 @@ class WebServer:
                 connection.changed.set()  # for the newest
                 await page.close(connection.presence.dismissal_code or ANOTHER)
                 return
-            if connection in self._growing and protocol.can_wait:
+            if connection in self._growing and not connection.is_busy and protocol.can_wait:
                 continue  # it goes with what is found ahead, in a moment
-            for batch in protocol.take_batches():
+            for batch in await connection.take_batches(protocol):
                 await page.send(batch)
 
     # Ends
@@ -288,7 +300,7 @@ class WebServer:
         session_code = get_session_code(self._arrivals.protocol, admission.session)
         completion = build_completion(self._web, end, session_code=session_code, person=person)
         connection.over = build_session_over(connection, completion)
-        connection.host.outgoing.add(connection.over)
+        await connection.run(connection.host.outgoing.add, connection.over)
         connection.changed.set()
 
     async def _look_after(self) -> None:
@@ -296,10 +308,25 @@ class WebServer:
         while True:
             await asyncio.sleep(CHECK_INTERVAL_S)
             for connection in tuple(self.connections.values()):
-                try:
-                    await self._look_after_one(connection)
-                except Exception:  # of one connection; the others go on
-                    LOG.exception("a connection could not be looked after")
+                await self._run_for(connection, self._look_after_safely(connection))
+
+    async def _run_for(self, connection: Connection, work: Coroutine[Any, Any, None]) -> None:
+        """Do something for a connection; where its worlds may keep it waiting, no other waits for that."""
+        if not connection.has_threads:
+            await work
+        elif connection.is_busy:
+            work.close()  # it comes again
+            connection.changed.set()  # what waited to go with it goes now
+        else:
+            task = asyncio.create_task(work)
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
+
+    async def _look_after_safely(self, connection: Connection) -> None:
+        try:
+            await self._look_after_one(connection)
+        except Exception:  # of one connection; the others go on
+            LOG.exception("a connection could not be looked after")
 
     async def _look_after_one(self, connection: Connection) -> None:
         now_s = monotonic_s()
@@ -307,23 +334,28 @@ class WebServer:
         if connection.ping is not None:  # there was nothing to acknowledge
             connection.changed.set()
         if not connection.host.over:
-            connection.read_inbox()
+            await connection.run(connection.read_inbox)
         if not connection.host.over and absence_s > self._web.reconnect_timeout_s:
-            connection.stop("connection_lost", "the page did not come back")
+            await connection.run(connection.stop, "connection_lost", "the page did not come back")
         if not connection.host.over and 0 < self._web.idle_timeout_s < connection.presence.inactivity_s(now_s):
-            connection.stop("timed_out", f"nothing was pressed for {self._web.idle_timeout_s:g} s")
+            detail = f"nothing was pressed for {self._web.idle_timeout_s:g} s"
+            await connection.run(connection.stop, "timed_out", detail)
         await self._finish_if_over(connection)
         if connection.over is not None and absence_s > KEEP_FINISHED_S:
-            del self.connections[connection.key]
-            connection.host.close()
+            self.connections.pop(connection.key, None)
+            await connection.run(connection.host.close)
 
     async def _poll(self) -> None:
         """See to learners that were asked for a policy."""
         while True:
             await asyncio.sleep(LEARNER_POLL_INTERVAL_S)
             for connection in tuple(self.connections.values()):
-                if connection.host.is_polled and connection.poll():
-                    self._want_more(connection)
+                if connection.host.is_polled:
+                    await self._run_for(connection, self._poll_one(connection))
+
+    async def _poll_one(self, connection: Connection) -> None:
+        if await connection.run(connection.poll):
+            self._want_more(connection)
 
     # Leases
 
@@ -385,7 +417,7 @@ class WebServer:
             del self.connections[connection.key]
         connection.dismiss(code)
         await asyncio.to_thread(connection.leave)
-        connection.host.close()
+        await connection.run(connection.host.close)
 
     # Looking ahead
 
@@ -400,18 +432,21 @@ class WebServer:
                 self._to_grow.clear()
                 await self._to_grow.wait()
             connection = self._growing.popleft()
-            began_s = monotonic_s()
-            turn_s = began_s
-            while connection.presence.is_here and connection.grow():
-                now_s = monotonic_s()
-                if now_s > began_s + LOOK_AHEAD_SLICE_S:
-                    self._want_more(connection)
-                    break
-                if now_s > turn_s + MAX_LOOP_BLOCK_S:
-                    await asyncio.sleep(0)
-                    turn_s = monotonic_s()
-            connection.send_prefetched()
-            await asyncio.sleep(0)
+            await self._run_for(connection, self._grow_one(connection))
+
+    async def _grow_one(self, connection: Connection) -> None:
+        began_s = monotonic_s()
+        turn_s = began_s
+        while connection.presence.is_here and await connection.run(connection.grow):
+            now_s = monotonic_s()
+            if now_s > began_s + LOOK_AHEAD_SLICE_S:
+                self._want_more(connection)
+                break
+            if now_s > turn_s + MAX_LOOP_BLOCK_S:
+                await asyncio.sleep(0)
+                turn_s = monotonic_s()
+        await connection.run(connection.send_prefetched)
+        await asyncio.sleep(0)
 
 
 def _has_lease(connection: Connection) -> bool:

@@ -27,6 +27,8 @@ from minihuman.web.message_codec import MAX_MESSAGE_BYTES
 from minihuman.web.server.app import WebServer
 from minihuman.web.server.request_timeout import TimedHttpProtocol
 from minihuman.web.traffic_limits import count_handles
+from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
+from minihuman.worlds.isolation.process_pool import WorldLimits
 
 HOST = "127.0.0.1"
 _WAITING = 1024  # connections that the system keeps until they are looked at
@@ -81,11 +83,19 @@ def _require_handles(max_sessions: int) -> None:
 
 
 def run_server(
-    protocol: Protocol, data: Path, taken: socket.socket, *, links: int, say: Callable[[str], None], address: str = ""
+    protocol: Protocol,
+    data: Path,
+    taken: socket.socket,
+    *,
+    links: int,
+    say: Callable[[str], None],
+    address: str = "",
+    worlds: IsolatedWorlds | None = None,
 ) -> None:
     """Serve a study until SIGTERM or Ctrl-C; ``say`` gets each link, to ``address`` or this machine.
 
-    Sessions are left as they are, for the next server to resume.
+    Sessions are left as they are, for the next server to resume. ``worlds`` runs worlds that are not ours in processes
+    of their own, and is left open; None: all run in this one.
 
     Raises:
         ArrivalKeyError: if the study requires signed arrivals and there is no key.
@@ -106,7 +116,7 @@ def run_server(
         say(address)
     for platform in protocol.web.recruitment_platforms:
         say(f"for {platform}: {build_platform_link(platform, address)}")
-    server = WebServer(arrivals, data)
+    server = WebServer(arrivals, data, worlds=worlds)
     config = uvicorn.Config(
         server.app(),
         http=TimedHttpProtocol,
@@ -127,9 +137,19 @@ _AGAIN_S = 1.0  # before one that died is started again
 
 
 def list_process_commands(
-    protocol: Path, study_dir: Path, *, port: int, workers: int, watch: bool, host: str = HOST
+    protocol: Path,
+    study_dir: Path,
+    *,
+    port: int,
+    workers: int,
+    watch: bool,
+    host: str = HOST,
+    options: Sequence[str] = (),
 ) -> Iterator[tuple[str, ...]]:
-    """The words of each process beside the first worker; each worker has a port of its own, one after the other."""
+    """The words of each process beside the first worker; each worker has a port of its own, one after the other.
+
+    ``options`` are other options of each worker.
+    """
     if watch:
         make_private_folder(study_dir)
         yield "watch", str(study_dir)
@@ -137,7 +157,25 @@ def list_process_commands(
         raise LogError("--port is 0, but several workers need consecutive ports; set the first port with --port")
     for number in range(1, workers):
         data = str(study_dir.parent)
-        yield "serve", str(protocol), "--data", data, "--port", str(port + number), "--links", "0", "--host", host
+        yield (
+            "serve",
+            str(protocol),
+            "--data",
+            data,
+            "--port",
+            str(port + number),
+            "--links",
+            "0",
+            "--host",
+            host,
+            *options,
+        )
+
+
+def list_limit_options(limits: WorldLimits) -> tuple[str, ...]:
+    """The options of `minihuman serve` that set the limits of worlds in processes of their own."""
+    times = ("--world-step-timeout", f"{limits.step_s:g}", "--world-start-timeout", f"{limits.construction_s:g}")
+    return (*times, "--world-memory", str(limits.memory_mib))
 
 
 @contextmanager

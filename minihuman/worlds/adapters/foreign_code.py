@@ -17,6 +17,32 @@ _MOST_TEXT = 200  # characters of what a world's error says
 class WorldCodeError(WorldError):
     """The code of a world that is not ours raised something, which is the cause, or tried to end the program."""
 
+    @property
+    def log_text(self) -> str:
+        """What a log has of it: what the world said, without its place in a file."""
+        cause = self.__cause__
+        if not isinstance(cause, Exception):
+            return str(self)
+        return str(cause) if isinstance(cause, WorldError) else f"{type(cause).__name__}: {cause}"
+
+
+class RemoteCodeError(WorldCodeError):
+    """The code of a world raised something in a process of its own, or that process ended.
+
+    Args:
+        message: what failed, and where.
+        log_text: what a log has of it.
+    """
+
+    def __init__(self, message: str, log_text: str = "") -> None:
+        super().__init__(message)
+        self._log_text = log_text or message
+
+    @property
+    def log_text(self) -> str:
+        """What a log has of it."""
+        return self._log_text
+
 
 class contain_errors:  # noqa: N801 - used as `contextlib.suppress` is
     """Turn what a foreign world's code raises inside into a WorldCodeError; our own errors pass.

@@ -48,8 +48,8 @@ class DiscreteActions:
 
     def __init__(self, names: Sequence[str], first: int, chords: Mapping[frozenset[int], int]) -> None:
         self.names = tuple(names)
-        self._first = first
-        self._chords = chords
+        self.first = first
+        self.chords = chords
 
     @property
     def numbers(self) -> range:
@@ -58,7 +58,7 @@ class DiscreteActions:
 
     def combine(self, held: Sequence[int]) -> tuple[int, ActionVector]:
         """The action of several that are held, the latest last: the environment's own chord, else the latest's."""
-        return self._chords.get(frozenset(held), held[-1]), ()
+        return self.chords.get(frozenset(held), held[-1]), ()
 
     def resolve(self, action: Action) -> tuple[int, ActionVector]:
         """An action's number and vector, which is ()."""
@@ -72,7 +72,7 @@ class DiscreteActions:
         """
         if isinstance(action, tuple) or not 0 <= action < len(self.names):
             raise WorldError(f"action {action!r} does not exist; actions are 0 to {len(self.names) - 1}")
-        return self._first + action
+        return self.first + action
 
 
 class VectorActions:

@@ -8,7 +8,7 @@ import copy
 import logging
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping
-from typing import Any, Literal, TypeVar
+from typing import Any, ClassVar, Literal, TypeVar
 
 import gymnasium
 import numpy as np
@@ -60,6 +60,8 @@ class World:
         WorldError: if it cannot be made, is not trusted, has actions that keys cannot do, or cannot draw itself.
     """
 
+    has_portable_copies: ClassVar[bool] = True  # another world of its id and options can restore its copies
+
     def __init__(self, world_id: str, options: dict[str, Any] | None = None, *, trusted: bool = False) -> None:
         self.id = world_id
         self.options = options or {}
@@ -94,6 +96,11 @@ class World:
         """Whether compiled kernels alone step and draw it, and no wrapper changes that: then a page can, too."""
         env = self._env.unwrapped
         return isinstance(env, NativeWorld) and env.is_compiled and not self._wrappers.any
+
+    @property
+    def knows_state(self) -> bool:
+        """Whether the environment reveals all its state; else hashes cover what is seen of it."""
+        return self._known is not None
 
     @property
     def observation(self) -> Any:
