@@ -93,8 +93,8 @@ def power(
     on: Annotated[
         str,
         Option(
-            help="The comparison that a shift affects: `groups`, `conditions` (within participants) or `change` "
-            "(between days); needs --effect shift=VALUE."
+            help="The comparison that a shift affects: `groups`, `conditions` (within participants), `interaction` "
+            "(of both) or `change` (between days); needs --effect shift=VALUE."
         ),
     ] = "groups",
     drop_out: Annotated[

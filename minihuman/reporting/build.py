@@ -13,12 +13,14 @@ from minihuman.dataset.tables import Tables, select
 from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec, apply_overrides
+from minihuman.experiment.protocol.study_design import ExperimentDesign, derive_design
 from minihuman.reporting.activity_sections import (
     ReportSection,
     SectionSource,
     build_activity_sections,
     join_sections,
 )
+from minihuman.reporting.interactions import choose_first_block, compute_interaction
 from minihuman.reporting.methods import build_methods, find_known_keys
 from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study
 from minihuman.reporting.results import (
@@ -28,6 +30,7 @@ from minihuman.reporting.results import (
     exclude_practice_alone,
     leave_out_navigation,
     list_exclusions,
+    unite_teams,
 )
 from minihuman.reporting.scorecard import (
     PlayerRows,
@@ -43,6 +46,7 @@ from minihuman.reporting.study_figures import (
     CURVES,
     REACTION_TIME_QUERY,
     draw_estimates,
+    draw_interaction,
     draw_learning_curves,
     draw_paths,
     draw_reaction_times,
@@ -76,6 +80,7 @@ class _ReportInput:
     reaction_times: pd.DataFrame  # counts by bin
     protocols: list[Protocol]
     analysis: AnalysisSpec
+    design: ExperimentDesign
     sections: list[ReportSection]
     plays: list[PlayerRows]  # the study's and its models'; empty without models
 
@@ -110,22 +115,30 @@ def build_report(
     trial_blocks = frozenset(block for section in report_input.sections for block in section.blocks)
     episodes, blocks = leave_out_navigation(episodes, blocks, trial_blocks)
     levels = [section.measure_tables.get("trial_levels") for section in report_input.sections]
+    analysis, design = report_input.analysis, report_input.design
     results = compute_results(
         episodes,
         blocks,
         report_input.participants,
-        report_input.analysis,
+        analysis,
         report_input.teams,
         next((rows for rows in levels if rows is not None), None),
+        design,
     )
+    included = unite_teams(blocks[blocks["exclusion_reason"].isna()], report_input.teams)
+    interaction = compute_interaction(included, design, analysis, results.order)
+    cells = [] if interaction is None else [draw_interaction(interaction, out / "figures")]
+    first_block = choose_first_block(design, analysis, results, interaction)
     estimates = list(draw_estimates(blocks, results, out / "figures"))
     figures = _draw_figures(tables, report_input, (episodes, blocks), results, out / "figures")
     models, score_files = _score_models(report_input.plays, out)
     content = _gather_content(tables, report_input, results, practice)
     content = replace(
         content,
-        figures=[*(figure for figure in estimates if figure.block != results.target), *figures],
-        first_figures=[figure for figure in estimates if figure.block == results.target],
+        interaction=interaction,
+        first_block=first_block,
+        figures=[*(figure for figure in estimates if figure.block != first_block), *figures],
+        first_figures=[*cells, *(figure for figure in estimates if figure.block == first_block)],
         models=models,
         tables=[*table_files, *score_files],
         mixed={block.block: _fit_mixed(episodes, block) for block in results.blocks},
@@ -163,6 +176,7 @@ def _read_input(tables: Tables, study: str, names: Sequence[str], figures: Path)
         reaction_times=tables.query(REACTION_TIME_QUERY).to_pandas(),
         protocols=protocols,
         analysis=analysis,
+        design=read_planned_design(protocols),
         sections=sections,
         plays=_read_plays(tables),
     )
@@ -232,6 +246,9 @@ def _gather_content(
         exclusions=list_exclusions(episodes, participants),
         account=tables.account,
         analysis=report_input.analysis,
+        design=report_input.design,
+        interaction=None,
+        first_block=results.target,
         papers=is_published_study([outline.protocol_sha256 for outline in outlines]),
         mixed={},
     )
@@ -274,6 +291,12 @@ def read_planned_analysis(protocols: Sequence[Protocol]) -> AnalysisSpec:
     """Read what the protocol named before the study; nothing where its versions name different things."""
     named = {protocol.analysis for protocol in protocols}
     return named.pop() if len(named) == 1 else AnalysisSpec()
+
+
+def read_planned_design(protocols: Sequence[Protocol]) -> ExperimentDesign:
+    """Read the design that the protocol states; an empty one where its versions differ."""
+    named = {derive_design(protocol) for protocol in protocols}
+    return named.pop() if len(named) == 1 else ExperimentDesign()
 
 
 def find_practice(protocols: Sequence[Protocol], groups: Iterable[str]) -> frozenset[tuple[str, str]]:

@@ -11,11 +11,13 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal, get_args
 
+import msgspec
 import numpy as np
 import pandas as pd
 
 from minihuman.activities.trials.measures import MEASURES as TRIAL_MEASURES
 from minihuman.experiment.protocol.specs import AnalysisSpec
+from minihuman.experiment.protocol.study_design import ExperimentDesign
 from minihuman.reporting.study_measures import find_measure
 from minihuman.statistics.comparison import (
     Equivalence,
@@ -234,10 +236,12 @@ def compute_results(
     analysis: AnalysisSpec | None = None,
     teams: pd.DataFrame | None = None,
     trial_levels: pd.DataFrame | None = None,
+    design: ExperimentDesign | None = None,
 ) -> Results:
     """Compute the results from three tables; ``analysis`` is what the protocol names, ``teams`` the table of teams.
 
-    ``trial_levels`` are the measures of trials by the levels of their labels.
+    ``trial_levels`` are the measures of trials by the levels of their labels. ``design`` says which blocks are one
+    condition; without it each block is its own.
     """
     units = {} if teams is None else {str(name): find_units(rows) for name, rows in teams.groupby("block")}
     analysis = analysis or AnalysisSpec()
@@ -263,7 +267,7 @@ def compute_results(
         order=tuple(order),
         within=compare_labels(counted, analysis, trial_levels)
         if analysis.condition_label
-        else compare_within(unite_teams(kept, teams), analysis),
+        else compare_within(*name_conditions(unite_teams(kept, teams), analysis, design or ExperimentDesign())),
         kept=(counted_people["participant"].nunique(), len(counted)),
     )
 
@@ -277,6 +281,16 @@ def unite_teams(rows: pd.DataFrame, teams: pd.DataFrame | None) -> pd.DataFrame:
         for block, part in rows.groupby("block", sort=False)
     ]
     return pd.concat(parts).loc[rows.index]
+
+
+def name_conditions(
+    rows: pd.DataFrame, analysis: AnalysisSpec, design: ExperimentDesign
+) -> tuple[pd.DataFrame, AnalysisSpec]:
+    """Put each block's condition in the place of the block, in the rows and in the analysis."""
+    if not design.conditions:
+        return rows, analysis
+    named = rows.assign(block=rows["block"].replace(dict(design.condition_of_block)))
+    return named, msgspec.structs.replace(analysis, conditions=design.conditions)
 
 
 def compare_within(rows: pd.DataFrame, analysis: AnalysisSpec) -> WithinResults | None:

@@ -16,8 +16,9 @@ from minihuman.figures.figure_data import (
     group_by_block,
     name_measure,
 )
+from minihuman.reporting.interactions import InteractionResults
 from minihuman.reporting.results import Results, label_measure
-from minihuman.reporting.template import ReportFigure
+from minihuman.reporting.template import ReportFigure, format_pair
 
 CURVES = (
     ("log_excess_steps", "log of the excess steps over the shortest path", (0.0, math.inf)),
@@ -63,6 +64,40 @@ def draw_estimates(blocks: pd.DataFrame, found: Results, out: Path) -> Iterator[
             "with its 95 % interval. B: differences of the means, with the intervals of the comparison."
         )
         yield ReportFigure(one.block, png, caption)
+
+
+def draw_interaction(found: InteractionResults, out: Path) -> ReportFigure:
+    """Draw every participant in every cell of groups and conditions, and the interaction's contrasts."""
+    name = label_measure(found.measure)
+    cells = found.cells
+    groups = {group: cells[cells.index.get_level_values("group") == group].to_numpy(float) for group in found.groups}
+    is_log = any(compared.groups.is_log for compared in found.headline)
+    differences = [
+        Difference(
+            compared.contrast,
+            format_pair(compared.groups.first, compared.groups.second),
+            compared.groups.difference,
+            compared.groups.interval,
+        )
+        for compared in found.headline
+    ]
+    png, _ = draw_figure_files(
+        out / "groups_and_conditions_result",
+        "design_cells.cells_figure",
+        groups,
+        found.conditions,
+        differences,
+        measure=name.partition(" (")[0].partition(":")[0],
+        title=name_measure(name, width=110),
+        level="difference of log contrast scores" if is_log else "difference of contrast scores",
+        limits=_find_limits(found.measure, pd.Series(cells.to_numpy(float).ravel())),
+    )
+    caption = (
+        f"{name[0].upper()}{name[1:]} by group and condition. A: a dot per participant and condition, a thin line "
+        "through the dots of each; large symbols: the cells' means with 95 % intervals. B: differences of groups in "
+        "participants' contrast scores, with the intervals of the comparison."
+    )
+    return ReportFigure("", png, caption)
 
 
 _BINS_PER_OCTAVE = 4

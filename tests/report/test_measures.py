@@ -59,6 +59,8 @@ primary_measure = "steps_at_limit_mean"
 secondary_measures = ["pauses:0", "block:narrow/success"]
 conditions = ["narrow", "wide"]
 covariates = ["answer:about.age"]
+[design]
+primary_effect = "groups"
 """
 
 

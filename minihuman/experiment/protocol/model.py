@@ -21,6 +21,7 @@ from minihuman.experiment.plan.session_plan import (
     SpareKeyPolicy,
 )
 from minihuman.experiment.protocol import specs
+from minihuman.experiment.protocol.design_spec import StudyDesignSpec
 from minihuman.experiment.protocol.specs import (
     ActivitySpec,
     GroupOverrides,
@@ -161,6 +162,7 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     files: dict[str, bytes] = {}  # what the file names beside itself; not a field of the file
     about: specs.AboutSpec = specs.AboutSpec()
     analysis: specs.AnalysisSpec = specs.AnalysisSpec()
+    design: StudyDesignSpec = StudyDesignSpec()
     allocation: specs.AllocationSpec = specs.AllocationSpec()
     devices: tuple[specs.DeviceSpec, ...] = ()
     web: specs.WebSpec = specs.WebSpec()

@@ -28,6 +28,7 @@ from minihuman.experiment.protocol.consistency import (
     check_newer_design_rules,
     is_played_alone,
 )
+from minihuman.experiment.protocol.design_spec import check_study_design
 from minihuman.experiment.protocol.model import (
     BlockSpec as BlockSpec,
     ExclusionSpec as ExclusionSpec,
@@ -127,6 +128,7 @@ def _check_values(protocol: Protocol) -> list[FieldError]:
             tuple(block.name for block in protocol.blocks),
             practice=tuple(block.name for block in protocol.blocks if not block.analysed),
         ),
+        *_check_study_design(protocol),
         *strata.check_allocation(protocol),
         *specs.check_devices(protocol.devices),
         *specs.check_web(protocol.web),
@@ -147,6 +149,17 @@ def _check_newer_rules(protocol: Protocol) -> list[FieldError]:
         *_check_allocation_size(protocol),
         *check_newer_design_rules(protocol),
     ]
+
+
+def _check_study_design(protocol: Protocol) -> list[FieldError]:
+    return list(
+        check_study_design(
+            protocol.design,
+            compared_blocks=() if protocol.analysis.condition_label else protocol.analysis.conditions,
+            options_by_block={block.name: block.options for block in protocol.blocks},
+            has_groups=len(protocol.groups) > 1,
+        )
+    )
 
 
 def _check_study(study: StudySpec) -> list[FieldError]:
