@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 import pandas as pd
 
-from minihuman.activities.trials.measures import MEASURES as TRIAL_MEASURES
+from minihuman.activities.trials.trial_measures import MEASURES as TRIAL_MEASURES
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import ExperimentDesign
 from minihuman.reporting.study_measures import find_measure

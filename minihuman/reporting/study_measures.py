@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import pandas as pd
 
-from minihuman.activities.trials.measures import MEASURES as TRIAL_MEASURES
+from minihuman.activities.trials.trial_measures import MEASURES as TRIAL_MEASURES
 from minihuman.errors import ReportError
 from minihuman.plugins import make_plugin
 

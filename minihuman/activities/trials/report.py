@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from minihuman.activities.trials.measures import (
+from minihuman.activities.trials.trial_measures import (
     ALL,
     ANTICIPATION_MS,
     COMPARED,

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from minihuman.activities.trials.measures import find_quantiles, mark_trimmed, measure_conditions
+from minihuman.activities.trials.trial_measures import find_quantiles, mark_trimmed, measure_conditions
 from minihuman.dataset.tables import select
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.reporting.build import build_report
