@@ -366,11 +366,28 @@ def measure_own_use() -> tuple[float, int]:
 
     Windows does not say the memory: it is 0 there.
     """
-    if sys.platform == "win32":
-        return time.process_time(), 0
-    usage = resource.getrusage(resource.RUSAGE_SELF)
-    unit = 1 if sys.platform == "darwin" else 1024
-    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss * unit
+    if sys.platform != "win32":
+        usage = resource.getrusage(resource.RUSAGE_SELF)
+        unit = 1 if sys.platform == "darwin" else 1024
+        return usage.ru_utime + usage.ru_stime, usage.ru_maxrss * unit
+    return time.process_time(), 0
+
+
+def ignore_termination() -> None:
+    """Go on when asked to end, in this process and in those that it starts."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+
+
+def outlive_termination() -> None:
+    """Go on when asked to end, in this process alone."""
+    signal.signal(signal.SIGTERM, lambda *_: None)
+
+
+def name_signal(number: int) -> str:
+    """Name a signal: "SIGKILL", or "signal 99" where there is none of that number."""
+    with contextlib.suppress(ValueError):
+        return signal.Signals(number).name
+    return f"signal {number}"
 
 
 def lead_own_group() -> None:

@@ -75,7 +75,7 @@ def pack_worlds(folder: Path, seeds: range, names: Collection[str] = ()) -> Pack
     if names and skipped:
         raise WorldError(f"{', '.join(skipped)}: the rules are Python, which no page computes; pack another world")
     index = {"version": PACK_VERSION, "atlas": _write_atlas(folder), "worlds": packed}
-    (folder / "index.json").write_text(json.dumps(index), encoding="utf-8")
+    (folder / "index.json").write_text(json.dumps(index), encoding="utf-8", newline="\n")
     size_bytes = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     return PackSummary(tuple(world["name"] for world in packed), tuple(skipped), size_bytes)
 

@@ -1,7 +1,6 @@
 """The main loop of a process that runs one world: requests in, replies out. It ends with who started it."""
 
 import os
-import signal
 import sys
 import threading
 from collections.abc import Mapping
@@ -16,7 +15,13 @@ import msgspec
 import numpy as np
 
 from minihuman.errors import MinihumanError, WorldError
-from minihuman.operating_system import end_with_parent, lead_own_group, limit_memory_bytes, measure_own_use
+from minihuman.operating_system import (
+    end_with_parent,
+    lead_own_group,
+    limit_memory_bytes,
+    measure_own_use,
+    outlive_termination,
+)
 from minihuman.worlds.adapters.foreign_code import WorldCodeError, contain_errors
 from minihuman.worlds.adapters.seat import SeatEnv
 from minihuman.worlds.adapters.spaces import DiscreteActions
@@ -34,7 +39,7 @@ def run_child(connection: Connection, memory_bytes: int) -> None:
     """Answer requests until there are no more."""
     lead_own_group()
     end_with_parent()
-    signal.signal(signal.SIGTERM, lambda *_: None)  # a service manager sends it to all; the host leaves sessions first
+    outlive_termination()  # a service manager sends it to all; the host leaves sessions first
     threading.Thread(target=_end_after_parent, daemon=True).start()
     limit_memory_bytes(memory_bytes)
     server = WorldServer()

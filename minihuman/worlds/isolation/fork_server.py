@@ -4,10 +4,9 @@ That process ends with the program that started it, and not before: a service ma
 a service at once, and the worlds have to be there until the sessions are left.
 """
 
-import signal
-
+from minihuman.operating_system import ignore_termination
 from minihuman.worlds.isolation import child
 
-signal.signal(signal.SIGTERM, signal.SIG_IGN)
+ignore_termination()
 
 __all__ = ["child"]

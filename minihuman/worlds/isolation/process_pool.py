@@ -6,11 +6,9 @@ random generators, reaches no other world. A process that failed is ended.
 
 import atexit
 import multiprocessing
-import signal
 import sys
 import threading
 from collections import deque
-from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.context import BaseContext
 from multiprocessing.shared_memory import SharedMemory
@@ -18,7 +16,7 @@ from typing import Any, Final, TypeVar
 
 import msgspec
 
-from minihuman.operating_system import end_group
+from minihuman.operating_system import end_group, name_signal
 from minihuman.worlds.adapters.foreign_code import RemoteCodeError
 from minihuman.worlds.isolation import messages
 from minihuman.worlds.isolation.child import run_child
@@ -129,9 +127,7 @@ class WorldProcess:
         self.end()
         if status is None or status >= 0:
             return f"{call} ended its process with status {status}; end the episode instead"
-        with suppress(ValueError):
-            return f"{call} ended its process by {signal.Signals(-status).name}, as a fault in compiled code does"
-        return f"{call} ended its process by signal {-status}"
+        return f"{call} ended its process by {name_signal(-status)}, as a fault in compiled code does"
 
     def reserve_memory(self, size: int) -> None:
         """Share so much memory with the process from now on."""
