@@ -14,6 +14,7 @@ import argparse
 import ast
 import importlib.util
 import re
+import signal
 import sys
 import warnings
 from collections import Counter
@@ -59,6 +60,7 @@ SAMPLES = {
     **dict.fromkeys(("frame_buffer",), "None"),
 }
 GRID, ROOM = "MiniGrid-DoorKey-8x8-v0", "MiniWorld-PickupObjects-v0"
+MOST_CPU_S = 2.0  # of a line and the steps after it
 STEPS = (0, 2, 1, 2, 2)
 
 
@@ -223,6 +225,8 @@ def answer_of(world_id: str, text: str) -> tuple[str, Any]:
     env = gymnasium.make(world_id, disable_env_checker=True)
     env.reset(seed=3)
     names = {"u": env.unwrapped, "np": np} | vars(world_object)
+    earlier = signal.signal(signal.SIGVTALRM, _give_up)
+    signal.setitimer(signal.ITIMER_VIRTUAL, MOST_CPU_S)
     try:
         if re.match(r"u\.\w+ = ", text):
             exec(text, names)
@@ -236,7 +240,13 @@ def answer_of(world_id: str, text: str) -> tuple[str, Any]:
     except Exception as error:  # of any kind: upstream's own lines fail in their own ways
         return "error", f"{type(error).__name__}: {error}"
     finally:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0)
+        signal.signal(signal.SIGVTALRM, earlier)
         env.close()
+
+
+def _give_up(*_: object) -> None:
+    raise TimeoutError(f"more than {MOST_CPU_S} s of CPU time")  # Minigrid looks for a free wall for ever
 
 
 def _after(env: gymnasium.Env[Any, Any]) -> Iterator[Any]:
