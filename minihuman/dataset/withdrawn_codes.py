@@ -48,7 +48,7 @@ def read_local_ledger(data: Path, study: str) -> Iterator[LedgerEntry]:
 
 
 def read_withdrawn_codes(study_dir: Path) -> frozenset[str]:
-    """The codes of those who withdrew from the study of this folder, here or on another machine.
+    """Read the codes of those who withdrew from the study of this folder, here or on another machine.
 
     Raises:
         OSError: if the enrolment log is in a database that cannot be asked.
@@ -57,19 +57,20 @@ def read_withdrawn_codes(study_dir: Path) -> frozenset[str]:
     if url := find_database_url(study_dir):
         from minihuman.storage.postgres_journal import PostgresJournal
 
-        open_one = current_system().open_database_journal or PostgresJournal  # not the one that is kept open
-        with closing(open_one(url, f"{study_dir.name}/{ENROLMENT_FILE_NAME}", _code, chained=True)) as register:
+        connect = current_system().open_database_journal or PostgresJournal  # not the one that is kept open
+        name = f"{study_dir.name}/{ENROLMENT_FILE_NAME}"
+        with closing(connect(url, name, _read_code, chained=True)) as register:
             return frozenset(register.read())
     study_dir = study_dir.absolute()
     entries = read_local_ledger(study_dir.parent, study_dir.name)
     elsewhere = frozenset(entry.code for entry in entries if entry.fact == "withdrawn")
     if not (study_dir / ENROLMENT_FILE_NAME).is_file():
         return elsewhere
-    return elsewhere.union(open_journal(study_dir, ENROLMENT_FILE_NAME, _code, chained=True).read())
+    return elsewhere.union(open_journal(study_dir, ENROLMENT_FILE_NAME, _read_code, chained=True).read())
 
 
-def _code(line: bytes, number: int) -> str | None:
-    """Who withdrew by a line; None where it says nothing of that."""
+def _read_code(line: bytes, number: int) -> str | None:
+    """Read who withdrew by a line; None where it says nothing of that."""
     try:
         withdrawn = msgspec.json.decode(line, type=_Line).withdrawn
     except (msgspec.DecodeError, UnicodeDecodeError) as error:

@@ -303,7 +303,7 @@ class EventRow:
 
 
 Decoder = tuple[Callable[[bytes], Message], Callable[[Any], Any]]
-_DECODERS: dict[str, Decoder] = {}  # of each topic that was met; one that no kind has now may be a later plug-in's
+_DECODERS: dict[str, Decoder] = {}  # by topic; a topic of no kind is looked up again, as a plug-in may come later
 _PAUSE = CustomCodec(_encode_pause, _decode_pause)
 _OWN_ROWS = tuple(
     EventRow(event, topics.BY_NAME[topic], *rest)

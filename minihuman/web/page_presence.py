@@ -83,7 +83,5 @@ class PagePresence:
 
 def find_sign_interval_ms(plan: SessionPlan) -> int:
     """Find the longest time in which a session's page may send nothing, as its parts ask for signs of life."""
-    asked_s: list[float] = [
-        getattr(part.plan, "sign_interval_s", 0.0) for part in plan.parts
-    ]  # not of every kind
+    asked_s: list[float] = [getattr(part.plan, "sign_interval_s", 0.0) for part in plan.parts]  # not of every kind
     return round(1_000 * min([MAX_SIGN_INTERVAL_S, *filter(None, asked_s)]))

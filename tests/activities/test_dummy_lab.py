@@ -18,6 +18,7 @@ from minihuman.dataset.table_catalogue import TABLES
 from minihuman.display.drawing.screen import compose_screen
 from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.machine.screens import TextLocale
+from minihuman.log.codec import find_topic, list_activity_topics
 from minihuman.log.read.session_reader import read_log
 from minihuman.testing import check_activity, check_exporter, check_question
 from minihuman.web.screen_values import convert_screen
@@ -68,7 +69,9 @@ max_steps = 9
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory):
-    """The folder that the laboratory's package is installed in."""
+    """The folder that the laboratory's package is installed in, in a process that met its names before it was there."""
+    assert list_activity_topics(["tapping"]) == ()
+    assert find_topic("/dummy_lab/tap") is None
     place = tmp_path_factory.mktemp("installed")
     shutil.copytree(FOLDER, place / "dummy_lab", ignore=shutil.ignore_patterns("__pycache__"))
     info = place / "dummy_lab-1.0.dist-info"

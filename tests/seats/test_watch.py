@@ -103,7 +103,9 @@ def test_the_page_shows_a_session_takes_notes_pauses_dies_comes_back_and_aborts(
     pages.append(Page(study))
     page = pages[-1]
     page.until(lambda one: one["phase"] == "ready")
+    deadline_s = time.monotonic() + PATIENCE_S
     while page.session()[1]["phase"] == "ready":  # an Enter before the screen is there is none
+        assert time.monotonic() < deadline_s, "no Enter leads on from ready"
         typist.tap("enter")
         time.sleep(1.0)
     told = page.until(lambda one: one["phase"] == "playing")
