@@ -81,8 +81,6 @@ _WORDS = {
     "CODE",
     "SQL",
     "WORLD",
-    "WORLD...",
-    "DATA...",
     "FOLDER",
     "OUT",
 }

@@ -1,6 +1,5 @@
 """What an exporter receives: the included episodes one by one, rows session by session, or the rows in a store."""
 
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 from minihuman.dataset.selection import SelectedSession
 from minihuman.dataset.sessions import SessionRows, StudySessions, build_episode_facts
-from minihuman.dataset.tables import Tables
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 
 if TYPE_CHECKING:
@@ -39,7 +37,6 @@ class IncludedEpisodes:
         sessions: where they are, and what counts of them.
         taken: called with each episode's log and facts as it is taken.
         stored_frames: whether observations are those that the logs hold.
-        with_messages: whether an archive of logs takes those with messages between participants, too.
     """
 
     def __init__(
@@ -48,10 +45,8 @@ class IncludedEpisodes:
         *,
         taken: Callable[[Path, Mapping[str, Any]], None] = lambda path, facts: None,
         stored_frames: bool = False,
-        with_messages: bool = False,
     ) -> None:
         self.sessions = sessions
-        self.with_messages = with_messages
         self._taken = taken
         self._stored_frames = stored_frames
 
@@ -91,22 +86,15 @@ class IncludedEpisodes:
                 self._taken(found.path, facts)
             yield found
 
-    def tables(self) -> Tables:
+    def store(self) -> "StudyStore":
         """The same rows kept in a file, those of many sessions together; to be used in a ``with``.
 
         Raises:
             LogError, ReportError: as ``rows``.
         """
-        tables = Tables(self.sessions)
-        for path, facts in tables.included_facts():
-            self._taken(path, facts)
-        return tables
+        from minihuman.dataset.store import StudyStore  # a station does without tables
 
-    def store(self) -> "StudyStore":
-        """The store of these tables: a name of an earlier version, which goes with the next one."""
-        warnings.warn(
-            "IncludedEpisodes.store is now IncludedEpisodes.tables; the old name goes with the next version",
-            DeprecationWarning,
-            stacklevel=2,
-        )
-        return self.tables().store
+        store = StudyStore(self.sessions, with_shortest=False)
+        for path, facts in store.facts():
+            self._taken(path, facts)
+        return store

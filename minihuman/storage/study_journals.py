@@ -3,7 +3,6 @@
 A study that began in files stays in files: the database lacks its earlier lines, withdrawals among them.
 """
 
-import atexit
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -23,7 +22,7 @@ def open_journal(
     name: str,
     decode: LineDecoder[Line],
     *,
-    mode: int = 0o600,
+    mode: int = 0o644,
     chained: bool = False,
     declaration: Line | None = None,
 ) -> Journal[Line]:
@@ -58,6 +57,4 @@ def _in_database(url: str, name: str, decode: Callable[..., Any], chained: bool,
         return open_journal(url, name, decode, chained=chained, declaration=declaration)  # type: ignore[no-any-return]
     from minihuman.storage.postgres_journal import PostgresJournal
 
-    journal = PostgresJournal(url, name, decode, chained=chained, declaration=declaration)
-    atexit.register(journal.close)  # it is kept until then
-    return journal
+    return PostgresJournal(url, name, decode, chained=chained, declaration=declaration)

@@ -37,7 +37,6 @@ blocks = ["walk"]
 [[blocks]]
 name = "walk"
 world = "tests.worlds.corridor:tests/Corridor-v0"
-success = "terminated and reward > 0"
 episodes = 3
 actions = ["back", "forward", "dive"]
 max_steps = 9

@@ -15,8 +15,7 @@ from minihuman.web.eligibility import (
     get_page_texts,
     load_page_texts,
 )
-from minihuman.web.http_security import HEADERS, is_same_origin
-from minihuman.web.traffic_limits import MESSAGE_BURST, MESSAGES_PER_S, RateLimit
+from minihuman.web.messages import HEADERS, MESSAGE_BURST, MESSAGES_PER_S, RateLimit, is_same_origin
 
 
 def test_typing_is_within_the_allowance_and_a_flood_is_not():

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from minihuman.activities.episode_clips import EpisodeClip
-from minihuman.experiment.machine.events import ActivityEvent, EpisodeBeginning, EpisodeEnding, EpisodeStep
+from minihuman.experiment.machine.events import ActivityEvent
 
-CorrectionOutcome = Literal["goal", "failure", "timeout", "stopped", "ended"]
+CorrectionOutcome = Literal["goal", "failure", "timeout", "stopped"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class CorrectionSeen(ActivityEvent):
 
 
 @dataclass(frozen=True, slots=True)
-class CorrectionBegun(ActivityEvent, EpisodeBeginning):
+class CorrectionBegun(ActivityEvent):
     """A correction begins."""
 
     part: int
@@ -60,14 +60,9 @@ class CorrectionBegun(ActivityEvent, EpisodeBeginning):
     state_hash: int
     pressed_ns: int
 
-    @property
-    def begins_at(self) -> tuple[int, int]:
-        """The episode, in the state that is corrected."""
-        return self.episode, self.step
-
 
 @dataclass(frozen=True, slots=True)
-class CorrectionStepped(ActivityEvent, EpisodeStep):
+class CorrectionStepped(ActivityEvent):
     """A step of a correction."""
 
     part: int
@@ -84,7 +79,7 @@ class CorrectionStepped(ActivityEvent, EpisodeStep):
 
 
 @dataclass(frozen=True, slots=True)
-class CorrectionEnded(ActivityEvent, EpisodeEnding):
+class CorrectionEnded(ActivityEvent):
     """A correction ended."""
 
     part: int

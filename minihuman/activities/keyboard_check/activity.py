@@ -42,9 +42,5 @@ class KeyboardCheckActivity(Activity):
 
 
 KEYBOARD_CHECK = ActivityKind(
-    "keyboard_check",
-    KeyboardCheckPlan,
-    KeyboardCheckActivity,
-    find_early_parts=find_early_check,
-    is_for_players=True,
+    "keyboard_check", KeyboardCheckPlan, KeyboardCheckActivity, find_early_parts=find_early_check
 )

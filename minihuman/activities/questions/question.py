@@ -7,6 +7,7 @@ an answer is a widget (`minihuman.experiment.machine.screens`), a value that win
 import abc
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal
 
 import msgspec
@@ -14,7 +15,7 @@ import msgspec
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.inputs import KeyDown
 from minihuman.experiment.machine.screens import AnswerWidget
-from minihuman.plugins import load_plugin, remember_by_name
+from minihuman.plugins import load_plugin
 
 QUESTION_GROUP = "minihuman.questions"
 AnswerType = Literal["code", "codes", "rating", "number", "text"]
@@ -165,7 +166,7 @@ class QuestionKind:
     takes_text: bool = False
 
 
-@remember_by_name
+@cache
 def find_question_kind(name: str) -> QuestionKind:
     """The kind of question of that name.
 

@@ -2,8 +2,7 @@
 
 import { el, fit, paint } from "./elements.js";
 
-/** @import { FilmFrame, PageMessage, ScreenMessage } from "./messages" */
-/** @import { FilmSettings } from "./page_tools" */
+/** @import { FilmSettings, Frame, Input, ScreenMessage } from "./messages" */
 /**
  * @typedef {{ number: number, encoding: number, width: number, height: number, bytes: Uint8Array<ArrayBuffer>,
  * tiles: (Picture | undefined)[], bitmap: Promise<ImageBitmap> | null, ready: ImageBitmap | null }} Picture
@@ -88,7 +87,7 @@ export class FlipReporter {
   /** @type {Shown & { submit: number } | null} */ #pending = null;
   /** @type {{ episode?: number, step?: number, flip: number } | null} the last report */ #last = null;
 
-  /** @param {() => number} now @param {(what: PageMessage) => void} send */
+  /** @param {() => number} now @param {(what: Input) => void} send */
   constructor(now, send) {
     this.now = now;
     this.#channel.port1.onmessage = () => {
@@ -131,7 +130,7 @@ export class FlipReporter {
 /** The films on the screen, side by side: they run by themselves, or keys go through them. */
 export class FilmViewer {
   /** @type {Film | null} */ #film = null;
-  /** @type {FilmFrame[]} of one screen, which came before its films were opened: its module was still on its way */ #early = [];
+  /** @type {Frame[]} of one screen, which came before its films were opened: its module was still on its way */ #early = [];
   /** @type {WeakMap<number[], Map<number, ((picture: Picture) => void)[]>>} */ #wanted = new WeakMap();
 
   /** @param {ImageCache} images @param {FlipReporter} flips @param {() => void} schedule */
@@ -162,7 +161,7 @@ export class FilmViewer {
     if (this.#film) this.#turn(this.#film, this.#film.settings.step);
   }
 
-  /** @param {FilmFrame} frame */
+  /** @param {Frame} frame */
   add(frame) {
     const { name, side, place, picture: number } = frame;
     if (this.#film?.message.name !== name) {

@@ -3,8 +3,7 @@
 import { buttonsOf, capOf, el, fit, flatten, paint, prose, words } from "./elements.js";
 import { drawWidget } from "./questions.js";
 
-/** @import { ActivityValues, BlankValues, PageValues, PlayValues, QuestionValues, Refusal, ScreenMessage, SessionOver, TextValues } from "./messages" */
-/** @import { ActivityModule } from "./page_tools" */
+/** @import { ActivityModule, ActivityScreen, BlankScreen, Over, PageScreen, PlayScreen, QuestionScreen, Refusal, ScreenMessage, TextScreen } from "./messages" */
 /** @import { EpisodeView } from "./episode.js" */
 /** @import { FilmViewer, FlipReporter, ImageCache } from "./pictures.js" */
 /** @import { TextEntry } from "./questions.js" */
@@ -28,7 +27,7 @@ export class ScreenView {
   }
 
   #draw = {
-    text: (/** @type {TextValues} */ s, _ = null, check = s.keys.length ? this.page.touchTexts() : null) => [
+    text: (/** @type {TextScreen} */ s, _ = null, check = s.keys.length ? this.page.touchTexts() : null) => [
       words("h1", "", check?.touch_check_title ?? s.title),
       prose({ class: "body short" }, check?.touch_check_body ?? s.body),
       s.keys.length ? el("ul", { class: "keyboard", style: { width: `${s.wide * 3}rem`, height: `${s.high * 3}rem` } },
@@ -39,14 +38,14 @@ export class ScreenView {
       words("p", "prompt", s.prompt),
       words("p", "progress", s.progress),
     ],
-    blank: (/** @type {BlankValues} */ s) => [s.cross ? el("div", { class: "cross", role: "img", "aria-label": "+" }) : null],
-    play: (/** @type {PlayValues} */ s) => [...this.parts.episode.draw(s), s.messages && el("div", { class: "chat" },
+    blank: (/** @type {BlankScreen} */ s) => [s.cross ? el("div", { class: "cross", role: "img", "aria-label": "+" }) : null],
+    play: (/** @type {PlayScreen} */ s) => [...this.parts.episode.draw(s), s.messages && el("div", { class: "chat" },
       el("div", { role: "log", class: "lines" }, s.messages.lines.map(([author, text]) => el("p", {}, el("b", { text: author }), ` ${text}`))),
-      s.messages.entry && el("div", { class: "entry" }, this.parts.entry.open(s.messages.entry)),
+      s.messages.entry && el("div", { class: "entry" }, this.parts.entry.open({ form: "TextField", ...s.messages.entry })),
       el("p", { class: "prompt", id: "ask", text: s.messages.hint }))],
-    activity: (/** @type {ActivityValues} */ s, /** @type {ScreenMessage} */ m) =>
+    activity: (/** @type {ActivityScreen} */ s, /** @type {ScreenMessage} */ m) =>
       this.#modules.get(s.module)?.draw(s, m, { el, words, prose, films: this.parts.films }),
-    page: (/** @type {PageValues} */ s) => [
+    page: (/** @type {PageScreen} */ s) => [
       words("h1", "", s.title),
       s.picture === null ? null : this.#drawExample(s, s.picture),
       prose({ class: s.body.length < 160 && !/^ *[-*] /m.test(s.body) && s.picture === null ? "body short" : "body" }, s.body),
@@ -54,7 +53,7 @@ export class ScreenView {
       words("p", "prompt", s.prompt),
       words("p", "progress", s.progress),
     ],
-    question: (/** @type {QuestionValues} */ s) => [
+    question: (/** @type {QuestionScreen} */ s) => [
       words("h1", "", s.title),
       prose({ class: "body", id: "ask" }, s.question),
       drawWidget(s.item, this.parts.entry),
@@ -81,7 +80,7 @@ export class ScreenView {
     if (current?.screen.kind === "activity" && current.screen.module === address) this.show(current);
   }
 
-  /** @param {PageValues} s @param {number} number */
+  /** @param {PageScreen} s @param {number} number */
   #drawExample(s, number) {
     const picture = this.parts.images.get(number);
     const canvas = el("canvas", { role: "img", "aria-label": s.marks.map((mark) => mark[2]).join(", ") || s.title });
@@ -155,7 +154,7 @@ export class ScreenView {
     ]));
   }
 
-  /** @param {SessionOver} m @param {string} leaving */
+  /** @param {Over} m @param {string} leaving */
   showEnd({ words: text, code, your_code, url, leave }, leaving) {
     const heading = this.main.querySelector("h1");
     this.main.className = "text";

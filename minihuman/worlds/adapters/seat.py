@@ -76,8 +76,7 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
         joint[self.seat] = int(action)
         found = self.team.step(joint)
         self.joint, self.rewards, self.steps = None, found.rewards, self.steps + 1
-        own = found.infos[self.seat] if found.infos else {}
-        return found.rewards[self.seat], found.terminated, found.truncated, {**found.info, **own}
+        return found.rewards[self.seat], found.terminated, found.truncated, dict(found.info)
 
     def render(self) -> Any:
         """What this body's person sees."""

@@ -19,9 +19,6 @@ HANDY = (0.12, 0.12, 0.28, 0.17, 0.13, 0.17, 0.01)  # picks up, drops and toggle
 pytestmark = [pytest.mark.filterwarnings("ignore:.*out of date")]
 
 
-EXPERTS = {}  # of each world, as long as its episode lasts
-
-
 def at_random(env, chance):
     return int(chance.choice(7, p=AT_RANDOM))
 
@@ -33,8 +30,8 @@ def handily(env, chance):
 def as_told(env, chance):
     """The exploring expert, which slips now and then."""
     if env.state.step == 0:
-        EXPERTS[env] = Explorer(env.state)
-    action = EXPERTS[env].action(env.state)
+        env.expert = Explorer(env.state)
+    action = env.expert.action(env.state)
     return int(chance.integers(7)) if action is None or chance.random() < 0.05 else action
 
 

@@ -1,1 +1,0 @@
-"""Episodes that a page computed without a server: read them, play them again, and write them as session logs."""

@@ -1,0 +1,460 @@
+"""A study's work as functions: run, simulate, verify, export and report, with the options of the commands.
+
+The commands of the same names call these. What only one of them needs is imported when it is called, so that
+verifying a log opens no window and running a session reads no tables.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from minihuman.errors import MinihumanError
+from minihuman.trust import Permission
+
+if TYPE_CHECKING:
+    from minihuman.dataset.selection import Selection
+    from minihuman.experiment.protocol.protocol import Protocol
+
+Listener = Callable[[str], None]
+_LOGS_PER_PROCESS = 8  # to verify; fewer are replayed sooner than one more process starts
+
+
+def _ignore(_: str) -> None:
+    pass
+
+
+@dataclass(frozen=True, slots=True)
+class VerificationLine:
+    """One finding about one log."""
+
+    log: Path
+    text: str
+    ok: bool
+    error: MinihumanError | None = None  # why the log cannot be read or checked
+
+
+@dataclass(frozen=True, slots=True)
+class ExportSummary:
+    """What an export wrote.
+
+    Attributes:
+        out: the export's folder; its README.md says what it is made of.
+        episodes: the included episodes in it.
+        steps: the steps of these.
+        notes: what is included and excluded and why, and what the format cannot hold, one line per fact.
+    """
+
+    out: Path
+    episodes: int
+    steps: int
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ReportSummary:
+    """What a report wrote.
+
+    Attributes:
+        page: the report as one HTML file.
+        files: the page, its tables and its figures.
+        notes: what is included and excluded and why, one line per fact.
+    """
+
+    page: Path
+    files: tuple[Path, ...]
+    notes: tuple[str, ...]
+
+
+def run(
+    protocol: Path | str,
+    *,
+    participant: str | None = None,
+    group: str | None = None,
+    session: int = 1,
+    any_day: bool = False,
+    next_slot: bool = False,
+    reason: str = "",
+    experimenter: str = "",
+    data: Path | str = "sessions",
+    window: str = "auto",
+    fullscreen: bool = True,
+    lsl: bool = False,
+    trust: Permission = False,
+    on_progress: Listener = _ignore,
+    on_start: Listener = _ignore,
+) -> Path | None:
+    """Run a participant's session at this machine, or resume one.
+
+    Args:
+        protocol: the protocol's TOML file.
+        participant: a code, such as ``sub-07``, or several with commas where several share this machine; by default
+            the next free allocation slots.
+        group: a group, instead of the allocated one.
+        session: the number of the session, 1 for the first.
+        any_day: ignore the days that the protocol requires between sessions.
+        next_slot: take the next free slot although a session was cut off and is to be resumed.
+        reason: why a participant, a group or the day is chosen by hand, for the audit trail.
+        experimenter: the code of the one who chooses.
+        data: the folder that holds the studies' folders.
+        window: ``auto``, ``pygame``, ``pyglet`` or a plug-in's name.
+        fullscreen: use the whole screen, not a window.
+        lsl: send markers by the Lab Streaming Layer.
+        trust: trust the protocol's folder, now and from now on: run the Python in it. Or a function that is asked
+            this as a question.
+        on_progress: is told what is being prepared; "" when the window is about to open.
+        on_start: is told who has a slot and no log, then who begins, once the slot is taken.
+
+    Returns:
+        The session's log; None if it ended before anything was to be written, which leaves the slot free.
+
+    Raises:
+        ProtocolError: if the protocol is not valid, or runs Python that is not trusted.
+        AllocationError: if no slot is free, this session may not be run now, or another is to be resumed first.
+        WindowError: if no window can be opened.
+        LogError: if the log cannot be written.
+    """
+    from minihuman.admin.enrolment_entries import AuditNote
+    from minihuman.admin.legibility import require_legible
+    from minihuman.admin.next_session import find_interrupted_session, find_unused_slots, plan_next_session
+    from minihuman.admin.protocol_file import read_protocol
+    from minihuman.display.windows.blocking_window import open_window
+    from minihuman.errors import AllocationError
+    from minihuman.experiment.plan.dry_run import check_worlds
+    from minihuman.runtime.agent_host import make_agent_host
+    from minihuman.runtime.host import host_session
+    from minihuman.runtime.machine import SessionClock
+    from minihuman.runtime.shared_window import SharedWindow, host_team
+    from minihuman.runtime.team_host import count_seats_at_machine, require_one_process
+
+    protocol, data = Path(protocol), Path(data)
+    study = read_protocol(protocol, trust=trust)
+    cut_off = None if participant or next_slot else find_interrupted_session(data / study.study.name)
+    if cut_off is not None:
+        day = f" --session {cut_off.session}" if cut_off.session > 1 else ""
+        place = "" if data == Path("sessions") else f" --data {data}"
+        raise AllocationError(
+            f"session {cut_off.session} of {cut_off.participant} was cut off after {cut_off.episodes_completed} of "
+            f"{cut_off.episodes_planned} episodes; resume it: minihuman run {protocol}{place} --participant "
+            f"{cut_off.participant}{day}; or take the next slot with --next-slot"
+        )
+    seats = count_seats_at_machine(study, group)
+    require_one_process(study, f"on one machine; use minihuman serve {protocol}", group=group, at_one_machine=seats)
+    codes = participant.split(",") if participant else [None] * seats
+    if len(codes) != seats:
+        raise AllocationError(f"{participant!r} names {len(codes)} of {seats} people; give {seats} codes, with commas")
+    on_progress(f"preparing the worlds of {study.study.name}")
+    check_worlds(study, str(protocol))
+    require_legible(study, str(protocol))
+    on_progress("")
+    clock = SessionClock()
+    opened = open_window(window, clock, fullscreen=fullscreen)
+    try:  # the window first: a station without a display must not use up a slot
+        note = AuditNote(reason, experimenter)
+        if participant is None and (unused := find_unused_slots(data / study.study.name)):
+            on_start(
+                f"{', '.join(unused)}: a slot and no log; if no session of theirs is running: "
+                f"minihuman replace {unused[0]} --study {data / study.study.name}"
+            )
+        plans = []
+        for code in codes:
+            plan = plan_next_session(
+                study,
+                data,
+                participant=code,
+                group=group,
+                session=session,
+                any_day=any_day,
+                note=note,
+                utc_offset_min=int(clock.facts()["utc_offset_min"]),
+            )
+            allocated = f"group {plan.participant.group}" if plan.participant.group else "group not yet drawn"
+            on_start(f"{plan.participant.id}, {allocated}, from episode {plan.first_episode + 1}")
+            plans.append(plan)
+        if seats == 1:
+            return host_session(plan, opened, clock, data, markers=lsl, agent=make_agent_host(study, plan, data))
+        logs = host_team(study, plans, SharedWindow(opened, clock, seats), clock, data, markers=lsl)
+        for log in logs[1:]:
+            on_start(f"log: {log}" if log else "a session ended before anything was recorded; its slot is free again")
+        return logs[0]
+    finally:
+        opened.close()
+
+
+def simulate(
+    protocol: Path | str,
+    *,
+    participants: int = 10,
+    data: Path | str = "sessions",
+    seed: int = 0,
+    player: str = "human-like",
+    parallel: int = 1,
+    max_price: float = 0.0,
+    trust: Permission = False,
+    on_progress: Listener = _ignore,
+) -> Iterator[Path]:
+    """Run a study with simulated participants, without a window and without waiting.
+
+    It is an iterator: each session is played when its log is asked for. ``list(simulate(...))`` plays them all.
+
+    Args:
+        protocol: the protocol's TOML file.
+        participants: their number; they take the next free allocation slots.
+        data: the folder that holds the studies' folders.
+        seed: the seed of the simulated participants.
+        player: ``human-like``, ``optimal``, ``random``, ``exploring``, ``supervisor``, ``policy:FILE`` or a plug-in's
+            name, with parameters as in ``human-like:lapse=0.1``; or ``model:NAME``, a language model at the endpoint
+            that ``OPENAI_BASE_URL`` and ``OPENAI_API_KEY`` name.
+        parallel: how many sessions of a model are played at a time.
+        max_price: stop a model's sessions when this run has cost so much; they can be resumed. 0: no limit.
+        trust: as for ``run``.
+        on_progress: is told how far it is.
+
+    Yields:
+        The log of each session.
+
+    Raises:
+        ProtocolError: if the protocol is not valid, or runs Python that is not trusted.
+        AllocationError: if there are fewer free slots, before any session is played.
+        SimulationError: if there is no such player, or it cannot play a block's world.
+    """
+    from minihuman.admin.protocol_file import read_protocol
+    from minihuman.experiment.plan.dry_run import check_worlds
+    from minihuman.runtime.simulated_session import simulate as play
+
+    protocol, data = Path(protocol), Path(data)
+    study = read_protocol(protocol, trust=trust)
+    on_progress(f"{player} plays {study.study.name}")
+    if player.startswith("model:") and player != "model:":
+        yield from _simulate_models(study, data, participants, player, parallel, max_price, on_progress)
+        return
+    check_worlds(study, str(protocol))
+    for number, path in enumerate(play(study, data, participants=participants, seed=seed, player=player), 1):
+        yield path
+        on_progress(f"{player} plays {study.study.name}: {number} of {participants} participants done")
+
+
+def _simulate_models(
+    study: "Protocol",
+    data: Path,
+    participants: int,
+    player: str,
+    parallel: int,
+    max_price: float,
+    on_progress: Listener,
+) -> Iterator[Path]:
+    from minihuman.runtime.model_sessions import ModelRun, simulate_models
+    from minihuman.simulation.model_conversation import SpentTotals
+
+    done, currency = 0, study.model.currency
+
+    def say(spent: SpentTotals) -> None:
+        cost = f"{spent.price:.4f} {currency}".strip()
+        on_progress(
+            f"{player} plays {study.study.name}: {done} of {participants} participants done, {spent.calls} calls, "
+            f"{spent.tokens} tokens, {cost}"
+        )
+
+    run = ModelRun.of_model(player, max_price=max_price, changed=say)
+    for path in simulate_models(study, data, participants=participants, parallel=parallel, run=run):
+        done += 1
+        say(run.spent)
+        yield path
+
+
+def verify(
+    *paths: Path | str,
+    manifest: str | None = None,
+    trust: bool = False,
+    policies: bool = False,
+    tables: bool = False,
+    outputs: Collection[Path | str] = (),
+    engine: str = "local",
+) -> Iterator[VerificationLine]:
+    """Replay logs from their seeds and inputs, and compare every message; of a study also its enrolment log.
+
+    Args:
+        paths: session logs, or folders of them; with a manifest, study folders.
+        manifest: a digest or manifest file; then only the files are compared with it.
+        trust: trust the modules of the logs' worlds, now and from now on.
+        policies: compare the agents' actions with their policy files, too.
+        tables: instead of replaying, recompute every table of study folders from their logs, and compare the caches.
+        outputs: folders of reports and of CSV and Parquet exports, made of all that is included by default; they are
+            compared with what is recomputed, too.
+        engine: replays many logs in processes of this machine (local) or in a Ray cluster (ray).
+
+    Yields:
+        Findings. ``all(line.ok for line in verify(path))`` says whether everything is as logged. A log that cannot be
+        read is a line with an ``error`` and does not hold up the others.
+
+    Raises:
+        MinihumanError: if a manifest is combined with ``trust`` or ``policies``, ``outputs`` are not compared with
+            one study's tables, or nothing is at a path.
+    """
+    from minihuman.admin.verify.episodes import verify_teams
+    from minihuman.admin.verify.log import find_sessions, find_studies, verify_enrolment, verify_manifest
+    from minihuman.dataset.log_files import map_paths
+
+    if manifest is not None and (trust or policies):
+        raise MinihumanError("--manifest only compares files; use --trust or --policies in a separate command")
+    if tables and (manifest is not None or trust or policies):
+        raise MinihumanError(
+            "--tables does not replay logs; use --manifest, --trust or --policies in a separate command"
+        )
+    if outputs and (not tables or len(paths) != 1):
+        raise MinihumanError(
+            "--report needs --tables and exactly one study; run: minihuman verify STUDY --tables --report FOLDER"
+        )
+    checks: list[Iterable[VerificationLine]] = []
+    verify_log = partial(_verify_log, trust=trust, policies=policies)
+    for path in map(Path, paths):
+        if tables:
+            checks.append(_name_findings(path, _verify_tables(path, [Path(output) for output in outputs])))
+            continue
+        if manifest is not None:
+            checks.append(_name_findings(path, verify_manifest(path, manifest)))
+            continue
+        studies = find_studies(path)
+        logs = find_sessions(path, required=not studies)
+        processes = 1 if trust else None  # what is trusted is one file
+        found = map_paths(logs, verify_log, processes=processes, engine=engine, per_process=_LOGS_PER_PROCESS)
+        checks.append(chain.from_iterable(found))
+        checks += (_name_findings(study, verify_enrolment(study)) for study in studies)
+        checks += (_name_findings(study, verify_teams(study)) for study in studies)
+    yield from chain.from_iterable(checks)
+
+
+def _verify_log(log: Path, *, trust: bool, policies: bool) -> list[VerificationLine]:
+    from minihuman.admin.verify.log import verify_session
+
+    return list(_name_findings(log, verify_session(log, trust=trust, policies=policies)))
+
+
+def _name_findings(path: Path, found: Iterable[tuple[str, bool]]) -> Iterator[VerificationLine]:
+    try:
+        for text, ok in found:
+            yield VerificationLine(path, text, ok)
+    except MinihumanError as error:
+        yield VerificationLine(path, str(error), ok=False, error=error)
+
+
+def _verify_tables(study: Path, outputs: Iterable[Path]) -> Iterator[tuple[str, bool]]:
+    """Recompute a study's tables from its logs, and yield how its caches and outputs differ, each line with False."""
+    import tempfile
+
+    from minihuman.admin.session_index import compare_index
+    from minihuman.dataset.sessions import StudySessions
+    from minihuman.dataset.store import StudyStore
+    from minihuman.dataset.table_catalogue import TABLES
+    from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
+    from minihuman.dataset.table_files import compare_cache, compare_pages, compare_table_files, write_tables
+    from minihuman.log.paths import require_folder
+    from minihuman.reporting.build import build_report
+
+    require_folder(study, instead="a study's folder")
+    sessions = StudySessions(study, from_logs=True)
+    with (
+        tempfile.TemporaryDirectory(prefix="minihuman-") as temporary,
+        StudyStore(sessions, with_shortest=True) as store,
+    ):
+        rows = sum(map(store.tables.count, TABLES))
+        unreadable = [f"{one.path} cannot be read: {one.problem}" for one in store.kept if one.problem]
+        wrong = [*unreadable, *compare_cache(store, study), *compare_index(study)]
+        for number, folder in enumerate(outputs):
+            recomputed = Path(temporary) / str(number)
+            if (folder / "report.html").is_file():
+                build_report(StudySessions(study, from_logs=True), recomputed)
+                wrong += compare_table_files(folder / "tables", recomputed / "tables")
+                wrong += compare_pages(folder / "report.html", recomputed / "report.html")
+            else:
+                require_folder(folder, instead="a report's folder, or that of a CSV or Parquet export")
+                write_tables(store.tables, recomputed, without=COLUMNS_NEEDING_WORLD)
+                wrong += compare_table_files(folder, recomputed)
+    yield from ((line, False) for line in wrong)
+    if not wrong:
+        yield f"{rows} rows of {len(TABLES)} tables recomputed from the logs, all as cached and written", True
+
+
+def export(
+    format_name: str,
+    study: Path | str,
+    out: Path | str,
+    *,
+    selection: "Selection | None" = None,
+    stored_frames: bool = False,
+    engine: str = "local",
+    on_progress: Listener = _ignore,
+) -> ExportSummary:
+    """Export a study or a log as tables, demonstrations or an archive.
+
+    Args:
+        format_name: csv, parquet, minari, lerobot or another that ``minihuman plugins`` lists.
+        study: a study's folder, or one log.
+        out: a folder that does not exist yet.
+        selection: which sessions and episodes are included.
+        stored_frames: take the observations from the logs; by default they are replayed. Both are checked by hash.
+        engine: reads logs for tables in processes of this machine (local) or in a Ray cluster (ray).
+        on_progress: is told of each log.
+
+    Raises:
+        ExportError: if the format is unknown, the folder exists, nothing is included, or an episode does not replay.
+        LogError: if the study cannot be read.
+    """
+    from minihuman.dataset.selection import Selection
+    from minihuman.errors import name_output_when_full
+    from minihuman.exporters.exporter import export_study
+
+    out = Path(out)
+    with name_output_when_full(out):
+        written, card = export_study(
+            format_name,
+            Path(study),
+            out,
+            selection or Selection(),
+            stored_frames=stored_frames,
+            engine=engine,
+            progress=lambda log: on_progress(str(log)),
+        )
+    excluded = (f"excluded: {line}" for line in written.left_out)
+    return ExportSummary(out, written.episodes, written.steps, (*card.account.lines(), *excluded, *card.account.notes))
+
+
+def report(
+    study: Path | str,
+    out: Path | str,
+    *,
+    selection: "Selection | None" = None,
+    template: Path | str | None = None,
+    scripts: Sequence[str] = (),
+) -> ReportSummary:
+    """Write a study's report: tables, statistics and figures.
+
+    Args:
+        study: the study's folder.
+        out: the report's folder; files of an earlier report in it are replaced.
+        selection: which sessions and episodes are included.
+        template: a folder with a ``report.html.j2`` or ``report.css`` to use instead of minihuman's.
+        scripts: ``r`` and ``python``: write mixed models as ``analysis.R`` and ``analysis.py`` beside the tables.
+
+    Raises:
+        LogError: if there is no such folder.
+        ReportError: if no log in it can be read, the logs are of different studies, or nothing can be modelled.
+    """
+    from minihuman.dataset.log_files import infrequent_collection
+    from minihuman.dataset.selection import Selection
+    from minihuman.dataset.sessions import StudySessions
+    from minihuman.errors import name_output_when_full
+    from minihuman.reporting.build import build_report, find_stale_figures
+
+    out = Path(out)
+    with infrequent_collection(), name_output_when_full(out):
+        sessions = StudySessions(Path(study), selection or Selection())
+        written = build_report(sessions, out, None if template is None else Path(template), scripts=scripts)
+        notes: Iterable[str] = (
+            *sessions.account.lines(),
+            *find_stale_figures(out, written),
+            *sessions.account.notes,
+        )
+        return ReportSummary(written[0], written, tuple(notes))
