@@ -54,6 +54,8 @@ WORDS = {  # of every command; one that is new fails until it is listed here
     "withdraw": f"sub-01 --study {STUDY} --reason none --erase",
     "replace": f"sub-09 --study {STUDY} --reason none",
     "gather": STUDY,
+    "import": "no-data.json --study imported",
+    "pack": "minihuman/MiniGrid-Empty-5x5-v0 --seeds 0-1 --out packed",
     "export": f"csv {STUDY} --out csv",
     "power": f"{DEMO} --effect shift=0.5",
     "fit": STUDY,

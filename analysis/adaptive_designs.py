@@ -28,7 +28,7 @@ from minihuman.experiment.plan.group_sequential import compute_adjusted_p, compu
 from minihuman.experiment.replay import compare_replay
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.runtime.session_loop import run_session
-from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.runtime.simulated_window import SimulatedWindow
 from minihuman.simulation.scripted import ObserverParticipant
 from minihuman.statistics.scores import wilson_interval
 from minihuman.worlds.adapters.world import World

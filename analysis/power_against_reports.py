@@ -38,6 +38,7 @@ from scipy import optimize, special
 from minihuman import __version__
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.tables import select
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.planning.report_power import (
     ReportPool,
@@ -361,8 +362,8 @@ def check_report(design: Design, before: Mapping[str, Any], folder: Path, size: 
         pass
     leave(data, design, np.random.default_rng(seed))
     kept: list[Results] = []
-    with mock.patch.object(build, "build_page", _keeper(kept)):
-        page, *_ = build.build_report(StudySessions(data, Selection(), processes=1), out)
+    with mock.patch.object(build, "build_page", _keeper(kept)), select(data, processes=1) as tables:
+        page, *_ = build.build_report(tables, out)
     text = " ".join(unescape(page.read_text(encoding="utf-8")).split())
     tables = read_tables(data)
     quick, pool = analyse(tables, protocol), make_report_pool(protocol, tables)

@@ -24,7 +24,7 @@ from benchmarks.web_load import GRID, KINDS, TOML
 from minihuman.admin.enrolment_entries import open_enrolment_log, read_enrolled
 from minihuman.admin.recruitment import ParticipantArrived, Recruitment, hash_link_token
 from minihuman.experiment.plan.allocation import allocation_sha256, build_allocation_list
-from minihuman.experiment.plan.expansion import format_participant_code
+from minihuman.experiment.plan.participant_codes import format_participant_code
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.log.record.session_leases import Lease, SessionLeases
 from minihuman.storage.lease import RENEWAL_INTERVAL_S, open_lease_table

@@ -77,7 +77,8 @@ def measure(sessions: int, latency_ms: float, steps: int) -> None:
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.log.record.disk import GroupCommit
     from minihuman.operating_system import sync_file, sync_file_system
-    from minihuman.runtime.model_sessions import ModelRun, simulate_models
+    from minihuman.runtime.model_run import ModelRun
+    from minihuman.runtime.model_sessions import simulate_models
 
     port: multiprocessing.SimpleQueue[int] = multiprocessing.SimpleQueue()
     endpoint = multiprocessing.Process(target=serve, args=(latency_ms / 1_000, port), daemon=True)

@@ -28,7 +28,7 @@ import numpy as np
 
 from minihuman.admin.enrolment_entries import open_enrolment_log, read_enrolled
 from minihuman.admin.recruitment import ParticipantArrived, Recruitment, hash_link_token
-from minihuman.experiment.plan.expansion import format_participant_code
+from minihuman.experiment.plan.participant_codes import format_participant_code
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.web.arrivals import Admission, Arrival, Arrivals
 from tests.web.typed_page import TypedPage

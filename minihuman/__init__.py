@@ -24,25 +24,30 @@ from minihuman.worlds.registration import register_with_gymnasium as _register
 
 if TYPE_CHECKING:
     from minihuman.api import (
-        Episode as Episode,
-        ReplayedStep as ReplayedStep,
-        Session as Session,
-        Study as Study,
-        open_session as open_session,
-        open_study as open_study,
-    )
-    from minihuman.dataset.selection import Selection as Selection
-    from minihuman.errors import MinihumanError as MinihumanError
-    from minihuman.log.model.session_log import Segment as Segment
-    from minihuman.workflow import (
         ExportSummary as ExportSummary,
         ReportSummary as ReportSummary,
         VerificationLine as VerificationLine,
         export as export,
+        import_page_data as import_page_data,
+        open_session as open_session,
+        open_study as open_study,
         report as report,
         run as run,
         simulate as simulate,
         verify as verify,
+    )
+    from minihuman.dataset.selection import Selection as Selection
+    from minihuman.errors import MinihumanError as MinihumanError
+    from minihuman.log.model.session_log import Segment as Segment
+    from minihuman.recorded_study import (
+        Episode as Episode,
+        ReplayedStep as ReplayedStep,
+        Session as Session,
+        Study as Study,
+    )
+    from minihuman.worlds.adapters.page_world import (
+        ActionsVerification as ActionsVerification,
+        verify_actions as verify_actions,
     )
     from minihuman.worlds.adapters.pettingzoo import parallel_env as parallel_env
     from minihuman.worlds.grid.layout import observation_to_text as observation_to_text
@@ -51,26 +56,29 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _MODULES = {  # where each public name is; imported when it is asked for, so that importing minihuman is fast
-    "Episode": "minihuman.api",
-    "ExportSummary": "minihuman.workflow",
+    "ActionsVerification": "minihuman.worlds.adapters.page_world",
+    "Episode": "minihuman.recorded_study",
+    "ExportSummary": "minihuman.api",
     "MinihumanError": "minihuman.errors",
-    "ReplayedStep": "minihuman.api",
-    "ReportSummary": "minihuman.workflow",
+    "ReplayedStep": "minihuman.recorded_study",
+    "ReportSummary": "minihuman.api",
     "Segment": "minihuman.log.model.session_log",
     "Selection": "minihuman.dataset.selection",
-    "Session": "minihuman.api",
-    "Study": "minihuman.api",
-    "VerificationLine": "minihuman.workflow",
-    "export": "minihuman.workflow",
+    "Session": "minihuman.recorded_study",
+    "Study": "minihuman.recorded_study",
+    "VerificationLine": "minihuman.api",
+    "export": "minihuman.api",
+    "import_page_data": "minihuman.api",
     "make_team": "minihuman.worlds.team",
     "observation_to_text": "minihuman.worlds.grid.layout",
     "open_session": "minihuman.api",
     "open_study": "minihuman.api",
     "parallel_env": "minihuman.worlds.adapters.pettingzoo",
-    "report": "minihuman.workflow",
-    "run": "minihuman.workflow",
-    "simulate": "minihuman.workflow",
-    "verify": "minihuman.workflow",
+    "report": "minihuman.api",
+    "run": "minihuman.api",
+    "simulate": "minihuman.api",
+    "verify": "minihuman.api",
+    "verify_actions": "minihuman.worlds.adapters.page_world",
 }
 __all__ = [*_MODULES, "__version__"]
 

@@ -1,481 +1,560 @@
-"""The Python interface of recorded data: ``Study``, ``Session`` and ``Episode``, as a notebook uses them.
+"""A study's work as functions: run, simulate, verify, export and report, with the options of the commands; and open
+what was recorded.
 
-Data are read when they are asked for; a study's tables are cached beside it.
+The commands of the same names call these. What only one of them needs is imported when it is called, so that
+verifying a log opens no window and running a session reads no tables.
 """
 
-import copy
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import partial
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from minihuman.dataset.log_files import list_participant_logs, list_readable_logs
-from minihuman.dataset.measures import playing_s
-from minihuman.dataset.selection import SelectedSession, Selection, SelectionSummary
-from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import StudyStore, TableDatabase, has_world_columns
-from minihuman.dataset.table_catalogue import TABLES
-from minihuman.errors import LogError, QueryError
-from minihuman.log.model.session_log import EpisodeLog as Recorded, Segment
-from minihuman.log.read.session_reader import read_log
-from minihuman.worlds.pose import Map
+from minihuman.errors import LogError, MinihumanError
+from minihuman.moved import forward_names
+from minihuman.trust import Permission
 
 if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.figure import Figure
+    from minihuman.dataset.selection import Selection
+    from minihuman.experiment.plan.session_plan import SessionPlan
+    from minihuman.experiment.protocol.protocol import Protocol
+    from minihuman.recorded_study import Session, Study
+    from minihuman.web.page_data.imports import ImportedFile
+
+Listener = Callable[[str], None]
+_PAGE_DATA_SUFFIXES = (".json", ".csv")
+_LOGS_PER_PROCESS = 8  # to verify; fewer are replayed sooner than one more process starts
 
 
-def read_table_frame(source: Path, selection: Selection, name: str, *, with_excluded: bool) -> "pd.DataFrame":
-    """Read one of a study's or session's tables: the included rows, or all.
+def _ignore(_: str) -> None:
+    pass
+
+
+@dataclass(frozen=True, slots=True)
+class VerificationLine:
+    """One finding about one log."""
+
+    log: Path
+    text: str
+    ok: bool
+    error: MinihumanError | None = None  # why the log cannot be read or checked
+
+
+@dataclass(frozen=True, slots=True)
+class ExportSummary:
+    """What an export wrote.
+
+    Attributes:
+        out: the export's folder; its README.md says what it is made of.
+        episodes: the included episodes in it.
+        steps: the steps of these.
+        notes: what is included and excluded and why, and what the format cannot hold, one line per fact.
+    """
+
+    out: Path
+    episodes: int
+    steps: int
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ReportSummary:
+    """What a report wrote.
+
+    Attributes:
+        page: the report as one HTML file.
+        files: the page, its tables and its figures.
+        notes: what is included and excluded and why, one line per fact.
+    """
+
+    page: Path
+    files: tuple[Path, ...]
+    notes: tuple[str, ...]
+
+
+def run(
+    protocol: Path | str,
+    *,
+    participant: str | None = None,
+    group: str | None = None,
+    session: int = 1,
+    any_day: bool = False,
+    next_slot: bool = False,
+    reason: str = "",
+    experimenter: str = "",
+    data: Path | str = "sessions",
+    window: str = "auto",
+    fullscreen: bool = True,
+    lsl: bool = False,
+    isolate_worlds: bool = False,
+    trust: Permission = False,
+    on_progress: Listener = _ignore,
+    on_start: Listener = _ignore,
+) -> Path | None:
+    """Run a participant's session at this machine, or resume one.
+
+    Args:
+        protocol: the protocol's TOML file.
+        participant: a code, such as ``sub-07``, or several with commas where several share this machine; by default
+            the next free allocation slots.
+        group: a group, instead of the allocated one.
+        session: the number of the session, 1 for the first.
+        any_day: ignore the days that the protocol requires between sessions.
+        next_slot: take the next free slot although a session was cut off and is to be resumed.
+        reason: why a participant, a group or the day is chosen by hand, for the audit trail.
+        experimenter: the code of the one who chooses.
+        data: the folder that holds the studies' folders.
+        window: ``auto``, ``pygame``, ``pyglet`` or a plug-in's name.
+        fullscreen: use the whole screen, not a window.
+        lsl: send markers by the Lab Streaming Layer.
+        isolate_worlds: run worlds that are not ours in processes of their own; those of teams stay in this one.
+        trust: trust the protocol's folder, now and from now on: run the Python in it. Or a function that is asked
+            this as a question.
+        on_progress: is told what is being prepared; "" when the window is about to open.
+        on_start: is told who has a slot and no log, then who begins, once the slot is taken.
+
+    Returns:
+        The session's log; None if it ended before anything was to be written, which leaves the slot free.
 
     Raises:
-        QueryError: if there is no such table.
+        ProtocolError: if the protocol is not valid, or runs Python that is not trusted.
+        AllocationError: if no slot is free, this session may not be run now, or another is to be resumed first.
+        WindowError: if no window can be opened.
+        LogError: if the log cannot be written.
     """
-    if name not in TABLES:
-        raise QueryError(f"table {name!r} does not exist; the tables are {', '.join(TABLES)}")
-    sessions = StudySessions(source, selection)
-    with StudyStore(sessions, with_shortest=has_world_columns(name), tables=(name,), with_account=False) as store:
-        found: pd.DataFrame = store.tables.table(name, counting=not with_excluded).to_pandas()
-        return found
+    from minihuman.admin.enrolment_entries import AuditNote
+    from minihuman.admin.legibility import require_legible
+    from minihuman.admin.protocol_file import read_protocol
+    from minihuman.display.windows.blocking_window import open_window
+    from minihuman.errors import AllocationError
+    from minihuman.experiment.plan.dry_run import check_worlds
+    from minihuman.runtime.agent_host import make_agent_host
+    from minihuman.runtime.host import host_session
+    from minihuman.runtime.machine import SessionClock
+    from minihuman.runtime.shared_window import SharedWindow, host_team
+    from minihuman.runtime.team_seating import count_seats_at_machine, require_one_process
+    from minihuman.worlds.isolation.isolated_world import choose_world_factory
+
+    protocol = Path(protocol)
+    data = Path(data)
+    study = read_protocol(protocol, trust=trust)
+    if not participant and not next_slot:
+        _require_none_interrupted(protocol, data, study)
+    seats = count_seats_at_machine(study, group)
+    require_one_process(study, f"on one machine; use minihuman serve {protocol}", group=group, at_one_machine=seats)
+    codes = participant.split(",") if participant else [None] * seats
+    if len(codes) != seats:
+        raise AllocationError(f"{participant!r} names {len(codes)} of {seats} people; give {seats} codes, with commas")
+    on_progress(f"preparing the worlds of {study.study.name}")
+    check_worlds(study, str(protocol))
+    require_legible(study, str(protocol))
+    on_progress("")
+    clock = SessionClock()
+    opened = open_window(window, clock, fullscreen=fullscreen)
+    try:  # the window first: a station without a display must not use up a slot
+        if participant is None:
+            _name_unused_slots(data / study.study.name, on_start)
+        plan_session = partial(
+            _plan_session,
+            study,
+            data,
+            group=group,
+            session=session,
+            any_day=any_day,
+            note=AuditNote(reason, experimenter),
+            utc_offset_min=int(clock.facts()["utc_offset_min"]),
+            on_start=on_start,
+        )
+        plans = [plan_session(code) for code in codes]
+        if seats == 1:
+            agent = make_agent_host(study, plans[0], data)
+            with choose_world_factory(isolate_worlds) as make_world:
+                return host_session(plans[0], opened, clock, data, markers=lsl, agent=agent, make_world=make_world)
+        logs = host_team(study, plans, SharedWindow(opened, clock, seats), clock, data, markers=lsl)
+        for log in logs[1:]:
+            on_start(f"log: {log}" if log else "a session ended before anything was recorded; its slot is free again")
+        return logs[0]
+    finally:
+        opened.close()
 
 
-def format_html_table(caption: str, heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Format a small table under a caption."""
-    from minihuman.reporting.template import CAPTIONED_TABLE, Table, render_template  # Jinja, which only notebooks need
-
-    its = Table(heads, [tuple(map(str, row)) for row in rows], words=0)
-    return render_template(CAPTIONED_TABLE, {"caption": caption, "its": its})
-
-
-def check_figure_name(name: str, names: Sequence[str]) -> None:
-    """Check that there is a figure of that name.
+def _require_none_interrupted(protocol: Path, data: Path, study: "Protocol") -> None:
+    """Require that no session of the study was cut off and is to be resumed.
 
     Raises:
-        ValueError: if not; it names those there are.
+        AllocationError: if one was; it says how to resume it.
     """
-    if name not in names:
-        raise ValueError(f"figure {name!r} does not exist; the figures are {', '.join(map(repr, names))}")
+    from minihuman.admin.next_session import find_interrupted_session
+    from minihuman.errors import AllocationError
+
+    interrupted = find_interrupted_session(data / study.study.name)
+    if interrupted is None:
+        return
+    session = f" --session {interrupted.session}" if interrupted.session > 1 else ""
+    folder = "" if data == Path("sessions") else f" --data {data}"
+    raise AllocationError(
+        f"session {interrupted.session} of {interrupted.participant} was cut off after "
+        f"{interrupted.episodes_completed} of {interrupted.episodes_planned} episodes; resume it: minihuman run "
+        f"{protocol}{folder} --participant {interrupted.participant}{session}; or take the next slot with --next-slot"
+    )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ReplayedStep:
-    """One replayed step: the observation, the action taken then, and its result."""
+def _name_unused_slots(study: Path, on_start: Listener) -> None:
+    from minihuman.admin.next_session import find_unused_slots
 
-    step: int  # 1 for the first
-    observation: Any  # before the action
-    action: str
-    reward: float
-    terminated: bool
-    truncated: bool
-
-
-class Episode:
-    """One played episode. Times are seconds of session time, since the session's first segment began."""
-
-    def __init__(self, recorded: Recorded, *, participant: str, exclusion: str) -> None:
-        self.recorded = recorded  # everything: hashes, key presses, pictures shown
-        self.participant = participant
-        self.exclusion = exclusion  # why it is excluded; "" if it is included
-
-    @property
-    def number(self) -> int:
-        """The number in the session, 1 for the first, as on the screen, in tables and in figures."""
-        return self.recorded.number
-
-    @property
-    def attempt(self) -> int:
-        """1, or more where an interrupted episode was restarted."""
-        return self.recorded.attempt
-
-    @property
-    def block(self) -> str:
-        """The block's name in the protocol."""
-        return self.recorded.plan.block_name
-
-    @property
-    def world(self) -> str:
-        """The world's Gymnasium id."""
-        return self.recorded.plan.world
-
-    @property
-    def seed(self) -> int:
-        """The seed of the layout."""
-        return self.recorded.plan.seed
-
-    @property
-    def mission(self) -> str:
-        """The mission as the participant read it."""
-        return self.recorded.start.mission
-
-    @property
-    def outcome(self) -> str:
-        """How it ended: goal, timeout, failure, abandoned, agent_failed, or cut_off where the log stops."""
-        return self.recorded.outcome_word
-
-    @property
-    def reward(self) -> float:
-        """The sum of the rewards."""
-        return self.recorded.return_
-
-    @property
-    def steps(self) -> int:
-        """The number of steps."""
-        return len(self.recorded.actions)
-
-    @property
-    def playing_s(self) -> float:
-        """Seconds from the reset to the last step, without pauses."""
-        return playing_s(self.recorded)
-
-    @property
-    def path(self) -> NDArray[np.float64]:
-        """Where the agent was, (steps + 1, 4): x, y, z in cells or metres, heading in rad; NaN if unknown.
-
-        The ground plane is x and z, y points up; a heading of 0 is along +x and grows counter-clockwise from above.
-        """
-        return self.recorded.poses
-
-    @property
-    def times_s(self) -> NDArray[np.float64]:
-        """The times of the reset and of each step, (steps + 1,)."""
-        return np.asarray(self.recorded.t_ns / 1e9)
-
-    @property
-    def actions(self) -> tuple[str, ...]:
-        """The action of each step, by name."""
-        names = self.recorded.start.action_names
-        return tuple(names[action] for action in self.recorded.actions)
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """The key that caused each step; "" for a tick's no-op."""
-        return tuple(self.recorded.step_keys)
-
-    @property
-    def rewards(self) -> NDArray[np.float64]:
-        """The reward of each step."""
-        return self.recorded.rewards
-
-    @property
-    def reaction_ms(self) -> NDArray[np.float64]:
-        """The time from the flip of the picture to the key press that answers it, per step; NaN without a key."""
-        return self.recorded.rt_ms
-
-    @property
-    def map(self) -> Map | None:
-        """Walls and objects on the floor plan; None if the world has none."""
-        return self.recorded.start.map
-
-    def frames(self) -> list[NDArray[np.uint8]]:
-        """The pictures shown, steps + 1 of uint8[height, width, 3]: rendered again by the world and compared by hash.
-
-        Raises:
-            LogError: if the world now renders another picture, and the log holds none.
-            WorldError: if the world cannot be run here, and the log holds no pictures.
-        """
-        from minihuman.replay.frames import render_frames
-
-        return render_frames(self.recorded)
-
-    def play_back(self) -> Iterator[ReplayedStep]:
-        """Replay the episode in its world, step by step; each observation is compared by hash with the one recorded.
-
-        Raises:
-            LogError: at the first step whose observation differs.
-            WorldError: if the world cannot be made here.
-        """
-        from minihuman.worlds.adapters.world import World
-
-        one = self.recorded
-        with closing(World(one.plan.world, one.world_options)) as world:
-            found = world.reset(one.plan.seed).observation_hash
-            for place, action in enumerate(one.actions):
-                self._compare(found, place)
-                seen = copy.deepcopy(world.observation)  # as a world may use its arrays again
-                change = world.step(int(action))
-                found = change.observation_hash
-                ended = bool(one.terminated[place]), bool(one.truncated[place])
-                yield ReplayedStep(place + 1, seen, one.start.action_names[action], change.reward, *ended)
-            self._compare(found, self.steps)
-
-    def figure(self) -> "Figure":
-        """The path over the floor plan."""
-        from minihuman.figures.path_figures import paths_figure
-
-        return paths_figure([(self.world, [self.recorded])], across=1)
-
-    def _compare(self, found: int, step: int) -> None:
-        if found != int(self.recorded.observation_hashes[step]):
-            where = f"{self.participant}: {self.recorded.name} step {step}"
-            raise LogError(
-                f"{where}: the observation of {self.world} differs from the recorded one; run: minihuman verify"
-            )
-
-    def __repr__(self) -> str:
-        why = f", excluded: {self.exclusion}" if self.exclusion else ""
-        return f"<{self.recorded.name} of {self.participant}: {self.block}, {self.outcome}, {self.steps} steps{why}>"
-
-
-class Session:
-    """One participant's session and its included episodes."""
-
-    def __init__(self, counted: SelectedSession, selection: Selection) -> None:
-        self._counted = counted
-        self._selection = selection
-
-    @property
-    def path(self) -> Path:
-        """The log, or the folder with its segments."""
-        return self._counted.log.path
-
-    @property
-    def study(self) -> str:
-        """The study's name in the protocol."""
-        return self._counted.log.plan.study
-
-    @property
-    def participant(self) -> str:
-        """The participant's code."""
-        return self._counted.log.plan.participant.id
-
-    @property
-    def group(self) -> str:
-        """The group the participant was allocated to."""
-        return self._counted.log.plan.participant.group
-
-    @property
-    def number(self) -> int:
-        """The number among the participant's sessions, 1 for the first."""
-        return self._counted.log.plan.session
-
-    @property
-    def player(self) -> str:
-        """Who pressed the keys: human, or the name of a simulated participant."""
-        return self._counted.log.player
-
-    @property
-    def started_at(self) -> str:
-        """The wall clock when session time was 0, ISO 8601 UTC."""
-        return self._counted.log.started_at
-
-    @property
-    def end_reason(self) -> str:
-        """Why it ended: complete, quit and others; cut_off where the log ends in the middle."""
-        return self._counted.log.end_reason
-
-    @property
-    def segments(self) -> tuple[Segment, ...]:
-        """One per run of the program: more than one if the session was resumed."""
-        return self._counted.log.segments
-
-    @property
-    def sessions(self) -> tuple["Session", ...]:
-        """This session alone, so that a session can stand where a study is expected."""
-        return (self,)
-
-    @property
-    def episodes(self) -> tuple[Episode, ...]:
-        """The included episodes, in the order played."""
-        counted = set(self._counted.places)
-        return tuple(episode for place, episode in enumerate(self.all_episodes) if place in counted)
-
-    @property
-    def all_episodes(self) -> tuple[Episode, ...]:
-        """Every episode that began; ``exclusion`` says why one is excluded."""
-        one = self._counted
-        return tuple(
-            Episode(episode, participant=self.participant, exclusion=one.session_reason or reason)
-            for episode, reason in zip(one.log.episodes, one.reasons, strict=True)
+    unused = find_unused_slots(study)
+    if unused:
+        on_start(
+            f"{', '.join(unused)}: a slot and no log; if no session of theirs is running: "
+            f"minihuman replace {unused[0]} --study {study}"
         )
 
-    def table(self, name: str = "episodes", *, with_excluded: bool = False) -> "pd.DataFrame":
-        """Read one of the session's tables, such as "steps" or "episodes": the included rows, or all.
 
-        Raises:
-            QueryError: if there is no such table.
-        """
-        return read_table_frame(self.path, self._selection, name, with_excluded=with_excluded)
+def _plan_session(
+    study: "Protocol", data: Path, participant: str | None, *, on_start: Listener, **options: Any
+) -> "SessionPlan":
+    """Take a slot, plan its session and say whose it is."""
+    from minihuman.admin.next_session import plan_next_session
 
-    def figure(self, name: Literal["paths", "overview"] = "paths") -> "Figure":
-        """Draw the session's paths, one panel per episode, or an overview of its steps, times and keys.
-
-        Raises:
-            ValueError: if there is no figure of that name.
-            LogError: if no episode is included.
-        """
-        from minihuman.figures.overview import overview_figure
-        from minihuman.figures.path_figures import session_paths
-
-        check_figure_name(name, ("paths", "overview"))
-        return (session_paths if name == "paths" else overview_figure)(self._counted.session)
-
-    def __iter__(self) -> Iterator[Episode]:
-        return iter(self.episodes)
-
-    def __len__(self) -> int:
-        return len(self._counted.places)
-
-    def __repr__(self) -> str:
-        begun = len(self._counted.log.episodes)
-        return f"<session {self.number} of {self.participant} ({self.group}): {len(self)} of {begun} episodes included>"
-
-    def _repr_html_(self) -> str:
-        rows = [
-            (
-                one.number, one.attempt, one.block, one.outcome, one.steps, f"{one.reward:.3f}",
-                f"{one.playing_s:.1f}", one.exclusion,
-            )
-            for one in self.all_episodes
-        ]  # fmt: skip
-        heads = ("episode", "attempt", "block", "outcome", "steps", "reward", "playing s", "excluded")
-        return format_html_table(repr(self).strip("<>"), heads, rows)
+    plan = plan_next_session(study, data, participant=participant, **options)
+    group = f"group {plan.participant.group}" if plan.participant.group else "group not yet drawn"
+    on_start(f"{plan.participant.id}, {group}, from episode {plan.first_episode + 1}")
+    return plan
 
 
-def open_session(path: Path | str, selection: Selection | None = None) -> Session:
+def simulate(
+    protocol: Path | str,
+    *,
+    participants: int = 10,
+    data: Path | str = "sessions",
+    seed: int = 0,
+    player: str = "human-like",
+    parallel: int = 1,
+    max_price: float = 0.0,
+    isolate_worlds: bool = False,
+    trust: Permission = False,
+    on_progress: Listener = _ignore,
+) -> Iterator[Path]:
+    """Run a study with simulated participants, without a window and without waiting.
+
+    It is an iterator: each session is played when its log is asked for. ``list(simulate(...))`` plays them all.
+
+    Args:
+        protocol: the protocol's TOML file.
+        participants: their number; they take the next free allocation slots.
+        data: the folder that holds the studies' folders.
+        seed: the seed of the simulated participants.
+        player: ``human-like``, ``optimal``, ``random``, ``exploring``, ``supervisor``, ``policy:FILE`` or a plug-in's
+            name, with parameters as in ``human-like:lapse=0.1``; or ``model:NAME``, a language model at the endpoint
+            that ``OPENAI_BASE_URL`` and ``OPENAI_API_KEY`` name.
+        parallel: how many sessions of a model are played at a time.
+        max_price: stop a model's sessions when this run has cost so much; they can be resumed. 0: no limit.
+        isolate_worlds: as for ``run``; the worlds of a model's sessions stay in this process.
+        trust: as for ``run``.
+        on_progress: is told how far it is.
+
+    Yields:
+        The log of each session.
+
+    Raises:
+        ProtocolError: if the protocol is not valid, or runs Python that is not trusted.
+        AllocationError: if there are fewer free slots, before any session is played.
+        SimulationError: if there is no such player, or it cannot play a block's world.
+    """
+    from minihuman.admin.protocol_file import read_protocol
+    from minihuman.experiment.plan.dry_run import check_worlds
+    from minihuman.runtime.simulated_session import simulate as play
+    from minihuman.worlds.isolation.isolated_world import choose_world_factory
+
+    protocol, data = Path(protocol), Path(data)
+    study = read_protocol(protocol, trust=trust)
+    on_progress(f"{player} plays {study.study.name}")
+    if player.startswith("model:") and player != "model:":
+        yield from _simulate_models(study, data, participants, player, parallel, max_price, on_progress)
+        return
+    check_worlds(study, str(protocol))
+    with choose_world_factory(isolate_worlds) as make_world:
+        logs = play(study, data, participants=participants, seed=seed, player=player, make_world=make_world)
+        for number, path in enumerate(logs, 1):
+            yield path
+            on_progress(f"{player} plays {study.study.name}: {number} of {participants} participants done")
+
+
+def _simulate_models(
+    study: "Protocol",
+    data: Path,
+    participants: int,
+    player: str,
+    parallel: int,
+    max_price: float,
+    on_progress: Listener,
+) -> Iterator[Path]:
+    from minihuman.runtime.model_run import ModelRun
+    from minihuman.runtime.model_sessions import simulate_models
+    from minihuman.simulation.model_conversation import SpentTotals
+
+    done, currency = 0, study.model.currency
+
+    def say(spent: SpentTotals) -> None:
+        cost = f"{spent.price:.4f} {currency}".strip()
+        on_progress(
+            f"{player} plays {study.study.name}: {done} of {participants} participants done, {spent.calls} calls, "
+            f"{spent.tokens} tokens, {cost}"
+        )
+
+    run = ModelRun.of_model(player, max_price=max_price, changed=say)
+    for path in simulate_models(study, data, participants=participants, parallel=parallel, run=run):
+        done += 1
+        say(run.spent)
+        yield path
+
+
+def verify(
+    *paths: Path | str,
+    manifest: str | None = None,
+    trust: bool = False,
+    policies: bool = False,
+    tables: bool = False,
+    outputs: Collection[Path | str] = (),
+    engine: str = "local",
+) -> Iterator[VerificationLine]:
+    """Replay logs from their seeds and inputs, and compare every message; of a study also its enrolment log.
+
+    Args:
+        paths: session logs, or folders of them, and files of a page's episodes (.json, .csv); with a manifest, study
+            folders.
+        manifest: a digest or manifest file; then only the files are compared with it.
+        trust: trust the modules of the logs' worlds, now and from now on.
+        policies: compare the agents' actions with their policy files, too.
+        tables: instead of replaying, recompute every table of study folders from their logs, and compare the caches.
+        outputs: folders of reports and of CSV and Parquet exports, made of all that is included by default; they are
+            compared with what is recomputed, too.
+        engine: replays many logs in processes of this machine (local) or in a Ray cluster (ray).
+
+    Yields:
+        Findings. ``all(line.ok for line in verify(path))`` says whether everything is as logged. A log that cannot be
+        read is a line with an ``error`` and does not hold up the others.
+
+    Raises:
+        MinihumanError: if a manifest is combined with ``trust`` or ``policies``, ``outputs`` are not compared with
+            one study's tables, or nothing is at a path.
+    """
+    from minihuman.admin.verify.episodes import verify_teams
+    from minihuman.admin.verify.log import find_sessions, find_studies, verify_enrolment, verify_manifest
+    from minihuman.dataset.log_files import map_paths
+
+    if manifest is not None and (trust or policies):
+        raise MinihumanError("--manifest only compares files; use --trust or --policies in a separate command")
+    if tables and (manifest is not None or trust or policies):
+        raise MinihumanError(
+            "--tables does not replay logs; use --manifest, --trust or --policies in a separate command"
+        )
+    if outputs and (not tables or len(paths) != 1):
+        raise MinihumanError(
+            "--report needs --tables and exactly one study; run: minihuman verify STUDY --tables --report FOLDER"
+        )
+    yield from _obey_withdrawals(paths)
+    checks: list[Iterable[VerificationLine]] = []
+    verify_log = partial(_verify_log, trust=trust, policies=policies)
+    for path in map(Path, paths):
+        if tables:
+            from minihuman.reporting.recomputation import verify_tables
+
+            checks.append(_name_findings(path, verify_tables(path, [Path(output) for output in outputs])))
+            continue
+        if manifest is not None:
+            checks.append(_name_findings(path, verify_manifest(path, manifest)))
+            continue
+        if path.suffix.lower() in _PAGE_DATA_SUFFIXES and path.is_file():
+            checks.append(_name_findings(path, _verify_page_data(path)))
+            continue
+        studies = find_studies(path)
+        logs = find_sessions(path, required=not studies)
+        processes = 1 if trust else None  # what is trusted is one file
+        found = map_paths(logs, verify_log, processes=processes, engine=engine, per_process=_LOGS_PER_PROCESS)
+        checks.append(chain.from_iterable(found))
+        checks += (_name_findings(study, verify_enrolment(study)) for study in studies)
+        checks += (_name_findings(study, verify_teams(study)) for study in studies)
+    yield from chain.from_iterable(checks)
+
+
+def _obey_withdrawals(paths: Iterable[Path | str]) -> Iterator[VerificationLine]:
+    from minihuman.admin.local_copies import obey_withdrawals
+    from minihuman.admin.verify.log import find_studies
+
+    for study in dict.fromkeys(study for path in paths for study in find_studies(Path(path))):
+        lines: list[str] = []
+        obey_withdrawals(study, say=lines.append)
+        yield from (VerificationLine(study, line, ok=True) for line in lines)
+
+
+def _verify_page_data(file: Path) -> Iterator[tuple[str, bool]]:
+    from minihuman.web.page_data.imports import verify_page_data
+
+    yield from verify_page_data(file)
+
+
+def _verify_log(log: Path, *, trust: bool, policies: bool) -> list[VerificationLine]:
+    from minihuman.admin.verify.log import verify_session
+
+    return list(_name_findings(log, verify_session(log, trust=trust, policies=policies)))
+
+
+def _name_findings(path: Path, found: Iterable[tuple[str, bool]]) -> Iterator[VerificationLine]:
+    try:
+        for text, ok in found:
+            yield VerificationLine(path, text, ok)
+    except MinihumanError as error:
+        yield VerificationLine(path, str(error), ok=False, error=error)
+
+
+def import_page_data(*paths: Path | str, study: Path | str) -> Iterator["ImportedFile"]:
+    """Import episodes that a page computed without a server: jsPsych's JSON or CSV, or kept games.
+
+    Each file is one participant's session. Its episodes are played again from their seeds and actions; where nothing
+    differs, the session machine writes them as a log, which says that it is consistent, not witnessed. A file that was
+    imported before is passed over.
+
+    Args:
+        paths: files, or folders of them.
+        study: the study's folder, which has imported sessions alone; it is made if it does not exist.
+
+    Yields:
+        What became of each file. ``error`` says why one was refused; the others are imported all the same.
+
+    Raises:
+        MinihumanError: if a path has no data of a page.
+    """
+    from minihuman.web.page_data.imports import import_files
+
+    yield from import_files(map(Path, paths), Path(study))
+
+
+def export(
+    format_name: str,
+    study: Path | str,
+    out: Path | str,
+    *,
+    selection: "Selection | None" = None,
+    stored_frames: bool = False,
+    with_messages: bool = False,
+    engine: str = "local",
+    on_progress: Listener = _ignore,
+) -> ExportSummary:
+    """Export a study or a log as tables, demonstrations or an archive.
+
+    Args:
+        format_name: csv, parquet, minari, lerobot or another that ``minihuman plugins`` lists.
+        study: a study's folder, or one log.
+        out: a folder that does not exist yet.
+        selection: which sessions and episodes are included.
+        stored_frames: take the observations from the logs; by default they are replayed. Both are checked by hash.
+        with_messages: copy logs that hold messages between participants, too, into an archive such as BIDS.
+        engine: reads logs for tables in processes of this machine (local) or in a Ray cluster (ray).
+        on_progress: is told of each log.
+
+    Raises:
+        ExportError: if the format is unknown, the folder exists, nothing is included, or an episode does not replay.
+        LogError: if the study cannot be read.
+    """
+    from minihuman.admin.local_copies import obey_withdrawals
+    from minihuman.admin.recorded_outputs import record_output
+    from minihuman.dataset.selection import Selection
+    from minihuman.errors import name_output_when_full
+    from minihuman.exporters.exporter import export_study
+
+    out = Path(out)
+    obeyed: list[str] = []
+    obey_withdrawals(Path(study), say=obeyed.append)
+    with name_output_when_full(out):
+        written, card = export_study(
+            format_name,
+            Path(study),
+            out,
+            selection or Selection(),
+            stored_frames=stored_frames,
+            with_messages=with_messages,
+            engine=engine,
+            progress=lambda log: on_progress(str(log)),
+        )
+    forgotten = record_output(Path(study), f"export {format_name}", out)
+    excluded = (f"excluded: {line}" for line in written.left_out)
+    notes = (*obeyed, *card.account.lines(), *excluded, *card.account.notes, *filter(None, [forgotten]))
+    return ExportSummary(out, written.episodes, written.steps, notes)
+
+
+def report(
+    study: Path | str,
+    out: Path | str,
+    *,
+    selection: "Selection | None" = None,
+    template: Path | str | None = None,
+    scripts: Sequence[str] = (),
+) -> ReportSummary:
+    """Write a study's report: tables, statistics and figures.
+
+    Args:
+        study: the study's folder.
+        out: the report's folder; files of an earlier report in it are replaced.
+        selection: which sessions and episodes are included.
+        template: a folder with a ``report.html.j2`` or ``report.css`` to use instead of minihuman's.
+        scripts: ``r`` and ``python``: write mixed models as ``analysis.R`` and ``analysis.py`` beside the tables.
+
+    Raises:
+        LogError: if there is no such folder.
+        ReportError: if no log in it can be read, the logs are of different studies, or nothing can be modelled.
+    """
+    from minihuman.admin.local_copies import obey_withdrawals
+    from minihuman.admin.recorded_outputs import record_output
+    from minihuman.dataset.log_files import infrequent_collection
+    from minihuman.dataset.tables import select
+    from minihuman.errors import name_output_when_full
+    from minihuman.reporting.build import build_report, find_stale_figures
+
+    out = Path(out)
+    obeyed: list[str] = []
+    obey_withdrawals(Path(study), say=obeyed.append)
+    with infrequent_collection(), name_output_when_full(out), select(Path(study), selection) as tables:
+        files = build_report(tables, out, None if template is None else Path(template), scripts=scripts)
+        forgotten = record_output(Path(study), "report", out)
+        account = tables.account
+        notes = (
+            *obeyed,
+            *account.lines(),
+            *find_stale_figures(out, files),
+            *account.notes,
+            *filter(None, [forgotten]),
+        )
+        return ReportSummary(files[0], files, notes)
+
+
+def open_session(path: Path | str, selection: "Selection | None" = None) -> "Session":
     """Open one log, or a session's folder.
 
     Raises:
         LogError: if it cannot be read.
     """
-    selection = Selection() if selection is None else selection
-    return Session(selection.judge(read_log(Path(path))), selection)
+    from minihuman.dataset.selection import Selection
+    from minihuman.recorded_study import read_session
+
+    return read_session(Path(path), selection or Selection())
 
 
-def open_study(path: Path | str, selection: Selection | None = None) -> "Study":
+def open_study(path: Path | str, selection: "Selection | None" = None) -> "Study":
     """Open a study's folder, whether it holds one session or many.
 
     Raises:
         LogError: if there is no such folder.
     """
+    from minihuman.dataset.selection import Selection
+    from minihuman.recorded_study import Study
+
     if not Path(path).is_dir():
         raise LogError(f"{path} is not a folder; name a study's folder, or open one log with open_session")
-    return Study(Path(path), Selection() if selection is None else selection)
+    return Study(Path(path), selection or Selection())
 
 
-_MAX_SHOWN_SESSIONS = 20  # participants in a notebook's cell
-
-
-class Study:
-    """A study's sessions, each read when it is asked for; their tables are cached beside the study.
-
-    Iterating reads one session after the other and keeps none. ``sessions`` and ``episodes`` read all and keep them.
-    """
-
-    def __init__(self, path: Path, selection: Selection) -> None:
-        self.path = path
-        self.selection = selection
-
-    @cached_property
-    def _opened(self) -> tuple[tuple[Session, ...], SelectionSummary]:
-        found = StudySessions(self.path, self.selection)
-        return tuple(Session(counted, self.selection) for counted in found), found.account
-
-    @property
-    def sessions(self) -> tuple[Session, ...]:
-        """Every readable session, in order of path; they stay in memory."""
-        return self._opened[0]
-
-    @property
-    def episodes(self) -> tuple[Episode, ...]:
-        """The included episodes of every session."""
-        return tuple(episode for session in self.sessions for episode in session.episodes)
-
-    @property
-    def exclusions(self) -> tuple[str, ...]:
-        """What is included, and what is excluded and why, one line per fact."""
-        return tuple(self._opened[1].lines())
-
-    def table(self, name: str = "episodes", *, with_excluded: bool = False) -> "pd.DataFrame":
-        """Read one of the study's tables, such as "steps" or "participants": the included rows, or all.
-
-        Raises:
-            QueryError: if there is no such table.
-            LogError: if there is no such folder.
-        """
-        return read_table_frame(self.path, self.selection, name, with_excluded=with_excluded)
-
-    def query(self, sql: str) -> "pd.DataFrame":
-        """Query the study's tables in DuckDB's SQL; ``exclusion_reason`` is null in included rows.
-
-        Raises:
-            QueryError: if it is not valid SQL, or names a table or column that does not exist.
-        """
-        from minihuman.dataset.store import find_queried_tables, needs_shortest_paths
-
-        sessions = StudySessions(self.path, self.selection)
-        tables_read, planned = find_queried_tables(sql), needs_shortest_paths(sql)
-        with StudyStore(sessions, with_shortest=planned, tables=tables_read, with_account=False) as store:
-            tables: TableDatabase = store.tables
-            found: pd.DataFrame = tables.query(sql).to_pandas()
-            return found
-
-    def figure(self, name: Literal["learning", "occupancy"] = "learning", *, of: str = "") -> "Figure":
-        """Draw rewards over a block's episodes, by group, or where participants were in a world.
-
-        ``of`` names the block or the world; by default the last one played.
-
-        Raises:
-            ValueError: if there is no figure of that name.
-            LogError: if no included episode was played there.
-        """
-        check_figure_name(name, ("learning", "occupancy"))
-        from minihuman.figures.figure_data import collect_learning_curves, find_reward_limits, name_measure
-        from minihuman.figures.gallery import collect_rewards
-        from minihuman.figures.learning_curves import learning_figure
-        from minihuman.figures.occupancy import group_participants_by_group, occupancy_figure
-
-        logs = [session._counted.session for session in self.sessions]
-        played = [episode for log in logs for episode in log.episodes]
-        if name == "learning":
-            of = of or (played[-1].plan.block_name if played else "")
-            rewards = collect_rewards(logs)
-            episodes = rewards[rewards["block"] == of]
-            curves = collect_learning_curves(episodes)
-            if curves:
-                title = name_measure("reward", of)
-                return learning_figure(curves, measure="reward", limits=find_reward_limits(episodes), title=title)
-        else:
-            of = of or (played[-1].plan.world if played else "")
-            groups = group_participants_by_group(logs, of)
-            if groups:
-                return occupancy_figure(of, groups)
-        raise LogError(
-            f"{self.path} has no included episode of {of!r} that can be drawn; choose another block or world"
-        )
-
-    def __getitem__(self, key: str | tuple[str, int]) -> Session:
-        """A participant's session: ``study["sub-01"]`` is the first, ``study["sub-01", 2]`` the second.
-
-        Raises:
-            KeyError: if there is none.
-        """
-        participant, number = (key, None) if isinstance(key, str) else key
-        for path in list_participant_logs(self.path, participant):
-            for counted in StudySessions(path, self.selection):
-                session = Session(counted, self.selection)
-                if session.participant == participant and number in (None, session.number):
-                    return session
-        raise KeyError(key)
-
-    def __iter__(self) -> Iterator[Session]:
-        return (Session(counted, self.selection) for counted in StudySessions(self.path, self.selection))
-
-    def __len__(self) -> int:
-        return len(list_readable_logs(self.path)[0])
-
-    def __repr__(self) -> str:
-        return f"<study {self.path.name}: {len(self)} sessions>"
-
-    def _repr_html_(self) -> str:
-        rows = [
-            (one.participant, one.group, one.number, len(one), one.end_reason)
-            for one in self.sessions[:_MAX_SHOWN_SESSIONS]
-        ]  # fmt: skip
-        more = f"; the first {_MAX_SHOWN_SESSIONS} are shown" if len(self.sessions) > _MAX_SHOWN_SESSIONS else ""
-        caption = f"{self.path.name}: {'; '.join(self.exclusions)}{more}"
-        return format_html_table(caption, ("participant", "group", "session", "included episodes", "ended"), rows)
+if not TYPE_CHECKING:
+    __getattr__ = forward_names(__name__)

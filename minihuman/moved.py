@@ -98,6 +98,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
         "minihuman.dataset.remote_tables",
     ),
     "minihuman.agents.goal_search": ("minihuman.agents.search_choice",),
+    "minihuman.api": ("minihuman.recorded_study",),
     "minihuman.dataset.journal": (
         "minihuman.storage.journal",
         "minihuman.storage.file_journal",
@@ -105,6 +106,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
     ),
     "minihuman.dataset.journal_postgres": ("minihuman.storage.postgres_journal", "minihuman.storage.database"),
     "minihuman.dataset.sessions": ("minihuman.dataset.included_episodes",),
+    "minihuman.dataset.store": ("minihuman.dataset.table_queries", "minihuman.dataset.table_database"),
     "minihuman.dataset.table_columns": (
         "minihuman.dataset.table_catalogue",
         f"{_NEW}.agent_blocks.columns",
@@ -125,6 +127,23 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
     ),
     "minihuman.experiment.machine.screens": (f"{_NEW}.correction.screens", f"{_NEW}.preferences.screens"),
     "minihuman.experiment.machine.session": ("minihuman.experiment.pending_session",),
+    "minihuman.experiment.plan.expansion": (
+        "minihuman.experiment.plan.participant_codes",
+        "minihuman.experiment.plan.part_names",
+        "minihuman.experiment.plan.part_plans",
+    ),
+    "minihuman.runtime.team_host": (
+        "minihuman.runtime.seat_agents",
+        "minihuman.runtime.team_seating",
+    ),
+    "minihuman.runtime.model_sessions": (
+        "minihuman.runtime.model_run",
+        "minihuman.runtime.model_window",
+    ),
+    "minihuman.runtime.simulated_session": (
+        "minihuman.runtime.simulated_window",
+        "minihuman.simulation.part_simulation",
+    ),
     "minihuman.reporting.teaching_section": (f"{_NEW}.agent_blocks.report",),
     "minihuman.log.activity_topics": (
         f"{_NEW}.agent_blocks.rows",
@@ -135,6 +154,7 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
     ),
     "minihuman.log.system": ("minihuman.storage.system", "minihuman.storage.durable_files"),
     "minihuman.operating_system": ("minihuman.storage.durable_files",),
+    "minihuman.workflow": ("minihuman.api",),
 }
 
 

@@ -6,9 +6,11 @@ is the kernel's and ends with the process, however that ends. Linux is tested; W
 
 import contextlib
 import ctypes
+import errno
 import os
 import signal
 import socket
+import stat
 import sys
 import threading
 import time
@@ -62,7 +64,42 @@ def is_sharing_violation(error: OSError) -> bool:
     return getattr(error, "winerror", None) in _SHARING_VIOLATIONS
 
 
-def open_file(path: Path, flags: int, mode: int = 0o644) -> int:
+OWNER_ONLY_FOLDER = 0o700  # what people did is nobody else's to read, whatever the umask
+OWNER_ONLY_FILE = 0o600
+
+
+def make_private_folder(folder: Path, mode: int = OWNER_ONLY_FOLDER) -> None:
+    """Make a folder and those above that are not there, for their owner alone; one that is there stays as it is.
+
+    Args:
+        folder: the folder.
+        mode: who may read them, if not the owner alone.
+
+    Raises:
+        OSError: if it cannot be made.
+    """
+    missing = []
+    while not folder.is_dir():
+        if folder.exists() and not folder.is_dir():  # asked in this order, as another process may make it meanwhile
+            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), os.fspath(folder))
+        missing.append(folder)
+        if folder.parent == folder:
+            break
+        folder = folder.parent
+    for path in reversed(missing):
+        path.mkdir(mode, exist_ok=True)
+
+
+def keep_private(file: Path) -> None:
+    """Let a file that a library has made be its owner's alone, where the system and the file's owner allow it."""
+    with contextlib.suppress(OSError):
+        if (
+            stat.S_IMODE(os.stat(file).st_mode) != OWNER_ONLY_FILE
+        ):  # or its time changes, by which caches are told apart
+            os.chmod(file, OWNER_ONLY_FILE)
+
+
+def open_file(path: Path, flags: int, mode: int = 0o600) -> int:
     """Open a file and return its descriptor: in bytes, not inherited by child processes, free to be renamed.
 
     Raises:
@@ -246,6 +283,24 @@ def claim_address(listener: socket.socket) -> None:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
 
 
+def raise_file_limit(needed: int) -> int:
+    """Let this process have so many files and sockets open, if the system's hard limit allows it.
+
+    Returns:
+        how many it may have; ``needed`` where the system sets no limit.
+    """
+    if sys.platform == "win32":  # there is none for sockets
+        return needed
+    import resource  # of Unix alone
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft == resource.RLIM_INFINITY or soft >= needed:
+        return needed if soft == resource.RLIM_INFINITY else soft
+    allowed = needed if hard == resource.RLIM_INFINITY else min(needed, hard)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (allowed, hard))
+    return allowed
+
+
 def count_processes() -> int:
     """How many processes work side by side at most: one per core."""
     return min(os.cpu_count() or 1, MAX_PROCESSES)
@@ -294,11 +349,65 @@ def limit_memory(share: float) -> None:
     Linux does both. macOS may refuse, and Windows has no such call for a running process: there is no limit then.
     """
     if sys.platform != "win32":
+        limit_memory_bytes(int(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") * share))
+
+
+def limit_memory_bytes(limit: int) -> None:
+    """Limit this process to so many bytes, and have the system end it first when memory is short; as `limit_memory`."""
+    if sys.platform != "win32":
         with contextlib.suppress(OSError):
             Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii", newline="\n")
-        limit = int(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") * share)
         with contextlib.suppress(OSError, ValueError):
             resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+
+
+def measure_own_use() -> tuple[float, int]:
+    """Return the CPU time in seconds that this process has used, and the most memory in bytes that it had.
+
+    Windows does not say the memory: it is 0 there.
+    """
+    if sys.platform != "win32":
+        usage = resource.getrusage(resource.RUSAGE_SELF)
+        unit = 1 if sys.platform == "darwin" else 1024
+        return usage.ru_utime + usage.ru_stime, usage.ru_maxrss * unit
+    return time.process_time(), 0
+
+
+def ignore_termination() -> None:
+    """Go on when asked to end, in this process and in those that it starts."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+
+
+def outlive_termination() -> None:
+    """Go on when asked to end, in this process alone."""
+    signal.signal(signal.SIGTERM, lambda *_: None)
+
+
+def name_signal(number: int) -> str:
+    """Name a signal: "SIGKILL", or "signal 99" where there is none of that number."""
+    with contextlib.suppress(ValueError):
+        return signal.Signals(number).name
+    return f"signal {number}"
+
+
+def lead_own_group() -> None:
+    """Make this process the first of a group, which Ctrl-C in the terminal does not reach; Windows has none."""
+    if sys.platform != "win32":
+        os.setsid()
+
+
+def end_group(pid: int) -> None:
+    """End a process and those that it started, if it leads a group; one that has ended is left alone."""
+    if sys.platform != "win32":
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(pid, signal.SIGKILL)
+
+
+def end_with_parent() -> None:
+    """Have the system end this process as soon as its parent ends, whatever it is doing; Linux alone does."""
+    if sys.platform == "linux":
+        pr_set_pdeathsig = 1
+        ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
 
 
 @contextlib.contextmanager

@@ -10,7 +10,7 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, wraps
 from importlib.metadata import EntryPoint, EntryPoints, distributions, entry_points
 from pathlib import Path
 from typing import Any, TypeVar
@@ -95,6 +95,20 @@ def load_plugin(group: str, name: str, error: Callable[[str], MinihumanError], *
         raise error(f"{what} {name!r} ({found[0].value}) cannot be imported: {failed}; {cure}") from failed
     except AttributeError as failed:
         raise error(f"{what} {name!r}: {found[0].value} does not exist; repair {_package(found[0])}") from failed
+
+
+def remember_by_name(find: Callable[[str], Port]) -> Callable[[str], Port]:
+    """Remember what a name stands for, for as long as packages are looked for in the same folders."""
+
+    @cache
+    def find_in(name: str, path: tuple[str, ...]) -> Port:
+        return find(name)
+
+    @wraps(find)
+    def find_here(name: str) -> Port:
+        return find_in(name, tuple(sys.path))
+
+    return find_here
 
 
 def make_plugin(

@@ -92,6 +92,12 @@ class Desktop:
         self._root.send_event(told, event_mask=X.SubstructureRedirectMask | X.SubstructureNotifyMask)
         self._display.sync()
 
+    def find(self, part_of_title: str) -> int:
+        """Return the X server's number of the window with these words in its title, which may change."""
+        return self._wait_for(
+            lambda: [window.id for window in self._managed() if part_of_title in self._title(window)]
+        )[0]
+
     def _window(self, title: str):
         found = self._wait_for(lambda: [window for window in self._managed() if self._title(window) == title])
         return found[0]

@@ -7,9 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.activities.questions.question import find_question_kind
-from minihuman.experiment.machine.activity import find_kind
-
 EXTENDING = (Path(__file__).parents[1] / "docs" / "extending.md").read_text(encoding="utf-8")
 PARTS = {"questions": ["affect-grid = a_lab:AFFECT_GRID"], "activities": ["tapping = a_lab:TAPPING"]}
 STUDY = """
@@ -61,5 +58,3 @@ def install_lab(tmp_path: Path, monkeypatch):
 
     yield install
     sys.modules.pop("a_lab", None)
-    for find in (find_kind, find_question_kind):
-        find.cache_clear()

@@ -1,12 +1,14 @@
 """Counts what each test costs: the CPU time of its process and of all that it started, browsers and servers too.
 
-Every run prints its total and the cost of collecting; ``--meter`` names the dearest tests, ``--meter-file FILE`` writes
-a line of JSON for each test. Times are CPU seconds: a busy machine changes how long a test takes, not what it costs.
+Every run prints its total and the cost of collecting; ``--meter`` names the dearest tests and files,
+``--meter-file FILE`` writes a line of JSON for each test. Times are CPU seconds: a busy machine changes how long a test
+takes, not what it costs.
 """
 
 import json
 import os
 import time
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -104,6 +106,12 @@ class RunMeter:
         dear = [(name, cost) for name, cost in self.tests.items() if cost[0] >= _DEAR_S]
         for name, (cpu_s, wall_s) in sorted(dear, key=lambda test: -test[1][0])[:_DEAREST]:
             terminalreporter.write_line(f"{cpu_s:8.1f}  {name} ({wall_s:.1f} s of wall time)")
+        of_files: defaultdict[str, float] = defaultdict(float)
+        for name, (cpu_s, _) in self.tests.items():
+            of_files[name.partition("::")[0]] += cpu_s
+        terminalreporter.section("CPU seconds of the dearest files")
+        for name, cpu_s in sorted(of_files.items(), key=lambda file: -file[1])[:_DEAREST]:
+            terminalreporter.write_line(f"{cpu_s:8.1f}  {name}")
 
 
 def _measure_own_s() -> float:

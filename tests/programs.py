@@ -13,7 +13,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 RUN_VARIABLE = "MINIHUMAN_TEST_RUN"  # in the environment of all that a test starts: the runs that it belongs to
 TERMINATE_S = 10.0  # in which a program that was asked to end has ended
@@ -114,7 +114,17 @@ def running(command: Sequence[str | Path], **options: Any) -> Iterator[subproces
     """
     if options.get("env") is not None:  # whatever else it is not to know, it belongs to this run
         options["env"] = {RUN_VARIABLE: os.environ.get(RUN_VARIABLE, ""), **options["env"]}
-    process = subprocess.Popen(command, **options)
+    program = subprocess.Popen(command, **options)
+    with ended_with_block(program) as process:
+        yield process
+
+
+Program = TypeVar("Program", bound=Any)  # a `subprocess.Popen`, or what can be used as one
+
+
+@contextmanager
+def ended_with_block(process: Program) -> Iterator[Program]:
+    """Wait for a program at the end of a block that ends well; end it at the end of one that fails."""
     try:
         yield process
     except BaseException:
@@ -125,7 +135,7 @@ def running(command: Sequence[str | Path], **options: Any) -> Iterator[subproces
             pass
 
 
-def stop(process: subprocess.Popen[Any]) -> None:
+def stop(process: Any) -> None:
     """End a program, and wait until it has ended."""
     process.terminate()
     try:

@@ -52,6 +52,7 @@ SAME_FILE = {  # a name that several packages share, for the same role in each
     "requests": "what a kind asks of the session host, and the inputs that answer",
     "rows": "a kind's rows in logs and tables, and tables' rows",
     "screens": "the screens of a kind, and those that every kind may show",
+    "simulation": "how a simulated person does the parts of a kind",
     "tables": "a kind's tables, and the exporters of tables",
     "widget": "what a question of a kind shows",
     "activity": "the activity of a kind, and what every activity is",

@@ -81,6 +81,8 @@ _WORDS = {
     "CODE",
     "SQL",
     "WORLD",
+    "WORLD...",
+    "DATA...",
     "FOLDER",
     "OUT",
 }

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from minihuman.display.windows.blocking_window import open_window
 from minihuman.errors import ExportError, SimulationError, WindowError
 from minihuman.exporters.exporter import find_exporter
-from minihuman.plugins import list_plugins
+from minihuman.plugins import list_plugins, remember_by_name
 from minihuman.simulation.participant import make_participant
 
 CODE = """
@@ -89,3 +90,19 @@ def test_the_command_lists_what_is_loaded_and_from_where():
     done = subprocess.run([sys.executable, "-m", "minihuman", "plugins"], capture_output=True, text=True, check=True)
     assert "players      optimal        minihuman" in done.stdout
     assert "minihuman.exporters.lerobot:export" in done.stdout
+
+
+def test_a_name_is_looked_up_again_where_packages_are_looked_for_in_other_folders(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two laboratories' packages that register one name, one after the other in a process."""
+    names = []
+
+    @remember_by_name
+    def find(name: str) -> int:
+        names.append(name)
+        return len(names)
+
+    assert [find("tapping"), find("tapping")] == [1, 1]
+    monkeypatch.syspath_prepend(tmp_path)
+    assert [find("tapping"), find("tapping")] == [2, 2]

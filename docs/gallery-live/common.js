@@ -1,7 +1,5 @@
-// What the gallery and the level editor share: packed files, tiles, and the keys of actions.
+// What the gallery and the level editor share: the keys of actions, kept files and links.
 
-export const ROW_STEP = 6;
-export const MAX_STEPS = 7;
 export const KEYS = {
   ArrowLeft: ["left", "turn_left"], ArrowRight: ["right", "turn_right"], ArrowUp: ["forward", "move_forward"],
   ArrowDown: ["move_back"], " ": ["toggle"], Enter: ["done"], p: ["pickup"], d: ["drop"],
@@ -9,27 +7,32 @@ export const KEYS = {
 const LABELS = { ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓", " ": "space", Enter: "enter" };
 export const $ = (id) => document.getElementById(id);
 
-export async function unpack(path) {
-  const packed = (await fetch(path)).body.pipeThrough(new DecompressionStream("deflate"));
-  return new Response(packed).arrayBuffer();
+/** The key map that an episode is played with: the keys of this page that have one of its actions. */
+export function keyMapOf(actions) {
+  return Object.fromEntries(Object.entries(KEYS).flatMap(([key, known]) => {
+    const action = known.find((one) => actions.includes(one));
+    return action ? [[key, action]] : [];
+  }));
 }
 
-/** The list of worlds, and the tiles that they are drawn with. */
-export async function loadIndex() {
-  const [index, packed] = await Promise.all([fetch("index.json").then((got) => got.json()), unpack("atlas.z")]);
-  const atlas = { tile_px: index.atlas.tile_px, small_px: index.atlas.small_px };
-  for (const [name, { at, bytes, kind }] of Object.entries(index.atlas.arrays)) {
-    const part = packed.slice(at, at + bytes);
-    atlas[name] = kind === "int64" ? new BigInt64Array(part) : new Uint8Array(part);
+/** Have a text saved as a file. */
+export function saveFile(text, name, type) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([text], { type }));
+  link.download = name;
+  link.click();
+}
+
+/** Copy the page's address, and say so on its button. */
+export async function copyLink(button, hash = location.hash) {
+  const address = new URL(hash, location.href).href, text = button.textContent;
+  try {
+    await navigator.clipboard.writeText(address);
+    button.textContent = "Copied";
+    setTimeout(() => { button.textContent = text; }, 1500);
+  } catch { // a browser that lets no page write there
+    prompt("The link:", address);
   }
-  return { index, atlas };
-}
-
-/** Put a picture onto a canvas, which takes its size. */
-export function show(picture, canvas) {
-  const { width, height } = picture;
-  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-  picture.paint(canvas);
 }
 
 /** Buttons for those of the actions that have a key. */
@@ -40,7 +43,7 @@ export function actionButtons(actions, act) {
     const made = document.createElement("button");
     made.type = "button";
     made.textContent = `${action.replaceAll("_", " ")} (${LABELS[key] ?? key})`;
-    made.addEventListener("click", () => act(action));
+    made.addEventListener("click", (event) => act(action, key, event, true));
     return [made];
   });
 }
@@ -58,7 +61,7 @@ export function onActionKeys(act, actions) {
     if (!action || isForControl(event)) return;
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
-    act(action);
+    act(action, event.key, event, false);
   });
 }
 
@@ -71,7 +74,7 @@ export function releaseClickedButtons() {
 
 /** What came of an episode, in a sentence. */
 export function outcomeOf(done, reward, steps) {
-  if (done.status <= 0) return "";
-  const how = done.status & 1 ? (done.reward > 0 ? "Success" : "Over") : "Out of steps";
+  if (!done.terminated && !done.truncated) return "";
+  const how = done.terminated ? (done.reward > 0 ? "Success" : "Over") : "Out of steps";
   return `${how}: reward ${reward.toFixed(3)} in ${steps} steps.`;
 }

@@ -1,8 +1,11 @@
 // The level editor: draw a grid, play it by the worlds' own rules, save it as a file for protocols and training.
 
-import { $, actionButtons, loadIndex, onActionKeys, outcomeOf, releaseClickedButtons, ROW_STEP, show } from "./common.js";
+import {
+  $, actionButtons, copyLink, keyMapOf, onActionKeys, outcomeOf, releaseClickedButtons, saveFile,
+} from "./common.js";
+import { EpisodeRecord, writeGame } from "./episode_record.js";
 import { AGENTS, codeOf, Level } from "./level.js";
-import { GridWorld, Kernels } from "./world.js";
+import { World, WorldPack } from "./packed_world.js";
 
 const ACTIONS = ["left", "right", "forward", "pickup", "drop", "toggle", "done"];
 const COLOURS = { r: "red", g: "green", b: "blue", p: "purple", y: "yellow", "-": "grey" };
@@ -13,10 +16,9 @@ const KINDS = {
 const FIXED = { G: "g", V: "r" };
 const VIEW_SIZE = 7;
 
-const { atlas } = await loadIndex();
-const kernels = () => Kernels.load("worlds", "grid");
+const pack = await WorldPack.open("./"), atlas = await pack.atlas();
 let level = read() ?? new Level(9, 7);
-let tool = "WW", colour = "y", cursor = null, world = null, playing = false, reward = 0;
+let tool = "WW", colour = "y", cursor = null, world = null, record = null, playing = false, reward = 0;
 
 function read() {
   try {
@@ -27,7 +29,9 @@ function read() {
 }
 
 async function showLevel() {
-  world = new GridWorld(await kernels(), start());
+  world?.close();
+  const about = { name: "Level-v0", actions: ACTIONS, view_size: VIEW_SIZE, options: {} };
+  world = await World.ofStates(pack, about, { at: start, mission: () => level.mission });
   $("words").value = level.mission;
   [$("columns").value, $("rows").value] = [level.width, level.height];
   update();
@@ -36,7 +40,7 @@ async function showLevel() {
 const start = () => ({ row: level.row(), words: new BigUint64Array(6), view_size: VIEW_SIZE });
 
 function update() {
-  if (!playing) world.begin(start());
+  if (!playing) world.reset();
   $("file").textContent = level.file;
   history.replaceState(null, "", `#${btoa(unescape(encodeURIComponent(level.file)))}`);
   if (!playing) $("outcome").textContent = level.problem;
@@ -44,9 +48,9 @@ function update() {
 }
 
 function draw() {
-  show(world.draw("full", atlas, playing), $("whole"));
+  void world.draw($("whole"), { view: "full", lit: playing }); // grids are drawn at once
   $("view").hidden = !playing;
-  if (playing) return show(world.draw("partial", atlas), $("view"));
+  if (playing) return void world.draw($("view"));
   const px = atlas.tile_px, context = $("whole").getContext("2d");
   if (!level.cells.flat().some((cell) => AGENTS.includes(cell))) hideAgent(context, px);
   context.strokeStyle = "#ffd24a";
@@ -56,7 +60,7 @@ function draw() {
 
 /** Draw an empty cell over an agent that is placed at random, which is no part of the drawing. */
 function hideAgent(context, px) {
-  const [x, y] = world.row.data.slice(2, 4);
+  const [x, y] = world.state.row.slice(2, 4);
   const first = Number(atlas.number[codeOf("  ")]) * px * px * 3;
   const cell = context.createImageData(px, px);
   for (let pixel = 0; pixel < px * px; pixel++) {
@@ -106,16 +110,21 @@ function play() {
   $("palette").hidden = playing;
   $("keys").replaceChildren(...(playing ? actionButtons(level.actions, act) : []));
   $("outcome").textContent = playing ? level.mission : "";
-  world.begin(start());
+  world.reset();
   $("play").blur(); // Space is an action now
   update();
+  world.options = level.options;
+  record = playing && level.isFixed ? new EpisodeRecord(world, { view: "full", key_map: keyMapOf(level.actions) }) : null;
+  $("keep").disabled = true;
 }
 
-function act(action) {
-  if (!playing || !world.playing || !level.actions.includes(action)) return;
-  const done = world.step(ACTIONS.indexOf(action));
+function act(action, key, event, button) {
+  if (!playing || world.ended || !level.actions.includes(action)) return;
+  const number = ACTIONS.indexOf(action), done = world.step(number);
+  record?.add(key, number, done, event.timeStamp, { button, trusted: event.isTrusted });
+  $("keep").disabled = record === null; // where the agent is placed at random, no seed of Python's says where
   reward += done.reward;
-  $("outcome").textContent = outcomeOf(done, reward, world.row.data[ROW_STEP]) || level.mission;
+  $("outcome").textContent = outcomeOf(done, reward, world.steps) || level.mission;
   draw();
 }
 
@@ -148,12 +157,9 @@ $("whole").addEventListener("keydown", (event) => {
 for (const id of ["columns", "rows"]) $(id).addEventListener("change", resize);
 $("words").addEventListener("input", () => { level.mission = $("words").value; update(); });
 $("play").addEventListener("click", play);
-$("save").addEventListener("click", () => {
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([level.file], { type: "text/plain" }));
-  link.download = "level.toml";
-  link.click();
-});
+$("save").addEventListener("click", () => saveFile(level.file, "level.toml", "text/plain"));
+$("share").addEventListener("click", () => copyLink($("share")));
+$("keep").addEventListener("click", () => saveFile(writeGame([record.columns]), "game.json", "application/json"));
 $("open").addEventListener("change", async () => {
   const found = Level.read(await $("open").files[0].text());
   if (!found) $("outcome").textContent = "This file is not a level; open one that was saved here.";

@@ -55,6 +55,14 @@ export class Level {
     return `${head}options.mission = ${JSON.stringify(this.mission)}\noptions.diagram = '''\n${lines}\n'''\n`;
   }
 
+  /** Whether its first state is the same each time: the agent is drawn. */
+  get isFixed() { return this.cells.flat().some((cell) => AGENTS.includes(cell)); }
+
+  /** The options by which Python makes it. */
+  get options() {
+    return { mission: this.mission, diagram: this.cells.map((row) => row.join("").trimEnd()).join("\n") };
+  }
+
   /** Read a file; null if it is not one. */
   static read(text) {
     const [, mission, diagram] = FILE.exec(text) ?? [];

@@ -136,7 +136,9 @@ def _measure(path: Path, size: int, segment: str, outcome: str, block: str) -> f
     counted: list[EpisodeLog] = [
         episode
         for episode in log.episodes
-        if episode.outcome not in (None, "abandoned") and block in ("", episode.plan.block_name)
+        if episode.outcome not in (None, "abandoned")
+        and block in ("", episode.plan.block_name)
+        and not (outcome == "success" and episode.success is None)
     ]
     return float(np.mean([_OUTCOMES[outcome](episode) for episode in counted])) if counted else None
 

@@ -57,6 +57,7 @@ class SlotTaken(msgspec.Struct, frozen=True, omit_defaults=True):
     reason: str = ""  # of an override
     experimenter: str = ""
     assigned: GroupAssignment | None = None  # where a design assigned the group
+    outcome_rules: int = 0  # of the whole study, by its first line; 0: it began before there were any
 
 
 class GroupDrawn(msgspec.Struct, frozen=True, omit_defaults=True):

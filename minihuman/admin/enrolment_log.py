@@ -30,18 +30,15 @@ from minihuman.admin.enrolment_entries import (
 )
 from minihuman.errors import AllocationError
 from minihuman.experiment.plan.allocation import AllocationSlot, allocation_sha256, build_allocation_list, find_slot
-from minihuman.experiment.plan.expansion import (
-    assign_slot,
-    enrol_participant,
-    format_participant_code,
-    parse_participant_code,
-)
+from minihuman.experiment.plan.expansion import assign_slot, enrol_participant
+from minihuman.experiment.plan.participant_codes import format_participant_code, parse_participant_code
 from minihuman.experiment.plan.session_plan import Participant
 from minihuman.experiment.protocol.protocol import Protocol
-from minihuman.operating_system import find_case_twin
+from minihuman.operating_system import find_case_twin, make_private_folder
 from minihuman.storage.journal import Journal, JournalState
 from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from minihuman.storage.system import wall_time
+from minihuman.worlds.outcomes import OUTCOME_RULES
 
 
 def take_slot(
@@ -76,7 +73,7 @@ def take_slot(
             f"study {study_dir.name!r} would share its folder with {twin!r} on Windows and macOS; rename the study, "
             "or choose another folder with --data"
         )
-    study_dir.mkdir(parents=True, exist_ok=True)
+    make_private_folder(study_dir)
     journal = open_enrolment_log(study_dir)
     with journal.hold() as register:
         holders = _SlotHolders.of(journal, register.lines)
@@ -112,6 +109,7 @@ def take_slot(
             reason=said.reason,
             experimenter=said.experimenter,
             assigned=assigned,
+            outcome_rules=_find_outcome_rules(register.lines),
         )
         register.append(taken)
     return who, taken
@@ -203,7 +201,7 @@ def record_team(study_dir: Path, entry: TeamRecorded) -> None:
     Raises:
         OSError: if the enrolment log cannot be written.
     """
-    study_dir.mkdir(parents=True, exist_ok=True)
+    make_private_folder(study_dir)
     with open_enrolment_log(study_dir).hold() as register:
         known = [line for line in register.lines if isinstance(line, TeamRecorded)]
         if not any((line.team, line.block, line.session) == (entry.team, entry.block, entry.session) for line in known):
@@ -372,6 +370,12 @@ def _taken_before(line: SlotTaken, group: str | None) -> tuple[Participant, Slot
     if group is not None and group != line.group:
         raise AllocationError(f"{line.participant} is in group {line.group!r}, not {group!r}; remove --group")
     return Participant(line.participant, line.index, line.group, line.stratum, line.slot, line.assigned), line
+
+
+def _find_outcome_rules(lines: Sequence[EnrolmentEntry]) -> int:
+    """Find by which rules a study began: a study that runs keeps its rules, whatever version goes on with it."""
+    first = next((line for line in lines if isinstance(line, SlotTaken)), None)
+    return OUTCOME_RULES if first is None else first.outcome_rules
 
 
 def _check_list(begun: SlotTaken | None, study_dir: Path, protocol: Protocol) -> None:

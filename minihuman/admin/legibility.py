@@ -17,7 +17,8 @@ from minihuman.display.typefaces import TypefaceSet, find_installed_typeface, se
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.screens import TextScreen
 from minihuman.experiment.plan.allocation import build_allocation_list
-from minihuman.experiment.plan.expansion import assign_slot, expand_protocol, format_participant_code
+from minihuman.experiment.plan.expansion import assign_slot, expand_protocol
+from minihuman.experiment.plan.participant_codes import format_participant_code
 from minihuman.experiment.plan.session_plan import Participant, PlannedPart, SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.words import ENGLISH, LANGUAGES, InterfaceWords, load_words

@@ -22,7 +22,14 @@ from minihuman.experiment.machine import events
 from minihuman.experiment.machine.part_sequence import is_only_closing_left
 from minihuman.log import topics
 from minihuman.log.model.session_log import CUT_OFF, EpisodeLog, Segment, SessionLog
-from minihuman.log.paths import PART_SUFFIX, raise_as_log_error, study_folder
+from minihuman.log.paths import (
+    PART_SUFFIX,
+    SYSTEM_COMPANION,
+    find_log_folders,
+    find_system_companions,
+    raise_as_log_error,
+    study_folder,
+)
 from minihuman.log.read.reader import LogReader, read_segment_starts
 from minihuman.log.record.finalization import FinalizedLog, find_leftovers, recover_log, repair_log
 from minihuman.log.record.session_leases import SessionLeases
@@ -207,6 +214,8 @@ def recover_logs(given: Iterable[Path], note: AuditNote = NO_NOTE) -> Iterator[R
         note: why, and who does it, for the enrolment log.
     """
     for path in given:
+        for companion in find_system_companions(find_log_folders(path) if path.is_dir() else ()):
+            yield RecoveryResult(f"skipped {companion}: {SYSTEM_COMPANION}")
         for log in find_leftovers(path) if path.is_dir() else [path]:
             try:
                 if not log.name.endswith(PART_SUFFIX) and (added := _add_missing_heads(log)):

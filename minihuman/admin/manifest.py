@@ -24,6 +24,7 @@ from minihuman.storage.durable_files import hash_file, replace_durably
 MANIFEST_FILE_NAME = "seal.json"
 _UNFINISHED = f"{MANIFEST_FILE_NAME}.part"
 _DIGITS = 64
+GONE = " is gone"  # the end of a line about a file that was sealed and is not there
 
 
 class StudyManifest(msgspec.Struct, frozen=True):
@@ -135,7 +136,7 @@ def _compare_files(study: Path, manifest: StudyManifest) -> Iterator[str]:
     sealed = {name for name in manifest.files if not is_cache(Path(name))}  # earlier versions sealed one cache, too
     for name in sorted({*sealed, *digests}):
         if name not in digests:
-            yield f"{name} is gone"
+            yield f"{name}{GONE}"
         elif name not in manifest.files:
             yield f"{name} was not there"
         elif manifest.files[name] != digests[name]:

@@ -89,7 +89,9 @@ def plan_next_session(
         return _plan_rest(read_log(folder))
     if protocol.allocation.stratify_by and session == 1:
         who = Participant(who.id, who.index, "")  # drawn, or drawn again, after the answer
-    return expand_protocol(protocol, who, session=session, overridden=taken.overridden)
+    return expand_protocol(
+        protocol, who, session=session, overridden=taken.overridden, outcome_rules=taken.outcome_rules
+    )
 
 
 def plan_drawn_session(protocol: Protocol, data: Path, undrawn: SessionPlan, stratum: str) -> SessionPlan:
@@ -100,7 +102,13 @@ def plan_drawn_session(protocol: Protocol, data: Path, undrawn: SessionPlan, str
         OSError: if the data folder cannot be read or written.
     """
     who = draw_slot(protocol, data / protocol.study.name, undrawn.participant.id, stratum)
-    return expand_protocol(protocol, who, session=undrawn.session, overridden=undrawn.overridden)
+    return expand_protocol(
+        protocol,
+        who,
+        session=undrawn.session,
+        overridden=undrawn.overridden,
+        outcome_rules=undrawn.outcome_rules,
+    )
 
 
 def _check_came_before(

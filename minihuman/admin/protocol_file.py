@@ -25,7 +25,8 @@ from minihuman.activities.team.plan import SIMULATED
 from minihuman.agents.agent import is_registered_agent, make_policy_agent
 from minihuman.errors import MinihumanError, ProtocolError
 from minihuman.experiment.keys import DIGITS, assign_usual_keys, find_noop, find_period_ms
-from minihuman.experiment.plan.trials import list_images, read_table
+from minihuman.experiment.plan.stated_outcomes import find_world_rule
+from minihuman.experiment.plan.trials import read_images
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol, list_old_names
 from minihuman.experiment.protocol.specs import Overridable, apply_overrides
 from minihuman.experiment.words import ENGLISH, load_words
@@ -120,6 +121,10 @@ class ProtocolDraft:
         )
         decode_protocol(text.encode(), f"{self.name}.toml")
         return text
+
+    def describe_outcomes(self) -> list[str]:
+        """Describe what an end means in each of the worlds, and who says so."""
+        return [f"outcome in {world_id}: {find_world_rule(world_id).describe()}" for world_id in self.worlds]
 
     def _task(self, world_id: str) -> dict[str, Any]:
         """A world with its keys and pace."""
@@ -261,8 +266,8 @@ def _read_stimuli(protocol: Protocol, folder: Path, path: Path) -> dict[str, byt
                 found[name] = _read_beside(
                     folder, name, where, MAX_PROTOCOL_BYTES, "copy it into the protocol's folder"
                 )
-            for image in list_images(read_table(block.stimuli, found)):
-                found[image] = _read_picture(folder, image, where)
+            for image, place in read_images(block.stimuli, found):
+                found[image] = _read_picture(folder, image, f"{where}: {place}: column 'image'")
     return found
 
 

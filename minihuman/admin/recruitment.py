@@ -8,6 +8,7 @@ paying a bonus needs, is in the journal ``platform-ids.jsonl``, which only the o
 import hashlib
 import hmac
 import secrets
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -135,6 +136,15 @@ class Recruitment:
     def find_participant(self, key: str) -> str | None:
         """Who came by a link or from a platform; None for a new visitor."""
         return self._state.after(self._journal.read()).came.get(key)
+
+    def has_issued(self, key: str) -> bool:
+        """Whether a link was issued."""
+        return key in self._state.after(self._journal.read()).issued
+
+    def count_sources(self) -> dict[str, int]:
+        """Count who came, by source: personal links, and each platform."""
+        sources = Counter(key.partition(":")[0] for key in self._state.after(self._journal.read()).came)
+        return {"personal link" if source == "link" else source: count for source, count in sorted(sources.items())}
 
     @contextmanager
     def exclusive(self) -> Iterator["RecruitmentTransaction"]:

@@ -5,16 +5,22 @@ different log of the same session gets a name of its own beside it, here and the
 ``status`` and ``verify`` name both. Annotations of a session made on several machines are put one behind the other.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 
+from minihuman.admin.erasure_ledger import STORE_FOLDER
 from minihuman.dataset.annotations import ANNOTATIONS_SUFFIX, open_annotations, read_annotation_file
 from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
+from minihuman.errors import LogError
 from minihuman.log.names import CHAIN_KEY
-from minihuman.log.paths import LOG_SUFFIX, study_folder
-from minihuman.log.record.finalization import put_aside
-from minihuman.log.salvage.summary_section import read_summary
+from minihuman.log.paths import LOG_SUFFIX, is_companion_file, study_folder
+from minihuman.log.record.finalization import is_whole_log, put_aside
+from minihuman.log.salvage.summary_section import read_first_metadata, read_summary
 from minihuman.storage.durable_files import copy_durably
+from minihuman.storage.outside_names import StudyFile, parse_study_files
 from minihuman.storage.remote_store import (
+    LOG_DEPTH,
+    DamagedCopyError,
     RemoteStore,
     RemoteStoreConflictError,
     compute_md5,
@@ -23,6 +29,8 @@ from minihuman.storage.remote_store import (
     open_remote_store,
 )
 from minihuman.storage.system import current_system
+
+Listener = Callable[[str], None]
 
 
 def upload_log(log: Path) -> None:
@@ -37,33 +45,35 @@ def upload_log(log: Path) -> None:
     """
     study = study_folder(log)
     store = open_remote_store(study.parent)
-    name = log.absolute().relative_to(study.parent)
-    if store is None or name.parts[1] in read_withdrawn_codes(study):
+    place = log.absolute().relative_to(study.parent)
+    if store is None or place.parts[1] in read_withdrawn_codes(study):
         return
+    name = StudyFile.parse(place.as_posix()).name
     try:
-        store.put(str(name), log)
+        store.put(name, log)
     except RemoteStoreConflictError:
-        stored_version = store.versions(str(name))[str(name)]
+        stored_version = store.versions(name)[name]
         if stored_version == compute_md5(log):
             return
-        with fetch_temporarily(store, str(name)) as other:
+        with fetch_temporarily(store, name, version=stored_version) as other:
             if _continues(log, other):
-                store.put(str(name), log, over=stored_version)
+                store.put(name, log, over=stored_version)
             elif not _continues(other, log):
-                store.put(str(name.with_name(_other_name(log))), log)
+                store.put(place.with_name(_other_name(log)).as_posix(), log)
 
 
-def sync_logs(data: Path, prefix: str) -> tuple[int, int]:
+def sync_logs(data: Path, prefix: str, *, say: Listener = lambda line: None) -> tuple[int, int]:
     """Bring here what the remote store has, and put there what it has not; how many logs came and went.
 
     A log grows with each of its segments: where both have one, the one that continues the other is the newer. Where
     neither does, the store's has the session's name, and this machine's gets another, here and there. Annotations of a
     session come and go with its log. Logs of participants who withdrew, by the enrolment log that this machine has,
-    are left where they are.
+    are left where they are. A name that is no place in the study is refused, and so is a file that is not whole.
 
     Args:
         data: the data folder.
         prefix: "study/" or "study/sub-07/".
+        say: called with a line about each file that is refused.
 
     Raises:
         OSError: if an enrolment log cannot be read.
@@ -72,62 +82,122 @@ def sync_logs(data: Path, prefix: str) -> tuple[int, int]:
     store = open_remote_store(data)
     if store is None:
         return 0, 0
-    fetched = 0
-    stored = 0
-    versions = _without_withdrawn(data, store.versions(prefix))
-    local_names = dict.fromkeys(list_files(data, prefix), "")
-    for name in sorted(_without_withdrawn(data, {**local_names, **versions})):
+    synchronization = _Synchronization(data, store, store.versions(prefix), say)
+    for name, file in synchronization.list_files(prefix):
         if name.endswith(ANNOTATIONS_SUFFIX):
-            _sync_annotations(store, name, data / name, versions.get(name, ""))
+            synchronization.sync_annotations(file)
         elif name.endswith(LOG_SUFFIX):
-            was_fetched, was_stored = _sync_log(store, name, data / name, versions.get(name, ""))
-            fetched += was_fetched
-            stored += was_stored
-    return fetched, stored
+            synchronization.sync_log(file)
+        else:
+            say(f"{name} in the remote store is neither a log nor annotations; it was not fetched")
+    return synchronization.fetched, synchronization.stored
 
 
-def _sync_log(store: RemoteStore, name: str, log: Path, version: str) -> tuple[bool, bool]:
-    """Have the same log here and in the store; whether one was fetched, and whether one was stored."""
-    if not log.exists():
-        store.fetch(name, log)
-        return True, False
-    if not version:
-        upload_log(log)
-        return False, True
-    if version == compute_md5(log):
-        return False, False
-    with fetch_temporarily(store, name) as other:
-        return _merge_log(store, name, log, other, version)
+class _Synchronization:
+    """One exchange of logs and annotations with a store.
 
+    Args:
+        data: the data folder.
+        store: the store.
+        versions: of the files in it, by name.
+        say: called with a line about each file that is refused.
+    """
 
-def _merge_log(store: RemoteStore, name: str, log: Path, other: Path, version: str) -> tuple[bool, bool]:
-    """Keep the one of two logs that continues the other; where neither does, this machine's gets another name."""
-    if compute_md5(other) == compute_md5(log):
-        return False, False
-    is_readable = read_summary(log) is not None
-    if is_readable and _continues(log, other):
-        store.put(name, log, over=version)
-        return False, True
-    is_another = is_readable and not _continues(other, log)
-    if not is_readable:
-        put_aside(log, "as-found")
-    elif is_another:
-        renamed = log.with_name(_other_name(log))
-        current_system().disk.rename(log, renamed)
-        upload_log(renamed)
-    copy_durably(other, log)
-    return True, is_another
+    def __init__(self, data: Path, store: RemoteStore, versions: dict[str, str], say: Listener) -> None:
+        self.fetched = 0
+        self.stored = 0
+        self._data = data
+        self._store = store
+        self._versions = versions
+        self._say = say
 
+    def list_files(self, prefix: str) -> list[tuple[str, StudyFile]]:
+        """List what is to be looked at, here or there, in order of name; what has no place in the study is said."""
+        local_names = list_files(self._data, prefix)
+        ours = [name for name in local_names if name.endswith((ANNOTATIONS_SUFFIX, LOG_SUFFIX))]
+        stored = {name for name in self._versions if name.split("/")[1:2] != [STORE_FOLDER]}
+        files, refusals = parse_study_files({*ours, *stored}, prefix)
+        for refusal in refusals:
+            self._say(refusal)
+        withdrawn = {
+            study: read_withdrawn_codes(self._data / study) for study in {file.study for file in files.values()}
+        }
+        return [(name, file) for name, file in files.items() if file.participant not in withdrawn[file.study]]
 
-def _sync_annotations(store: RemoteStore, name: str, path: Path, version: str) -> None:
-    """Have the same annotations of a session here and in the store: the store's first, then those that it lacks."""
-    if not version:
-        store.put(name, path)
-    elif not path.exists():
-        store.fetch(name, path)
-    elif version != compute_md5(path):
-        with fetch_temporarily(store, name) as other, open_annotations(path).hold() as local:
+    def sync_log(self, file: StudyFile) -> None:
+        """Have the same log here and in the store."""
+        log = file.path(self._data)
+        version = self._versions.get(file.name, "")
+        if not version:
+            upload_log(log)
+            self.stored += 1
+        elif version != compute_md5(log):
+            try:
+                with fetch_temporarily(self._store, file.name, version=version) as other:
+                    if log.exists():
+                        self._merge_log(file, log, other, version)
+                    else:
+                        _require_same_session(other, file)
+                        copy_durably(other, log, new_folders=LOG_DEPTH)
+                        self.fetched += 1
+            except DamagedCopyError as error:
+                self._say(str(error))
+
+    def _merge_log(self, file: StudyFile, log: Path, other: Path, version: str) -> None:
+        """Keep the one of two logs that continues the other; where neither does, this machine's gets another name."""
+        if compute_md5(other) == compute_md5(log):
+            return
+        if not is_whole_log(other):
+            if not is_whole_log(log):
+                raise DamagedCopyError(
+                    f"{file.name} is damaged here and in the remote store; restore it from a backup, or run "
+                    "`minihuman recover` on the log here and gather again"
+                )
+            self._store.put(file.name, log, over=version)
+            self.stored += 1
+            return
+        if not is_whole_log(log):
+            put_aside(log, "as-found")
+        elif _continues(log, other):
+            self._store.put(file.name, log, over=version)
+            self.stored += 1
+            return
+        elif not _continues(other, log):
+            renamed = log.with_name(_other_name(log))
+            current_system().disk.rename(log, renamed)
+            upload_log(renamed)
+            self.stored += 1
+        _require_same_session(other, file)
+        copy_durably(other, log)
+        self.fetched += 1
+
+    def sync_annotations(self, file: StudyFile) -> None:
+        """Have the same annotations here and in the store: the store's first, then those that it lacks."""
+        path = file.path(self._data)
+        version = self._versions.get(file.name, "")
+        if not version:
+            self._store.put(file.name, path)
+        elif version != compute_md5(path):
+            try:
+                with fetch_temporarily(self._store, file.name, version=version) as other:
+                    self._merge_annotations(file, path, other, version)
+            except DamagedCopyError as error:
+                self._say(str(error))
+
+    def _merge_annotations(self, file: StudyFile, path: Path, other: Path, version: str) -> None:
+        try:
             stored = read_annotation_file(other)
+        except LogError as error:
+            if path.exists():
+                read_annotation_file(path)  # raises if it is damaged, too
+                self._store.put(file.name, path, over=version)
+                return
+            reason = str(error).replace(str(other), other.name)
+            raise DamagedCopyError(f"{file.name} in the remote store is refused: {reason}") from error
+        if not path.exists():
+            copy_durably(other, path, new_folders=LOG_DEPTH)
+            return
+        with open_annotations(path).hold() as local:
             added = [annotation for annotation in local.lines if annotation not in stored]
             if not added:
                 copy_durably(other, path)
@@ -136,7 +206,7 @@ def _sync_annotations(store: RemoteStore, name: str, path: Path, version: str) -
                 with open_annotations(other).hold() as merged:
                     merged.append(*added)
                 copy_durably(other, path)
-            store.put(name, path, over=version)
+            self._store.put(file.name, path, over=version)
 
 
 def _continues(log: Path, other: Path) -> bool:
@@ -161,6 +231,25 @@ def _read_segments(log: Path) -> list[tuple[str, str, str]]:
     return [(start["segment"], start["started_unix_ns"], heads.get(start["segment"], "")) for start in summary.starts]
 
 
+def _require_same_session(log: Path, file: StudyFile) -> None:
+    """Refuse a log that is damaged, or of another session than its place says; other programs' files pass.
+
+    Raises:
+        DamagedCopyError: if it is one.
+    """
+    if is_companion_file(log):
+        return
+    if not is_whole_log(log):
+        raise DamagedCopyError(
+            f"{file.name} in the remote store is damaged and was not fetched; run `minihuman gather` on the machine "
+            "that recorded it"
+        )
+    facts = read_first_metadata(log)
+    session = f"ses-{facts.get('session', ''):0>2}"
+    if (facts.get("study"), facts.get("participant"), session) != (file.study, file.participant, file.session):
+        raise DamagedCopyError(f"{file.name} in the remote store is refused: it is the log of another session")
+
+
 def _other_name(log: Path) -> str:
     return f"{log.name.removesuffix(LOG_SUFFIX)}_other-{compute_md5(log)[:8]}{LOG_SUFFIX}"
 
@@ -175,11 +264,3 @@ def delete_remote_logs(study_dir: Path, code: str) -> None:
     store = open_remote_store(study_dir.parent, may_be_new=False)  # a share that is not mounted has them still
     if store is not None:
         store.erase(code, store.names(f"{study_dir.name}/{code}/"))
-
-
-def _without_withdrawn(data_folder: Path, versions: dict[str, str]) -> dict[str, str]:
-    """Leave out files of participants who withdrew; a name is study, participant, session and log."""
-    parts = {name: name.split("/") for name in versions}
-    studies = {study for study, *_ in parts.values()}
-    withdrawn = {study: read_withdrawn_codes(data_folder / study) for study in studies}
-    return {name: version for name, version in versions.items() if not withdrawn[parts[name][0]] & {*parts[name][1:2]}}

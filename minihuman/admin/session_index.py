@@ -37,7 +37,7 @@ from minihuman.dataset.caches import (
     write_checked,
 )
 from minihuman.errors import LogError
-from minihuman.log.names import CHAIN_KEY, SCHEMA_VERSION, STEP
+from minihuman.log.names import CHAIN_KEY, PLAIN_SCHEMA_VERSION, SCHEMA_VERSION, STEP
 from minihuman.log.paths import (
     LOG_SUFFIX,
     LogFolders,
@@ -250,6 +250,11 @@ def summarize_session(files: Sequence[Path]) -> SessionSummary:
         return summary
 
 
+_SUMMARIZED_VERSIONS = {
+    str(version) for version in range(PLAIN_SCHEMA_VERSION, SCHEMA_VERSION + 1)
+}  # say it at the end
+
+
 def _summarize_finished(log: Path) -> SessionSummary | None:
     """Sum up a log from what its segments' ends say; None where one does not, as in logs of earlier versions.
 
@@ -260,7 +265,7 @@ def _summarize_finished(log: Path) -> SessionSummary | None:
     found = read_summary(log)
     if found is None or not found.starts or not len(found.starts) == len(found.facts) == len(found.ends):
         return None
-    if found.starts[0].get("schema_version") != str(SCHEMA_VERSION) or "completed" not in found.ends[-1]:
+    if found.starts[0].get("schema_version") not in _SUMMARIZED_VERSIONS or "completed" not in found.ends[-1]:
         return None
     first, last = found.starts[0], found.ends[-1]
     reason, planned, completed = last["reason"], int(last["planned"]), int(last["completed"])

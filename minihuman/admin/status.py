@@ -7,8 +7,9 @@ MCAP.
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from minihuman.admin.enrolment_entries import (
     EnrolmentEntry,
@@ -22,11 +23,25 @@ from minihuman.admin.enrolment_entries import (
     read_enrolled,
     read_enrolment_log,
 )
+from minihuman.admin.erasure_ledger import find_pending_machines
+from minihuman.admin.recruitment import Recruitment
 from minihuman.admin.session_index import SessionRow, find_double_sessions, read_session_index
 from minihuman.admin.session_summary import SessionSummary
 from minihuman.admin.unfinished_withdrawals import find_unfinished_withdrawals
-from minihuman.log.paths import PART_SUFFIX, LogFolders, find_log_folders, group_sessions, require_folder
+from minihuman.log.paths import (
+    PART_SUFFIX,
+    SYSTEM_COMPANION,
+    LogFolders,
+    find_log_folders,
+    find_system_companions,
+    group_sessions,
+    require_folder,
+)
 from minihuman.log.record.file_lock import is_being_recorded
+from minihuman.storage.outside_names import is_system_companion
+
+if TYPE_CHECKING:
+    from minihuman.dataset.annotations import Annotation
 
 GroupCounts = Mapping[str, int]  # by group
 _LEFT_BEFORE = {
@@ -138,10 +153,14 @@ def format_status(study_dir: Path, found: "StudyStatus | None" = None) -> Iterat
         yield f"{count} {what}"
     for code in found.replaced:
         yield f"{code:12} does not come back; the slot is offered again"
+    if found.sources:
+        yield "came online: " + ", ".join(f"{count} by {source}" for source, count in found.sources.items())
     if found.withdrew:
         yield f"{found.withdrew} withdrew and {'is' if found.withdrew == 1 else 'are'} excluded"
     if found.interventions:
         yield "audit trail: " + ", ".join(f"{count} {what}" for what, count in found.interventions.items())
+    yield from (f"skipped {path}: {SYSTEM_COMPANION}" for path in found.companions)
+    yield from found.useless_annotations
     yield from found.problems
 
 
@@ -156,22 +175,42 @@ def count_all_interventions(study_dir: Path, folders: LogFolders | None = None) 
         LogError: if a line is damaged.
     """
     counts = count_interventions(read_enrolment_log(study_dir))
-    folders = find_log_folders(study_dir) if folders is None else folders
-    paths = [folder / name for folder, names in folders for name in names if name.endswith(".jsonl")]
-    if paths:
-        from minihuman.dataset.annotations import ANNOTATIONS_SUFFIX, read_annotation_file
-
-        notes = [one for path in paths if path.name.endswith(ANNOTATIONS_SUFFIX) for one in read_annotation_file(path)]
+    notes = [note for _, note in _read_all_annotations(find_log_folders(study_dir) if folders is None else folders)]
+    if notes:
         missing = counts.pop("without a reason", 0) + sum(not note.note for note in notes)
         counts |= {"annotations": len(notes)} | ({"without a reason": missing} if missing else {})
     return counts
+
+
+def _read_all_annotations(folders: LogFolders) -> Iterator[tuple[Path, "Annotation"]]:
+    paths = [
+        folder / name
+        for folder, names in folders
+        for name in names
+        if name.endswith(".jsonl") and not is_system_companion(name)
+    ]
+    if paths:
+        from minihuman.dataset.annotations import ANNOTATIONS_SUFFIX, read_annotation_file
+
+        for path in paths:
+            if path.name.endswith(ANNOTATIONS_SUFFIX):
+                yield from ((path, annotation) for annotation in read_annotation_file(path))
+
+
+def _find_useless_annotations(folders: LogFolders) -> Iterator[str]:
+    """Name the annotations of episodes that no session can have; ``verify`` compares the others with the plan."""
+    for path, annotation in _read_all_annotations(folders):
+        from minihuman.dataset.annotations import MAX_EPISODES, describe_useless_annotation
+
+        if annotation.episode is not None and not 1 <= annotation.episode <= MAX_EPISODES:
+            yield f"{path}: {describe_useless_annotation(annotation)}"
 
 
 def list_problems(
     study_dir: Path, rows: Iterable[SessionRow] | None = None, folders: LogFolders | None = None
 ) -> tuple[str, ...]:
     """Name each session completed twice, each log that is gone, each end that the enrolment log lacks, each withdrawal
-    that is unfinished.
+    that is unfinished, and each machine that has not erased its copy.
 
     Args:
         study_dir: the study's folder.
@@ -179,7 +218,7 @@ def list_problems(
         folders: what ``find_log_folders`` found below it just now, if it was asked already.
     """
     folders = list(find_log_folders(study_dir)) if folders is None else folders
-    double = tuple(find_double_sessions(folders))
+    double = (*find_double_sessions(folders), *find_pending_machines(study_dir))
     lines = read_enrolment_log(study_dir)
     if not lines:
         return double
@@ -207,6 +246,9 @@ class StudyStatus:
     interventions: Mapping[str, int]  # what was done by hand, in counts
     problems: tuple[str, ...]  # logs that are gone, and ends of logs that the enrolment log lacks
     live: frozenset[Path]  # folders in which a session is being recorded
+    sources: Mapping[str, int] = field(default_factory=dict)  # of those who came online, and have a slot
+    companions: tuple[Path, ...] = ()  # files that another system keeps beside logs: they are not read
+    useless_annotations: tuple[str, ...] = ()  # a line each, of those of episodes that no session has
 
 
 def read_study_status(study_dir: Path) -> StudyStatus:
@@ -234,6 +276,9 @@ def read_study_status(study_dir: Path) -> StudyStatus:
             for folder, names in folders
             if any(name.endswith(PART_SUFFIX) and is_being_recorded(folder / name) for name in names)
         ),
+        sources=Recruitment(study_dir).count_sources(),
+        companions=tuple(find_system_companions(folders)),
+        useless_annotations=tuple(_find_useless_annotations(folders)),
     )
 
 

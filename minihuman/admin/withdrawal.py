@@ -14,19 +14,19 @@ from typing import Literal
 
 from minihuman.admin.enrolment_entries import NO_NOTE, AuditNote, ParticipantReplaced, ParticipantWithdrawn
 from minihuman.admin.enrolment_log import now_text, record_departure
-from minihuman.admin.recruitment import Recruitment
+from minihuman.admin.erasure_ledger import find_pending_machines
+from minihuman.admin.local_copies import erase_local_copy, record_erasure
+from minihuman.admin.recorded_outputs import note_withdrawal
 from minihuman.admin.remote_logs import delete_remote_logs
 from minihuman.admin.unfinished_withdrawals import find_mark
-from minihuman.dataset.caches import list_caches
 from minihuman.dataset.remote_tables import delete_remote_tables
 from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 from minihuman.errors import AllocationError, LogError, MinihumanError, name_output_when_full
-from minihuman.experiment.plan.expansion import parse_participant_code
+from minihuman.experiment.plan.participant_codes import parse_participant_code
 from minihuman.log.paths import PART_SUFFIX
 from minihuman.log.record.file_lock import is_being_recorded
 from minihuman.storage.durable_files import UNFINISHED_SUFFIX, hash_file, replace_durably, sync_folder
 from minihuman.storage.erasure import erase
-from minihuman.storage.lease import open_lease_table
 from minihuman.storage.remote_store import RemoteStoreError
 from minihuman.storage.system import current_system
 
@@ -46,6 +46,7 @@ class WithdrawalResult:
     sealed: Path | None  # the archive that holds them now
     sha256: str  # the archive's, hexadecimal; "" without one
     partitions: int | None = None  # of tables, removed from their remote store; None: there is none
+    left: tuple[str, ...] = ()  # a line about each machine and output that still holds their data
 
     def line(self) -> str:
         """Say so, naming nobody."""
@@ -90,8 +91,9 @@ def withdraw_participant(
                 study_dir, ParticipantWithdrawn(code, now_text(), data_end, note.reason, note.experimenter)
             )
     partitions = _erase_everywhere(study_dir, code)
+    left = (*note_withdrawal(study_dir, code), *find_pending_machines(study_dir))
     _remove_mark(study_dir, code)
-    return WithdrawalResult(len(files), size_bytes, seal, sha256, partitions)
+    return WithdrawalResult(len(files), size_bytes, seal, sha256, partitions, left)
 
 
 def _erase_everywhere(study_dir: Path, code: str) -> int | None:
@@ -100,10 +102,8 @@ def _erase_everywhere(study_dir: Path, code: str) -> int | None:
     Returns:
         How many files of tables were removed from their remote store; None where there is none.
     """
-    errors: list[Exception] = [*erase(study_dir / code)]
-    for cache in list_caches(study_dir):  # free pages remember
-        errors += erase(cache)
-    for erase_elsewhere in (_forget_arrival, _forget_leases, delete_remote_logs):
+    errors = erase_local_copy(study_dir, code)
+    for erase_elsewhere in (delete_remote_logs, record_erasure):
         try:
             erase_elsewhere(study_dir, code)
         except (OSError, MinihumanError) as error:
@@ -131,16 +131,6 @@ def _explain_leftovers(study_dir: Path, code: str, errors: list[Exception]) -> M
         f"{code} has withdrawn, but not all of their data could be erased: {reasons}; run the command again, which "
         "erases the rest"
     )
-
-
-def _forget_arrival(study_dir: Path, code: str) -> None:
-    Recruitment(study_dir).forget(code)
-
-
-def _forget_leases(study_dir: Path, code: str) -> None:
-    leases = open_lease_table(study_dir)
-    if leases is not None:
-        leases.forget(f"{study_dir.name}/{code}/")
 
 
 @contextmanager

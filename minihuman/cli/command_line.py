@@ -6,6 +6,7 @@ The help of the group comes from the table below, so that only the module of the
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
+from keyword import iskeyword
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -48,6 +49,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {  # the commands of each module of 
         "manifest": "Write a study's manifest and print its digest.",
         "withdraw": "Withdraw a participant and free their slot.",
         "replace": "Free the slot of a participant who dropped out; keep their data.",
+        "import": "Import episodes that a web page recorded without a server.",
         "gather": "Synchronize a study's logs and tables with the remote stores.",
     },
     "publish": {
@@ -56,6 +58,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {  # the commands of each module of 
         "fit": "Fit simulated participants' reaction times to logged ones.",
         "score": "Score people, policies and models on the same levels.",
         "payments": "Print the payment for each session as CSV.",
+        "pack": "Pack worlds for web pages that run without a server.",
     },
     "agents": {
         "learn": "Train agents, on people's data or without.",
@@ -94,7 +97,8 @@ class CommandLine(_Group):
         name = ALIASES.get(cmd_name, cmd_name)
         if name not in _MODULES:
             return None
-        found = getattr(import_module(f"minihuman.cli.{_MODULES[name]}"), name)
+        function = f"{name}_" if iskeyword(name) else name
+        found = getattr(import_module(f"minihuman.cli.{_MODULES[name]}"), function)
         return found if isinstance(found, click.Command) else make_command(found)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -138,7 +142,7 @@ def make_command(function: Callable[..., None]) -> click.Command:
         function(**{name: list(value) if _is_list(kinds[name]) else value for name, value in values.items()})
 
     return _Command(
-        function.__name__,
+        function.__name__.removesuffix("_"),
         callback=call,
         params=[_make_parameter(one) for one in parameters],
         help=_keep_example(inspect.getdoc(function) or ""),

@@ -1,4 +1,4 @@
-"""Commands that keep and administer data: verify, recover, annotate, manifest, withdraw, replace, gather."""
+"""Commands that keep and administer data: verify, recover, annotate, manifest, withdraw, replace, import, gather."""
 
 import sys
 from pathlib import Path
@@ -8,6 +8,7 @@ from minihuman.cli.options import (
     Argument,
     EngineOption,
     ExperimenterOption,
+    JsonOption,
     LogFile,
     Option,
     ReasonOption,
@@ -23,7 +24,7 @@ StudyOption = Annotated[Path, Option("--study", help="The study's folder, such a
 
 
 def verify(
-    logs: Annotated[list[Path], Argument("Session logs, or folders of them.", "LOG...")],
+    logs: Annotated[list[Path], Argument("Session logs or a page's data, or folders of logs.", "LOG...")],
     manifest: Annotated[
         str | None,
         Option("--manifest", "--seal", help="Compare the files with this manifest, given as a file or by its digest."),
@@ -54,7 +55,7 @@ def verify(
 
     Example: minihuman verify sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap
     """
-    from minihuman.workflow import verify as verify_logs
+    from minihuman.api import verify as verify_logs
 
     code = 0
     checks = verify_logs(
@@ -182,9 +183,12 @@ def withdraw(
         raise AllocationError(
             "choose what happens to the participant's data: add either --erase or --archive ARCHIVE.zip"
         )
-    print(take_out(study, code, seal=archive, note=AuditNote(ask_reason(reason), experimenter)).line())
+    withdrawal = take_out(study, code, seal=archive, note=AuditNote(ask_reason(reason), experimenter))
+    print(withdrawal.line())
     print("The next participant gets their slot. Make reports, figures and exports again: they hold their data.")
     print("Folders that `minihuman gather --tables` filled hold it, too, until it is run again.")
+    for line in withdrawal.left:
+        print(escape_control_characters(line))
 
 
 def replace(code: Code, study: StudyOption, reason: ReasonOption = "", experimenter: ExperimenterOption = "") -> None:
@@ -199,6 +203,42 @@ def replace(code: Code, study: StudyOption, reason: ReasonOption = "", experimen
     print(f"the next `minihuman run` offers {code}'s slot")
 
 
+def import_(
+    files: Annotated[list[Path], Argument("Files of a page's data (.json, .csv), or folders of them.", "DATA...")],
+    study: Annotated[Path, Option("--study", help="The study's folder; it is made if it does not exist.")],
+    json: JsonOption = False,
+) -> None:
+    """Import episodes that a web page recorded without a server.
+
+    Each file is one participant's session. Its episodes are replayed from their seeds and actions; a file that differs
+    is refused. The logs say that they are consistent, not witnessed. The exit status is 1 if a file was refused.
+
+    Example: minihuman import data/ --study sessions/online-maze
+    """
+    from minihuman.api import import_page_data
+
+    code = 0
+    for imported in import_page_data(*files, study=study):
+        code = max(code, imported.error.exit_code if imported.error else 0)
+        if json:
+            log = None if imported.log is None else str(imported.log)
+            counts = {"episodes": imported.episodes, "steps": imported.steps}
+            print_json(
+                {
+                    "file": imported.file,
+                    "log": log,
+                    **counts,
+                    "refused": imported.error is not None,
+                    "said": imported.text,
+                }
+            )
+        elif imported.error:
+            print(escape_control_characters(f"minihuman: {imported.text}"), file=sys.stderr, flush=True)
+        else:
+            print(escape_control_characters(f"{imported.file}: {imported.text}"), flush=True)
+    raise SystemExit(code)
+
+
 def gather(
     study: Annotated[
         str, Argument("A study's folder or, with --tables, a store of tables such as s3://bucket/prefix.", "STUDY")
@@ -206,6 +246,14 @@ def gather(
     tables: Annotated[
         Path | None, Option("--tables", help="Only bring the tables from their store to this folder, without logs.")
     ] = None,
+    lost_machine: Annotated[
+        str,
+        Option(
+            "--lost-machine",
+            help="The number of a machine that no longer exists, as in `minihuman status`; withdrawals wait for it no "
+            "longer.",
+        ),
+    ] = "",
 ) -> None:
     """Synchronize a study's logs and tables with the remote stores.
 
@@ -213,15 +261,22 @@ def gather(
 
     Example: minihuman gather sessions/fourrooms-transfer
     """
+    from minihuman.admin.erasure_ledger import declare_machine_lost
+    from minihuman.admin.local_copies import obey_withdrawals
+    from minihuman.admin.recorded_outputs import TABLES, record_output
     from minihuman.admin.remote_logs import sync_logs
     from minihuman.dataset.remote_tables import fetch_tables, store_tables
 
     if tables is not None:
-        came, removed = fetch_tables(study, tables)
+        came, removed = fetch_tables(study, tables, say=lambda line: print_account([line]))
+        print_account(filter(None, [record_output(Path(study), TABLES, tables)]))
         print(f"{came} files of tables fetched, {removed} removed in {tables}")
         return
     folder = Path(study).absolute()
-    came, went = sync_logs(folder.parent, f"{folder.name}/")
+    if lost_machine:
+        declare_machine_lost(folder, lost_machine, say=print)
+    obey_withdrawals(folder, ask_store=True, say=lambda line: print_account([line]))
+    came, went = sync_logs(folder.parent, f"{folder.name}/", say=lambda line: print_account([line]))
     print(f"{came} logs fetched, {went} stored")
     if (counts := store_tables(folder, say=lambda line: print_account([line]))) is not None:
         print(f"{counts[0]} files of tables stored, {counts[1]} removed")

@@ -38,8 +38,10 @@ def status(
         lines = [one.line() for one in found] or ["no participant is due"]
         print_result(found, lambda: "\n".join(lines), json=json)
         return
+    from minihuman.admin.local_copies import obey_withdrawals
     from minihuman.admin.status import format_status, read_study_status
 
+    obey_withdrawals(study, say=lambda line: print_account([line]))
     found_status = read_study_status(study)
     print_result(found_status, lambda: "\n".join(format_status(study, found_status)), json=json)
     raise SystemExit(int(bool(found_status.problems)))
@@ -101,15 +103,21 @@ def film(
 ) -> None:
     """Write a film of a session's episodes, or a contact sheet.
 
-    Keys, reaction times and the map are shown beside what the participant saw.
+    Keys, reaction times and the map are shown beside the pictures, which the world draws again. For a world that is not
+    minihuman's own, the command says whether they are proved to be what the participant saw.
 
     Example: minihuman film sessions/demo/sub-01/ses-01/sub-01_ses-01.mcap --episode 3 --out episode-3.mp4
     """
+    from minihuman.admin.verify.shown_pictures import verify_pictures
     from minihuman.log.read.session_reader import read_log
     from minihuman.replay.film import write_film
 
+    session = read_log(log)
     with name_output_when_full(out):
-        print(write_film(read_log(log), out, episode=episode))
+        print(write_film(session, out, episode=episode))
+    pictures = verify_pictures(session)
+    if pictures is not None:
+        print(pictures)
 
 
 @selection_options()
@@ -130,14 +138,14 @@ def plot(
     from minihuman.dataset.log_files import infrequent_collection
 
     with infrequent_collection():
-        from minihuman.dataset.sessions import StudySessions
+        from minihuman.dataset.tables import select
         from minihuman.figures.gallery import draw_all_figures
 
-        sessions = StudySessions(study, selection)
+        tables = select(study, selection)
         with name_output_when_full(out):
-            for path in draw_all_figures(sessions, out, each=each):
+            for path in draw_all_figures(tables, out, each=each):
                 print(path, flush=True)
-        print_account(sessions.account.lines())
+        print_account(tables.account.lines())
 
 
 @selection_options()
@@ -158,7 +166,7 @@ def report(
 
     Example: minihuman report sessions/fourrooms-transfer --out report
     """
-    from minihuman.workflow import report as write_report
+    from minihuman.api import report as write_report
 
     scripts = [name for name, wanted in (("r", r), ("python", python)) if wanted]
     written = write_report(study, out, selection=selection, template=template, scripts=scripts)
@@ -183,25 +191,18 @@ def query(
     """
     if csv and json:
         raise MinihumanError("--csv and --json cannot be used together; remove one of them")
-    from minihuman.dataset.sessions import StudySessions
-    from minihuman.dataset.store import (
-        StudyStore,
-        find_queried_tables,
-        format_result_csv,
-        format_result_lines,
-        needs_shortest_paths,
-    )
+    from minihuman.dataset.table_queries import format_result_csv, format_result_lines
+    from minihuman.dataset.tables import answer_query, select
 
-    sessions = StudySessions(study)
-    with StudyStore(
-        sessions, with_shortest=needs_shortest_paths(sql), tables=find_queried_tables(sql), with_account=False
-    ) as store:
-        found = store.tables.query(sql)
+    with select(study) as tables:
+        answer = answer_query(tables, sql)
     if json:
-        print_json(found.to_pylist())
+        print_json(answer.to_pylist())
+    elif csv:
+        print(format_result_csv(answer), end="")
     else:
-        print(format_result_csv(found) if csv else "\n".join(format_result_lines(found)), end="" if csv else "\n")
-    print_account((*(one.line() for one in sessions.account.skipped), *sessions.account.notes))
+        print("\n".join(format_result_lines(answer)))
+    print_account((*(log.line() for log in tables.account.skipped), *tables.account.notes))
 
 
 @selection_options(with_=("exclude", "rules", "unfinished"))
@@ -219,11 +220,11 @@ def bots(
 
     Example: minihuman bots sessions/online
     """
-    from minihuman.dataset.sessions import StudySessions
+    from minihuman.dataset.tables import select
     from minihuman.reporting.bots import NOT_CALIBRATED, weigh_sessions
 
-    sessions = StudySessions(study, selection)
-    found = list(weigh_sessions(sessions, typing=typing))
+    tables = select(study, selection)
+    found = list(weigh_sessions(tables.read_sessions(), typing=typing))
     for one in found:
         if json:
             print_json(one)
@@ -233,4 +234,4 @@ def bots(
             print(escape_control_characters(f"    {why}"))
         if one.flagged and not one.decision:
             print(escape_control_characters(f"    to decide: minihuman annotate {one.log} --tag exclude (or person)"))
-    print_account((NOT_CALIBRATED, *sessions.account.lines()))
+    print_account((NOT_CALIBRATED, *tables.account.lines()))

@@ -63,6 +63,9 @@ ExperimenterOption = Annotated[
 TrustOption = Annotated[
     bool, Option("--trust", help="Trust the protocol's folder from now on, so that Python code in it may run.")
 ]
+IsolationOption = Annotated[
+    bool, Option("--isolate-worlds", help="Run worlds that are not minihuman's own in processes of their own.")
+]
 EngineOption = Annotated[
     str,
     Option(help="Where many logs are worked on: `local`, or `ray`, a Ray cluster (RAY_ADDRESS) that sees the files."),
@@ -70,7 +73,7 @@ EngineOption = Annotated[
 JsonOption = Annotated[bool, Option("--json", help="Print JSON instead of plain text.")]
 
 _HELP = {
-    "outcome": "Include only episodes with this outcome: goal, timeout or failure; repeatable.",
+    "outcome": "Include only episodes with this outcome: goal, timeout, failure or ended; repeatable.",
     "block": "Include only episodes of this block; repeatable.",
     "participant": "Include only this participant's episodes; repeatable.",
     "version": "Include only episodes recorded with this protocol version, given as a version number or the first "

@@ -1,4 +1,4 @@
-"""Commands for planning and publishing: export, power, fit, payments."""
+"""Commands for planning and publishing: export, power, fit, payments, pack."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -34,6 +34,13 @@ def export(
     stored_frames: Annotated[
         bool, Option("--stored-frames", help="Use the observations stored in the logs instead of replaying episodes.")
     ] = False,
+    with_messages: Annotated[
+        bool,
+        Option(
+            "--with-messages",
+            help="Also copy the logs that hold messages between participants; BIDS alone contains logs.",
+        ),
+    ] = False,
     engine: EngineOption = "local",
     *,
     selection: Any,
@@ -42,7 +49,7 @@ def export(
 
     Example: minihuman export minari sessions/fourrooms-transfer --outcome goal --out demos
     """
-    from minihuman.workflow import export as export_study
+    from minihuman.api import export as export_study
 
     if (out is None) == (folder is None):
         raise ExportError("give the output folder exactly once, with --out FOLDER")
@@ -55,6 +62,7 @@ def export(
             out,
             selection=selection,
             stored_frames=stored_frames,
+            with_messages=with_messages,
             engine=engine,
             on_progress=progress,
         )
@@ -85,8 +93,8 @@ def power(
     on: Annotated[
         str,
         Option(
-            help="The comparison that a shift affects: `groups`, `conditions` (within participants) or `change` "
-            "(between days); needs --effect shift=VALUE."
+            help="The comparison that a shift affects: `groups`, `conditions` (within participants), `interaction` "
+            "(of both) or `change` (between days); needs --effect shift=VALUE."
         ),
     ] = "groups",
     drop_out: Annotated[
@@ -165,10 +173,11 @@ def fit(
 
     Example: minihuman fit sessions/fourrooms-transfer --out people.csv
     """
-    from minihuman.dataset.sessions import StudySessions
+    from minihuman.dataset.tables import select
     from minihuman.planning.reaction_time_fit import describe_fits, fit_participants, write_fits
 
-    times = list(fit_participants(StudySessions(study)))
+    with select(study) as tables:
+        times = list(fit_participants(tables))
     print_result(times, lambda: "\n".join(describe_fits(times)), json=json)
     if out is not None:
         with name_output_when_full(out):
@@ -226,3 +235,23 @@ def score(
     print(format_scorecard(card))
     for path in paths:
         print(path)
+
+
+def pack(
+    worlds: Annotated[
+        list[str], Argument("World ids, such as MiniGrid-FourRooms-v0; `minihuman worlds` lists them.", "WORLD...")
+    ],
+    out: Annotated[Path, Option(help="The folder to write to; files of an earlier pack in it are replaced.")],
+    seeds: Annotated[str, Option(help="The seeds to pack, such as 0-99.")] = "0-99",
+) -> None:
+    """Pack worlds for web pages that run without a server.
+
+    The folder holds the worlds' compiled rules, their pictures, the first states of the seeds, and the JavaScript
+    modules that play them. Put it beside your page, on any web host.
+
+    Example: minihuman pack MiniGrid-FourRooms-v0 --seeds 0-49 --out site/worlds
+    """
+    from minihuman.web.world_pack import pack_worlds, parse_seeds
+
+    packed = pack_worlds(out, parse_seeds(seeds), worlds)
+    print(f"{len(packed.worlds)} worlds, {packed.size_bytes / 1e6:.1f} MB in {out}")

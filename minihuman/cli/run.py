@@ -9,6 +9,7 @@ from minihuman.cli.options import (
     Argument,
     DataFolder,
     ExperimenterOption,
+    IsolationOption,
     Option,
     ProtocolFile,
     ReasonOption,
@@ -39,6 +40,7 @@ def run(
     window: Annotated[str, Option(help="The kind of window: auto, pygame, pyglet or a plug-in's name.")] = "auto",
     fullscreen: Annotated[bool, Option("--fullscreen/--windowed", help="Run in full screen or in a window.")] = True,
     lsl: Annotated[bool, Option("--lsl", help="Send event markers through the Lab Streaming Layer.")] = False,
+    isolate_worlds: IsolationOption = False,
     trust: TrustOption = False,
 ) -> None:
     """Run a participant's session, or resume one.
@@ -48,8 +50,8 @@ def run(
 
     Example: minihuman run protocols/fourrooms-transfer.toml --participant sub-07
     """
+    from minihuman.api import run as run_session
     from minihuman.runtime.host import describe_ending
-    from minihuman.workflow import run as run_session
 
     if participant is None and not next_slot and (found := _ask_interrupted(protocol, data, ask_trust(trust))):
         participant, session = found
@@ -71,6 +73,7 @@ def run(
             window=window,
             fullscreen=fullscreen,
             lsl=lsl,
+            isolate_worlds=isolate_worlds,
             trust=ask_trust(trust),
             on_progress=lambda line: show(line) if line else stack.close(),
             on_start=lambda line: print(line, flush=True),
@@ -124,6 +127,20 @@ def serve(
     mcp: Annotated[
         bool, Option("--mcp", help="With --agents, serve one program on the standard input and output, as MCP tools.")
     ] = False,
+    worlds_in_process: Annotated[
+        bool,
+        Option(
+            "--worlds-in-process",
+            help="Run worlds that are not minihuman's own in the server's process, where one can end all sessions.",
+        ),
+    ] = False,
+    world_step_timeout: Annotated[
+        float, Option(min=0.1, help="The seconds that a step of a world in its own process may take.")
+    ] = 5.0,
+    world_start_timeout: Annotated[
+        float, Option(min=0.1, help="The seconds that its construction, and each reset, may take.")
+    ] = 60.0,
+    world_memory: Annotated[int, Option(min=64, help="The memory that it may use, in MiB.")] = 4096,
     trust: TrustOption = False,
 ) -> None:
     """Serve a study to participants in a browser.
@@ -138,13 +155,17 @@ def serve(
     from minihuman.admin.legibility import require_legible
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.experiment.plan.dry_run import check_worlds
+    from minihuman.web.computed import PageWorld
     from minihuman.web.server.process import (
         keep_processes_running,
+        list_limit_options,
         list_process_commands,
         open_listening_socket,
         require_browser_support,
         run_server,
     )
+    from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
+    from minihuman.worlds.isolation.process_pool import WorldLimits
 
     study = read_protocol(protocol, trust=ask_trust(trust))
     require_browser_support(study)
@@ -153,15 +174,33 @@ def serve(
         require_legible(study, str(protocol))
     socket = open_listening_socket(port, host)
     if workers > 1:
-        from minihuman.runtime.team_host import require_one_process
+        from minihuman.runtime.team_seating import require_one_process
 
         require_one_process(study, "in several server processes; leave out --workers")
+    limits = WorldLimits(world_step_timeout, world_start_timeout, world_memory)
     others = list_process_commands(
-        protocol, data / study.study.name, port=port, workers=workers, watch=watch, host=host
+        protocol,
+        data / study.study.name,
+        port=port,
+        workers=workers,
+        watch=watch,
+        host=host,
+        options=("--worlds-in-process",) if worlds_in_process else list_limit_options(limits),
     )
-    with keep_processes_running(others):
-        run_server(study, data, socket, links=links, address=address, say=lambda line: print(line, flush=True))
+    worlds = None if worlds_in_process else IsolatedWorlds(PageWorld, limits)
+    try:
+        with keep_processes_running(others):
+            run_server(study, data, socket, links=links, address=address, say=_say, worlds=worlds)
+    finally:  # after SIGTERM, too
+        if worlds is not None:
+            worlds.close()
+            _say(str(worlds.pool.use))
     print("ended; unfinished sessions resume at the same step when the study is served again", flush=True)
+
+
+def _say(line: str) -> None:
+    if line:
+        print(line, flush=True)
 
 
 def _serve_agents(protocol: Path, port: int, data: Path, *, trust: bool, mcp: bool) -> None:
@@ -252,6 +291,7 @@ def simulate(
             "prices; run the command again to resume. 0 means no limit.",
         ),
     ] = 0.0,
+    isolate_worlds: IsolationOption = False,
     trust: TrustOption = False,
 ) -> None:
     """Run a study with simulated participants.
@@ -260,7 +300,7 @@ def simulate(
 
     Example: minihuman simulate protocols/fourrooms-transfer.toml --participants 10 --data /tmp/trial
     """
-    from minihuman.workflow import simulate as simulate_sessions
+    from minihuman.api import simulate as simulate_sessions
 
     with show_progress("") as progress:
         played = simulate_sessions(
@@ -271,11 +311,34 @@ def simulate(
             player=player,
             parallel=parallel,
             max_price=max_price,
+            isolate_worlds=isolate_worlds,
             trust=ask_trust(trust),
             on_progress=progress,
         )
+        logs = []
         for path in played:
             print(path, flush=True)
+            logs.append(path)
+    if player.startswith("model:"):  # any other player that fails is an error at once
+        _require_whole_sessions(logs, player)
+
+
+def _require_whole_sessions(logs: list[Path], player: str) -> None:
+    """Raise SimulationError if the player ended a session before its last episode."""
+    from minihuman.log.read.session_reader import read_log
+
+    short = []
+    for path in logs:
+        log = read_log(path)
+        whole = sum(episode.outcome not in (None, "abandoned") for episode in log.episodes)
+        if log.end_reason == "player_failed" and whole < len(log.plan.episodes):
+            short.append(f"{path}, with {whole} of {len(log.plan.episodes)} episodes")
+    if short:
+        sessions = "1 session" if len(short) == 1 else f"{len(short)} sessions"
+        raise SimulationError(
+            f"{player} ended {sessions} before the last episode, without a valid answer or at a limit; the first is "
+            f"{short[0]}"
+        )
 
 
 def watch(

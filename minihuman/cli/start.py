@@ -88,6 +88,8 @@ def new(
     Trust(frozenset({folder.resolve()} if ours else ()), list_foreign_modules(draft.worlds)).record()
     links = f" --links {draft.participants}" if draft.has("two-groups") else ""
     start = f"serve {path}{links}" if {"two-groups", "browser", "team"} & {*chosen} else f"run {path} --windowed"
+    for line in draft.describe_outcomes():
+        print(line)
     print(f"{path} is a study that runs:\n  minihuman check {path}\n  minihuman {start}")
 
 
@@ -133,20 +135,35 @@ def check(
     from minihuman.admin.legibility import require_legible
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.dataset.selection import check_exclusion_measures
-    from minihuman.experiment.plan.dry_run import check_worlds, describe_plan, describe_strata, describe_worlds
-    from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol, parse_participant_code
+    from minihuman.experiment.plan.dry_run import (
+        check_worlds,
+        describe_language,
+        describe_plan,
+        describe_strata,
+        describe_worlds,
+    )
+    from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+    from minihuman.experiment.plan.outcome_check import check_outcome_rules
+    from minihuman.experiment.plan.participant_codes import parse_participant_code
 
     if effect and preregistration is None:
         raise MinihumanError(f"--effect {effect} only adds to a preregistration; add --preregistration FILE as well")
     study = read_protocol(protocol, trust=ask_trust(trust))
     check_exclusion_measures(study.exclusions, str(protocol))
-    check_worlds(study, str(protocol))
+    notices = check_worlds(study, str(protocol), provable=True)
+    outcomes = check_outcome_rules(study, str(protocol))
     who = enrol_participant(study, parse_participant_code(participant), group, stratum=stratum)
     sessions = [session] if session else range(1, max(1, len(study.sessions)) + 1)
     plans = [expand_protocol(study, who, session=number, overridden=group is not None) for number in sessions]
     plan = plans[0]
     require_legible(study, str(protocol))
-    said = (*describe_plan(plan), *describe_strata(study), *describe_worlds(study))
+    said = (
+        *describe_plan(plan),
+        *describe_strata(study),
+        *describe_language(study),
+        *outcomes,
+        *describe_worlds(study, notices),
+    )
     print_result(plan, lambda: "\n".join(said), json=json)
     if pictures is not None:
         from minihuman.runtime.screenshots import save_screenshots

@@ -18,6 +18,8 @@ from minihuman.log.model.session_log import EpisodeLog, SessionLog
 from minihuman.storage.file_journal import FileJournal
 
 ANNOTATIONS_SUFFIX = ".marks.jsonl"
+MAX_SHOWN_DIGITS = 12
+MAX_EPISODES = 1_000_000  # of a session; no plan has as many
 KNOWN_TAGS = ("exclude",)  # those that an output acts on by itself
 _LOG_ENDING = re.compile(r"(_seg-\d+)?\.mcap(\.part)?$")
 _TAG = re.compile(r"[a-z][a-z0-9_-]*")
@@ -102,6 +104,29 @@ def add_annotation(log: SessionLog, mark: Annotation) -> Path:
     with open_annotations(path).hold() as held:
         held.append(mark)
     return path
+
+
+def split_annotations(
+    log: SessionLog, annotations: Iterable[Annotation]
+) -> tuple[tuple[Annotation, ...], tuple[Annotation, ...]]:
+    """Split annotations into those of the session and its episodes, and those of episodes that it has not.
+
+    Somebody may have written them by hand; the latter have no effect, and ``verify`` names them.
+    """
+    numbers = {plan.episode + 1 for plan in log.plan.episodes}
+    usable: list[Annotation] = []
+    without_effect: list[Annotation] = []
+    for annotation in annotations:
+        is_usable = annotation.episode is None or annotation.episode in numbers
+        (usable if is_usable else without_effect).append(annotation)
+    return tuple(usable), tuple(without_effect)
+
+
+def describe_useless_annotation(annotation: Annotation) -> str:
+    """Say that an annotation has no effect."""
+    number = str(annotation.episode)
+    shown = number if len(number) <= MAX_SHOWN_DIGITS else f"{number[:MAX_SHOWN_DIGITS]}..."
+    return f"annotation {annotation.tag!r} of episode {shown} has no effect: the session has no such episode"
 
 
 def collect_tags(marks: Iterable[Annotation]) -> dict[int | None, frozenset[str]]:

@@ -14,6 +14,7 @@ from hashlib import blake2b, sha256
 from pathlib import Path
 
 import minihuman
+from minihuman.operating_system import keep_private
 
 try:
     import duckdb as duckdb
@@ -57,10 +58,14 @@ def connect_cache(
     deadline_s = time.monotonic() + wait_s
     while True:
         try:
-            return duckdb.connect(str(file), read_only=read_only, config=dict(settings))
+            connection = duckdb.connect(str(file), read_only=read_only, config=dict(settings))
         except duckdb.IOException as error:
             if not is_in_use(error) or time.monotonic() > deadline_s:
                 raise
+        else:
+            if not read_only:
+                keep_private(file)
+            return connection
         time.sleep(_LOCK_POLL_S)
 
 
@@ -110,7 +115,9 @@ def write_checked(file: Path, names: Iterable[str]) -> None:
     """Note which tables of a cache were compared; where that cannot be written the next command compares again."""
     with suppress(OSError):
         noted = f"{describe_cache(file)}\n{' '.join(sorted(names))}"
-        file.with_name(f"{file.name}{_CHECKED}").write_text(noted, encoding="utf-8", newline="\n")
+        path = file.with_name(f"{file.name}{_CHECKED}")
+        path.write_text(noted, encoding="utf-8", newline="\n")
+        keep_private(path)
 
 
 def describe_file(file: str | Path, facts: os.stat_result | None = None, *, name: str = "", known: str = "") -> str:

@@ -2,12 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from minihuman.dataset.table_columns import EPISODES, TableColumn
 from minihuman.errors import QueryError
-from minihuman.plugins import list_plugin_names, load_plugin
+from minihuman.plugins import list_plugin_names, load_plugin, remember_by_name
 
 if TYPE_CHECKING:
     from minihuman.log.model.session_log import EpisodeLog
@@ -38,7 +37,7 @@ def list_episode_columns() -> tuple[EpisodeColumn, ...]:
     return tuple(_load_column(name) for name in list_plugin_names(COLUMN_GROUP))
 
 
-@cache
+@remember_by_name
 def _load_column(name: str) -> EpisodeColumn:
     column = load_plugin(COLUMN_GROUP, name, QueryError, what="column")
     if not isinstance(column, EpisodeColumn):

@@ -1,5 +1,6 @@
 """What an exporter receives: the included episodes one by one, rows session by session, or the rows in a store."""
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from minihuman.dataset.selection import SelectedSession
 from minihuman.dataset.sessions import SessionRows, StudySessions, build_episode_facts
+from minihuman.dataset.tables import Tables
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 
 if TYPE_CHECKING:
@@ -37,6 +39,7 @@ class IncludedEpisodes:
         sessions: where they are, and what counts of them.
         taken: called with each episode's log and facts as it is taken.
         stored_frames: whether observations are those that the logs hold.
+        with_messages: whether an archive of logs takes those with messages between participants, too.
     """
 
     def __init__(
@@ -45,8 +48,10 @@ class IncludedEpisodes:
         *,
         taken: Callable[[Path, Mapping[str, Any]], None] = lambda path, facts: None,
         stored_frames: bool = False,
+        with_messages: bool = False,
     ) -> None:
         self.sessions = sessions
+        self.with_messages = with_messages
         self._taken = taken
         self._stored_frames = stored_frames
 
@@ -86,15 +91,22 @@ class IncludedEpisodes:
                 self._taken(found.path, facts)
             yield found
 
-    def store(self) -> "StudyStore":
+    def tables(self) -> Tables:
         """The same rows kept in a file, those of many sessions together; to be used in a ``with``.
 
         Raises:
             LogError, ReportError: as ``rows``.
         """
-        from minihuman.dataset.store import StudyStore  # a station does without tables
-
-        store = StudyStore(self.sessions, with_shortest=False)
-        for path, facts in store.facts():
+        tables = Tables(self.sessions)
+        for path, facts in tables.included_facts():
             self._taken(path, facts)
-        return store
+        return tables
+
+    def store(self) -> "StudyStore":
+        """The store of these tables: a name of an earlier version, which goes with the next one."""
+        warnings.warn(
+            "IncludedEpisodes.store is now IncludedEpisodes.tables; the old name goes with the next version",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        return self.tables().store

@@ -20,16 +20,21 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
-from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
+from minihuman.dataset.withdrawn_codes import LEDGER_FILE_NAME, read_withdrawn_codes
 from minihuman.errors import LogError, ProtocolError
 from minihuman.log.model.session_log import SessionLog
-from minihuman.log.paths import find_log_folders, group_sessions, raise_as_log_error
+from minihuman.log.paths import (
+    SYSTEM_COMPANION,
+    find_log_folders,
+    find_system_companions,
+    group_sessions,
+    raise_as_log_error,
+)
 from minihuman.log.salvage.summary_section import read_first_metadata
 from minihuman.operating_system import count_processes
 from minihuman.storage.study_journals import ENROLMENT_FILE_NAME, URL_FILE_NAME
 
 _UP = 3  # from a session's folder to its study's: <study>/sub-07/ses-01
-
 
 T = TypeVar("T")
 _SEGMENT_ENDING = re.compile(r"(_seg-\d+)?\.mcap(\.part)?$")
@@ -78,7 +83,8 @@ def list_readable_logs(
     Raises:
         LogError: if there is no such file or folder.
     """
-    facts = {path: read_metadata(path, first) for path, first in _found(source)}
+    sessions, companions = _find_sessions(source)
+    facts = {path: read_metadata(path, first) for path, first in sessions}
     find_withdrawn, gone = _withdrawal_finder(), set[Path]()
     of_session: dict[tuple[str, ...], list[Path]] = {}
     for path, its in facts.items():
@@ -86,7 +92,7 @@ def list_readable_logs(
             gone.add(path)
         else:
             of_session.setdefault(_session_of(its) or (str(path),), []).append(path)
-    skipped = list[SkippedLog]()
+    skipped = [SkippedLog(path, SYSTEM_COMPANION) for path in companions]
     for paths in of_session.values():
         if len(paths) > 1:
             paths.sort(key=lambda path: (not _in_place(path, facts[path]), path))
@@ -99,7 +105,7 @@ def list_readable_logs(
         people = len({facts[path]["participant"] for path in gone})
         who = "1 participant" if people == 1 else f"{people} participants"
         skipped.append(SkippedLog(source if source.is_dir() else source.parent, f"{who} withdrew: excluded"))
-    unread = gone.union(one.path for one in skipped)
+    unread = gone.union(log.path for log in skipped)
     return [path for path in facts if path not in unread] if unread else list(facts), skipped
 
 
@@ -109,7 +115,12 @@ def _withdrawal_finder() -> Callable[[Path], frozenset[str]]:
     @cache
     def read(folder: str, up: int) -> frozenset[str]:
         """Of a folder, and of so many above it."""
-        places = os.path.join(folder, ENROLMENT_FILE_NAME), os.path.join(os.path.dirname(folder), URL_FILE_NAME)
+        above = os.path.dirname(folder)
+        places = (
+            os.path.join(folder, ENROLMENT_FILE_NAME),
+            os.path.join(above, URL_FILE_NAME),
+            os.path.join(above, LEDGER_FILE_NAME),
+        )
         codes = read_withdrawn_codes(Path(folder)) if any(map(os.path.exists, places)) else frozenset()
         return codes | read(os.path.dirname(folder), up - 1) if up else codes
 
@@ -124,7 +135,7 @@ def _withdrawal_finder() -> Callable[[Path], frozenset[str]]:
 
 def list_participant_logs(source: Path, participant: str) -> list[Path]:
     """List the readable logs of one participant below a folder, by what each says first; unopened but for that."""
-    firsts = dict(_found(source))
+    firsts = dict(_find_sessions(source)[0])
     told = {path: read_first_metadata(firsts[path]).get("participant", "") for path in list_readable_logs(source)[0]}
     return [path for path, its in told.items() if its in (participant, "")]  # a damaged log says nothing there
 
@@ -141,7 +152,7 @@ def list_other_sessions(log: SessionLog) -> list[Path]:
     if not root.is_dir():
         return []
     found: dict[int, Path] = {}
-    named = [one for one in _found(root) if in_place or one[1].name.startswith(f"{own['participant']}_")]
+    named = [one for one in _find_sessions(root)[0] if in_place or one[1].name.startswith(f"{own['participant']}_")]
     facts = {path: read_first_metadata(first) for path, first in named}
     for path in sorted(facts, key=lambda path: (not _in_place(path, facts[path]), path)):
         study, participant, session = _session_of(facts[path]) or ("", "", "")
@@ -150,15 +161,16 @@ def list_other_sessions(log: SessionLog) -> list[Path]:
     return [found[session] for session in sorted(found)]
 
 
-def _found(source: Path) -> list[tuple[Path, Path]]:
-    """What ``open_log`` takes, with the file that its session begins in."""
+def _find_sessions(source: Path) -> tuple[list[tuple[Path, Path]], list[Path]]:
+    """Find what ``open_log`` takes, each with the file that its session begins in, and other systems' companions."""
     if source.is_file():
-        return [(source, source)]
+        return [(source, source)], []
     if not source.is_dir():
         raise LogError(f"{source} does not exist; name a session log or a folder of session logs")
     folders = sorted(find_log_folders(source), key=lambda found: found[0].parts)
     sessions = [(folder, files) for folder, names in folders for files in group_sessions(folder, names).values()]
-    return [(files[0] if len(files) == 1 else folder, files[0]) for folder, files in sessions]
+    logs = [(files[0] if len(files) == 1 else folder, files[0]) for folder, files in sessions]
+    return logs, find_system_companions(folders)
 
 
 def _session_of(facts: dict[str, str]) -> tuple[str, ...]:

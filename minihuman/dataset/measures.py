@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.experiment.machine.events import UNPRESSED_VERDICTS
 from minihuman.experiment.plan.session_plan import EpisodePlan, KeyMap
 from minihuman.log.model.event_columns import CategoricalTexts
 from minihuman.log.model.session_log import EpisodeLog
@@ -238,7 +239,7 @@ class KeyTally:
         """Count an episode's."""
         keys = episode.keys
         key, verdict = keys.column("key"), keys.column("verdict")
-        pressed = keys.column("down") & ~verdict.equals_any(("repeat",))
+        pressed = keys.column("down") & ~verdict.equals_any(UNPRESSED_VERDICTS)
         causes, shows = CategoricalTexts.of(episode.step_keys), visible_effect(episode)
         return cls(
             episode,

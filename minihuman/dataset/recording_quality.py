@@ -11,6 +11,7 @@ from minihuman.activities.play.plan import PlayPlan
 from minihuman.experiment.machine.events import Noted
 from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan
 from minihuman.experiment.protocol.protocol import decode_logged_protocol
+from minihuman.log.model.doubtful_presses import describe_doubtful_presses, find_doubtful_presses
 from minihuman.log.model.event_columns import CategoricalTexts
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 
@@ -45,6 +46,7 @@ class RecordingQuality:
     software: tuple[dict[str, str], ...]  # the same
     periods: int = 0  # of real time in which steps are made without a key, too
     periods_missed: int = 0  # of them, without a step: the world or the machine was too slow
+    doubtful_presses: str = ""  # accepted, though down before the window had the focus, in words; "" for none
 
 
 class PlanOutline(msgspec.Struct, frozen=True):
@@ -116,6 +118,7 @@ def measure_recording_quality(log: SessionLog) -> RecordingQuality:
         software=_of_segments(log, _SOFTWARE),
         periods=int(sum(gaps.sum() for gaps in periods)),
         periods_missed=int(sum((gaps - 1).sum() for gaps in periods)),
+        doubtful_presses=describe_doubtful_presses(find_doubtful_presses(log)),
     )
 
 

@@ -85,12 +85,15 @@ def _find_stale(
             yield partition
 
 
-def fetch_tables(source: str, folder: Path) -> tuple[int, int]:
+def fetch_tables(source: str, folder: Path, *, say: Callable[[str], None] = lambda line: None) -> tuple[int, int]:
     """Have the same tables in a folder as in the store; how many files came and how many were removed.
+
+    A file that is damaged there is not fetched but taken away, so that the machine that has the log stores it again.
 
     Args:
         source: a study's folder, which need not exist, beside ``tables.url``; or a store, whose studies all come.
         folder: the folder. Other files in it stay.
+        say: called with a line about each file that is damaged.
 
     Raises:
         RemoteStoreError: if the store cannot be reached.
@@ -108,12 +111,31 @@ def fetch_tables(source: str, folder: Path) -> tuple[int, int]:
             f"{source} has no tables; give another address, run `minihuman gather` where the logs are, or, if all "
             f"participants withdrew, delete the tables in {folder}"
         )
-    for partition in stored - local:
-        with fetch_temporarily(store, partition.name) as path:
-            local_store.put(partition.name, path)
+    missing = sorted(stored - local, key=lambda partition: partition.name)
+    fetched = sum(_fetch_partition(store, local_store, partition, say) for partition in missing)
     for partition in local - stored:
         local_store.remove(partition.name)
-    return len(stored - local), len(local - stored)
+    return fetched, len(local - stored)
+
+
+def _fetch_partition(
+    store: RemoteStore, local_store: RemoteStore, partition: TablePartition, say: Callable[[str], None]
+) -> bool:
+    """Bring a partition here if it is what its name says."""
+    from minihuman.dataset.table_files import find_partition_damage
+
+    with fetch_temporarily(store, partition.name) as path:
+        damage = find_partition_damage(path, partition)
+        if not damage:
+            local_store.put(partition.name, path)
+            return True
+    with suppress(RemoteStoreError):  # it may only be read there
+        store.remove(partition.name)
+    say(
+        f"{partition.name} in the remote store is damaged and was not fetched: {damage}; run `minihuman gather` on the "
+        "machine that has the log, which stores it again"
+    )
+    return False
 
 
 def delete_remote_tables(study_dir: Path, code: str) -> int | None:

@@ -5,13 +5,20 @@ that no reviewer annotated with ``exclude``, and that no exclusion rule of the p
 Protocol versions are told apart by their own name and by the SHA-256 of their bytes.
 """
 
+import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from typing import Any, Literal
 
-from minihuman.dataset.annotations import Annotation, collect_tags, list_episode_tags, read_annotations
+from minihuman.dataset.annotations import (
+    Annotation,
+    collect_tags,
+    list_episode_tags,
+    read_annotations,
+    split_annotations,
+)
 from minihuman.dataset.log_files import SkippedLog, list_other_sessions, map_logs
 from minihuman.dataset.session_measures import (
     MeasureRow,
@@ -22,10 +29,11 @@ from minihuman.dataset.session_measures import (
 )
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EPISODES, PARTICIPANTS
 from minihuman.errors import ReportError
-from minihuman.experiment.machine.events import EpisodesSkipped
+from minihuman.experiment.machine.events import EpisodesSkipped, Noted
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import ExclusionSpec, decode_logged_protocol
 from minihuman.experiment.protocol.specs import apply_overrides
+from minihuman.log.evidence import find_evidence
 from minihuman.log.model.session_log import CUT_OFF, EpisodeLog, SessionLog
 
 _ENOUGH = 6  # letters of a SHA-256 that name a protocol
@@ -54,7 +62,9 @@ def check_exclusion_measures(exclusions: Sequence[ExclusionSpec], source: str) -
     """
     for number, rule in enumerate(exclusions):
         known = [column.name for column in _COLUMNS[rule.level] if column.kind in ("integer", "number", "boolean")]
-        if rule.measure not in known:
+        if rule.level != "episode" and (rule.where or rule.measured_label):
+            raise ReportError(f"{source}: $.exclusions[{number}]: a participant has no labels; use level = 'episode'")
+        if rule.measure not in known and not rule.measured_label:
             raise ReportError(
                 f"{source}: $.exclusions[{number}].measure: {rule.measure!r} is not a measure of "
                 f"{'an episode' if rule.level == 'episode' else 'a participant'}; use one of {', '.join(known)}"
@@ -94,8 +104,12 @@ class ExclusionRule:
 
     def broken_by(self, row: Mapping[str, Any]) -> bool:
         """Whether a row's measure lies outside what the rule allows; a measure that nothing tells does not."""
-        value, rule = row.get(self.exclusion.measure), self.exclusion
-        if value is None:
+        rule = self.exclusion
+        labels = json.loads(row.get("labels") or "{}")
+        if any(labels.get(name) != level for name, level in rule.where.items()):
+            return False
+        value = labels.get(rule.measured_label) if rule.measured_label else row.get(rule.measure)
+        if not isinstance(value, int | float):  # nothing says it, or a label is a text in this row
             return False
         return (rule.below is not None and value < rule.below) or (rule.above is not None and value > rule.above)
 
@@ -291,7 +305,7 @@ class Selection:
             ProtocolError: if the protocol in the log cannot be understood.
             ReportError: if the protocol excludes by a measure that there is not.
         """
-        marks = read_annotations(log.path) if marks is None else tuple(marks)
+        marks, _ = split_annotations(log, read_annotations(log.path) if marks is None else marks)
         rules = () if RULES in self.with_ else read_exclusion_rules(log.plan)
         if rules and measured is None:
             measured = SessionMeasures.of(log, self.planner(log.plan, with_shortest=False))
@@ -378,10 +392,12 @@ def summarize_session(log: SessionLog) -> MeasureRow:
     planned = len(log.plan.episodes) - skipped
     return {
         "player": log.player,
+        "evidence": find_evidence(log.facts),
         "window": log.segments[0].facts.get("window", "") if log.segments else "",
         "started_at": log.started_at,
         "end_reason": log.end_reason,
         "clean": log.clean,
         "segments": len(log.segments),
+        "clock_notes": sum(isinstance(note, Noted) and note.is_about_clock for note in log.notes),
         "completed_share": len(completed) / planned if planned else None,
     }

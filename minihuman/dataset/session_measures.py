@@ -1,5 +1,6 @@
 """Compute one session's measures per episode, before any selection, and aggregate them over episodes."""
 
+import json
 import math
 import operator
 import statistics
@@ -106,7 +107,7 @@ def _episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
         "seed": plan.seed,
         "t_ns": int(episode.t_ns[0]),
         "outcome": episode.outcome_word,
-        "success": episode.outcome == "goal",
+        "success": episode.success,
         "reward": episode.return_,
         "steps": len(episode.actions),
         "max_steps": plan.max_steps,
@@ -120,6 +121,8 @@ def _episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
         "turns_in_place": None if math.isnan(walk.length) else walk.turns,  # unknown without poses
         "ineffective_steps": tally.ineffective_steps.total(),
         "refused": tally.refused.total(),
+        "absent_share": None if episode.team is None else episode.team.absent_share,
+        "labels": json.dumps(plan.labels, sort_keys=True, ensure_ascii=False) if plan.labels else "",
     }
 
 
@@ -154,7 +157,7 @@ def _over(rows: Sequence[MeasureRow], tallies: Sequence[KeyTally], begun: Sequen
         "reward_first": rewards[0] if rewards else None,
         "reward_slope": _slope(rows),
         "steps_mean": _mean(steps),
-        "steps_at_limit_mean": _mean([row["steps"] if row["success"] else row["max_steps"] for row in rows]),
+        "steps_at_limit_mean": _mean(map(_steps_at_limit, rows)),
         **average_path_measures(rows),
         "playing_s_mean": _mean([row["playing_s"] for row in rows]),
         "reaction_median_ms": times_ms[1],
@@ -166,6 +169,14 @@ def _over(rows: Sequence[MeasureRow], tallies: Sequence[KeyTally], begun: Sequen
         "keys_total": len(to_find),
         "all_keys_discovered_s": max(found) if found and len(found) == len(to_find) else None,
     }
+
+
+def _steps_at_limit(row: MeasureRow) -> float | None:
+    """An episode's steps, its step limit without the goal; None where success is not known."""
+    if row["success"] is None:
+        return None
+    steps: float = row["steps"] if row["success"] else row["max_steps"]
+    return steps
 
 
 def average_path_measures(rows: Sequence[Mapping[str, Any]]) -> MeasureRow:

@@ -382,6 +382,9 @@ def _steps(episode: EpisodeLog) -> RowBatch:
         "action_vector": CategoricalTexts.of([json.dumps(row) for row in episode.action_vectors.tolist()])
         if episode.action_vectors is not None
         else CategoricalTexts(np.zeros(n, np.int64), ("",)),
+        "info": CategoricalTexts.of([_json(info) for info in episode.infos])
+        if episode.infos is not None
+        else CategoricalTexts(np.zeros(n, np.int64), ("",)),
     }
     return RowBatch(n, locate_episode(episode) | columns)
 

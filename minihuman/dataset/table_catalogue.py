@@ -11,11 +11,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from minihuman.dataset.activity_tables import ActivityTable, list_activity_tables
 from minihuman.dataset.episode_columns import EpisodeColumn, list_episode_columns
 from minihuman.dataset.table_columns import COLUMN_ALIASES, SESSION_TABLES, TableColumn
+from minihuman.storage.outside_names import explain_refused_name
 
 
 class _TableCatalogue(Mapping[str, tuple[TableColumn, ...]]):
@@ -59,12 +61,16 @@ EVERY_MOMENT = frozenset({"steps", "presses", "other_presses", "frames", "sample
 def build_data_dictionary(*, without: frozenset[str] = frozenset()) -> dict[str, dict[str, dict[str, str]]]:
     """The data dictionary, some columns excluded: table, column, then its type, unit and meaning."""
     return {
-        table: {
-            column.name: {"type": column.kind, "unit": column.unit, "meaning": column.meaning, **_history(column)}
-            for column in columns
-            if column.name not in without
-        }
+        table: describe_columns(column for column in columns if column.name not in without)
         for table, columns in TABLES.items()
+    }
+
+
+def describe_columns(columns: Iterable[TableColumn]) -> dict[str, dict[str, str]]:
+    """Describe columns as the data dictionary does."""
+    return {
+        column.name: {"type": column.kind, "unit": column.unit, "meaning": column.meaning, **_history(column)}
+        for column in columns
     }
 
 
@@ -98,7 +104,7 @@ _PRIMARY_KEYS: Mapping[
 }
 
 
-_PARTITION = re.compile(r"(\w+)/study=([^/]+)/participant=([^/]+)/ses-(\d+)-([0-9a-f]{16})\.parquet")
+_PARTITION = re.compile(r"(\w+)/study=([^/]+)/participant=([^/]+)/ses-(\d{2,4})-([0-9a-f]{16})\.parquet", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,9 +127,11 @@ class TablePartition:
 
     @classmethod
     def parse(cls, name: str) -> "TablePartition | None":
-        """Read a file's name; None where it is no partition's."""
+        """Read a file's name, whoever gave it; None where it is no partition's."""
         found = _PARTITION.fullmatch(name)
-        return cls(found[1], found[2], found[3], int(found[4]), found[5]) if found else None
+        if found is None or any(explain_refused_name(part) for part in found.group(1, 2, 3)):
+            return None
+        return cls(found[1], found[2], found[3], int(found[4]), found[5])
 
     @property
     def of_session(self) -> tuple[str, str, int]:
@@ -161,20 +169,28 @@ def build_table_schema(name: str, columns: Iterable[TableColumn]) -> dict[str, A
 
 
 def build_data_package(
-    name: str, files: Iterable[tuple[str, Path]], *, without: frozenset[str] = frozenset(), **facts: Any
+    name: str,
+    files: Iterable[tuple[str, Path]],
+    *,
+    without: frozenset[str] = frozenset(),
+    infos: Mapping[str, Mapping[str, TableColumn]] = MappingProxyType({}),
+    **facts: Any,
 ) -> dict[str, Any]:
-    """A data package of table files, each with its table's name; ``facts`` are the package's further properties."""
+    """A data package of table files, each with its table's name; ``facts`` are the package's further properties.
+
+    ``infos`` are the columns that a table's file has for keys of a world's info.
+    """
     return {
         "profile": "tabular-data-package",
         "name": name,
         **facts,
-        "resources": [_resource(table, path, without) for table, path in files],
+        "resources": [_resource(table, path, without, infos.get(table, {})) for table, path in files],
     }
 
 
-def _resource(table: str, path: Path, without: frozenset[str]) -> dict[str, Any]:
+def _resource(table: str, path: Path, without: frozenset[str], infos: Mapping[str, TableColumn]) -> dict[str, Any]:
     kind = path.suffix.removeprefix(".")
-    columns = [column for column in TABLES[table] if column.name not in without]
+    columns = [*(column for column in TABLES[table] if column.name not in without), *infos.values()]
     return {
         "name": table,
         "path": path.name,

@@ -127,6 +127,7 @@ STEPS = (
     TableColumn("terminated", "boolean", "", "The world ended the episode."),
     TableColumn("truncated", "boolean", "", "A limit ended the episode."),
     TableColumn("action_vector", "text", "", "The action, a JSON list, where actions are vectors; else empty."),
+    TableColumn("info", "text", "JSON", "What record_info keeps of the world's info; empty where it keeps nothing."),
 )
 
 
@@ -139,7 +140,14 @@ PRESSES = (
     TableColumn("key", "key", "", "The physical key."),
     TableColumn("down", "boolean", "", "True for a press, false for a release."),
     TableColumn("action", "text", "", "The action it asked for; empty where it has none."),
-    TableColumn("verdict", "text", "", "Its effect: accepted, unmapped, spare, repeat, queued, not_playing, release."),
+    TableColumn(
+        "verdict",
+        "text",
+        "",
+        "Its effect: accepted, unmapped, spare, repeat, queued, not_playing, typing, release; held_before_focus: it "
+        "was down before the window had the focus; shortcut: beside Ctrl, Alt or Meta; release_at_focus_loss: the "
+        "window lost the focus with the key down.",
+    ),
 )
 
 
@@ -284,7 +292,8 @@ OTHER_INPUTS = (
         "what",
         "text",
         "",
-        "typed; what the pointer did: pressed, moved while pressed, released; axis: one of a gamepad moved.",
+        "typed; what the pointer did: pressed, moved while pressed, released, held_before_focus (the click that gave "
+        "the focus), cancelled (a release that no finger made); axis: one of a gamepad moved.",
     ),
     TableColumn("text", "text", "", "What was typed."),
     TableColumn("target", "text", "", "The spot the pointer went down in, empty for none; the axis that moved."),
@@ -369,8 +378,10 @@ EPISODES = (
     TableColumn("world", "text", "", "The world's id."),
     TableColumn("seed", "integer", "", "The seed of the layout."),
     TableColumn("t_ns", "integer", "ns", "When the episode was reset: session time, since the first segment began."),
-    TableColumn("outcome", "text", "", "goal, timeout, failure, abandoned, agent_failed or cut_off."),
-    TableColumn("success", "boolean", "", "Whether the outcome is goal."),
+    TableColumn(
+        "outcome", "text", "", "goal, timeout, failure, abandoned, agent_failed, cut_off; ended: no rule says."
+    ),
+    TableColumn("success", "boolean", "", "Whether the outcome is goal; empty where no rule says."),
     TableColumn("reward", "number", "", "Sum of the episode's rewards."),
     TableColumn("steps", "integer", "", "Steps done."),
     TableColumn("max_steps", "integer", "", "Steps allowed."),
@@ -392,6 +403,13 @@ EPISODES = (
     TableColumn("turns_in_place", "integer", "", "Runs of turning on the spot; empty where the world gives no pose."),
     TableColumn("ineffective_steps", "integer", "", "Steps that changed nothing to be seen."),
     TableColumn("refused", "integer", "", "Presses with no action, or while no action was taken."),
+    TableColumn(
+        "absent_share",
+        "number",
+        "",
+        "Of a team: share of joint steps in which a person's seat idled or an agent had it.",
+    ),
+    TableColumn("labels", "text", "JSON", "The labels of a trial's stimulus, by column of its table; empty without."),
     TableColumn("tags", "text", "", "The reviewers' tags in force, separated by spaces."),
     EXCLUDED_COLUMN,
 )
@@ -439,11 +457,20 @@ BLOCKS = (*SESSION_COLUMNS, *BLOCK_COLUMNS, *_OVER_EPISODES, EXCLUDED_COLUMN)
 PARTICIPANTS = (
     *SESSION_COLUMNS,
     TableColumn("player", "text", "", "Who pressed the keys: human, or the simulated player's name."),
+    TableColumn(
+        "evidence", "text", "", "witnessed: recorded as it was played; consistent: imported from a page's own data."
+    ),
     TableColumn("window", "text", "", "The participant's window: pygame, pyglet, web or simulated; empty if unknown."),
     TableColumn("started_at", "text", "UTC", "When the session began, ISO 8601."),
     TableColumn("end_reason", "text", "", "Why the session ended."),
     TableColumn("clean", "boolean", "", "Whether the log was finished in the ordinary way."),
     TableColumn("segments", "integer", "", "How many segments the session has: 1, and one more for each resume."),
+    TableColumn(
+        "clock_notes",
+        "integer",
+        "",
+        "Notes that the page's time was ahead of the server's or moved against it, a possible reason for exclusion.",
+    ),
     TableColumn(
         "completed_share",
         "number",

@@ -22,10 +22,18 @@ import pyarrow.parquet
 
 import minihuman
 from minihuman.dataset.caches import TABLE_CACHE
+from minihuman.dataset.info_columns import add_info_columns, build_info_schema, list_info_columns
 from minihuman.dataset.rows import arrow_schema
-from minihuman.dataset.store import StoreVersionError, StudyStore, TableDatabase
-from minihuman.dataset.table_catalogue import TABLES, TablePartition, build_data_dictionary, build_data_package
+from minihuman.dataset.store import StudyStore
+from minihuman.dataset.table_catalogue import (
+    TABLES,
+    TablePartition,
+    build_data_dictionary,
+    build_data_package,
+    describe_columns,
+)
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
+from minihuman.dataset.table_database import StoreVersionError, TableDatabase, digest_relation
 
 TableFormat = Literal["parquet", "csv"]
 
@@ -37,7 +45,9 @@ def _parquet(path: Path, columns: pa.Schema) -> pa.parquet.ParquetWriter:
     Of texts, which stand in the order of sessions, they would take a third of the time.
     """
     numbers = [field.name for field in columns if not pa.types.is_string(field.type)]
-    return pa.parquet.ParquetWriter(path, columns, compression="zstd", use_dictionary=True, write_statistics=numbers)
+    return pa.parquet.ParquetWriter(
+        path, columns, compression="zstd", use_dictionary=True, write_statistics=numbers, write_page_checksum=True
+    )
 
 
 class _Csv:
@@ -80,19 +90,25 @@ def write_tables(
     folder.mkdir(parents=True, exist_ok=True)
     names = [name for name in (TABLES if names is None else names) if empty or tables.count(name)]
     files = [(name, folder / f"{name}.{kinds[0]}") for name in names]  # the same rows twice are one resource
-    explained = {name: columns for name, columns in build_data_dictionary(without=without).items() if name in names}
+    infos = {name: list_info_columns(tables.connection, name) for name in names}
+    explained = {
+        name: columns | describe_columns(infos[name].values())
+        for name, columns in build_data_dictionary(without=without).items()
+        if name in names
+    }
     described = {
         folder / "dictionary.json": explained,
-        folder / "datapackage.json": build_data_package("minihuman-tables", files, without=without),
+        folder / "datapackage.json": build_data_package("minihuman-tables", files, without=without, infos=infos),
     }
     for path, content in described.items():
         path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8", newline="\n")
     for name in names:
-        columns = arrow_schema(name, without=without)
+        columns = pa.schema([*arrow_schema(name, without=without), *build_info_schema(infos[name])])
         writers = [_WRITERS[kind](folder / f"{name}.{kind}", columns) for kind in kinds]
         for batch in tables.batches(name, without=without):
+            rows = add_info_columns(pa.Table.from_batches([batch]), name, infos[name])
             for writer in writers:
-                writer.write_table(pa.Table.from_batches([batch]))
+                writer.write_table(rows)
         for writer in writers:
             writer.close()
     return (*(folder / f"{name}.{kind}" for name in names for kind in kinds), *described)
@@ -107,10 +123,9 @@ def list_partitions(store: StudyStore) -> dict[TablePartition, int]:
     sql = "SELECT log, study, participant, session FROM kept.participants"
     sessions = store.tables.connection.execute(sql).fetchall()
     of_session = {log: (study, participant, session) for log, study, participant, session in sessions}
-    for table, columns in TABLES.items():
-        described = [column for column in columns if column.name not in COLUMNS_NEEDING_WORLD]
+    for table in TABLES:
         for number, rows in sorted(store.tables.digest_rows(table, without=COLUMNS_NEEDING_WORLD).items()):
-            digest = blake2b(repr((str(store.selection), described, rows)).encode(), digest_size=8).hexdigest()
+            digest = _digest_partition(table, rows, str(store.selection))
             found[TablePartition(table, *of_session[number], digest)] = number
     return found
 
@@ -125,6 +140,7 @@ def write_partitions(
     selection = str(store.selection)
     made_by = {
         "minihuman_version": minihuman.__version__,
+        "duckdb_version": duckdb.__version__,
         "selection": selection,
         "selection_digest": blake2b(selection.encode(), digest_size=8).hexdigest(),
     }
@@ -140,6 +156,44 @@ def write_partitions(
                 for batch in batches:
                     writer.write_batch(batch)
             yield partition, path
+
+
+def find_partition_damage(path: Path, partition: TablePartition) -> str:
+    """Say why a file is not the partition that its name says; "" where nothing speaks against it.
+
+    All of it is read, with the checksum of each page; files of earlier versions have none. Its rows are digested again
+    where the same versions of minihuman and DuckDB made it, as another's digest of the same rows may differ.
+    """
+    try:
+        file = pa.parquet.ParquetFile(path, page_checksum_verification=True)
+        facts = {name.decode(): text.decode() for name, text in (file.schema_arrow.metadata or {}).items()}
+        for batch in file.iter_batches():
+            batch.validate(full=True)
+    except (OSError, ValueError) as error:  # pyarrow's errors are among these
+        return f"it cannot be read ({str(error).splitlines()[0][:100]})"
+    if facts.get("partition_digest") != partition.digest:
+        return "it holds other rows than its name says"
+    versions = {"minihuman_version": minihuman.__version__, "duckdb_version": duckdb.__version__}
+    if any(facts.get(name) != version for name, version in versions.items()):
+        return ""
+    if _digest_partition(partition.table, _digest_file(path, partition.table), facts["selection"]) != partition.digest:
+        return "its rows are not those of its digest"
+    return ""
+
+
+def _digest_partition(table: str, rows: int, selection: str) -> str:
+    described = [column for column in TABLES[table] if column.name not in COLUMNS_NEEDING_WORLD]
+    return blake2b(repr((selection, described, rows)).encode(), digest_size=8).hexdigest()
+
+
+def _digest_file(path: Path, table: str) -> int:
+    """Digest the rows of a partition's file as the store digests those of its session."""
+    with duckdb.connect() as connection:
+        relation = connection.sql(
+            "SELECT 0 AS log, file_row_number AS row, * FROM read_parquet(?, file_row_number = true)",
+            params=[str(path)],
+        )
+        return digest_relation(relation, table, without=COLUMNS_NEEDING_WORLD).get(0, 0)
 
 
 MAX_NAMED = 5  # differences of a table; one edit may change every row

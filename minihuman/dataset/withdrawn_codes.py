@@ -1,6 +1,8 @@
 """Reads from a study's enrolment log who withdrew. Opens no log of a session, so that a command starts quickly."""
 
-from contextlib import closing
+import re
+from collections.abc import Iterator
+from contextlib import closing, suppress
 from pathlib import Path
 
 import msgspec
@@ -19,8 +21,34 @@ class _Line(msgspec.Struct, frozen=True):
     withdrawn: str | list[str] = ""
 
 
+_CODE = re.compile(r"(sub|model)-[0-9]{2,6}", re.ASCII)  # as the enrolment log gives them
+LEDGER_FILE_NAME = "withdrawals.jsonl"  # in the data folder: what this machine knows of the erasure ledger
+
+
+class LedgerEntry(msgspec.Struct, frozen=True, omit_defaults=True):
+    """An entry of the erasure ledger, which ``minihuman.admin.erasure_ledger`` explains."""
+
+    fact: str  # "holds", "withdrawn", "erased" or "lost"
+    code: str = ""  # the participant's
+    machine: str = ""
+    study: str = ""  # in a data folder's file, which has all its studies'
+
+
+def read_local_ledger(data: Path, study: str) -> Iterator[LedgerEntry]:
+    """Yield the entries that a data folder has of a study, as the shared ledger has them."""
+    try:
+        lines = (data / LEDGER_FILE_NAME).read_bytes().splitlines()
+    except FileNotFoundError:
+        return
+    for line in lines:
+        with suppress(msgspec.DecodeError):  # half a line, of a crash
+            entry = msgspec.json.decode(line, type=LedgerEntry)
+            if entry.study == study and (not entry.code or _CODE.fullmatch(entry.code)):
+                yield msgspec.structs.replace(entry, study="")
+
+
 def read_withdrawn_codes(study_dir: Path) -> frozenset[str]:
-    """Read the codes of those who withdrew from the study of this folder; none where it has no register.
+    """Read the codes of those who withdrew from the study of this folder, here or on another machine.
 
     Raises:
         OSError: if the enrolment log is in a database that cannot be asked.
@@ -33,17 +61,27 @@ def read_withdrawn_codes(study_dir: Path) -> frozenset[str]:
         name = f"{study_dir.name}/{ENROLMENT_FILE_NAME}"
         with closing(connect(url, name, _read_code, chained=True)) as register:
             return frozenset(register.read())
+    study_dir = study_dir.absolute()
+    entries = read_local_ledger(study_dir.parent, study_dir.name)
+    elsewhere = frozenset(entry.code for entry in entries if entry.fact == "withdrawn")
     if not (study_dir / ENROLMENT_FILE_NAME).is_file():
-        return frozenset()
-    return frozenset(open_journal(study_dir, ENROLMENT_FILE_NAME, _read_code, chained=True).read())
+        return elsewhere
+    return elsewhere.union(open_journal(study_dir, ENROLMENT_FILE_NAME, _read_code, chained=True).read())
 
 
 def _read_code(line: bytes, number: int) -> str | None:
     """Read who withdrew by a line; None where it says nothing of that."""
     try:
         withdrawn = msgspec.json.decode(line, type=_Line).withdrawn
-        return withdrawn if withdrawn and isinstance(withdrawn, str) else None
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise LogError(
             f"{ENROLMENT_FILE_NAME}:{number}: {line[:60]!r} cannot be read; restore the file from a copy"
         ) from error
+    if not withdrawn or not isinstance(withdrawn, str):
+        return None
+    if not _CODE.fullmatch(withdrawn):  # whose folder would be erased
+        raise LogError(
+            f"{ENROLMENT_FILE_NAME}:{number}: {withdrawn[:60]!r} is not a participant code; restore the file from a "
+            "copy"
+        )
+    return withdrawn

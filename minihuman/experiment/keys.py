@@ -139,6 +139,11 @@ class PadAxes:
         self._values: dict[str, float] = {}
         self._buttons: set[str] = set()
 
+    @property
+    def moved(self) -> list[str]:
+        """The axes that are not at rest."""
+        return [axis for axis, value in self._values.items() if value]
+
     def move(self, axis: str, raw: float) -> tuple[float | None, list[tuple[str, bool]]]:
         """The axis's value if it is another now, else None; and the buttons that went down or up by it.
 

@@ -110,7 +110,7 @@ class PendingAllocationSession(SessionMachine):
     def _begin_again(self, plan: SessionPlan, past: list[tuple[Input, int]]) -> list[Event]:
         self._past = None
         self.close()
-        self._set_out(plan)
+        self._reset(plan)
         events: list[Event] = []
         for happened, at_ns in past:
             events += super().receive(happened, at_ns=at_ns)

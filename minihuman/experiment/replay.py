@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import fields, replace
 from itertools import islice, pairwise, takewhile
-from typing import Any, get_args, get_type_hints
+from typing import Any, TypeGuard, get_args, get_type_hints
 
 from minihuman.activities.questions.question import AnswerDraft
 from minihuman.activities.team.events import PictureCorrected
@@ -44,7 +44,9 @@ from minihuman.experiment.machine.inputs import (
     FocusChanged,
     Input,
     KeyDown,
+    KeyReleaseCause,
     KeyUp,
+    PointerCause,
     PointerMoved,
     PointerPressed,
     PointerReleased,
@@ -71,10 +73,12 @@ _EXTERNAL_STOP_REASONS = (  # only the session host gives these
     "internal_error",
 )
 _COMMANDS: tuple[Any, ...] = get_args(get_type_hints(ExperimenterCommand)["what"])
-_POINTER_INPUTS: dict[str, type[PointerPressed | PointerMoved | PointerReleased]] = {
-    "pressed": PointerPressed,
-    "moved": PointerMoved,
-    "released": PointerReleased,
+_POINTER_INPUTS: dict[str, tuple[type[PointerPressed | PointerMoved | PointerReleased], PointerCause]] = {
+    "pressed": (PointerPressed, "finger"),
+    "moved": (PointerMoved, "finger"),
+    "released": (PointerReleased, "finger"),
+    "held_before_focus": (PointerPressed, "held_before_focus"),
+    "cancelled": (PointerReleased, "cancelled"),
 }
 _OVER_PARTS = (Phase.PAUSED, Phase.UNFOCUSED, Phase.QUIT_QUESTION, Phase.ABORT_QUESTION)
 _TIMED_PHASES = (
@@ -162,7 +166,7 @@ def compare_replay(
                 otherwise = not same and drawn.get(event.plan.world, False)
             if otherwise and isinstance(event, EpisodeStarted | Stepped) and type(again) is type(event):
                 event = replace(event, observation_hash=again.observation_hash)
-            if again != event:
+            if not is_same_event(event, again):
                 yield f"event {number}, {_describe_difference(event, again)}"
                 return
         if expected and isinstance(event, SessionEnded):
@@ -206,7 +210,7 @@ def resume_from_events(
         event = told.popleft()
         if follow is not None:
             follow(session, event)
-        if not expected or expected.popleft() != event:
+        if not expected or not is_same_event(event, expected.popleft()):
             session.close()
             raise LogError(
                 f"{_event_name(event)} at {event.t_ns} ns differs in the replay; see how with `minihuman verify`"
@@ -257,9 +261,13 @@ def _find_input(event: Event, session: SessionMachine) -> Input | None:
     """The input behind an event; None if there is none."""
     match event:
         case KeyPressed(down=True):
-            return KeyDown(event.t_ns - event.waited_ns, event.key, event.symbol, repeat=event.verdict == "repeat")
+            pressed_ns = event.t_ns - event.waited_ns
+            if event.verdict == "held_before_focus" or event.verdict == "shortcut":
+                return KeyDown(pressed_ns, event.key, event.symbol, cause=event.verdict)
+            return KeyDown(pressed_ns, event.key, event.symbol, repeat=event.verdict == "repeat")
         case KeyPressed():
-            return KeyUp(event.t_ns - event.waited_ns, event.key, event.symbol)
+            cause: KeyReleaseCause = "focus_loss" if event.verdict == "release_at_focus_loss" else "finger"
+            return KeyUp(event.t_ns - event.waited_ns, event.key, event.symbol, cause)
         case FrameShown():
             return ScreenShown(event.t_ns, event.submit_ns, event.flip_ns, event.step)
         case PageShown():
@@ -268,7 +276,8 @@ def _find_input(event: Event, session: SessionMachine) -> Input | None:
             return TextInput(event.t_ns, event.text)
         case PointerUsed():
             used_ns = event.t_ns - event.waited_ns
-            return _POINTER_INPUTS[event.what](used_ns, event.x, event.y, event.target, event.along)
+            pointer_input, pointer_cause = _POINTER_INPUTS[event.what]
+            return pointer_input(used_ns, event.x, event.y, event.target, event.along, pointer_cause)
         case AxisMoved():
             return AxisChanged(event.t_ns - event.waited_ns, event.axis, event.value)
         case Noted(kind="focus"):
@@ -295,17 +304,36 @@ def _show_screen(session: SessionMachine, event: Event) -> None:
     """Let a text, a blank or a cross be seen as late as a key says that it was: that is no event of its own either.
 
     Who presses Enter before "Ready?" is to be seen meant the screen before. A screen that stands for some time does so
-    from when it was seen, so a key that found it still there says that its time was not over.
+    from when it was seen, so what found it still there says that its time was not over.
     """
-    if not isinstance(event, KeyPressed) or event.phase != session.phase:
-        return
-    if session.phase is Phase.READY and event.down and event.verdict == "not_playing" and event.key in ENTER_KEYS:
+    if _comes_too_soon(event, session.phase):
         pressed_ns = event.t_ns - event.waited_ns
         session.receive(ScreenShown(0, 0, pressed_ns + 1))
-    elif session.phase in _TIMED_PHASES and session.next_tick_ns is not None and session.next_tick_ns <= event.t_ns:
+    elif session.phase in _TIMED_PHASES and _finds_phase(event, session.phase):
+        over_ns = session.next_tick_ns
+        if over_ns is None or over_ns > event.t_ns:
+            return
         session.receive(ScreenShown(0, 0, event.t_ns))
         over_ns = session.next_tick_ns  # had it been seen just now
+        assert over_ns is not None  # a screen that stands for some time was just seen
         session.receive(ScreenShown(0, 0, event.t_ns + 1 - (over_ns - event.t_ns)))
+
+
+def _comes_too_soon(event: Event, phase: str) -> TypeGuard[KeyPressed]:
+    """Whether Enter was pressed before "Ready?" was to be seen."""
+    if not isinstance(event, KeyPressed) or phase != Phase.READY or event.phase != phase:
+        return False
+    return event.down and event.verdict == "not_playing" and event.key in ENTER_KEYS
+
+
+def _finds_phase(event: Event, phase: str) -> bool:
+    """Whether an event says that a phase had not ended yet: its end, which time brings first, would stand before."""
+    match event:
+        case KeyPressed():
+            return event.phase == phase
+        case AxisMoved() | Noted(kind="focus" | "experimenter"):
+            return True
+    return False
 
 
 def _find_stop(coming: list[Event], phase: str) -> Stop | None:
@@ -326,9 +354,34 @@ def _describe_difference(event: Event, again: Event) -> str:
         return f"{_event_name(event)}: the machine says {_event_name(again)}"
     for field in fields(event):
         logged, now = getattr(event, field.name), getattr(again, field.name)
-        if logged != now:
+        if not _is_same(logged, now):
             return f"{_event_name(event)}: {field.name} {_shorten(logged)} in the log, now {_shorten(now)}"
     return f"{_event_name(event)}: what was observed differs"
+
+
+def is_same_event(logged: Event, again: Event) -> bool:
+    """Compare an event with its replay. NaN equals NaN, and a world that fails fails as well in other words.
+
+    What a failing world says differs between versions of Python and of this program; where it fails does not.
+    """
+    if logged == again:
+        return True
+    if type(logged) is not type(again):
+        return False
+    failed = isinstance(again, SessionEnded) and again.reason == "world_error"
+    left_out = {"picture_hash"}  # of what was shown; a replay draws nothing
+    if failed:
+        left_out.add("detail")
+    return all(
+        _is_same(getattr(logged, field.name), getattr(again, field.name))
+        for field in fields(logged)
+        if field.name not in left_out
+    )
+
+
+def _is_same(logged: object, now: object) -> bool:
+    both_nan = logged != logged and now != now and isinstance(logged, float) and isinstance(now, float)
+    return bool(logged == now) or both_nan
 
 
 def _shorten(value: object) -> str:

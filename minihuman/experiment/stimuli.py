@@ -6,6 +6,7 @@ that are a matter of chance are drawn from the seed of the reset, so a trial rep
 
 import base64
 import io
+import math
 from typing import Any
 
 import gymnasium
@@ -52,7 +53,10 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - Gymnasium's
+    option_prefix = "chance_"  # of the options that are named after responses
     picture_size_px = (640, 480)  # set by who draws
+    last_reward = 0.0  # of the last response
+    choice = 0  # which of several choices in a trial is on the screen
 
     def __init__(
         self,
@@ -75,16 +79,19 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         self.action_names = (*(str(response) for response in responses), NO_RESPONSE)
         self.action_space = gymnasium.spaces.Discrete(len(self.action_names))  # type: ignore[assignment]
         self.observation_space = gymnasium.spaces.Box(0, 2, (2,), np.int64)
-        self._chances = {name.removeprefix("chance_"): float(chance) for name, chance in chances.items()}
-        if correct:
-            self._chances = {correct: 1.0}
-        for name, value, known in (
-            ("side", side, SIDES),
+        self._chances = _read_chances(chances, self.action_names)
+        self.correct_response = str(correct)  # a table's 1 is a number, the response's name a text
+        if self.correct_response:
+            self._chances = {self.correct_response: 1.0}
+        for name, choice, known in (
+            ("side", side, tuple(SIDES)),
             ("shape", shape, ("", *SHAPES)),
-            *(("correct" if correct else "chance", name, self.action_names) for name in self._chances),
+            *(("correct", name, self.action_names) for name in self._chances),
         ):
-            if value not in known:
-                raise WorldError(f"{name} is {value!r}; use one of {', '.join(filter(None, known))}")
+            if choice not in known:
+                raise WorldError(f"{name} is {choice!r}; use one of {', '.join(filter(None, known))}")
+        if not isinstance(language, str):
+            raise WorldError(f"language is {language!r}; use a code such as 'en'")
         try:
             self._ink: Any = ImageColor.getrgb(str(colour))[:3]
         except ValueError as error:
@@ -93,8 +100,13 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         self._cards = tuple(
             (str(item), _CARDS[place]) for item, place in ((left, "left"), (right, "right")) if item != ""
         )
-        self._shape, self._side, self._size, self._image = shape, SIDES[side], size, _read_image(image)
+        self._shape = shape
+        self._side = SIDES[side]
+        self._size = _read_number("size", size, low=0.0, high=10.0)
+        self._image = _read_image(image)
         self._language = language
+        named = str(text).strip().lower()
+        self.prompted_responses = tuple(name for name in self.action_names if name.lower() in (named, side))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -102,13 +114,15 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         """Show the stimulus."""
         super().reset(seed=seed)
         self._made = 0
+        self.last_reward = 0.0
         return self._observe(), {"onset": True}
 
     def step(self, action: int) -> tuple[NDArray[np.int64], float, bool, bool, dict[str, Any]]:
         """Take the response."""
         self._made += 1
         chance = self._chances.get(self.action_names[int(action)], 0.0)
-        return self._observe(), float(self.np_random.random() < chance), True, False, {}
+        self.last_reward = float(self.np_random.random() < chance)
+        return self._observe(), self.last_reward, True, False, {}
 
     def _observe(self) -> NDArray[np.int64]:
         return np.array([self._made, 0], np.int64)
@@ -182,7 +196,9 @@ class TwoStep(Stimulus):
         chance_4: float = 0.7,
     ) -> None:
         super().__init__(render_mode)
-        self._common = common
+        self._common = _read_number("common", common)
+        chances = {"chance_1": chance_1, "chance_2": chance_2, "chance_3": chance_3, "chance_4": chance_4}
+        chance_1, chance_2, chance_3, chance_4 = (_read_number(name, chance) for name, chance in chances.items())
         self._rewards = ((chance_1, chance_2), (chance_3, chance_4))
 
     def reset(
@@ -190,6 +206,7 @@ class TwoStep(Stimulus):
     ) -> tuple[NDArray[np.int64], dict[str, Any]]:
         """Show the first choice."""
         self._pair = 0  # 0: the first choice
+        self.choice = 0
         return super().reset(seed=seed, options=options)
 
     def step(self, action: int) -> tuple[NDArray[np.int64], float, bool, bool, dict[str, Any]]:
@@ -202,9 +219,11 @@ class TwoStep(Stimulus):
         if not self._pair:
             is_common = self.np_random.random() < self._common
             self._pair = 1 if is_common == (response == "left") else 2
+            self.choice = self._pair
             return self._observe(), 0.0, False, False, {"onset": True}
         chance = self._rewards[self._pair - 1][int(response == "right")]
-        return self._observe(), float(self.np_random.random() < chance), True, False, {}
+        self.last_reward = float(self.np_random.random() < chance)
+        return self._observe(), self.last_reward, True, False, {}
 
     def _observe(self) -> NDArray[np.int64]:
         return np.array([self._made, self._pair], np.int64)
@@ -218,6 +237,38 @@ class TwoStep(Stimulus):
         ink = ImageColor.getrgb(_TWO_STEP_COLOURS[self._pair])[:3]
         for name, side in zip(_TWO_STEP_NAMES[self._pair], _CARDS.values(), strict=True):
             self._draw_card(draw, name, side * width, height / 2, ink)
+
+
+def _read_number(name: str, given: str | float, *, low: float = -math.inf, high: float = math.inf) -> float:
+    """Read a number; a table has "0.600" as a text.
+
+    Raises:
+        WorldError: if it is none, or none in the range.
+    """
+    try:
+        number = math.nan if isinstance(given, bool) else float(given)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not (math.isfinite(number) and low <= number <= high):
+        allowed = "a number" if math.isinf(high) else f"a number from {low:g} to {high:g}"
+        raise WorldError(f"{name} is {given!r}; use {allowed}")
+    return number
+
+
+def _read_chances(chances: dict[str, float], responses: tuple[str, ...]) -> dict[str, float]:
+    """Read how probable it is that each response earns 1, from options that are named after them.
+
+    Raises:
+        WorldError: if one is no number, or named after no response.
+    """
+    read: dict[str, float] = {}
+    for name, chance in chances.items():
+        response = name.removeprefix("chance_")
+        if response == name or response not in responses:
+            known = ", ".join(f"chance_{response}" for response in responses)
+            raise WorldError(f"there is no option {name!r}; chances are called {known}")
+        read[response] = _read_number(name, chance)
+    return read
 
 
 def _read_image(encoded: str) -> Image.Image | None:

@@ -107,11 +107,13 @@ def export_study(
     selection: Selection,
     *,
     stored_frames: bool = False,
+    with_messages: bool = False,
     engine: str = "local",
     progress: Callable[[Path], None] = lambda _: None,
 ) -> tuple[ExportResult, ExportCard]:
     """Write the chosen episodes of a log or study to ``out``; ``progress`` hears of each log once.
 
+    Logs with messages between participants are in no export, unless ``with_messages`` asks for them.
     Observations are played again, or with ``stored_frames`` those that the logs hold; each is checked against its hash.
 
     Raises:
@@ -144,7 +146,8 @@ def export_study(
         )
     unfinished.mkdir(parents=True)
     try:
-        written = exporter(IncludedEpisodes(sessions, taken=taken, stored_frames=stored_frames), unfinished)
+        episodes = IncludedEpisodes(sessions, taken=taken, stored_frames=stored_frames, with_messages=with_messages)
+        written = exporter(episodes, unfinished)
         if not written.episodes + written.marked + written.sessions:
             why = "; ".join((*written.left_out, *sessions.account.lines()))
             raise ExportError(f"{source} has nothing to export: {why}; select other episodes")

@@ -32,8 +32,10 @@ from minihuman.log.model.session_log import EpisodeLog
 from minihuman.log.model.teaching_events import NO_ADVICE
 from minihuman.log.observations import verify_observations
 from minihuman.worlds.adapters.spaces import VectorActions
-from minihuman.worlds.adapters.world import ResetResult, StepResult, World
+from minihuman.worlds.adapters.transition import ResetResult, StepResult
+from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import resolve_files
+from minihuman.worlds.observation_spaces import find_mismatch
 
 _CHARACTERS = frozenset(string.printable)
 
@@ -69,7 +71,7 @@ def to_standard_space(space: gymnasium.Space[Any]) -> gymnasium.Space[Any]:
             return space
     if isinstance(space.sample(), str):
         return gymnasium.spaces.Text(max_length=4096, min_length=0, charset=_CHARACTERS)
-    raise ExportError(f"observation space {space} cannot be flattened; export as csv or parquet instead")
+    raise ExportError(f"the observation space {space} has no plain form; export as csv or parquet instead")
 
 
 def is_picture(space: gymnasium.Space[Any]) -> bool:
@@ -249,11 +251,27 @@ def build_state(demonstration: ReplayedEpisode) -> NDArray[np.float32]:
     episode, space = demonstration.episode, demonstration.observation_space
     if not is_picture(space):
         rows = [flatten_observation(observation, space) for observation in demonstration.observations]
-        return np.stack(rows).astype(np.float32)
+        return _narrow(np.stack(rows), episode)
     if np.isnan(episode.poses).any():
         return (np.arange(len(episode.poses)) / episode.plan.max_steps).astype(np.float32).reshape(-1, 1)
     x, _, z, yaw_rad = episode.poses.T
     return np.stack([x, z, np.cos(yaw_rad), np.sin(yaw_rad)], axis=1).astype(np.float32)
+
+
+def _narrow(rows: NDArray[Any], episode: EpisodeLog) -> NDArray[np.float32]:
+    """Rows of numbers as float32.
+
+    Raises:
+        ExportError: if one is beyond what float32 holds.
+    """
+    beyond = np.argwhere(np.isfinite(rows) & (np.abs(rows.astype(np.float64)) > np.finfo(np.float32).max))
+    if len(beyond):
+        step, column = beyond[0].tolist()
+        raise ExportError(
+            f"{episode.name} step {step}: the observation has {rows[step, column]:g}, beyond float32; "
+            "export as minari or imitation, which keep float64, as this format does not"
+        )
+    return rows.astype(np.float32)
 
 
 def name_actions(item: IncludedEpisode) -> list[str]:
@@ -319,6 +337,33 @@ class Resimulator:
         return self._world
 
 
+_WITHOUT_OBSERVATIONS = "export as csv or parquet, which hold no observations"
+
+
+def require_regular(item: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
+    """Refuse an episode of which a dataset cannot hold every observation and picture, before any of it is written.
+
+    Raises:
+        ExportError: if the space has no plain form, or an observation is built otherwise than the space, or a picture
+            is of another size than the first.
+    """
+    where = f"{item.log.path}: {item.episode.name}"
+    try:
+        to_standard_space(demonstration.observation_space)
+    except ExportError as error:
+        raise ExportError(f"{where}: {error}") from error
+    for step, observation in enumerate(demonstration.observations):
+        if mismatch := find_mismatch(observation, demonstration.observation_space):
+            raise ExportError(f"{where} step {step}: {mismatch}; {_WITHOUT_OBSERVATIONS}")
+    for step, picture in enumerate(demonstration.pictures):
+        height, width = demonstration.pictures[0].shape[:2]
+        if picture.shape[:2] != (height, width):
+            raise ExportError(
+                f"{where} step {step}: its picture changes size, from {width} x {height} to {picture.shape[1]} x "
+                f"{picture.shape[0]} pixels; export as minari or imitation, which hold no such pictures"
+            )
+
+
 class ReplayedStudy:
     """Goes through the episodes that have a step, each with its dataset's name and what was observed; counts them.
 
@@ -345,6 +390,7 @@ class ReplayedStudy:
                 self._left_out.append(f"{describe_episode(item)} {self._reason}")
                 continue
             demonstration, name = self._resimulate(item), name_dataset(item)
+            require_regular(item, demonstration)
             shape = [
                 demonstration.observation_space,
                 demonstration.action_space,

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from minihuman.activities.episode_clips import EpisodeClip
 from minihuman.activities.preferences.events import PairAnswer
 from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisodes
+from minihuman.errors import ExportError
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (
     ReplayedEpisode,
@@ -110,7 +111,7 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     fragments = FragmentWriter()
     for name, item, demonstration in replayed:
         trajectory = _trajectory(item, demonstration)
-        writers.write(name, _features(trajectory["obs"]), trajectory)
+        writers.write(name, _features(trajectory["obs"], trajectory["acts"]), trajectory)
         for world, pair in fragments.take(item, name, trajectory):
             writers.write_pair(world, pair)
     for world, pair in fragments.close():
@@ -143,6 +144,11 @@ class _Writers:
 
 def _trajectory(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, Any]:
     episode = item.episode
+    if not isinstance(demonstration.actions, np.ndarray):
+        raise ExportError(
+            f"{item.log.path}: {episode.name}: an action of {demonstration.action_space} is no array, which imitation "
+            "needs; export as minari, lerobot, robomimic or rlds"
+        )
     infos = [
         {**(item.facts if step == 1 else {}), "t_ns": int(episode.t_ns[step]), "key": episode.step_keys[step - 1]}
         | get_step_steering(episode, step - 1)
@@ -165,19 +171,27 @@ def _observations(demonstration: ReplayedEpisode) -> NDArray[Any]:
     return np.stack([flatten_observation(observation, space) for observation in demonstration.observations])
 
 
-def _features(observations: NDArray[Any]) -> datasets.Features:
+def _features(observations: NDArray[Any], actions: NDArray[Any]) -> datasets.Features:
     _, *shape = observations.shape
     number = str(observations.dtype)
     flat = datasets.List(datasets.Value(number))
     return datasets.Features(
         {
             "obs": datasets.List(datasets.Array3D(tuple(shape), number) if len(shape) == 3 else flat),
-            "acts": datasets.List(datasets.Value("int64")),
+            "acts": _nest("int64" if actions.ndim == 1 else str(actions.dtype), actions.ndim),
             "infos": datasets.List(datasets.Value("string")),
             "terminal": datasets.Value("bool"),
             "rews": datasets.List(datasets.Value("float64")),
         }
     )
+
+
+def _nest(number: str, depth: int) -> Any:
+    """The feature of an array of so many dimensions."""
+    feature: Any = datasets.Value(number)
+    for _ in range(depth):
+        feature = datasets.List(feature)
+    return feature
 
 
 def _settle(written: Path, path: Path, features: datasets.Features) -> None:

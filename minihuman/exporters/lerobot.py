@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from minihuman import __version__
 from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisodes
 from minihuman.display.video import ENCODINGS, VideoWriter, pad_to_even
+from minihuman.errors import ExportError
 from minihuman.experiment.protocol.specs import AboutSpec
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (
@@ -35,7 +36,11 @@ from minihuman.exporters.flat_observations import (
     name_state,
 )
 from minihuman.exporters.study_metadata import get_plain_facts, get_plan_study_facts
+from minihuman.exporters.world_info import build_info_columns, format_info_texts, list_info_values
+from minihuman.log.model.session_log import EpisodeLog
 
+_NULLABLE_TYPES = {"bool": pa.bool_(), "string": pa.string()}  # by a feature's type
+LARGEST_REWARD = float(np.sqrt(np.finfo(np.float64).max))
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
@@ -89,12 +94,31 @@ class FeatureStatistics:
         return {key: value.reshape(shape).tolist() for key, value in values.items()} | {"count": [self._frames]}
 
 
+_NO_STATISTICS = dict.fromkeys(("min", "max", "mean", "std", *QUANTILES, "count"))  # of a column without values
+
+
+def select_known(column: NDArray[Any]) -> NDArray[Any]:
+    """Select the rows of a column that have a number: none of texts."""
+    if column.dtype == object:
+        return np.array([value for value in column if isinstance(value, bool)], np.bool_)
+    if column.dtype.kind == "f" and column.ndim == 1:
+        known: NDArray[Any] = column[np.isfinite(column)]
+        return known
+    return column
+
+
 PICTURE, STATE = "observation.image", "observation.state"
+INFO = "info."  # before a kept key of the world's info
 
 
 def build_features(item: IncludedEpisode, first: ReplayedEpisode) -> dict[str, dict[str, Any]]:
     """What a frame of the episode's dataset has: type, shape and names of each feature, as ``info.json`` says them."""
     names = name_state(first)
+    if not names:
+        raise ExportError(
+            f"{item.log.path}: {item.episode.name}: the observation has no numbers, which LeRobot's observation.state "
+            "needs; export as minari, robomimic, rlds or imitation"
+        )
     seen = {PICTURE: _video_feature(pad_to_even(first.pictures[0]))} if first.pictures else {}
     actions = name_actions(item)
     number = {"dtype": "int64", "shape": [1], "names": ["what the environment's step takes"]}
@@ -114,6 +138,10 @@ def build_features(item: IncludedEpisode, first: ReplayedEpisode) -> dict[str, d
         "next.reward": {"dtype": "float64", "shape": [1], "names": None},
         "next.done": {"dtype": "bool", "shape": [1], "names": None},
         "next.success": {"dtype": "bool", "shape": [1], "names": None},
+        **{
+            f"{INFO}{key}": {"dtype": "string" if isinstance(values, list) else "float64", "shape": [1], "names": None}
+            for key, values in build_info_columns(item.episode).items()
+        },
         "time_s": {"dtype": "float64", "shape": [1], "names": None},
         "timestamp": {"dtype": "float32", "shape": [1], "names": None},
         "frame_index": {"dtype": "int64", "shape": [1], "names": None},
@@ -145,6 +173,13 @@ def build_columns(
 ) -> dict[str, NDArray[Any]]:
     """The features that come from the episode, ``n`` rows each."""
     episode = item.episode
+    too_large = np.flatnonzero(np.isfinite(episode.rewards) & (np.abs(episode.rewards) > LARGEST_REWARD))
+    if len(too_large):
+        step = int(too_large[0])
+        raise ExportError(
+            f"{item.log.path}: {episode.name} step {step + 1}: the reward {episode.rewards[step]:g} has no square, of "
+            "which LeRobot's statistics are made; export as minari, robomimic or imitation"
+        )
     pictures = [pad_to_even(picture) for picture in demonstration.pictures[:-1]]
     done = np.zeros(len(episode.actions), bool)
     done[-1] = True
@@ -155,9 +190,37 @@ def build_columns(
         **build_steering_columns(episode),
         "next.reward": episode.rewards,
         "next.done": done,
-        "next.success": done & (episode.outcome == "goal"),
+        "next.success": _build_success(episode, done),
+        **_build_info(item, features),
         "time_s": (episode.t_ns[1:] - episode.t_ns[0]) / 1e9,
     }
+
+
+def _build_success(episode: EpisodeLog, done: NDArray[np.bool_]) -> NDArray[Any]:
+    """True at an end that is success; None throughout where no rule tells, which is null in the file."""
+    if episode.success is None:
+        return np.full(len(done), None, object)
+    return done & episode.success
+
+
+def _build_info(item: IncludedEpisode, features: dict[str, Any]) -> dict[str, NDArray[Any]]:
+    """The kept keys of ``info`` in the types of the data set.
+
+    Raises:
+        ExportError: if a key that was a number in the data set's first episode is something else in this one.
+    """
+    episode, columns = item.episode, dict[str, NDArray[Any]]()
+    for key, values in build_info_columns(episode).items():
+        if features[f"{INFO}{key}"]["dtype"] == "string":
+            columns[f"{INFO}{key}"] = np.array(format_info_texts(list_info_values(episode, key)), object)
+        elif isinstance(values, list):
+            raise ExportError(
+                f"{item.log.path}: {episode.name}: info[{key!r}] is no number, as it was in the episodes before; "
+                "LeRobot keeps one type per column, so export csv, or leave it out of record_info"
+            )
+        else:
+            columns[f"{INFO}{key}"] = values
+    return columns
 
 
 _TASKS_SHOWN = 20
@@ -261,8 +324,9 @@ class _Dataset:
         }
         columns |= own
         chunk, file = self._write(_table(columns, self.features))
-        found = {name: FeatureStatistics(values) for name, values in columns.items()}
-        statistics = {name: one.statistics() for name, one in found.items()}
+        known = {name: values for name, column in columns.items() if len(values := select_known(column))}
+        found = {name: FeatureStatistics(values) for name, values in known.items()}
+        statistics = {name: found[name].statistics() if name in found else _NO_STATISTICS for name in columns}
         for name, one in found.items():
             if name in self._totals:
                 self._totals[name].add(one)
@@ -314,7 +378,8 @@ class _Dataset:
         self._video.write(pictures)
         places: dict[str, Any] = {"chunk_index": chunk, "file_index": file}
         places |= {"from_timestamp": first / FPS, "to_timestamp": self._video.frames / FPS}
-        if path.stat().st_size >= VIDEO_BYTES:
+        written_bytes = path.stat().st_size if path.exists() else 0  # the encoder holds the first pictures back
+        if written_bytes >= VIDEO_BYTES:
             self._video.close()
             self._video_file, self._video = self._video_file + 1, None
         return {f"videos/{PICTURE}/{name}": value for name, value in places.items()}
@@ -327,7 +392,9 @@ class _Dataset:
         meta = self.root / "meta"
         episodes = meta / "episodes" / "chunk-000"
         episodes.mkdir(parents=True)
-        pq.write_table(pa.Table.from_pylist(self.rows), episodes / "file-000.parquet", compression="snappy")
+        told = [name for name in self.rows[0] if any(row[name] is not None for row in self.rows)]
+        rows = [{name: row[name] for name in told} for row in self.rows]
+        pq.write_table(pa.Table.from_pylist(rows), episodes / "file-000.parquet", compression="snappy")
         # the task is the unnamed index of a pandas frame: readers look for the column that makes
         pd.DataFrame({"task_index": list(self._tasks.values())}, index=list(self._tasks)).to_parquet(
             meta / "tasks.parquet"
@@ -365,5 +432,5 @@ def _table(columns: dict[str, NDArray[Any]], features: dict[str, Any]) -> pa.Tab
             flat_values = pa.array(np.ascontiguousarray(values).reshape(-1))
             arrays[name] = pa.FixedSizeListArray.from_arrays(flat_values, values.shape[1])
         else:
-            arrays[name] = pa.array(values.reshape(-1))
+            arrays[name] = pa.array(values.reshape(-1), _NULLABLE_TYPES.get(features[name]["dtype"]))
     return pa.table(arrays)

@@ -15,13 +15,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
+from typing import Any
 
+import gymnasium
 import minari
 from minari.data_collector import EpisodeBuffer
 from minari.dataset.minari_storage import MinariStorage
 
 from minihuman import __version__
 from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisodes
+from minihuman.errors import ExportError
 from minihuman.experiment.protocol.specs import AboutSpec
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (
@@ -33,6 +36,7 @@ from minihuman.exporters.flat_observations import (
     to_standard_space,
 )
 from minihuman.exporters.study_metadata import get_action_names, get_plain_facts, get_plan_study_facts
+from minihuman.exporters.world_info import add_reset, build_info_columns
 from minihuman.plugins import DISTRIBUTION
 
 NAMESPACE = "minihuman"
@@ -101,6 +105,11 @@ def _begin(out: Path, name: str, item: IncludedEpisode, demonstration: ReplayedE
     _namespace(out / NAMESPACE / study, about.title or f"the study {study}")
     data = out / NAMESPACE / name / "data"
     data.mkdir(parents=True)
+    if key := find_unnamed_key(demonstration.observation_space):
+        raise ExportError(
+            f"{item.log.path}: {item.episode.name}: the observation's part {key} cannot be named in HDF5, whose names "
+            "are text without a slash; export as lerobot, robomimic, rlds or imitation"
+        )
     spec = env_spec(item)
     storage = MinariStorage.new(
         data,
@@ -126,6 +135,20 @@ def _begin(out: Path, name: str, item: IncludedEpisode, demonstration: ReplayedE
         | ({"code_permalink": about.references[0]} if about.references else {})
     )
     return storage
+
+
+def find_unnamed_key(space: gymnasium.Space[Any]) -> str:
+    """Find a key of an observation's parts that is no name in HDF5: not text, empty, or with a slash; "" if none is."""
+    match space:
+        case gymnasium.spaces.Dict():
+            bad = [repr(key) for key in space.spaces if not isinstance(key, str) or not key or "/" in key]
+            parts = list(space.spaces.values())
+        case gymnasium.spaces.Tuple():
+            bad = []
+            parts = list(space.spaces)
+        case _:
+            return ""
+    return next(filter(None, (*bad, *map(find_unnamed_key, parts))), "")
 
 
 def _namespace(folder: Path, description: str) -> None:
@@ -166,5 +189,6 @@ def _buffer(demonstration: ReplayedEpisode) -> EpisodeBuffer:
             "t_ns": episode.t_ns,
             "pose": episode.poses,
             **build_steering_columns(episode, with_reset=True),
+            **{key: add_reset(column) for key, column in build_info_columns(episode).items()},
         },
     )

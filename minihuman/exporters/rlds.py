@@ -18,6 +18,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorProto
 
 from minihuman import __version__
 from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisodes
+from minihuman.errors import ExportError
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (
     PICTURE_PX,
@@ -58,6 +59,13 @@ def build_steps(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[s
     """The ``n + 1`` steps as columns; what belongs to an action is 0 in the last."""
     episode = item.episode
     n = len(episode.actions)
+    beyond = np.flatnonzero(np.isfinite(episode.rewards) & (np.abs(episode.rewards) > np.finfo(np.float32).max))
+    if len(beyond):
+        step = int(beyond[0])
+        raise ExportError(
+            f"{item.log.path}: {episode.name} step {step + 1}: the reward {episode.rewards[step]:g} is beyond the "
+            "float32 of RLDS; export as minari, robomimic or imitation, which hold float64"
+        )
     discount = np.ones(n + 1, np.float32)
     discount[n - 1] = 0.0 if episode.terminated[-1] else 1.0
     ends = np.arange(n + 1) == n

@@ -10,10 +10,11 @@ from typing import Any, Literal
 import pyarrow.compute as pc
 
 from minihuman.dataset.included_episodes import IncludedEpisodes
-from minihuman.dataset.store import StudyStore
+from minihuman.dataset.info_columns import LABELLED_TABLES, add_info_columns, list_info_columns
 from minihuman.dataset.table_catalogue import EVERY_MOMENT, TABLES, build_data_dictionary
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
-from minihuman.dataset.table_files import TableFormat, list_partitions, write_partitions, write_tables
+from minihuman.dataset.table_files import TableFormat
+from minihuman.dataset.tables import Tables
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.study_metadata import get_plan_study_facts
@@ -21,12 +22,14 @@ from minihuman.exporters.study_metadata import get_plan_study_facts
 
 def export_csv(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write the tables as CSV."""
-    return _write(chosen, out, "csv")[0]
+    with chosen.tables() as tables:
+        return _write(tables, out, "csv")
 
 
 def export_parquet(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write the tables as Parquet."""
-    return _write(chosen, out, "parquet")[0]
+    with chosen.tables() as tables:
+        return _write(tables, out, "parquet")
 
 
 def export_tables(chosen: IncludedEpisodes, out: Path, kind: TableFormat) -> tuple[ExportResult, SessionPlan | None]:
@@ -38,32 +41,30 @@ def export_tables(chosen: IncludedEpisodes, out: Path, kind: TableFormat) -> tup
     Raises:
         LogError: if the source does not exist, or is a single log that cannot be read.
     """
-    from minihuman.log.read.session_reader import read_log  # not needed unless the study is asked for
-
-    written, first = _write(chosen, out, kind)
-    return written, read_log(first).plan if first else None
+    with chosen.tables() as tables:
+        return _write(tables, out, kind), read_first_plan(tables)
 
 
-def _write(chosen: IncludedEpisodes, out: Path, kind: TableFormat) -> tuple[ExportResult, Path | None]:
-    """Write every table that has rows; give what was written, and the first session's log."""
-    with chosen.store() as store:
-        paths = write_tables(store.tables, out, kinds=(kind,), without=COLUMNS_NEEDING_WORLD)
-        return count_included(store).with_files(paths), find_first_log(store)
+def _write(tables: Tables, out: Path, kind: TableFormat) -> ExportResult:
+    """Write every table that has rows."""
+    paths = tables.write(out, kinds=(kind,), without=COLUMNS_NEEDING_WORLD)
+    return count_included(tables).with_files(paths)
 
 
-def count_included(store: StudyStore) -> ExportResult:
-    """What the tables hold, of no files yet."""
-    held = store.tables.table("episodes", ["exclusion_reason", "steps"])
-    counts = pc.is_null(held["exclusion_reason"])
-    steps = pc.sum(held.filter(counts)["steps"]).as_py() or 0
-    episodes = pc.sum(counts).as_py() or 0
-    sessions = store.tables.count("participants")
-    return ExportResult((), episodes, steps, marked=held.num_rows - episodes, sessions=sessions)
+def count_included(tables: Tables) -> ExportResult:
+    """Count what the tables hold, of no files yet."""
+    rows = tables.arrow("episodes", ["exclusion_reason", "steps"])
+    is_included = pc.is_null(rows["exclusion_reason"])
+    steps = pc.sum(rows.filter(is_included)["steps"]).as_py() or 0
+    episodes = pc.sum(is_included).as_py() or 0
+    sessions = tables.count("participants")
+    return ExportResult((), episodes, steps, marked=rows.num_rows - episodes, sessions=sessions)
 
 
-def find_first_log(store: StudyStore) -> Path | None:
-    """The log of the first session that is asked for; None where there is none."""
-    return next((Path(kept.path) for kept in store.kept if kept.outline is not None), None)
+def read_first_plan(tables: Tables) -> SessionPlan | None:
+    """Read the plan of the first session that is asked for, which says what the study is; None where there is none."""
+    first = next((session for session in tables.sessions if session.outline is not None), None)
+    return tables.read_log(first).plan if first else None
 
 
 _LABEL_CHARACTERS = 80  # Stata's limit for a column's label
@@ -83,12 +84,16 @@ def _write_labelled(chosen: IncludedEpisodes, out: Path, kind: Literal["sav", "d
     import pyreadstat  # in no other format
 
     paths: list[Path] = []
-    with chosen.store() as store:
+    with chosen.tables() as tables:
         for name, columns in TABLES.items():
-            if name in EVERY_MOMENT or not store.tables.count(name):
+            if name in EVERY_MOMENT or not tables.count(name):
                 continue
             described = [column for column in columns if column.name not in COLUMNS_NEEDING_WORLD]
-            frame = store.tables.table(name, [column.name for column in described]).to_pandas()
+            rows = tables.arrow(name, [column.name for column in described])
+            is_labelled = name in LABELLED_TABLES
+            label_columns = list_info_columns(tables.store.tables.connection, name) if is_labelled else {}
+            frame = add_info_columns(rows, name, label_columns).to_pandas()
+            described += label_columns.values()
             flags = [column.name for column in described if column.kind == "boolean"]
             frame[flags] = frame[flags].astype("float64")
             for column in described:
@@ -103,22 +108,21 @@ def _write_labelled(chosen: IncludedEpisodes, out: Path, kind: Literal["sav", "d
             paths.append(out / f"{name}.{kind}")
             write = pyreadstat.write_sav if kind == "sav" else pyreadstat.write_dta
             write(frame, str(paths[-1]), column_labels=labels, variable_value_labels=answers)
-        return count_included(store).with_files(tuple(paths))
+        return count_included(tables).with_files(tuple(paths))
 
 
 def export_hugging_face(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write every table that has rows; those that do not count are there too, with the reason."""
-    from minihuman.log.read.session_reader import read_log
-
-    with chosen.store() as store:
-        names = list(dict.fromkeys(one.table for one, _ in write_partitions(store, list_partitions(store), out)))
-        result, first = count_included(store), find_first_log(store)
+    with chosen.tables() as tables:
+        names = list(dict.fromkeys(partition.table for partition, _ in tables.write_partitions(out)))
+        result = count_included(tables)
+        plan = read_first_plan(tables)
     meanings = build_data_dictionary(without=COLUMNS_NEEDING_WORLD)
     described = out / "dictionary.json"
     described.write_text(
         json.dumps({name: meanings[name] for name in names}, indent=1) + "\n", encoding="utf-8", newline="\n"
     )
-    about = get_plan_study_facts(read_log(first).plan) if first else None
+    about = get_plan_study_facts(plan) if plan else None
     front = {
         "license": about.licence.lower() if about and about.licence and "://" not in about.licence else "unknown",
         "pretty_name": about.title if about else "",

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.tables import Tables
 from minihuman.experiment.machine.events import KeyPressed
 from minihuman.figures.figure_data import collect_learning_curves, find_reward_limits, name_measure, strip_events
 from minihuman.figures.learning_curves import learning_figure
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def draw_all_figures(sessions: StudySessions, out: Path, *, each: bool = False) -> Iterator[Path]:
+def draw_all_figures(tables: Tables, out: Path, *, each: bool = False) -> Iterator[Path]:
     """Draw a session's paths and overview, or what many sessions show together; yield the files.
 
     ``each`` draws every one of many sessions too, which takes some seconds a session.
@@ -30,7 +30,7 @@ def draw_all_figures(sessions: StudySessions, out: Path, *, each: bool = False) 
     """
     first: SessionLog | None = None
     everyone: list[SessionLog] = []
-    for counted in sessions:
+    for counted in tables.read_sessions():
         if not counted.places:
             continue
         if each:

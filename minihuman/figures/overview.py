@@ -10,6 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from minihuman.dataset.measures import playing_s
 from minihuman.errors import LogError
+from minihuman.experiment.machine.events import UNPRESSED_VERDICTS
 from minihuman.figures.style import MUTED, OUTCOME_COLOURS, OUTCOME_MARKERS, SERIES, figure_style, new_figure
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 
@@ -107,7 +108,9 @@ def _numbers(log: SessionLog) -> list[int]:
 def _presses(episode: EpisodeLog) -> Counter[str]:
     kinds = {"accepted": "steps", "queued": "steps", "unmapped": "no action", "spare": "no action"}
     return Counter(
-        kinds.get(press.verdict, "not playing") for press in episode.keys if press.down and press.verdict != "repeat"
+        kinds.get(press.verdict, "not playing")
+        for press in episode.keys
+        if press.down and press.verdict not in UNPRESSED_VERDICTS
     )
 
 

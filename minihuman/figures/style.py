@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+from fontTools import subset
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
@@ -36,9 +37,18 @@ OUTCOME_COLOURS = {
     "failure": "#d55e00",
     "abandoned": "#cc79a7",
     "agent_failed": "#000000",
+    "ended": "#56b4e9",
     CUT_OFF: "#8a8a8a",
 }
-OUTCOME_MARKERS = {"goal": "o", "timeout": "s", "failure": "X", "abandoned": "v", "agent_failed": "*", CUT_OFF: "P"}
+OUTCOME_MARKERS = {
+    "goal": "o",
+    "timeout": "s",
+    "failure": "X",
+    "abandoned": "v",
+    "agent_failed": "*",
+    "ended": "D",
+    CUT_OFF: "P",
+}
 TIME_COLOURS = "cividis"
 OCCUPANCY_COLOURS = "BuPu"  # from pale to dark: the eye goes to what there is much of, in print and in greys, too
 
@@ -114,8 +124,33 @@ def save_figure(figure: Figure, stem: Path, *, digest: str = "") -> tuple[Path, 
     with figure_style():
         _lay_out(figure, dpi=300)  # the places worked out for the PNG are the PDF's
         FigureCanvasAgg(figure).print_figure(str(png), metadata=_METADATA["png"] | keywords, dpi=300)
-        FigureCanvasPdf(figure).print_figure(str(pdf), metadata=_METADATA["pdf"] | keywords)
+        with _slim_fonts():
+            FigureCanvasPdf(figure).print_figure(str(pdf), metadata=_METADATA["pdf"] | keywords)
     return png, pdf
+
+
+_SHAPING_TABLES = ["GDEF", "GPOS", "GSUB", "MATH", "kern"]  # a PDF says itself which glyph is where
+
+
+@contextmanager
+def _slim_fonts() -> Iterator[None]:
+    """Embed fonts without the tables that no PDF reader uses: reading them took half the time of writing a PDF.
+
+    Matplotlib takes its options from fontTools by this name. If it should not any more, files are larger and written
+    more slowly, and nothing else changes.
+    """
+    make_options = subset.Options
+
+    def make_slim_options(**settings: Any) -> Any:
+        options = make_options(**settings)
+        options.drop_tables = [*options.drop_tables, *_SHAPING_TABLES]
+        return options
+
+    subset.Options = make_slim_options
+    try:
+        yield
+    finally:
+        subset.Options = make_options
 
 
 def _lay_out(figure: Figure, *, dpi: int) -> None:

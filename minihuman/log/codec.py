@@ -221,6 +221,11 @@ _EPISODE_PLAN = MessageCodec(
     {
         "key_map": nested("key_map", _KEY_MAP),
         "options": json_field("options_json"),
+        "labels": FieldCodec(
+            "labels_json",
+            lambda labels: _to_json(labels) if labels else "",
+            lambda text: msgspec.json.decode(text or "{}"),
+        ),
         "hold": FieldCodec("hold", lambda hold: "" if hold == "once" else hold, lambda hold: hold or "once"),
     },
 )
@@ -469,7 +474,7 @@ def event_cause_ns(event: events.Event) -> int:
 # newer log; a field or topic that is only added is a minor change ("1.2"), which readers skip.
 EventDecoder = Callable[[str, bytes], events.Event | None]
 
-DECODERS: dict[int, EventDecoder] = {1: decode_event, 2: decode_event}  # 2: not for readers of before
+DECODERS: dict[int, EventDecoder] = dict.fromkeys((1, 2, 3), decode_event)  # 2 and 3: see segment_schema
 assert max(DECODERS) == SCHEMA_VERSION, "every version that is written can be read"
 
 

@@ -3,7 +3,8 @@
 They are format, not vocabulary: they stay as they are when names in the code change.
 """
 
-SCHEMA_VERSION = 2  # of the messages; goes up when an older reader would misread a newer log
+SCHEMA_VERSION = 3  # the newest of the messages; goes up when an older reader would misread a newer log
+PLAIN_SCHEMA_VERSION = 2  # of a segment in which nothing is what a reader of before would misread
 PROFILE = "minihuman"
 
 SEGMENT_METADATA = "minihuman.segment"  # at a segment's start

@@ -10,15 +10,13 @@ import zlib
 from collections.abc import Iterator, Sequence
 from typing import Any, overload
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import LogError
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.worlds.hashing import hash64
-
-_ARRAY, _SCALAR = 1, 2  # MessagePack extensions
+from minihuman.worlds.value_codec import decode_value, encode_value
 
 
 class ObservationSequence(Sequence[Any]):
@@ -85,7 +83,7 @@ def encode_observation(observation: Any) -> dict[str, bytes]:
         TypeError: if a part of it is nothing that can be hashed.
     """
     if not is_picture(observation):
-        return {"msgpack": msgspec.msgpack.encode(observation, enc_hook=_extension)}
+        return {"msgpack": encode_value(observation)}
     return {"png": encode_png(observation)}
 
 
@@ -111,28 +109,4 @@ def decode_observation(message: v1.Observation) -> Any:
         from PIL import Image
 
         return np.array(Image.open(io.BytesIO(message.png)))
-    return _with_tuples(msgspec.msgpack.decode(message.msgpack, ext_hook=_array))
-
-
-def _extension(value: Any) -> msgspec.msgpack.Ext:
-    if not isinstance(value, np.ndarray | np.generic):
-        raise TypeError(
-            f"{type(value).__name__} {value!r} cannot be stored in an observation; use arrays, numbers or strings"
-        )
-    file = io.BytesIO()
-    np.save(file, value, allow_pickle=False)
-    return msgspec.msgpack.Ext(_ARRAY if isinstance(value, np.ndarray) else _SCALAR, file.getvalue())
-
-
-def _array(code: int, data: memoryview) -> Any:
-    array = np.load(io.BytesIO(data), allow_pickle=False)
-    return array[()] if code == _SCALAR else array
-
-
-def _with_tuples(value: Any) -> Any:
-    match value:
-        case dict():
-            return {key: _with_tuples(part) for key, part in value.items()}
-        case list():
-            return tuple(map(_with_tuples, value))
-    return value
+    return decode_value(message.msgpack)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 from minihuman.errors import LogError, MinihumanError
 from minihuman.operating_system import explain_unportable_name, open_without_waiting
+from minihuman.storage.outside_names import is_system_companion, require_name
 
 if TYPE_CHECKING:
     from minihuman.experiment.plan.session_plan import SessionPlan
@@ -41,6 +42,7 @@ def open_regular_file(path: Path) -> BinaryIO:
 MAGIC = b"\x89MCAP0\r\n"  # every MCAP file's first bytes
 LOG_SUFFIX = ".mcap"
 PART_SUFFIX = ".mcap.part"
+SYSTEM_COMPANION = "another system keeps it beside a file for itself; delete it"
 MODELS_FOLDER = "models"  # of a data folder: models' studies lie there, apart from people's
 _SEGMENT = re.compile(r"_seg-(\d+)$")
 _OURS = re.compile(r"_ses-\d+(_seg-\d+)?\.mcap(\.part)?$")
@@ -120,8 +122,13 @@ def is_companion_file(path: Path) -> bool:
 
 
 def session_folder(data: Path, study: str, participant: str, session: int) -> Path:
-    """Name the folder of one session."""
-    return data / study / participant / f"ses-{session:02d}"
+    """Name the folder of one session.
+
+    Raises:
+        OutsideNameError: if the study or the participant, whom a database or a log may name, cannot be a folder's name.
+    """
+    study_dir = data / require_name(study, "the study")
+    return study_dir / require_name(participant, "the participant") / f"ses-{session:02d}"
 
 
 def study_folder(log: Path) -> Path:
@@ -155,13 +162,33 @@ def list_sessions(folder: Path) -> dict[Path, list[Path]]:
 
 def group_sessions(folder: Path, names: Iterable[str]) -> dict[Path, list[Path]]:
     """List the sessions of a folder whose file names are known, as ``list_sessions`` does."""
-    paths = [folder / name for name in sorted(names) if name.endswith((LOG_SUFFIX, PART_SUFFIX))]
+    log_names = (name for name in sorted(names) if name.endswith((LOG_SUFFIX, PART_SUFFIX)))
+    paths = [folder / name for name in log_names if not is_system_companion(name)]
     ours = [path for path in paths if not is_companion_file(path)]
     found = {path: [path] for path in ours if path.name.endswith(LOG_SUFFIX)}
     parts = [SegmentPath.of_part(path) for path in ours if path.name.endswith(PART_SUFFIX)]
     for part in sorted(parts, key=lambda part: (part.log, part.segment)):
         found.setdefault(part.log, []).append(part.part)
     return found
+
+
+def list_log_files(folder: Path, pattern: str) -> list[Path]:
+    """List the files in a folder that match a pattern, in order, without other systems' companions."""
+    return sorted(path for path in folder.glob(pattern) if not is_system_companion(path.name))
+
+
+def find_system_companions(folders: LogFolders) -> list[Path]:
+    """List the files that another system keeps beside logs for itself, such as ``._sub-07_ses-01.mcap``.
+
+    No command reads them, and ``status``, ``verify`` and whatever reads a study's logs names them.
+    """
+    endings = (LOG_SUFFIX, PART_SUFFIX, ".jsonl")
+    return [
+        folder / name
+        for folder, names in folders
+        for name in sorted(names)
+        if is_system_companion(name) and name.endswith(endings)
+    ]
 
 
 @contextmanager

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from minihuman.admin.protocol_file import read_protocol
+from minihuman.dataset.tables import select
 from minihuman.errors import LearnError, PlayerFailedError, SimulationError
-from minihuman.log.paths import LOG_SUFFIX
-from minihuman.log.read.session_reader import read_log
+from minihuman.log.paths import PART_SUFFIX
 from minihuman.reporting.scorecard import Scorecard, build_scorecard
 from minihuman.runtime.simulated_session import simulate
 
@@ -179,9 +179,7 @@ def run_baseline(
         for player, runs in players.items():
             folder = data / player.replace(":", "-").replace("/", "-")
             studies.append(folder / protocol.study.name)
-            left = runs - sum(
-                read_log(log).end_reason == "complete" for log in studies[-1].glob(f"sub-*/ses-*/*{LOG_SUFFIX}")
-            )
+            left = runs - _count_complete_sessions(studies[-1])
             on_progress(f"{player} plays {protocol.study.name}")
             try:
                 list(simulate(protocol, folder, participants=left, seed=seed, player=player) if left > 0 else ())
@@ -192,3 +190,25 @@ def run_baseline(
         studies.append(data / protocol.study.name)  # of people and models, by the ordinary commands
     card = build_scorecard(studies, seed=seed)
     return replace(card, notes=(*card.notes, *notes))
+
+
+def _count_complete_sessions(study: Path) -> int:
+    """Count the sessions of a study's folder that were played to their end; none where there is no folder yet."""
+    if not study.is_dir():
+        return 0
+    with select(study) as tables:
+        tables.require(("participants",))
+        participants = tables.frame("participants", ["participant", "session", "end_reason"])
+        complete = participants[participants["end_reason"] == "complete"]
+        names = set(zip(complete["participant"], complete["session"], strict=True))
+        return sum(
+            (session.outline.participant, session.outline.session) in names
+            for session in tables.sessions
+            if session.outline is not None and _is_finished(Path(session.path))
+        )
+
+
+def _is_finished(log: Path) -> bool:
+    """Whether a log was written to its end, all segments of it where it is a folder."""
+    files = list(log.iterdir()) if log.is_dir() else [log]
+    return not any(file.name.endswith(PART_SUFFIX) for file in files)

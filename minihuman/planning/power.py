@@ -21,20 +21,22 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from minihuman.dataset.measures import log_excess_steps, log_steps_ratio, spl
-from minihuman.dataset.selection import Selection
-from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.tables import select
 from minihuman.errors import PlayerFailedError, ReportError
+from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan
+from minihuman.experiment.plan.stated_outcomes import HOW_TO_STATE_A_RULE
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.figures.style import COLUMN_CM, MUTED, SERIES, figure_style, save_figure
 from minihuman.operating_system import count_processes
 from minihuman.runtime.simulated_session import simulate
-from minihuman.simulation.participant import SimulatedParticipant, make_participant
+from minihuman.simulation.participant import NoPress, SimulatedParticipant, make_participant
 from minihuman.statistics.comparison import Values, permutation_tests
 from minihuman.statistics.scores import wilson_interval
 from minihuman.statistics.two_part_model import summarise_people, two_parts_p
 from minihuman.worlds.adapters.world import World
+from minihuman.worlds.outcomes import OutcomeJudge
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +56,7 @@ _PRESSES_PER_STEP = 20  # of the limit: who needs more will never find the keys
 def can_run_headless(protocol: Protocol) -> bool:
     """Whether a study can be played headless: one session, self-paced, without an agent."""
     return len(protocol.sessions) <= 1 and all(
-        block.kind == "play"
+        find_kind(block.kind).is_plain_play
         and block.pace == "on_key"
         and not (block.stop_criterion or block.design or block.auto_repeat or block.max_episode_s or block.max_block_s)
         for block in protocol.blocks
@@ -77,19 +79,24 @@ def _play(plan: EpisodePlan, pool: tuple[str, ...], player: SimulatedParticipant
     world.reset(plan.seed)
     shortest = world.path_length_bounds().feasible
     player.begin(plan, pool, world)
-    presses, steps, reward, outcome = 0, 0, 0.0, "timeout"
-    while outcome == "timeout" and steps < plan.max_steps and presses < _PRESSES_PER_STEP * plan.max_steps:
+    judge = OutcomeJudge(plan.outcome_rule)
+    outcome: str | None = None
+    presses = 0
+    steps = 0
+    reward = 0.0
+    while outcome is None and presses < _PRESSES_PER_STEP * plan.max_steps:
         press = player.press(world)
         if press is None:
             raise PlayerFailedError(f"the simulated participant gave no answer in {plan.world}", "no answer")
-        action = plan.key_map.keys.get(press.key, "")
+        action = plan.noop or "" if isinstance(press, NoPress) else plan.key_map.keys.get(press.key, "")
         presses += 1
         if action:
-            made = world.step(world.action_names.index(action))
-            steps, reward = steps + 1, reward + made.reward
-            if made.terminated:
-                outcome = "goal" if made.reward > 0 else "failure"
-    return HeadlessEpisode(outcome, reward, steps, shortest, plan.max_steps)
+            transition = world.step(world.action_names.index(action))
+            steps += 1
+            reward += transition.reward
+            facts = transition.collect_facts(judge.rule, return_=reward, spent=steps >= plan.max_steps)
+            outcome = judge.judge_step(facts)
+    return HeadlessEpisode(outcome or judge.judge_time_limit(), reward, steps, shortest, plan.max_steps)
 
 
 _COLUMNS = [
@@ -156,9 +163,9 @@ def _play_share(toml: bytes, group: str, player: str, job: tuple[int, int]) -> p
     with TemporaryDirectory(prefix="minihuman-power-") as folder:
         for _ in simulate(alone, Path(folder), participants=people, seed=seed, player=player):
             pass
-        sessions = StudySessions(Path(folder), Selection(), processes=1).rows(with_shortest=True)
-        tables: list[pd.DataFrame] = [one.rows["episodes"].to_pandas()[_COLUMNS] for one in sessions]
-        return pd.concat(tables)
+        with select(Path(folder), processes=1) as tables:
+            tables.require(("episodes",), shortest_paths=True)
+            return tables.frame("episodes", _COLUMNS)
 
 
 def _play_bare_share(protocol: Protocol, player: str, seed: int) -> pd.DataFrame:
@@ -256,13 +263,19 @@ def _best(value: float) -> int | None:
     return None if pd.isna(value) else int(value)
 
 
+def _known(rows: pd.DataFrame, values: "pd.Series[float]") -> list[float]:
+    """Leave out episodes whose outcome no rule tells."""
+    known: list[float] = values.where(rows["outcome"] != "ended").tolist()
+    return known
+
+
 MEASURES: Mapping[str, Callable[[pd.DataFrame], Sequence[float]]] = {
     "log_excess_steps": lambda rows: _each(rows, lambda s, b, m, o: log_excess_steps(s, _best(b), int(m), o)),
     "log_steps_ratio": lambda rows: _each(rows, lambda s, b, m, o: log_steps_ratio(s, _best(b), int(m), o)),
     "spl": lambda rows: _each(rows, lambda s, b, m, o: spl(s, _best(b), o)),
-    "steps_at_limit": lambda rows: rows["steps"].where(rows["outcome"] == "goal", rows["max_steps"]).tolist(),
+    "steps_at_limit": lambda rows: _known(rows, rows["steps"].where(rows["outcome"] == "goal", rows["max_steps"])),
     "reward": lambda rows: rows["reward"].tolist(),
-    "success": lambda rows: (rows["outcome"] == "goal").astype(float).tolist(),
+    "success": lambda rows: _known(rows, (rows["outcome"] == "goal").astype(float)),
 }
 
 
@@ -288,6 +301,11 @@ def compute_values(rows: pd.DataFrame, measure: str) -> Values:
         return summarise_people(rows, "reward")
     if measure not in MEASURES:
         raise ReportError(f"--measure {measure!r} is unknown; use all or one of {', '.join((*MEASURES, TWO_PARTS))}")
+    if measure != "reward" and (rows["outcome"] == "ended").all():
+        raise ReportError(
+            f"--measure {measure} needs success, but no rule says what success is in the block; {HOW_TO_STATE_A_RULE}, "
+            "or use --measure reward"
+        )
     told = rows.assign(value=MEASURES[measure](rows)).groupby("participant")["value"].mean().dropna()
     if len(told) < 2:
         raise ReportError(

@@ -15,6 +15,7 @@ from minihuman.experiment.plan.allocation import allocation_sha256, build_alloca
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.experiment.protocol.strata import build_strata
+from minihuman.experiment.protocol.study_design import derive_design
 from minihuman.reporting.results import FORMULAS, MEASURES as MEANINGS, ONLY_IF_NAMED, label_measure
 from minihuman.storage.durable_files import write_atomically
 
@@ -52,6 +53,7 @@ def build_preregistration(protocol: Protocol, plan: SessionPlan, power: str = ""
         target=_find_target_block(protocol),
         direction=_describe_direction(protocol),
         named=named,
+        design=derive_design(protocol),
         named_measures=[name for name in (named.primary_measure, *named.secondary_measures) if name],
         default_measures=[name for name in MEANINGS if name not in ONLY_IF_NAMED],
         formulas=FORMULAS,

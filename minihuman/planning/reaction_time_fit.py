@@ -17,11 +17,12 @@ import pandas as pd
 import scipy
 from numpy.typing import NDArray
 
-from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.tables import Tables
 from minihuman.errors import ReportError
 from minihuman.simulation.human_like import ParticipantParameters
 
 PARAMETER_NAMES = ("mu_ms", "sigma_ms", "tau_ms", "repeat_factor", "practice", "practice_presses", "pause")
+_EPISODE = ["study", "participant", "session", "episode", "attempt"]  # what tells an episode from all others
 MIN_TIMES = 150  # times that a fit needs
 _MIN_TIMES_OF = {"tau_ms": 300, "practice": 300, "practice_presses": 1000}  # and that a parameter's interval needs
 _START = (330.0, 50.0, 150.0, 0.6, 0.3, 150.0, 0.01)
@@ -135,34 +136,40 @@ class FittedParticipant:
     held_out: int  # presses
 
 
-def fit_participants(sessions: StudySessions) -> Iterator[FittedParticipant]:
+def fit_participants(tables: Tables) -> Iterator[FittedParticipant]:
     """Fit every participant with enough presses in included episodes; the floor is the population's median.
 
     Raises:
         LogError: if there is no such folder.
         ReportError: if no participant has enough.
     """
-    found = False
-    for session in sessions.rows(with_shortest=False):
-        steps = session.rows["steps"].to_pandas()
-        if steps.empty:
-            continue
-        counting = {(facts["episode"], facts["attempt"]) for facts in session.facts}
-        counts = [one in counting for one in zip(steps["episode"], steps["attempt"], strict=True)]
-        times, episodes = select_reaction_times(steps.assign(response_ms=steps["response_ms"].where(counts)))
-        odd = episodes % 2 == 1
-        whole, half = (
-            fit_reaction_times(times, floor_ms=ParticipantParameters().floor_ms),
-            fit_reaction_times(times[odd], floor_ms=ParticipantParameters().floor_ms),
-        )
-        if whole is None or half is None:
-            continue
-        found = True
-        yield FittedParticipant(
-            str(steps["participant"].iloc[0]), whole, measure_gain(half, times[odd], times[~odd]), int((~odd).sum())
-        )
-    if not found:
-        raise ReportError(f"{sessions.source}: no participant has enough key presses for a fit; record more episodes")
+    tables.require(("steps",))
+    included = tables.frame("episodes", [*_EPISODE, "exclusion_reason"])
+    included = included[included["exclusion_reason"].isna()]
+    steps = tables.frame("steps", [*_EPISODE, "key", "visible_effect", "response_ms"])
+    is_included = pd.MultiIndex.from_frame(steps[_EPISODE]).isin(pd.MultiIndex.from_frame(included[_EPISODE]))
+    steps["response_ms"] = steps["response_ms"].where(is_included)
+    any_fit = False
+    for _, session in steps.groupby(_EPISODE[:3], sort=False):
+        fitted = _fit_participant(session)
+        if fitted is not None:
+            any_fit = True
+            yield fitted
+    if not any_fit:
+        raise ReportError(f"{tables.source}: no participant has enough key presses for a fit; record more episodes")
+
+
+def _fit_participant(steps: pd.DataFrame) -> FittedParticipant | None:
+    """Fit one session's participant; None with too few presses."""
+    times, episodes = select_reaction_times(steps)
+    is_odd = episodes % 2 == 1
+    floor_ms = ParticipantParameters().floor_ms
+    fit = fit_reaction_times(times, floor_ms=floor_ms)
+    half_fit = fit_reaction_times(times[is_odd], floor_ms=floor_ms)
+    if fit is None or half_fit is None:
+        return None
+    gain = measure_gain(half_fit, times[is_odd], times[~is_odd])
+    return FittedParticipant(str(steps["participant"].iloc[0]), fit, gain, int((~is_odd).sum()))
 
 
 def select_reaction_times(steps: pd.DataFrame) -> tuple[ReactionTimes, NDArray[np.int64]]:

@@ -8,7 +8,7 @@ from a session on.
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,12 +17,13 @@ import msgspec
 import numpy as np
 import pandas as pd
 
-from minihuman.dataset.selection import Selection
-from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.tables import select
 from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec
+from minihuman.experiment.protocol.study_design import ExperimentDesign, derive_design
 from minihuman.planning.power import ALPHA, PowerEstimate, tabulate_power
+from minihuman.reporting.interactions import InteractionResults, compute_interaction
 from minihuman.reporting.results import (
     assign_roles,
     compare_measures,
@@ -30,6 +31,7 @@ from minihuman.reporting.results import (
     find_target_block,
     list_changes,
     list_default_measures,
+    name_conditions,
     set_measures_aside,
     take_logarithms,
     unite_teams,
@@ -39,7 +41,7 @@ from minihuman.runtime.simulated_session import simulate
 from minihuman.statistics.comparison import find_units, name_units
 from minihuman.statistics.scores import wilson_interval
 
-COMPARISONS = ("groups", "conditions", "change")
+COMPARISONS = ("groups", "conditions", "interaction", "change")
 _TABLES = ("blocks", "episodes", "participants", "answers", "parts", "points", "teams")
 
 
@@ -48,7 +50,7 @@ class StudyDesign:
     """What is varied: the effect, where it lies, and how many leave."""
 
     shift: float = 0.0  # of the primary measure, in standard deviations between participants
-    on: str = "groups"  # which comparison has it: of the first group, the first condition, or the first group's change
+    on: str = "groups"  # which comparison has it: of the first group, condition, cell of both, or group's change
     drop_out: float = 0.0  # the chance to be missing from a session, and from all later ones
 
     def __post_init__(self) -> None:
@@ -73,6 +75,7 @@ class ReportPool:
     groups: Mapping[str, int]  # in the order of the report, with their allocation ratio
     analysis: AnalysisSpec
     target: str
+    design: ExperimentDesign = field(default_factory=ExperimentDesign)
 
 
 def simulate_report_pool(toml: bytes, *, people: int, player: str, seed: int) -> ReportPool:
@@ -88,9 +91,9 @@ def simulate_report_pool(toml: bytes, *, people: int, player: str, seed: int) ->
     with TemporaryDirectory(prefix="minihuman-power-") as folder:
         whole = msgspec.structs.replace(protocol, study=study)
         list(simulate(whole, Path(folder), participants=people, seed=seed, player=player))
-        rows = [one.rows for one in StudySessions(Path(folder), Selection(), processes=1).rows(with_shortest=True)]
-    tables = {name: pd.concat([one[name].to_pandas() for one in rows], ignore_index=True) for name in _TABLES}
-    return make_report_pool(protocol, tables)
+        with select(Path(folder), processes=1) as tables:
+            tables.require(_TABLES, shortest_paths=True)
+            return make_report_pool(protocol, {name: tables.frame(name) for name in _TABLES})
 
 
 def make_report_pool(protocol: Protocol, tables: Mapping[str, pd.DataFrame]) -> ReportPool:
@@ -106,7 +109,7 @@ def make_report_pool(protocol: Protocol, tables: Mapping[str, pd.DataFrame]) -> 
     order = sorted(map(str, blocks.index), key=lambda group: (-int(blocks[group]), group))
     groups = {group: ratios[group] for group in order}
     target = analysis.block or find_target_block(rows[rows["exclusion_reason"].isna()])
-    return ReportPool(rows, groups, analysis, target)
+    return ReportPool(rows, groups, analysis, target, derive_design(protocol))
 
 
 def estimate_report_power(
@@ -124,6 +127,7 @@ def estimate_report_power(
     possible = {
         "groups": several,
         "conditions": bool(pool.analysis.conditions),
+        "interaction": pool.design.is_mixed,
         "change": several and pool.rows["session"].nunique() > 1,
     }
     if not possible[design.on]:
@@ -176,6 +180,13 @@ def _primary(pool: ReportPool, rows: pd.DataFrame) -> str:
     return pool.analysis.primary_measure or next(iter(list_default_measures(rows)), "")
 
 
+def _list_first_blocks(pool: ReportPool) -> list[str]:
+    """The blocks of the first condition."""
+    named = dict(pool.design.condition_of_block) or {block: block for block in pool.analysis.conditions}
+    first = next(iter(named.values()), "")
+    return [block for block, condition in named.items() if condition == first]
+
+
 @lru_cache(maxsize=1)
 def _find_effect(pool: ReportPool, design: StudyDesign) -> tuple[str, bool, pd.DataFrame]:
     """The primary measure, whether it is compared as logarithms, and the pool's rows with how far each is to be moved.
@@ -183,18 +194,21 @@ def _find_effect(pool: ReportPool, design: StudyDesign) -> tuple[str, bool, pd.D
     What is compared is moved to a common mean first: the difference is the design's, whatever the one by which the
     simulated groups or conditions differ. ``middle`` is the mean before.
     """
-    within, rows = design.on == "conditions", pool.rows
+    within, rows = design.on in ("conditions", "interaction"), pool.rows
+    cell = {"conditions": ["block"], "interaction": ["block", "group"]}.get(design.on, ["group", "session"])
     compared = rows["block"].isin(pool.analysis.conditions) if within else rows["block"] == pool.target
     theirs = rows[compared & rows["exclusion_reason"].isna()]
     measure = _primary(pool, theirs)
     scaled, logs = take_logarithms(theirs, [measure])
     values, means = scaled[measure].astype(float), scaled.groupby(["block", "group", "participant"])[measure].mean()
-    middle = values.groupby([theirs[name] for name in (["block"] if within else ["group", "session"])]).transform(
-        "mean"
-    )
+    middle = values.groupby([theirs[name] for name in cell]).transform("mean")
     common = values.mean() if within else values.groupby(theirs["session"]).transform("mean")
-    first = theirs["block"].isin(pool.analysis.conditions[:1]) if within else theirs["group"] == next(iter(pool.groups))
-    affected = first & ((design.on != "change") | (theirs["session"] > rows["session"].min()))
+    first_condition = theirs["block"].isin(_list_first_blocks(pool))
+    first_group = theirs["group"] == next(iter(pool.groups))
+    by_comparison = {"conditions": first_condition, "interaction": first_condition & first_group}
+    affected = by_comparison.get(design.on, first_group) & (
+        (design.on != "change") | (theirs["session"] > rows["session"].min())
+    )
     move = common - middle + design.shift * float(means.groupby(["block", "group"]).std().mean()) * affected
     return measure, measure in logs, rows.assign(move=move, middle=middle).fillna({"move": 0.0})
 
@@ -202,8 +216,13 @@ def _find_effect(pool: ReportPool, design: StudyDesign) -> tuple[str, bool, pd.D
 def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tuple[str, float]]:
     """The corrected p of each comparison of the primary measure, as the report's page has it."""
     analysis, order = pool.analysis, list(pool.groups)
+    if on == "interaction":
+        interaction = compute_interaction(rows, pool.design, analysis, tuple(order))
+        if interaction is not None:
+            yield from _list_interaction_ps(interaction)
+        return
     if on == "conditions":
-        within = compare_within(rows, analysis)
+        within = compare_within(*name_conditions(rows, analysis, pool.design))
         primary = _primary(pool, rows[rows["block"].isin(analysis.conditions)])
         yield from (
             (f"{primary}: {one.first} - {one.second}", one.p_holm)
@@ -229,11 +248,23 @@ def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tup
                 yield f"{primary}: {one.first} - {one.second}", one.p_holm
 
 
+def _list_interaction_ps(found: InteractionResults) -> Iterator[tuple[str, float]]:
+    """The p of all of the interaction, or of its contrasts where they answer the question."""
+    whole = next((test for test in found.omnibus if test.measure == found.measure), None)
+    if whole is not None:
+        yield f"{found.measure}: interaction", whole.p_holm
+        return
+    for compared in found.headline:
+        groups = compared.groups
+        yield f"{found.measure}: {compared.contrast}, {groups.first} - {groups.second}", groups.p_holm
+
+
 def describe_report_power(pool: ReportPool, design: StudyDesign, found: Sequence[PowerEstimate], *, player: str) -> str:
     """Describe the result, for the terminal and a preregistration."""
     where = {
         "groups": f"in group {next(iter(pool.groups))}, block {pool.target}",
         "conditions": f"in block {(*pool.analysis.conditions, '')[0]}, within participants",
+        "interaction": f"in block {(*pool.analysis.conditions, '')[0]} of group {next(iter(pool.groups))} alone",
         "change": f"in the later sessions of group {next(iter(pool.groups))}, block {pool.target}",
     }[design.on]
     sentence = (

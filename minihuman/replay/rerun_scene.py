@@ -140,6 +140,9 @@ _KEY_STATES = {  # what became of a press: label, colour
     "unmapped": 0xD55E00FF,
     "repeat": 0x8A8A8AFF,
     "not_playing": 0xCC79A7FF,
+    "typing": 0xF0E442FF,
+    "held_before_focus": 0x5A5A5AFF,
+    "shortcut": 0x5A5A5AFF,
 }
 
 _ACTIONS = (0x0072B2FF, 0xE69F00FF, 0x009E73FF, 0xCC79A7FF, 0x56B4E9FF, 0xD55E00FF, 0xF0E442FF)

@@ -1,7 +1,7 @@
 """Sections of the report that kinds of activity write: what they are made of, and those of all installed kinds."""
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -10,12 +10,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from minihuman.dataset.selection import Selection
-from minihuman.dataset.store import CachedSession
+from minihuman.dataset.tables import Tables
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.activity import GROUP, find_kind
 from minihuman.log.model.session_log import SessionLog
-from minihuman.log.read.session_reader import read_log
 from minihuman.plugins import list_plugin_names
 from minihuman.reporting.template import ReportFigure, Table
 
@@ -38,6 +36,8 @@ class ReportSection:
         rank: of sections with one title, those with smaller numbers come first.
         figures: drawn when they are asked for; shown among the report's other figures.
         measure_tables: tables by name, with participant, session and block, that the measures of a protocol may use.
+        blocks: that are reported in full here: of trials, which have no ways to a goal.
+        is_leading: whether the figures come before the report's own of a block.
     """
 
     title: str
@@ -45,6 +45,8 @@ class ReportSection:
     rank: int = 0
     figures: Iterable[ReportFigure] = ()
     measure_tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    blocks: frozenset[str] = frozenset()
+    is_leading: bool = False
 
     @property
     def anchor(self) -> str:
@@ -53,26 +55,34 @@ class ReportSection:
 
 
 class SectionSource:
-    """What a section is made of: a study's tables, and the logs behind them.
+    """What a section is made of: a study's tables, and the sessions behind them.
 
     Args:
-        sessions: the study's, as the store lists them.
-        table: gives a table of the study by its name.
-        selection: which episodes are included.
+        tables: the study's.
         figures: the folder for figures.
+        practice: group and block of all practice.
     """
 
-    def __init__(
-        self,
-        sessions: Sequence[CachedSession],
-        table: Callable[[str], pd.DataFrame],
-        selection: Selection,
-        figures: Path,
-    ) -> None:
-        self.table = table
+    def __init__(self, tables: Tables, figures: Path, practice: frozenset[tuple[str, str]] = frozenset()) -> None:
         self.figures = figures
-        self._sessions = sessions
-        self._selection = selection
+        self._practice = practice
+        self._tables = tables
+
+    def table(self, name: str) -> pd.DataFrame:
+        """Return a table of the study."""
+        return self._tables.frame(name)
+
+    def keep_included(self, rows: pd.DataFrame) -> pd.DataFrame:
+        """Keep the rows of a table of episodes that the statistics include, each with its world."""
+        keys = ["participant", "session", "episode", "attempt"]
+        episodes = self._tables.frame("episodes", [*keys, "world", "exclusion_reason"])
+        included = episodes[episodes["exclusion_reason"].isna()][[*keys, "world"]]
+        return rows.merge(included, on=keys, validate="one_to_one")
+
+    def keep_analysed(self, rows: pd.DataFrame) -> pd.DataFrame:
+        """Keep the rows of a table that are not of practice."""
+        pairs = zip(rows["group"], rows["block"], strict=True)
+        return rows[[pair not in self._practice for pair in pairs]]
 
     def read_logs(self, rows: pd.DataFrame) -> Mapping[str, SessionLog]:
         """Read the sessions that have rows in a table, by participant and session, with the episodes included.
@@ -89,8 +99,8 @@ class SectionSource:
     @cached_property
     def _logs(self) -> dict[tuple[str, int], SessionLog]:
         """Every session's included episodes; read once, whichever sections ask."""
-        paths = [Path(session.path) for session in self._sessions if session.outline is not None]
-        selected = (self._selection.judge(read_log(path)) for path in paths)
+        asked_for = (session for session in self._tables.sessions if session.outline is not None)
+        selected = (self._tables.read_session(session) for session in asked_for)
         logs = [session.session for session in selected if session.places]
         return dict(sorted(((log.plan.participant.id, log.plan.session), log) for log in logs))
 

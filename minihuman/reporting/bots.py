@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from minihuman.dataset.annotations import collect_tags
 from minihuman.dataset.selection import SelectedSession
-from minihuman.experiment.machine.events import Noted, TextTyped
+from minihuman.experiment.machine.events import UNPRESSED_VERDICTS, Noted, TextTyped
 from minihuman.experiment.replay import BROWSER_NOTE
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 
@@ -78,13 +78,15 @@ def _read_episode(episode: EpisodeLog) -> tuple[Array, ...] | None:
     keys, begins = episode.keys, [begin for begin, _ in episode.pauses]
     t_ns = np.asarray(keys.column("t_ns")) - np.asarray(keys.column("waited_ns"))
     down, codes = np.asarray(keys.column("down"), bool), keys.column("key").codes
-    pressed = down & ~keys.column("verdict").equals_any(("repeat", "typing", "not_playing"))
+    verdict = keys.column("verdict")
+    pressed = down & ~verdict.equals_any((*UNPRESSED_VERDICTS, "typing", "not_playing"))
+    released = ~down & ~verdict.equals_any(("release_at_focus_loss",))  # no finger left the key then
     at_ns, which = t_ns[pressed], codes[pressed]
     if not len(at_ns):
         return None
     up_ns = np.full(len(at_ns), np.nan)
     for code in np.unique(which):
-        ups = np.append(np.sort(t_ns[~down & (codes == code)]).astype(float), np.nan)
+        ups = np.append(np.sort(t_ns[released & (codes == code)]).astype(float), np.nan)
         up_ns[which == code] = ups[np.searchsorted(ups[:-1], at_ns[which == code])]
     intervals = np.append(np.diff(at_ns) / 1e6, np.nan)
     intervals[np.append(np.diff(np.searchsorted(begins, at_ns)) > 0, False)] = np.nan

@@ -7,8 +7,16 @@ from importlib.metadata import version
 import minihuman
 from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
 from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.experiment.plan.stated_outcomes import describe_rule, find_outcome_rule, is_of_catalogue
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
-from minihuman.reporting.results import FORMULAS, MEASURES
+from minihuman.reporting.results import FORMULAS, MEASURES, TRIAL_BLOCK_MEASURES
+from minihuman.reporting.trial_methods import (
+    describe_stimuli,
+    describe_trials,
+    is_of_trials,
+    list_shared_options,
+)
+from minihuman.worlds.outcomes import LAST_REWARD
 
 _STATISTICS = ("pandas", "scipy")
 _TO_FIND = "the actions of the keys had to be discovered"
@@ -55,7 +63,7 @@ def build_methods(
         _people(plans, simulated, specs, protocols),
         *_designs(protocols),
         *_blocks(plans, specs),
-        _measures(plans),
+        _measures(plans, specs),
         _software(plans, qualities),
         f"This report: minihuman {minihuman.__version__}, {_name_statistics()}.",
     ]
@@ -248,18 +256,35 @@ def _carried(known: Mapping[Cell, bool]) -> str:
 
 def _describe(one: EpisodePlan, spec: BlockSpec | None) -> str:
     """A block as one participant had it."""
-    options = "".join(f", {option} = {value!r}" for option, value in sorted(one.options.items()))
     offered = sum(action in one.actions for action in one.key_map.keys.values())
     pool = len(one.key_map.keys) + len(one.key_map.spare_keys)
     others = sorted({action for action in one.key_map.keys.values() if action not in one.actions})
     distractors = f", {', '.join(others)} on the other {len(one.key_map.keys) - offered}" if others else ""
-    return (
-        f"{'' if spec is None or spec.analysed else 'practice, not analysed: '}{_episodes(one, spec)} in {one.world}"
-        f"{options}, {one.view} view, at most {one.max_steps} steps"
-        f"{f' or {spec.max_episode_s:g} s' if spec is not None and spec.max_episode_s else ''} each; {_pace(one)}; "
+    keys = (
         f"actions {', '.join(one.actions)} on {offered} keys of {pool}{distractors}; "
-        f"{_SHOWN if one.show_keys else _TO_FIND}{_moved(spec)}"
+        f"{_SHOWN if one.show_keys else _TO_FIND}"
     )
+    practice = "" if spec is None or spec.analysed else "practice, not analysed: "
+    if is_of_trials(one, spec):
+        return f"{practice}{describe_trials(one, spec)}; {keys}"
+    shared = sorted(list_shared_options(one, spec).items())
+    options = "".join(f", {option} = {value!r}" for option, value in shared)
+    table = describe_stimuli(spec)
+    return (
+        f"{practice}{_episodes(one, spec)} in {one.world}"
+        f"{options}{f', further options from {table}' if table else ''}, {one.view} view, at most {one.max_steps} steps"
+        f"{f' or {spec.max_episode_s:g} s' if spec is not None and spec.max_episode_s else ''} each; {_pace(one)}; "
+        f"{keys}{_moved(spec)}{_outcome(one, spec)}"
+    )
+
+
+def _outcome(one: EpisodePlan, spec: BlockSpec | None) -> str:
+    """What an end meant, where that does not go without saying."""
+    if is_of_catalogue(one.world) and one.outcome_rule == LAST_REWARD:
+        return ""
+    is_older = spec is not None and one.outcome_rule == LAST_REWARD != find_outcome_rule(spec).rule
+    since = ", as for every world when the study began" if is_older else ""
+    return f"; {describe_rule(one.outcome_rule)}{since}"
 
 
 def _moved(spec: BlockSpec | None) -> str:
@@ -289,8 +314,11 @@ def _pace(one: EpisodePlan) -> str:
     return f"one step every {one.step_period_ms:g} ms, {without}, reaction times from {onset}"
 
 
-def _measures(plans: Sequence[PlanOutline]) -> str:
-    parts = "; ".join(f"{MEASURES[name]} \N{EN DASH} {formula}" for name, formula in FORMULAS.items())
+def _measures(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
+    blocks = [(block, specs.find(plan, block.block_name)) for plan in plans for block in plan.blocks]
+    are_trials = bool(blocks) and all(is_of_trials(block, spec) for block, spec in blocks)
+    names = [name for name in FORMULAS if name in TRIAL_BLOCK_MEASURES or not are_trials]
+    parts = "; ".join(f"{MEASURES[name]} \N{EN DASH} {FORMULAS[name]}" for name in names)
     several = "; of several sessions it is the mean of theirs" if len({plan.session for plan in plans}) > 1 else ""
     return f"Unless stated otherwise, a participant's value is the mean over the included episodes{several}. {parts}."
 

@@ -15,7 +15,9 @@ import pandas as pd
 from minihuman.dataset.recording_quality import RecordingQuality
 from minihuman.dataset.selection import SelectionSummary
 from minihuman.experiment.protocol.specs import AnalysisSpec
+from minihuman.experiment.protocol.study_design import ExperimentDesign
 from minihuman.reporting.activity_sections import ReportSection
+from minihuman.reporting.interactions import InteractionResults, cells_table, interaction_table, state_interaction
 from minihuman.reporting.results import BlockResults, Results, WithinResults, label_measure, summarise_group_rewards
 from minihuman.reporting.sections import (
     FlowSection,
@@ -83,6 +85,7 @@ class PageContent:
     sessions: int
     players: Sequence[str]
     simulated: int  # sessions that no person played
+    imported: int  # sessions that a page recorded and nobody witnessed
     windows: Mapping[str, int]  # what they sat at, and how many sessions there
     flow: FlowSection | None  # how many came, left, were screened out and are included
     methods: Sequence[str]
@@ -99,6 +102,9 @@ class PageContent:
     exclusions: pd.DataFrame
     account: SelectionSummary
     analysis: AnalysisSpec  # what the protocol named
+    design: ExperimentDesign
+    interaction: InteractionResults | None  # of groups and conditions, in a mixed design
+    first_block: str  # whose comparison of groups is among the answers; "": none's
     papers: bool  # the protocol is the published study's
     mixed: Mapping[str, MixedModel | None]  # of each block whose change over episodes is compared
 
@@ -123,15 +129,17 @@ def build_page(facts: PageContent, found: Results, templates: Path | None = None
         "included": found.kept,
         "players": facts.players,
         "simulated": facts.simulated,
+        "imported": facts.imported,
         "windows": ", ".join(f"{window} in {count} sessions" for window, count in facts.windows.items()),
         "flow": facts.flow,
         "practice": facts.practice,
         "published": _published(target) if facts.papers and target else None,
-        "question": ask_question(facts.analysis, found),
-        "answers_first": _answer(target, found),
+        "question": ask_question(facts.analysis, found, facts.design, facts.interaction),
+        "answers_first": _answer(target if facts.first_block else None, found, facts),
         "excluded": _count_excluded(facts.exclusions),
         "within": _within(found.within),
-        "blocks": [_block(one, found, facts.known_keys, facts.mixed.get(one.block)) for one in found.blocks],
+        "interaction": _interaction(facts.interaction),
+        "blocks": [_block(one, found, facts) for one in found.blocks],
         "min_growth_episodes": MIN_EPISODES,
         "clauses": clauses_table(facts.clauses),
         "activities": facts.activities,
@@ -148,36 +156,55 @@ def build_page(facts: PageContent, found: Results, templates: Path | None = None
     return render_template(REPORT, shown, templates)
 
 
-def ask_question(analysis: AnalysisSpec, found: Results) -> str:
-    """What the study compares, in one sentence."""
+def ask_question(
+    analysis: AnalysisSpec,
+    found: Results,
+    design: ExperimentDesign | None = None,
+    interaction: InteractionResults | None = None,
+) -> str:
+    """What the study compares, in one sentence, after the protocol's own question."""
+    stated = f"{design.question} " if design and design.question else ""
+    measure = label_measure(analysis.primary_measure) if analysis.primary_measure else "every measure"
+    if design and interaction and design.primary_effect == "interaction":
+        return (
+            f"{stated}Asked: whether differences between conditions {_join(interaction.conditions)} in {measure} "
+            f"depend on the group ({_join(interaction.groups)})."
+        )
     groups = found.target_block.groups["group"].tolist() if found.target_block else []
     conditions = found.within.conditions if found.within else ()
     parts = []
     if len(groups) > 1:
         parts.append(f"groups {_join(groups)} in block {found.target}")
-    if conditions:
+    if found.within and found.within.label:
+        parts.append(f"levels {_join(conditions)} of {found.within.label} within participants")
+    elif conditions:
         parts.append(f"blocks {_join(conditions)} within participants")
     if not parts:
-        return "One group: nothing is compared between groups."
-    measure = label_measure(analysis.primary_measure) if analysis.primary_measure else "every measure"
-    return f"Asked: how {', and '.join(parts)} differ in {measure}."
+        return f"{stated}One group: nothing is compared between groups."
+    return f"{stated}Asked: how {', and '.join(parts)} differ in {measure}."
 
 
 def _join(names: Sequence[str]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
 
 
-def _answer(target: BlockResults | None, found: Results) -> list[str]:
-    """The statements that answer it: the primary's, adjusted ones, equivalence, and conditions."""
+def _answer(target: BlockResults | None, found: Results, facts: PageContent) -> list[str]:
+    """The statements that answer it: the primary's, adjusted ones, equivalence, and conditions.
+
+    Where the question is about the interaction, its answer comes first, and conditions pooled over groups are left to
+    their table.
+    """
+    is_about_interaction = facts.interaction is not None and facts.design.primary_effect == "interaction"
     said = []
     if target is not None and len(target.groups) > 1:
         said += [difference_statement(each, target.block) for each in target.headline]
         said += [f"Adjusted for the covariates. {difference_statement(each, target.block)}" for each in target.adjusted]
         said += [equivalence_statement(each, target.roles) for each in target.alike]
-    if found.within:
+    if found.within and not is_about_interaction:
         primary = [one for one in found.within.comparisons if found.within.roles[one.measure] == "primary"]
         said += [paired_statement(one) for one in primary]
-    return said
+    interaction = list(state_interaction(facts.interaction)) if facts.interaction else []
+    return [*interaction, *said] if is_about_interaction else [*said, *interaction]
 
 
 def _count_excluded(exclusions: pd.DataFrame) -> str:
@@ -190,7 +217,16 @@ def _count_excluded(exclusions: pd.DataFrame) -> str:
 def _within(found: WithinResults | None) -> dict[str, Any] | None:
     if found is None:
         return None
-    return {"conditions": _join(found.conditions), "table": conditions_table(found), "effects": crossover_table(found)}
+    return {
+        "label": found.label,
+        "conditions": _join(found.conditions),
+        "table": conditions_table(found),
+        "effects": crossover_table(found),
+    }
+
+
+def _interaction(found: InteractionResults | None) -> dict[str, Table] | None:
+    return None if found is None else {"cells": cells_table(found), "table": interaction_table(found)}
 
 
 def build_participants_page(study: str, blocks: pd.DataFrame, found: Results) -> str:
@@ -229,9 +265,7 @@ def _versions(account: SelectionSummary) -> str:
     return f"{len(versions)} versions of the protocol are pooled here ({'; '.join(versions)}), --version takes one"
 
 
-def _block(
-    one: BlockResults, found: Results, known_keys: Mapping[str, Sequence[str]], mixed: MixedModel | None
-) -> dict[str, Any]:
+def _block(one: BlockResults, found: Results, facts: PageContent) -> dict[str, Any]:
     """A block as the template shows it."""
     alone = len(one.groups) == 1 and len(found.order) > 1
     pairs = {(each.first, each.second) for each in one.comparisons}
@@ -243,7 +277,7 @@ def _block(
         "is_target": one.block == found.target and len(one.groups) > 1,
         "only_group": str(one.groups["group"].iloc[0]) if alone else "",
         "differences": []
-        if one.block == found.target and len(one.groups) > 1
+        if one.block == facts.first_block and len(one.groups) > 1
         else [difference_statement(each, one.block) for each in one.headline],
         "has_no_primary": bool(one.comparisons) and "primary" not in one.roles.values(),
         "has_roles": _has_roles(one),
@@ -256,7 +290,7 @@ def _block(
             for each in one.comparisons
             if each.reason
         ],
-        "groups_with_keys": known_keys.get(one.block, ()) if one.comparisons else (),
+        "groups_with_keys": facts.known_keys.get(one.block, ()) if one.comparisons else (),
         "set_aside": [f"{label_measure(name)} ({reason})" for name, reason in one.set_aside.items()],
         "without_goal": one.waits.without_goal,
         "several_sessions": one.by_session["session"].nunique() > 1,
@@ -265,7 +299,7 @@ def _block(
         "survival": survival_table(one.waits),
         "parts": parts_table(one.parts),
         "parts_missing": list_missing_parts(one.parts),
-        **_growth(one, mixed),
+        **_growth(one, facts.mixed.get(one.block)),
         "reliability": reliability_table(one.reliabilities),
         "powers": [power_statement(each) for each in one.powers],
     }
@@ -344,9 +378,17 @@ def _growth(one: BlockResults, mixed: MixedModel | None) -> dict[str, Any]:
         "growth_measure": found.measure.capitalize(),
         "growth_reference": found.reference,
         "growth_left_out": found.left_out,
-        "mixed": _terms(mixed.terms) if mixed and mixed.terms else None,
+        "mixed": _estimates(mixed.terms) if mixed and mixed.terms else None,
         "mixed_model": mixed,
     }
+
+
+def _estimates(terms: Sequence[GrowthTerm]) -> Table:
+    """The terms of a mixed model, without its Wald intervals and p.
+
+    Of 2 and 18 people with SDs 3 to 1 they reject a true null in a third of studies.
+    """
+    return Table(("term", "estimate"), [(term.name, format_number(term.estimate)) for term in terms])
 
 
 def _terms(terms: Sequence[GrowthTerm]) -> Table:

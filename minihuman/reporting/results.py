@@ -4,16 +4,20 @@ Group comparisons, survival times until all keys were found and until the goal, 
 that are 0 after a timeout, growth, equivalence and power.
 """
 
+import json
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal, get_args
 
+import msgspec
 import numpy as np
 import pandas as pd
 
+from minihuman.activities.trials.trial_measures import MEASURES as TRIAL_MEASURES
 from minihuman.experiment.protocol.specs import AnalysisSpec
+from minihuman.experiment.protocol.study_design import ExperimentDesign
 from minihuman.reporting.study_measures import find_measure
 from minihuman.statistics.comparison import (
     Equivalence,
@@ -79,7 +83,8 @@ def collect_survival_times(rows: pd.DataFrame, begun: pd.DataFrame, order: Seque
         found = first["all_keys_discovered_s"].to_numpy(float)
         if len(first):
             keys[group] = SurvivalTimes(np.where(np.isnan(found), watched, found), ~np.isnan(found))
-        part = episodes[(episodes["group"] == group) & (episodes["steps"] > 0)]
+        known = episodes["success"].notna()
+        part = episodes[(episodes["group"] == group) & (episodes["steps"] > 0) & known]
         if len(part):
             waited = part["steps"].where(part["outcome"] != "failure", part["max_steps"])
             goal[group] = SurvivalTimes(waited.to_numpy(float), part["success"].to_numpy(bool))
@@ -89,7 +94,7 @@ def collect_survival_times(rows: pd.DataFrame, begun: pd.DataFrame, order: Seque
 
 def compare_reward_parts(episodes: pd.DataFrame, order: Sequence[str]) -> tuple[TwoPartComparison, ...]:
     """Every two groups compared in both parts of the reward; none where it has no mass at 0."""
-    if not has_mass_at_zero(episodes["reward"].to_numpy(np.float64)):
+    if episodes["success"].isna().all() or not has_mass_at_zero(episodes["reward"].to_numpy(np.float64)):
         return ()
     return tuple(compare_two_parts(episodes, "reward", pair) for pair in combinations(order, 2))
 
@@ -116,6 +121,7 @@ MEASURES = {  # columns of the block table that groups are compared on, and what
 LOG_MEASURES = ("playing_s_mean", "response_median_ms", "all_keys_discovered_s", "reaction_median_ms")
 # Compared only where the protocol names them: they repeat another measure, at a cost in Holm's correction.
 ONLY_IF_NAMED = frozenset({"log_steps_ratio_mean", "reaction_median_ms"})
+TRIAL_BLOCK_MEASURES = ("reward_mean", "response_median_ms")  # of MEASURES, those that a block of trials has
 FORMULAS = {  # of one episode, where a measure's name does not tell it
     "log_excess_steps_mean": "ln(1 + steps - shortest), shortest: steps of the shortest known path",
     "log_steps_ratio_mean": "ln(steps / shortest)",
@@ -204,6 +210,7 @@ class WithinResults:
     comparisons: tuple[PairedComparison, ...]
     effects: tuple[CrossoverTerm, ...]  # of order, where it differs between participants
     roles: Mapping[str, Role]
+    label: str = ""  # of trials, whose levels the conditions are; "" where they are blocks
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -228,8 +235,14 @@ def compute_results(
     participants: pd.DataFrame,
     analysis: AnalysisSpec | None = None,
     teams: pd.DataFrame | None = None,
+    trial_levels: pd.DataFrame | None = None,
+    design: ExperimentDesign | None = None,
 ) -> Results:
-    """Compute the results from three tables; ``analysis`` is what the protocol names, ``teams`` the table of teams."""
+    """Compute the results from three tables; ``analysis`` is what the protocol names, ``teams`` the table of teams.
+
+    ``trial_levels`` are the measures of trials by the levels of their labels. ``design`` says which blocks are one
+    condition; without it each block is its own.
+    """
     units = {} if teams is None else {str(name): find_units(rows) for name, rows in teams.groupby("block")}
     analysis = analysis or AnalysisSpec()
     counted_people = participants[participants["exclusion_reason"].isna()]
@@ -252,7 +265,9 @@ def compute_results(
         ),
         target=target,
         order=tuple(order),
-        within=compare_within(unite_teams(kept, teams), analysis),
+        within=compare_labels(counted, analysis, trial_levels)
+        if analysis.condition_label
+        else compare_within(*name_conditions(unite_teams(kept, teams), analysis, design or ExperimentDesign())),
         kept=(counted_people["participant"].nunique(), len(counted)),
     )
 
@@ -266,6 +281,16 @@ def unite_teams(rows: pd.DataFrame, teams: pd.DataFrame | None) -> pd.DataFrame:
         for block, part in rows.groupby("block", sort=False)
     ]
     return pd.concat(parts).loc[rows.index]
+
+
+def name_conditions(
+    rows: pd.DataFrame, analysis: AnalysisSpec, design: ExperimentDesign
+) -> tuple[pd.DataFrame, AnalysisSpec]:
+    """Put each block's condition in the place of the block, in the rows and in the analysis."""
+    if not design.conditions:
+        return rows, analysis
+    named = rows.assign(block=rows["block"].replace(dict(design.condition_of_block)))
+    return named, msgspec.structs.replace(analysis, conditions=design.conditions)
 
 
 def compare_within(rows: pd.DataFrame, analysis: AnalysisSpec) -> WithinResults | None:
@@ -306,6 +331,68 @@ def compare_within(rows: pd.DataFrame, analysis: AnalysisSpec) -> WithinResults 
     return WithinResults(analysis.conditions, comparisons, effects, roles)
 
 
+def leave_out_navigation(
+    episodes: pd.DataFrame, blocks: pd.DataFrame, trial_blocks: Collection[str]
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Take from blocks of trials what describes ways to a goal; the section on trials has their accuracy and times."""
+    if not trial_blocks:
+        return episodes, blocks
+    is_trial = episodes["block"].isin(trial_blocks)
+    empty = [name for name in ("success", "playing_s", "log_excess_steps", "spl") if name in episodes]
+    episodes = episodes.astype(dict.fromkeys(empty, object))
+    episodes.loc[is_trial, empty] = None
+    is_trial = blocks["block"].isin(trial_blocks)
+    dropped = [name for name in MEASURES if name not in TRIAL_BLOCK_MEASURES]
+    blocks = blocks.astype(dict.fromkeys(dropped, np.float64))
+    blocks.loc[is_trial, dropped] = np.nan
+    blocks.loc[is_trial, "keys_total"] = 0
+    return episodes, blocks
+
+
+def compare_labels(
+    episodes: pd.DataFrame, analysis: AnalysisSpec, trial_levels: pd.DataFrame | None = None
+) -> WithinResults | None:
+    """Compare the levels of a label of trials within participants, over the included trials that have it.
+
+    A participant's value of a level is the mean over its trials; of response times the median over trials; of a
+    measure of trials what the section on trials has, the mean over blocks.
+
+    Args:
+        episodes: the included ones.
+        analysis: names the label, and the measures.
+        trial_levels: a row per participant, session, block, label and level, with the measures of trials.
+    """
+    label = analysis.condition_label
+    levels = read_label(episodes, label)
+    rows = episodes.assign(block=levels)[levels != ""]
+    if rows.empty:
+        return None
+    keys = ["participant", "session", "block"]
+    rows = rows.assign(success=pd.to_numeric(rows["success"]))
+    values = rows.groupby(keys, sort=False).agg(
+        success=("success", "mean"), reward_mean=("reward", "mean"), response_median_ms=("response_median_ms", "median")
+    )
+    measured = values.reindex(columns=list(MEASURES)).reset_index()
+    if trial_levels is not None:
+        of_label = trial_levels[trial_levels["label"].eq(label)].drop(columns=["block"])
+        named = {name: f"trials:{name}" for name in TRIAL_MEASURES}
+        means = of_label.rename(columns={"level": "block", **named}).groupby(keys)[list(named.values())].mean()
+        measured = measured.merge(means.reset_index(), on=keys, how="left")
+    conditions = tuple(sorted(measured["block"].unique()))
+    of_levels = AnalysisSpec(
+        primary_measure=analysis.primary_measure if analysis.primary_measure in measured else "",
+        secondary_measures=tuple(name for name in analysis.secondary_measures if name in measured),
+        conditions=conditions,
+    )
+    found = compare_within(measured, of_levels) if len(conditions) > 1 else None
+    return replace(found, effects=(), label=label) if found else None  # levels alternate: they have no position
+
+
+def read_label(episodes: pd.DataFrame, label: str) -> "pd.Series[str]":
+    """Read the level of a label that each episode has, as a text; "" where it has none."""
+    return episodes["labels"].map(lambda text: str(json.loads(text or "{}").get(label, "")), na_action=None)
+
+
 def list_default_measures(rows: pd.DataFrame) -> list[str]:
     """The measures that are compared where the protocol names none: those that have values."""
     return [name for name in MEASURES if name not in ONLY_IF_NAMED and rows[name].notna().any()]
@@ -332,7 +419,7 @@ def compute_block_results(
     rows = _groups_in(order, rows.sort_values(["participant", "session"]))
     aside = {
         name: why
-        for name, why in set_measures_aside(rows, late=int((~episodes["success"].astype(bool)).sum())).items()
+        for name, why in set_measures_aside(rows, late=int(episodes["success"].eq(False).sum())).items()
         if name not in (analysis.primary_measure, *analysis.secondary_measures)
     }
     unasked = ONLY_IF_NAMED - {analysis.primary_measure, *analysis.secondary_measures}

@@ -14,17 +14,13 @@ import numpy as np
 import pandas as pd
 
 from minihuman.admin.next_session import find_remaining_episodes
-from minihuman.dataset.log_files import list_readable_logs
 from minihuman.dataset.selection import Selection
-from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import StudyStore
+from minihuman.dataset.tables import Tables, select
 from minihuman.errors import ReportError
 from minihuman.experiment.machine.events import ModelCall
-from minihuman.experiment.protocol.protocol import decode_logged_protocol
 from minihuman.figures.figure_data import draw_figure_files
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.paths import MODELS_FOLDER
-from minihuman.log.read.session_reader import read_log
 from minihuman.statistics.scores import DRAWS, HUMAN_REFERENCE, Estimate, PlayerScore, Runs, score_player
 
 HUMAN = "human"
@@ -88,6 +84,16 @@ class Scorecard:
     answers: pd.DataFrame  # a row for each question, a column for each player; what a person typed is not in it
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PlayerRows:
+    """What a study's players did: the episodes that count, the answers, and what models cost."""
+
+    source: Path
+    episodes: pd.DataFrame
+    answers: pd.DataFrame
+    costs: Mapping[str, Costs]  # by player
+
+
 def build_scorecard(
     studies: Sequence[Path],
     *,
@@ -97,8 +103,6 @@ def build_scorecard(
     draws: int = DRAWS,
 ) -> Scorecard:
     """Score every player of some studies' folders; the models' folder of each is read, too.
-
-    Participants of one code in one data folder count as one, so that a set of levels may be several protocols.
 
     Args:
         studies: their folders.
@@ -110,35 +114,77 @@ def build_scorecard(
     Raises:
         ReportError: if there is no episode, no such reference, or no level that it shares.
     """
-    found = [folder for study in studies for folder in (study, find_models_folder(study)) if folder.is_dir()]
-    read = [_read_study(folder, selection or Selection()) for folder in dict.fromkeys(found)]
-    frames = zip(*([one[:2] for one in read] or [(pd.DataFrame(), pd.DataFrame())]), strict=True)
-    rows, answers = (pd.concat(list(each), ignore_index=True) for each in frames)
+    folders = [folder for study in studies for folder in (study, find_models_folder(study)) if folder.is_dir()]
+    if not folders:
+        raise ReportError(_describe_no_play(studies))
+    plays = []
+    for folder in dict.fromkeys(folders):
+        with select(folder, selection) as tables:
+            plays.append(read_player_rows(tables))
+    return compose_scorecard(plays, reference=reference, seed=seed, draws=draws)
+
+
+def compose_scorecard(
+    plays: Sequence[PlayerRows], *, reference: str = "", seed: int = 1, draws: int = DRAWS
+) -> Scorecard:
+    """Score every player of some studies.
+
+    Participants of one code in one data folder count as one, so that a set of levels may be several protocols.
+
+    Args:
+        plays: of the studies.
+        reference: the player that scores 1; by default people, or who is likest to them.
+        seed: of the bootstrap.
+        draws: of the bootstrap.
+
+    Raises:
+        ReportError: if there is no episode, no such reference, or no level that it shares.
+    """
+    rows = pd.concat([play.episodes for play in plays], ignore_index=True)
+    answers = pd.concat([play.answers for play in plays], ignore_index=True)
     if not len(rows):
-        raise ReportError(f"{', '.join(map(str, studies))}: no episode was played to its end; play some first")
+        raise ReportError(_describe_no_play([play.source for play in plays]))
     names = _name_players(rows["player"].unique())
     rows = rows.assign(player=rows["player"].map(names))
     rows["path_known"] = rows.groupby(_LEVEL)["feasible_steps"].transform("max").notna()
-    costs: dict[str, Costs] = {}
-    for player, its in (item for *_, theirs in read for item in theirs.items()):
-        name = names.get(player, player)
-        costs[name] = costs.get(name, Costs()).add(its)
+    costs = _sum_costs(plays, names)
     players = sorted(rows["player"].unique())
     chosen = reference or next((name for name in (HUMAN, *_STAND_INS, *players) if name in players), "")
     if chosen not in players:
         raise ReportError(f"reference {reference!r} played none of the levels; use one of {', '.join(players)}")
     scored = (_score(rows, name, chosen, costs.get(name, Costs()), seed, draws) for name in players)
-    lines = sorted(filter(None, scored), key=lambda one: -np.nan_to_num(one.score.efficiency.value, nan=-1.0))
-    people = rows.loc[rows["player"] == chosen, "run"].nunique()
-    few, stand_in = f"{people} people, too few to be called human", f"{chosen} (n = {people}), in place of people"
-    named = stand_in if chosen != HUMAN else few if people < HUMAN_REFERENCE else f"human (n = {people})"
+    lines = sorted(filter(None, scored), key=lambda line: -np.nan_to_num(line.score.efficiency.value, nan=-1.0))
+    label = _label_reference(chosen, rows.loc[rows["player"] == chosen, "run"].nunique())
     return Scorecard(
-        named,
+        label,
         chosen,
         tuple(lines),
-        tuple(_note(lines, chosen, named, set(players))),
+        tuple(_note(lines, chosen, label, set(players))),
         _summarize_answers(answers.assign(player=answers["player"].map(names)).dropna(subset="player")),
     )
+
+
+def _describe_no_play(studies: Sequence[Path]) -> str:
+    return f"{', '.join(map(str, studies))}: no episode was played to its end; play some first"
+
+
+def _sum_costs(plays: Iterable[PlayerRows], names: Mapping[str, str]) -> dict[str, Costs]:
+    """Add up what each player's calls took, by its name on the scorecard."""
+    costs: dict[str, Costs] = {}
+    for play in plays:
+        for player, price in play.costs.items():
+            name = names.get(player, player)
+            costs[name] = costs.get(name, Costs()).add(price)
+    return costs
+
+
+def _label_reference(reference: str, runs: int) -> str:
+    """Say who the reference is, and that they stand in for people where they do."""
+    if reference != HUMAN:
+        return f"{reference} (n = {runs}), in place of people"
+    if runs < HUMAN_REFERENCE:
+        return f"{runs} people, too few to be called human"
+    return f"human (n = {runs})"
 
 
 def find_models_folder(study: Path) -> Path:
@@ -159,27 +205,53 @@ def _summarize_answers(answers: pd.DataFrame) -> pd.DataFrame:
     return last[_ANSWER[4:]].apply(summarize).unstack(fill_value="") if len(answers) else pd.DataFrame()
 
 
-def _read_study(folder: Path, selection: Selection) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, Costs]]:
-    """The episodes that count and the answers, with whose they are, and what models cost."""
-    wanted = {"episodes": _COLUMNS, "participants": [*_SESSION, "player"], "answers": _ANSWER}
-    with StudyStore(StudySessions(folder, selection), with_shortest=True, tables=[*wanted]) as store:
-        episodes, played, said = (store.tables.table(name, columns).to_pandas() for name, columns in wanted.items())
-    rows = episodes[episodes["exclusion_reason"].isna() & episodes["outcome"].isin(_ENDED)]
-    rows, answers = (
-        frame.merge(played.drop_duplicates(_SESSION), on=_SESSION)
-        for frame in (rows, said[~said["kind"].isin(("text", "long_text"))])
+def read_player_rows(tables: Tables) -> PlayerRows:
+    """Read the episodes that count and the answers, with whose they are, and what models cost."""
+    columns = {"episodes": _COLUMNS, "participants": [*_SESSION, "player"], "answers": _ANSWER}
+    tables.require((*columns, "model_calls"), shortest_paths=True)
+    episodes, participants, answers = (tables.frame(name, names) for name, names in columns.items())
+    players = participants.drop_duplicates(_SESSION)
+    completed = episodes[episodes["exclusion_reason"].isna() & episodes["outcome"].isin(_ENDED)]
+    numbers_and_options = answers[~answers["kind"].isin(("text", "long_text"))]
+    logs = list(_read_model_logs(tables, participants))
+    rows = pd.concat([completed.merge(players, on=_SESSION), pd.DataFrame(_list_unfinished(logs))], ignore_index=True)
+    protocol = next((tables.read_protocol(session) for session in tables.sessions if session.study), None)
+    practice = {block.name for block in protocol.blocks if not block.analysed} if protocol else set()
+    parent = f"{tables.source.parent}/"
+    rows = rows.assign(run=parent + rows["participant"])
+    answers = numbers_and_options.merge(players, on=_SESSION)
+    return PlayerRows(
+        tables.source,
+        rows[~rows["block"].isin(practice)],
+        answers.assign(run=parent + answers["participant"]),
+        _count_costs(logs, protocol.model.currency if protocol else ""),
     )
-    logs = [read_log(path) for path in list_readable_logs(folder)[0]]
-    rows = pd.concat([rows, pd.DataFrame(_list_unfinished(logs))], ignore_index=True)
-    rows, answers = (frame.assign(run=f"{folder.parent}/" + frame["participant"]) for frame in (rows, answers))
-    protocols = [decode_logged_protocol(log.plan.protocol_toml) for log in logs[:1] if log.plan.protocol_toml]
-    practice = {block.name for protocol in protocols for block in protocol.blocks if not block.analysed}
-    currency = protocols[0].model.currency if protocols else ""
+
+
+def _read_model_logs(tables: Tables, participants: pd.DataFrame) -> Iterator[SessionLog]:
+    """Read the logs of models' sessions, and of those that are not selected: what they cost counts, too."""
+    is_model = participants["player"].str.startswith(_MODELS)
+    model_calls = tables.frame("model_calls", _SESSION)
+    model_sessions = {*_list_sessions(participants[is_model]), *_list_sessions(model_calls)}
+    for session in tables.sessions:
+        if session.problem:
+            continue
+        outline = session.outline
+        if outline is None or (outline.participant, outline.session) in model_sessions:
+            yield tables.read_log(session)
+
+
+def _list_sessions(rows: pd.DataFrame) -> Iterator[tuple[str, int]]:
+    return zip(rows["participant"], rows["session"], strict=True)
+
+
+def _count_costs(logs: Iterable[SessionLog], currency: str) -> dict[str, Costs]:
+    """Count the calls of models, by player."""
     costs: dict[str, Costs] = {}
     for log in logs:
         calls = [event for event in log.part_events if isinstance(event, ModelCall) and event.state != "asked"]
         if calls:
-            its = Costs(
+            session_costs = Costs(
                 len(calls),
                 sum(call.verdict == "invalid" for call in calls),
                 sum(call.state == "unknown" for call in calls),
@@ -188,8 +260,8 @@ def _read_study(folder: Path, selection: Selection) -> tuple[pd.DataFrame, pd.Da
                 currency,
                 int(log.end_reason == "declined"),
             )
-            costs[log.player] = costs.get(log.player, Costs()).add(its)
-    return rows[~rows["block"].isin(practice)], answers, costs
+            costs[log.player] = costs.get(log.player, Costs()).add(session_costs)
+    return costs
 
 
 def _list_unfinished(logs: Iterable[SessionLog]) -> Iterator[dict[str, object]]:

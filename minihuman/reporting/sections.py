@@ -345,6 +345,9 @@ def quality_section(qualities: Sequence[RecordingQuality]) -> QualitySection:
     if periods := sum(one.periods for one in sat):
         missed = sum(one.periods_missed for one in sat)
         lead += f"; {missed} of {periods} periods of real time passed without a step"
+    for quality in qualities:
+        if quality.doubtful_presses:
+            lead += f"; {quality.participant}, session {quality.session}: {quality.doubtful_presses}"
     if len(sat) < len(qualities):
         none = f"{len(qualities) - len(sat)} sessions had neither keyboard nor display, so nothing was timed"
         lead = f"{lead}. {none}" if sat else none

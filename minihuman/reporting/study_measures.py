@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import pandas as pd
 
+from minihuman.activities.trials.trial_measures import MEASURES as TRIAL_MEASURES
 from minihuman.errors import ReportError
 from minihuman.plugins import make_plugin
 
@@ -132,11 +133,29 @@ class DesignEstimate(StudyMeasure):
         return last.assign(value=np.array(values, float))[["participant", "session", "block", "value"]]
 
 
+class TrialMeasure(StudyMeasure):
+    """``trials:NAME``: a measure of trials, such as ``trials:d_prime``."""
+
+    def __init__(self, argument: str) -> None:
+        if argument not in TRIAL_MEASURES:
+            raise ReportError(
+                f"measure 'trials:{argument}' is unknown; after trials:, use one of {', '.join(TRIAL_MEASURES)}"
+            )
+        self.name = argument
+        self.label = TRIAL_MEASURES[argument]
+
+    def compute(self, tables: Tables) -> pd.DataFrame:
+        """The column of the measures of all trials of a block."""
+        rows = tables.get("trial_measures", pd.DataFrame(columns=["participant", "session", "block", self.name]))
+        return rows.rename(columns={self.name: "value"})[["participant", "session", "block", "value"]]
+
+
 _BUILT_IN: Mapping[str, type[StudyMeasure]] = {
     "answer": AnswerScore,
     "block": BlockValue,
     "design": DesignEstimate,
     "teaching": TeachingMeasure,
+    "trials": TrialMeasure,
 }
 
 

@@ -1,17 +1,13 @@
 """The agent host: answers what a session requests from outside, such as a policy, its advice, a clip or a group.
 
-Clips to compare are drawn uniformly from a session's episodes, never one against itself. Where a group is still to be
-drawn, the draw comes first and its host answers from then on.
+Where a group is still to be drawn, the draw comes first and its host answers from then on.
 """
 
 import logging
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import replace
 from pathlib import Path
-
-import msgspec
 
 from minihuman.activities.agent_blocks.events import PolicyGiven
 from minihuman.activities.agent_blocks.plan import LATEST_POLICY, AgentPlayPlan
@@ -22,7 +18,6 @@ from minihuman.activities.episode_clips import ClipOffered, EpisodeClip
 from minihuman.activities.preferences.plan import PreferencesPlan
 from minihuman.activities.preferences.requests import ClipRequest
 from minihuman.activities.team.plan import TeamPlayPlan
-from minihuman.admin.next_session import plan_drawn_session
 from minihuman.admin.policies import PolicyStore
 from minihuman.agents.agent import (
     POLICY_AGENT,
@@ -36,136 +31,19 @@ from minihuman.errors import MinihumanError
 from minihuman.experiment.machine.activity import ActivityRequest, RequestHandler
 from minihuman.experiment.machine.events import Event
 from minihuman.experiment.machine.inputs import ActivityInput
+from minihuman.experiment.machine.life_signs import LifeSigns
 from minihuman.experiment.machine.running_episode import RunningEpisode
-from minihuman.experiment.pending_session import SlotDrawn, SlotRequest, is_allocation_pending
-from minihuman.experiment.plan.random_streams import draw_words
+from minihuman.experiment.pending_session import is_allocation_pending
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
-from minihuman.log.model.session_log import EpisodeLog
 from minihuman.log.paths import SegmentPath
 from minihuman.log.read.session_reader import read_log
 from minihuman.plugins import describe_failure, limit_answer_time, locate_error
+from minihuman.runtime.clip_sampler import ClipSampler
+from minihuman.runtime.group_draw import GroupDrawHost
 from minihuman.runtime.learner_process import LearnerProcess, LearnerRequest
 from minihuman.runtime.team_host import TeamMember, TeamTable
 from minihuman.worlds.adapters.world import World
-
-_ClipStart = tuple[EpisodeLog, int]  # the episode, and the step whose picture is the first
-
-
-class ClipSampler:
-    """Draws from the episodes of a block, as the session's log has them.
-
-    Args:
-        logs: the session's logs so far.
-        seed: of the study.
-        index: of the participant.
-    """
-
-    def __init__(self, logs: Callable[[], list[Path]], *, seed: int, index: int) -> None:
-        self._logs = logs
-        self._seed = seed
-        self._index = index
-        self._part: int | None = None
-        self._places: list[_ClipStart] = []  # of that part; nothing is played while it compares
-
-    def candidates(self, want: ClipRequest, count: int) -> list[tuple[EpisodeClip, EpisodeClip]]:
-        """Draw ``count`` pairs of different clips; none where no two differ."""
-        found = []
-        for number in range(count):
-            first = self.draw(replace(want, place=0, again=None), candidate=number)
-            other = None if first is None else self.draw(replace(want, place=1, again=first), candidate=number)
-            if first is not None and other is not None:
-                found.append((first, other))
-        return found
-
-    def draw(self, want: ClipRequest, *, candidate: int = 0) -> EpisodeClip | None:
-        """Draw a clip; None where no two differ. Each candidate has a random stream of its own."""
-        if self._part != want.part:
-            self._part, self._places = want.part, self._found(want)
-        purpose = f"stretch-{want.source}-part-{want.part}-pair-{want.pair}-{want.place}"
-        purpose += f"-candidate-{candidate}" if candidate else ""
-        left = [place for place in self._places if _make_clip(place, want.steps) != want.again]
-        if len(self._places) < 2 or not left:
-            return None
-        word = int(draw_words(1, seed=self._seed, purpose=purpose, index=self._index)[0])
-        return _make_clip(left[word % len(left)], want.steps)
-
-    def episode(self, want: EpisodeRequest) -> EpisodeClip | None:
-        """One of the block's latest episodes, all of it; None where there is no further one."""
-        if self._part != want.part:
-            self._part, self._places = want.part, [(episode, 0) for episode in self._episodes(want.source)]
-        latest = self._places[-want.count :]
-        if want.number >= len(latest):
-            return None
-        episode, _ = latest[want.number]
-        return _make_clip((episode, 0), len(episode.actions))
-
-    def _episodes(self, block: str) -> list[EpisodeLog]:
-        logs = self._logs()
-        if not logs:
-            return []
-        played = read_log(logs[0].parent).episodes
-        return [episode for episode in played if episode.plan.block_name == block and len(episode.actions)]
-
-    def _found(self, want: ClipRequest) -> list[_ClipStart]:
-        return [
-            (episode, first)
-            for episode in self._episodes(want.source)
-            for first in range(max(1, len(episode.actions) - want.steps + 1))
-        ]
-
-
-def _make_clip(place: _ClipStart, steps: int) -> EpisodeClip:
-    episode, first = place
-    plan = episode.plan
-    return EpisodeClip(
-        episode=plan.episode,
-        attempt=episode.attempt,
-        first=first,
-        world=plan.world,
-        options=msgspec.json.encode(plan.options).decode(),
-        seed=plan.seed,
-        actions=tuple(int(action) for action in episode.actions[: first + steps]),
-    )
-
-
-class GroupDrawHost(RequestHandler):
-    """Draws a slot of a study's allocation list.
-
-    Args:
-        protocol: the study.
-        undrawn: whose group is to be drawn.
-        data: the data folder.
-        then: makes the host that answers after the draw; None for none.
-    """
-
-    def __init__(
-        self, protocol: Protocol, undrawn: SessionPlan, data: Path, then: Callable[[SessionPlan], RequestHandler | None]
-    ) -> None:
-        self._protocol = protocol
-        self._undrawn = undrawn
-        self._data = data
-        self._then = then
-        self._next: RequestHandler | None = None
-
-    def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
-        """The plan of the group that was drawn; then the next host's answers.
-
-        Raises:
-            AllocationError: if there is no slot to draw.
-            OSError: if the data folder cannot be read or written.
-        """
-        if isinstance(want, SlotRequest):
-            plan = plan_drawn_session(self._protocol, self._data, self._undrawn, want.stratum)
-            self._next = self._then(plan)
-            return SlotDrawn(t_ns, plan)
-        return None if self._next is None else self._next.answer(want, play, t_ns)
-
-    def close(self) -> None:
-        """Close the next host."""
-        if self._next is not None:
-            self._next.close()
-
 
 LOG = logging.getLogger("minihuman")
 N_CANDIDATE_PAIRS = 10  # pairs that are looked at for one that is disagreed on
@@ -212,7 +90,7 @@ class AgentHost(RequestHandler):
         self._disputed: list[tuple[EpisodeClip, EpisodeClip]] = []  # pairs that the learner was asked about
         self._pair: tuple[EpisodeClip, EpisodeClip] | None = None  # of which the first was offered
         self._agents: dict[str, BaseAgent] = {}  # the one that plays, by the name of its policy
-        self._begun: tuple[str, int] | None = None  # policy and episode of the last begin()
+        self._last_begun: tuple[str, int] | None = None  # policy and episode of the last begin()
 
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
         """An input for the session; None where there is nothing to say yet."""
@@ -252,7 +130,8 @@ class AgentHost(RequestHandler):
         """Load a policy before it plays, so that one that cannot be loaded never does."""
         if policy and policy not in self._agents:
             try:
-                self._agents, self._begun = {policy: self._load(policy)}, None
+                self._agents = {policy: self._load(policy)}
+                self._last_begun = None
             except Exception as error:  # of a lab's own agent
                 LOG.warning("the policy %s cannot be loaded: %s", policy, error)
                 return NewPolicy(t_ns, "", f"the agent failed: {describe_failure(error)}")
@@ -294,7 +173,8 @@ class AgentHost(RequestHandler):
         if want.pairing == "random" or self._learner is None:
             return ClipOffered(t_ns, stretches.draw(want))
         if want.place:
-            pair, self._pair = self._pair, None
+            pair = self._pair
+            self._pair = None
             return ClipOffered(t_ns, stretches.draw(want) if pair is None or pair[0] != want.again else pair[1])
         if not self._disputed:
             pairs = stretches.candidates(want, N_CANDIDATE_PAIRS)
@@ -329,9 +209,9 @@ class AgentHost(RequestHandler):
         try:
             with limit_answer_time():
                 agent = self._agent(want.policy)
-                if self._begun != now:
+                if self._last_begun != now:
                     self._begin(agent, play)
-                    self._begun = now
+                    self._last_begun = now
                 chances = tuple(float(chance) for chance in agent.action_probabilities(play.world))
         except Exception as error:  # of a lab's own agent: the person can still play
             LOG.warning("the agent failed: %s at %s: %s", type(error).__name__, locate_error(error), error)
@@ -345,7 +225,7 @@ class AgentHost(RequestHandler):
             MinihumanError: if it cannot be.
         """
         if policy not in self._agents:
-            self._begun = None
+            self._last_begun = None
             self._agents = {policy: self._load(policy)}
         return self._agents[policy]
 
@@ -374,6 +254,7 @@ def make_agent_host(
     logged: Sequence[Event] = (),
     teams: TeamTable | None = None,
     changed: Callable[[], None] = lambda: None,
+    signs: LifeSigns | None = None,
 ) -> RequestHandler | None:
     """Make the host of a session's agent; None where no part has one and the group is drawn.
 
@@ -388,17 +269,20 @@ def make_agent_host(
         logged: the events so far of a segment that is resumed.
         teams: those of this process; None: the session's own, where only agents can sit beside its person.
         changed: called when a member of the session's team did something that may answer a request of it.
+        signs: of life, of the page that the session is in; None: it is in none.
     """
     if is_allocation_pending(plan):
-        return GroupDrawHost(
-            protocol,
-            plan,
-            data,
-            lambda drawn: make_agent_host(protocol, drawn, data, patient=patient, teams=teams, changed=changed),
-        )
+
+        def make_next(drawn_plan: SessionPlan) -> RequestHandler | None:
+            return make_agent_host(
+                protocol, drawn_plan, data, patient=patient, teams=teams, changed=changed, signs=signs
+            )
+
+        return GroupDrawHost(protocol, plan, data, make_next)
     if any(isinstance(part.plan, TeamPlayPlan) for part in plan.parts):
-        alone = _make_host(protocol, plan, data, patient=patient, logged=logged)
-        return TeamMember(teams or TeamTable(protocol, data), plan, alone, patient=patient, changed=changed)
+        own_host = _make_host(protocol, plan, data, patient=patient, logged=logged)
+        table = teams or TeamTable(protocol, data)
+        return TeamMember(table, plan, own_host, patient=patient, changed=changed, signs=signs)
     return _make_host(protocol, plan, data, patient=patient, logged=logged)
 
 
@@ -416,10 +300,10 @@ def _make_host(
     disputes = any(
         isinstance(part.plan, PreferencesPlan) and part.plan.pairing == "disagreement" for part in plan.parts
     )
-    learner = LearnerProcess() if disputes or any(its.agent.learner for its in plans) else None
+    learner = LearnerProcess() if disputes or any(block.agent.learner for block in plans) else None
     if learner is not None:
         learner.start()
-    if any(its.agent.learner or its.agent.policy in protocol.files for its in plans):
+    if any(block.agent.learner or block.agent.policy in protocol.files for block in plans):
         with suppress(MinihumanError):  # reported when a policy is to play
             load_agent_class(POLICY_AGENT)  # seconds, for what it imports: now, and not between two episodes
     return AgentHost(

@@ -15,16 +15,20 @@ from minihuman.display.windows.window import Clock, Window
 from minihuman.errors import WindowError
 from minihuman.experiment.keys import assign_usual_keys
 from minihuman.experiment.machine.inputs import KeyDown, Stop
+from minihuman.experiment.machine.screen_texts import capitalise
 from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
 from minihuman.experiment.plan.dry_run import check_worlds
+from minihuman.experiment.plan.stated_outcomes import find_world_rule
 from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.experiment.words import ENGLISH, load_words
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.read.session_reader import read_log
 from minihuman.runtime.host import host_session
 from minihuman.runtime.machine import SessionClock
 from minihuman.runtime.simulated_session import simulate
-from minihuman.worlds.adapters.world import StepResult, World
+from minihuman.worlds.adapters.world import World
 from minihuman.worlds.contract import Palette, View
+from minihuman.worlds.outcomes import EpisodeOutcome, OutcomeJudge
 
 _SEED = 0
 _PLAYER = "human-like"
@@ -120,6 +124,7 @@ def _episode(
 ) -> bool:
     """One layout; whether another is wanted."""
     mission = world.reset(seed).mission
+    judge = OutcomeJudge(find_world_rule(play.world).rule)
     steps, reward = 0, 0.0
     while True:
         hint = f"Seed {seed}, step {steps}.   Backspace: another layout   Escape: leave"
@@ -130,14 +135,14 @@ def _episode(
             return key == _ANEW
         happened = world.step(world.action_names.index(keys[key]))
         steps, reward = steps + 1, reward + happened.reward
-        if happened.terminated or happened.truncated:
-            window.show(_over(happened, steps, reward))
+        outcome = judge.judge_step(happened.collect_facts(judge.rule, return_=reward))
+        if outcome is not None:
+            window.show(_over(outcome, steps, reward))
             return _next_key(presses, {"enter", "kp_enter", _ANEW}) is not None
 
 
-def _over(last: StepResult, steps: int, reward: float) -> Screen:
-    ended = "Goal reached" if last.reward > 0 else "The episode is over"
-    title = ended if last.terminated else "Out of time"
+def _over(outcome: EpisodeOutcome, steps: int, reward: float) -> Screen:
+    title = capitalise(load_words(ENGLISH)[f"outcome.{outcome}"])
     return TextScreen(title, f"{steps} steps, reward {reward:.2f}", "Enter: another layout    Escape: leave")
 
 

@@ -26,7 +26,7 @@ from minihuman.experiment.machine.inputs import KeyDown
 from minihuman.experiment.machine.screens import PlayScreen, Screen
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.words import LANGUAGES
-from minihuman.operating_system import sync_file
+from minihuman.operating_system import make_private_folder, sync_file
 from minihuman.worlds.adapters.world import World
 
 _STEPS = 60
@@ -219,7 +219,7 @@ def _flicker(window: BlockingWindow, count: int) -> Iterator[Screen]:
 
 
 def _disk(data: Path) -> Iterator[Finding]:
-    data.mkdir(parents=True, exist_ok=True)
+    make_private_folder(data)
     free = shutil.disk_usage(data).free
     full = f"only {free / 1e9:.1f} GB are free under {data}" if free < _LEAST_FREE_BYTES else ""
     yield Finding("free space", f"{free / 1e9:.1f} GB under {data}", full)

@@ -8,8 +8,7 @@ from minihuman.admin.enrolment_log import free_slot
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.session_index import summarize_session
 from minihuman.display.windows.window import Window
-from minihuman.errors import WorldError
-from minihuman.experiment.machine.activity import RequestHandler
+from minihuman.experiment.machine.activity import RequestHandler, WorldFactory
 from minihuman.experiment.machine.events import FINAL_END_REASONS
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.pending_session import build_session
@@ -22,7 +21,7 @@ from minihuman.log.record.recorder import DeferredRecorder, Recorder
 from minihuman.runtime.devices.device import DeviceRecorder, open_devices
 from minihuman.runtime.devices.lsl import LslMarkerRecorder, pylsl
 from minihuman.runtime.machine import SessionClock, collect_machine_facts, collect_world_facts, list_world_ids
-from minihuman.runtime.session_loop import CommandInbox, inbox_path, run_session
+from minihuman.runtime.session_loop import CommandInbox, describe_world_failure, inbox_path, run_session
 from minihuman.worlds.adapters.world import World
 
 
@@ -35,12 +34,13 @@ def host_session(
     markers: bool = False,
     agent: RequestHandler | None = None,
     begun: Callable[[SessionMachine], None] = lambda session: None,
+    make_world: WorldFactory = World,
 ) -> Path | None:
     """Run a session in an open window and return its log; with ``markers`` also send its events by LSL.
 
     None where no consent was given, or it ended before the group was drawn: then nothing was written, and the slot is
     free again. ``agent`` answers what the session requests from outside; see ``agent_host``. ``begun`` is given the
-    session before its first input.
+    session before its first input. ``make_world`` makes its worlds.
 
     Raises:
         DeviceError: if a device that the protocol asks for is not there, or there is no LSL to send markers by.
@@ -63,8 +63,11 @@ def host_session(
             **(window.open_gamepad() if needs_gamepad(plan) else {}),
             **of_devices,
         }
+        picture_px = _four_to_three(window.picture_px)
+        if picture_px is not None:
+            facts["picture_px"] = "{} x {}".format(*picture_px)
         require_unclaimed(SegmentPath.of_plan(data, plan))
-        session = build_session(plan, World, facts, picture_px=_four_to_three(window.picture_px))
+        session = build_session(plan, make_world, facts, picture_px=picture_px)
         begun(session)
 
         def open_log() -> Recorder:
@@ -81,10 +84,7 @@ def host_session(
     if path is None and plan.session == 1:
         free_slot(data / plan.study, plan.participant.id, session.end_reason)
     if session.failure is not None:
-        failure = f"{type(session.failure).__name__}: {session.failure}"
-        raise WorldError(
-            f"the world failed ({failure}); what was recorded up to then is in {path}"
-        ) from session.failure
+        raise describe_world_failure(session, path) from session.failure
     return path
 
 

@@ -5,23 +5,26 @@ import platform
 import re
 import subprocess
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from datetime import datetime, timedelta
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, packages_distributions, version
 from pathlib import Path
 
 import minihuman
 from minihuman.activities.agent_blocks.activity import AGENT_RULES
 from minihuman.activities.questions.number.draft import NUMBER_RULES
-from minihuman.experiment.machine.session import CONSENT_RULES
+from minihuman.activities.team.presence import PRESENCE_RULES
+from minihuman.experiment.machine.session import CONSENT_RULES, KEY_RULES
 from minihuman.experiment.pending_session import is_allocation_pending
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import decode_logged_protocol
 from minihuman.trust import SOURCE_FACT, list_world_sources
+from minihuman.worlds.adapters.registered_module import find_registered_module
 from minihuman.worlds.contract import CLAUSES_VERSION, PICTURES_VERSION
 from minihuman.worlds.source_digest import rules_digest
 
+_DRAWING_PACKAGES = {"gymnasium.envs.mujoco": "mujoco", "gymnasium.envs.box2d": "Box2D"}
 _PACKAGES = ("numpy", "gymnasium", "mcap", "pygame-ce", "pyglet", "minigrid", "miniworld")
 
 
@@ -62,7 +65,9 @@ def collect_machine_facts() -> dict[str, str]:
         "clauses": str(CLAUSES_VERSION),
         "number_rules": NUMBER_RULES,
         "consent_rules": CONSENT_RULES,
+        "key_rules": KEY_RULES,
         "agent_rules": AGENT_RULES,
+        "presence_rules": PRESENCE_RULES,
         "python": platform.python_version(),
         "system": f"{platform.system()} {_numbers(platform.release())}",
         "machine": platform.machine(),
@@ -88,12 +93,38 @@ def list_world_ids(plan: SessionPlan) -> set[str]:
 def collect_world_facts(worlds: Iterable[str]) -> dict[str, str]:
     """The SHA-256 of every file of a module that a world id names, "lab_worlds:lab/Corridor-v0", and of its imports.
 
-    Installed packages are left to their versions.
+    Of installed packages, the versions.
     """
-    return {
+    ids = list(worlds)
+    sources = {
         f"{SOURCE_FACT}{module}": hashlib.sha256(path.read_bytes()).hexdigest()
-        for module, path in list_world_sources(worlds).items()
+        for module, path in list_world_sources(ids).items()
     }
+    return sources | _collect_package_versions(ids)
+
+
+def _collect_package_versions(worlds: Iterable[str]) -> dict[str, str]:
+    """The versions of the distributions that have the worlds' modules, but for those that any machine's facts have."""
+    modules = {_find_drawing_package(find_registered_module(world)) for world in worlds} - {
+        "",
+        "minihuman",
+        "gymnasium",
+    }
+    names = _list_distributions() if modules else {}
+    distributions = {name for module in modules for name in names.get(module, ()) if name not in _PACKAGES}
+    return {f"version_{name}": version(name) for name in sorted(distributions)}
+
+
+def _find_drawing_package(module: str) -> str:
+    """Return the package whose version says what a module's worlds look like."""
+    return next(
+        (package for part, package in _DRAWING_PACKAGES.items() if module.startswith(part)), module.partition(".")[0]
+    )
+
+
+@cache
+def _list_distributions() -> Mapping[str, list[str]]:
+    return packages_distributions()
 
 
 def _numbers(release: str) -> str:

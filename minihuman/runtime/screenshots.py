@@ -21,8 +21,8 @@ from minihuman.experiment.machine.screens import BlankScreen, PlayScreen, Screen
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.log.record.recorder import MemoryRecorder
-from minihuman.runtime.session_loop import run_session
-from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.runtime.session_loop import describe_world_failure, run_session
+from minihuman.runtime.simulated_window import SimulatedWindow
 from minihuman.simulation.participant import make_participant
 from minihuman.worlds.adapters.world import World
 
@@ -106,7 +106,7 @@ def render_screens(plans: Sequence[SessionPlan], size_px: Size) -> tuple[list[tu
             except SimulationError:  # a world without a planner
                 visits += [_WITHOUT_PLANNER] * (player == _VISITS[0][0])
             if session.failure is not None:
-                raise session.failure
+                raise describe_world_failure(session, None) from session.failure
         missing += [part.name for number, part in enumerate(plan.parts) if number not in parts]
     return kept, tuple(dict.fromkeys(missing))
 

@@ -15,12 +15,14 @@ from typing import Literal
 import msgspec
 
 from minihuman.display.windows.window import Clock, Window
-from minihuman.errors import LogError, PlayerFailedError
+from minihuman.errors import LogError, PlayerFailedError, WorldError
 from minihuman.experiment.machine.activity import RequestHandler
-from minihuman.experiment.machine.events import SessionEnded
+from minihuman.experiment.machine.events import EndReason, SessionEnded
 from minihuman.experiment.machine.inputs import ExperimenterCommand, Input, KeyDown, ScreenShown, Stop, Tick
+from minihuman.experiment.machine.screen_texts import build_end_screen, find_stop_code
 from minihuman.experiment.machine.screens import Screen
 from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.words import InterfaceWords
 from minihuman.log.paths import LOG_SUFFIX
 from minihuman.log.record.recorder import Recorder
 from minihuman.operating_system import receive_end_signals
@@ -145,6 +147,12 @@ def run_session(
     return path
 
 
+def describe_world_failure(session: SessionMachine, log: Path | None) -> WorldError:
+    """Make the error of a session that its world ended: what failed, and where what was recorded is."""
+    kept = "" if log is None else f"; what was recorded up to then is in {log}"
+    return WorldError(f"the world failed ({session.end_detail}){kept}")
+
+
 class _SessionLoop:
     """A session between its window and its log."""
 
@@ -207,13 +215,24 @@ class _SessionLoop:
         """Leave on the screen what failed, until a key, the window's cross, a signal or the time ends it."""
         if not (self._failed or self.log_error):
             return
-        if self._display(self._session.screen) is None:  # the error has a screen of its own
-            self._window.show(self._session.screen)
+        try:
+            self._written()
+        except LogError as error:
+            self._stop(error)
+        if self.log_error:  # also where the end itself could not be written: not all of it is kept
+            self._show_stop("disk_full", str(self.log_error))
+        else:
+            self._show_stop(self._session.end_reason, self._session.end_detail)
         until_ns = self._clock() + round(last_screen_s * _NS_PER_S)
         while self._clock() < until_ns and not self.signal_name:
             inputs = self._window.wait(min(until_ns, self._clock() + SIGNAL_CHECK_INTERVAL_NS))
             if any(isinstance(happened, KeyDown | Stop) for happened in inputs):
                 return
+
+    def _show_stop(self, reason: EndReason, detail: str) -> None:
+        plan = self._session.plan
+        LOG.warning("the session stopped, code %s on its screen: %s", find_stop_code(reason, detail), detail)
+        self._window.show(build_end_screen(InterfaceWords(plan.language, plan.words), reason, detail))
 
     def _show(self) -> None:
         """Show the session's screen if it is a new one; what it answers to was written before."""

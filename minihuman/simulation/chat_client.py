@@ -9,15 +9,19 @@ import http.client
 import json
 import os
 import re
+import socket
 import ssl
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 from urllib.parse import urlsplit
 
 from minihuman.errors import MinihumanError, SimulationError
 from minihuman.simulation.model_conversation import Prompt
+from minihuman.storage.deadlines import call_within
 
 BASE_URL, API_KEY = "OPENAI_BASE_URL", "OPENAI_API_KEY"
 DEFAULT_URL = "https://api.openai.com/v1"
@@ -57,6 +61,14 @@ class ChatAnswer:
     prompt_tokens: int
     completion_tokens: int
     latency_ms: float
+
+
+def _shut(connection: http.client.HTTPConnection) -> None:
+    """Let whoever reads from a connection hear of its end."""
+    line: socket.socket | None = connection.sock
+    if line is not None:
+        with suppress(OSError):
+            line.shutdown(socket.SHUT_RDWR)
 
 
 class ModelClient(abc.ABC):
@@ -146,9 +158,13 @@ class ChatClient(ModelClient):
                 if self._tls is None
                 else http.client.HTTPSConnection(self._host, self._port, timeout=self._timeout_s, context=self._tls)
             )
+        exchange = partial(self._exchange, self._connection, body)
+        return call_within(self._timeout_s, exchange, shut=partial(_shut, self._connection))
+
+    def _exchange(self, connection: http.client.HTTPConnection, body: bytes) -> tuple[int, bytes]:
         headers = {"Content-Type": "application/json"} | ({"Authorization": f"Bearer {self._key}"} if self._key else {})
-        self._connection.request("POST", self._path, body, headers)
-        response = self._connection.getresponse()
+        connection.request("POST", self._path, body, headers)
+        response = connection.getresponse()
         content = response.read(MAX_ANSWER_BYTES + 1)
         if len(content) > MAX_ANSWER_BYTES:
             raise http.client.HTTPException

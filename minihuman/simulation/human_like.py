@@ -14,12 +14,14 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.activities.trials.response_model import TrialResponder, find_stimulus
 from minihuman.agents.goal_search import GoalSearch
 from minihuman.agents.search_choice import build_search
 from minihuman.errors import SimulationError, WorldError
 from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.experiment.stimuli import Stimulus
 from minihuman.plugins import read_settings
-from minihuman.simulation.participant import KeyPress, SimulatedParticipant
+from minihuman.simulation.participant import KeyPress, NoPress, SimulatedParticipant
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import hash64
 
@@ -168,7 +170,10 @@ class HumanLikeParticipant(SimulatedParticipant):
     """Plays as a person drawn from a population; it knows a key once it has seen its effect."""
 
     def __init__(self, argument: str, rng: np.random.Generator) -> None:
-        self.person = ParticipantPopulation.parse(argument).draw(rng)
+        population = ParticipantPopulation.parse(argument)
+        (trial_rng,) = rng.spawn(1)  # so that what they do in other worlds stays as it was
+        self._responder = TrialResponder(trial_rng, spread=population.spread)
+        self.person = population.draw(rng)
         self._rng = rng
         self._presses = 0
         self._lost = False
@@ -194,15 +199,20 @@ class HumanLikeParticipant(SimulatedParticipant):
         if plan.show_keys:
             self._understood = dict(plan.key_map.keys)
         self._detour, self._last, self._lost, self._no_effect = [], None, False, False
+        if find_stimulus(world.unwrapped) is not None:
+            self._responder.begin()
+            return
         sd_actions = self.person.judgement_sd_steps  # of a judgement's error
         self._search = build_search(world, plan.view, lambda count: self._rng.normal(0.0, sd_actions, count), self._rng)
 
-    def press(self, world: World) -> KeyPress:
-        """Look, learn from the last key, then press one.
+    def press(self, world: World) -> KeyPress | NoPress:
+        """Look, learn from the last key, then press one; a trial is responded to, or its response withheld.
 
         Raises:
             SimulationError: if the world is of no kind that has a planner.
         """
+        if (stimulus := find_stimulus(world.unwrapped)) is not None:
+            return self._respond(stimulus)
         assert self._search is not None, "begin() comes first"
         seen = hash64([repr(world.pose()), world.observation])
         extra_ms = self.person.post_error_slowing_ms if self._no_effect else 0.0
@@ -219,6 +229,14 @@ class HumanLikeParticipant(SimulatedParticipant):
         self._last = key, seen
         self._presses += 1
         return KeyPress(key, self._passed_ms)
+
+    def _respond(self, stimulus: Stimulus) -> KeyPress | NoPress:
+        """Respond to a trial; people are told the keys of a trial's responses."""
+        assert self._plan is not None, "begin() comes first"
+        keys = {action: key for key, action in self._plan.key_map.keys.items()}
+        responses = [action for action in self._plan.actions if action in keys]
+        response = self._responder.respond(stimulus, responses, self._plan.response_deadline_ms)
+        return KeyPress(keys[response.response], response.time_ms) if response.response in keys else NoPress()
 
     def _learn(self, key: str, before: int, seen: int) -> None:
         """Learn from what the last key did."""

@@ -27,6 +27,11 @@ class KeyPress:
     hold_ms: float = 90.0
 
 
+@dataclass(frozen=True, slots=True)
+class NoPress:
+    """A response is withheld: no key until the world goes on by its clock."""
+
+
 class SimulatedParticipant(abc.ABC):
     """Presses the keys in place of a person. It looks at the world but never steps it."""
 
@@ -35,10 +40,11 @@ class SimulatedParticipant(abc.ABC):
         """Start an episode; ``pool`` holds every key that may have an action."""
 
     @abc.abstractmethod
-    def press(self, world: World) -> KeyPress | None:
+    def press(self, world: World) -> KeyPress | NoPress | None:
         """Choose the next key from the present state of the world; None: no answer, which ends the session.
 
-        The session then ends as ``player_failed``, as it does after an exception or a minute without an answer.
+        The session then ends as ``player_failed``, as it does after an exception or a minute without an answer. With
+        `NoPress` the participant waits for the deadline of a response.
         """
 
 

@@ -5,9 +5,13 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Any
 
 import psycopg
+
+from minihuman.storage.deadlines import cut_off_late
+from minihuman.storage.redaction import redact
 
 _CREATE_TABLES_LOCK = 0x6D68
 _CONNECT_TIMEOUT_S = 5
@@ -62,11 +66,11 @@ class Database:
                     yield cursor
             except psycopg.Error as error:
                 self.close()
-                reason = " ".join(str(error).split())  # in lines
+                reason = redact(" ".join(str(error).split()))  # in lines
                 raise JournalDatabaseError(
                     f"the database of {self._purpose} cannot be queried: {reason}; check that it is running and "
                     "reachable"
-                ) from error
+                ) from None  # its text may hold the password
 
     def close(self) -> None:
         """Let go of the connection; it is made again when it is needed."""
@@ -88,15 +92,12 @@ class Database:
 
     @contextmanager
     def _cut_off_late(self, connection: "psycopg.Connection[Any]") -> Iterator[None]:
-        timer = threading.Timer(self._timeout_s, _shut, [connection])
-        timer.daemon = True
-        timer.start()
-        try:
-            yield
-        finally:
-            if not timer.is_alive():  # it shut the connection, after the last answer: the next call makes another
-                self.close()
-            timer.cancel()
+        with cut_off_late(self._timeout_s, partial(_shut, connection)) as timer:
+            try:
+                yield
+            finally:
+                if not timer.is_alive():  # it shut the connection, after the last answer: the next call makes another
+                    self.close()
 
 
 def _shut(connection: "psycopg.Connection[Any]") -> None:

@@ -60,7 +60,7 @@ class _RawFile(RawIOBase):
 
 
 @contextmanager
-def write_durably(path: Path, mode: int = 0o644, *, new: bool = False) -> Iterator[BufferedWriter]:
+def write_durably(path: Path, mode: int = 0o600, *, new: bool = False) -> Iterator[BufferedWriter]:
     """Make or replace a file's content; all of it is durable on exit, but not yet its name in its folder.
 
     Args:
@@ -105,7 +105,7 @@ def write_again(path: Path, *, begin: int = 0) -> None:
 
 @contextmanager
 def replace_durably(
-    path: Path, unfinished: Path | None = None, *, mode: int = 0o644, new_folders: int = 0
+    path: Path, unfinished: Path | None = None, *, mode: int = 0o600, new_folders: int = 0
 ) -> Iterator[BufferedWriter]:
     """Write a file beside another, and put it in that place once it is durable: a crash leaves one of them, whole.
 
@@ -163,13 +163,22 @@ def append_durably(path: Path, content: bytes) -> None:
             os.close(fd)
 
 
-def copy_durably(source: Path, target: Path, unfinished: Path | None = None, *, new_folders: int = 0) -> None:
+def copy_durably(
+    source: Path, target: Path, unfinished: Path | None = None, *, mode: int = 0o600, new_folders: int = 0
+) -> None:
     """Copy a file so that its place has the old content or all of the new one.
+
+    Args:
+        source: the file.
+        target: the place.
+        unfinished: as in ``replace_durably``.
+        mode: who may read it.
+        new_folders: as in ``replace_durably``.
 
     Raises:
         OSError: if it cannot be copied.
     """
-    with source.open("rb") as file, replace_durably(target, unfinished, new_folders=new_folders) as copy:
+    with source.open("rb") as file, replace_durably(target, unfinished, mode=mode, new_folders=new_folders) as copy:
         shutil.copyfileobj(file, copy)
 
 

@@ -37,6 +37,8 @@ def _erase_entry(path: Path) -> Iterator[OSError]:
             disk.remove_folder(path)
         elif os.path.lexists(path):
             disk.unlink(path)
+    except FileNotFoundError:  # another command erases it, too
+        return
     except OSError as error:
         error.filename = os.fspath(path)
         yield error

@@ -34,7 +34,7 @@ class FileJournal(Journal[Line]):
         path: Path,
         decode: LineDecoder[Line],
         *,
-        mode: int = 0o644,
+        mode: int = 0o600,
         chained: bool = False,
         declaration: Line | None = None,
     ) -> None:
@@ -67,8 +67,8 @@ class FileJournal(Journal[Line]):
     @contextmanager
     def hold(self) -> Iterator[LockedJournal[Line]]:
         """Keep others out by a lock, which ends with the process."""
-        self._path.parent.mkdir(parents=True, exist_ok=True)
         disk = current_system().disk
+        disk.make_folder(self._path.parent)
         while True:
             with name_file_in_errors(self._path):
                 fd = disk.open(self._path, os.O_CREAT | os.O_RDWR | os.O_APPEND, self._mode)

@@ -11,7 +11,7 @@ from minihuman.storage.system import current_system
 
 
 @contextmanager
-def hold_lock(path: Path, mode: int = 0o644) -> Iterator[None]:
+def hold_lock(path: Path, mode: int = 0o600) -> Iterator[None]:
     """Wait for a file's lock and keep every other process and thread out; the file and its folder are made.
 
     Raises:

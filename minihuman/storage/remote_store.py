@@ -5,28 +5,43 @@ The file ``logs.url`` of the data folder names the store of finished logs, ``tab
 """
 
 import abc
+import re
+import shutil
+import stat
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path, PurePosixPath
+from pathlib import Path
+from typing import Any
 
 from minihuman.errors import LogError
+from minihuman.storage.deadlines import call_within
 from minihuman.storage.durable_files import copy_durably, hash_file, replace_durably, sync_folder
 from minihuman.storage.locks import hold_lock
+from minihuman.storage.outside_names import join_inside
+from minihuman.storage.redaction import redact
 from minihuman.storage.system import current_system
 
 STORE_URL_FILE_NAME = "logs.url"
 TABLES_URL_FILE_NAME = "tables.url"
 _S3 = "s3://"
-_LOG_DEPTH = 3  # folders above a log: session, participant and study
+_MD5 = re.compile(r"[0-9a-f]{32}")
+LOG_DEPTH = 3  # folders above a log: session, participant and study
 
 
 class RemoteStoreError(LogError):
-    """The remote store cannot be reached."""
+    """The remote store cannot be reached; its text holds no secret, whatever an address or a library put into it."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(redact(message))
 
 
 class RemoteStoreConflictError(RemoteStoreError):
     """A file was put there by another machine meanwhile."""
+
+
+class DamagedCopyError(RemoteStoreError):
+    """A file of the remote store is not what its name or its digest says; it is not believed."""
 
 
 class RemoteStore(abc.ABC):
@@ -103,11 +118,14 @@ class FolderStore(RemoteStore):
         """Copy it, durable before it has its name; a lock keeps the other machines out."""
         try:
             with self._locked():
-                if compute_md5(self._folder / name) != over:
+                if compute_md5(join_inside(self._folder, name)) != over:
                     raise RemoteStoreConflictError(
                         f"another machine has just stored {name} in {self._folder}; run the command again"
                     )
-                copy_durably(path, self._folder / name, self._unfinished, new_folders=_LOG_DEPTH)
+                mode = self._folder.stat().st_mode  # who may read a shared folder, may read what is in it
+                target = join_inside(self._folder, name)
+                current_system().disk.make_folder(target.parent, stat.S_IMODE(mode) | 0o700)
+                copy_durably(path, target, self._unfinished, mode=mode & 0o666 | 0o600, new_folders=LOG_DEPTH)
         except OSError as error:
             raise RemoteStoreError(
                 f"{path} cannot be stored in {self._folder}: {error.strerror}; make the folder writable"
@@ -116,7 +134,7 @@ class FolderStore(RemoteStore):
     def fetch(self, name: str, path: Path) -> None:
         """Copy it."""
         try:
-            copy_durably(self._folder / name, path, new_folders=_LOG_DEPTH)
+            copy_durably(join_inside(self._folder, name), path, new_folders=LOG_DEPTH)
         except OSError as error:
             raise RemoteStoreError(
                 f"{name} cannot be fetched from {self._folder}: {error.strerror}; make it readable"
@@ -124,7 +142,7 @@ class FolderStore(RemoteStore):
 
     def versions(self, prefix: str) -> dict[str, str]:
         """The files below, each read for its MD5."""
-        return {name: compute_md5(self._folder / name) for name in self.names(prefix)}
+        return {name: compute_md5(join_inside(self._folder, name)) for name in self.names(prefix)}
 
     def names(self, prefix: str) -> list[str]:
         """The files below, unread."""
@@ -146,7 +164,7 @@ class FolderStore(RemoteStore):
                     self._remove_empty_folders(folder)
 
     def _remove(self, name: str) -> None:
-        path = self._folder / name
+        path = join_inside(self._folder, name)
         if path.exists():
             current_system().disk.unlink(path)
         if path.parent.is_dir():
@@ -210,11 +228,23 @@ def open_store_url(url: str, *, may_be_new: bool = True) -> RemoteStore:
 
 
 @contextmanager
-def fetch_temporarily(store: RemoteStore, name: str) -> Iterator[Path]:
-    """Bring a file of the store to a folder that goes away again."""
+def fetch_temporarily(store: RemoteStore, name: str, *, version: str = "") -> Iterator[Path]:
+    """Bring a file of the store to a folder that goes away again, and compare it with its digest.
+
+    Args:
+        store: the store.
+        name: of the file there, of a form that was checked.
+        version: as the store listed it; what is no MD5 is not compared.
+
+    Raises:
+        RemoteStoreError: if it cannot be fetched.
+        DamagedCopyError: if it is not the file that was listed.
+    """
     with tempfile.TemporaryDirectory(prefix="minihuman-") as folder:
-        path = Path(folder, PurePosixPath(name).name)
+        path = join_inside(Path(folder), name.rpartition("/")[2])
         store.fetch(name, path)
+        if _MD5.fullmatch(version) and compute_md5(path) != version:
+            raise DamagedCopyError(f"{name} in the remote store is refused: it did not arrive as listed; gather again")
         yield path
 
 
@@ -233,7 +263,16 @@ def compute_md5(path: Path) -> str:
         return ""
 
 
+STORE_TIMEOUT_S = 60.0  # of one answer, all of it
+_CONNECT_TIMEOUT_S = 10
+_READ_TIMEOUT_S = 30
+_SLOWEST_BYTES_PER_S = 50_000  # what is slower is taken for a store that drips
 _CONFLICTS = ("PreconditionFailed", "ConditionalRequestConflict", "412", "409")
+
+
+def _limit_transfer_s(size_bytes: int) -> float:
+    """How long a file's transfer may take in all."""
+    return STORE_TIMEOUT_S + size_bytes / _SLOWEST_BYTES_PER_S
 
 
 class S3Store(RemoteStore):
@@ -245,38 +284,59 @@ class S3Store(RemoteStore):
 
     def __init__(self, address: str) -> None:
         import boto3  # an extra
+        from botocore.config import Config
+        from botocore.exceptions import BotoCoreError
 
+        if "@" in address:
+            raise RemoteStoreError(
+                "the address of the remote store holds a key or a password; give s3://BUCKET/PREFIX, and the key in "
+                "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
+            )
         self._bucket, _, prefix = address.partition("/")
         self._prefix = f"{prefix.rstrip('/')}/" if prefix else ""
-        self._client = boto3.client("s3")
+        timeouts = Config(connect_timeout=_CONNECT_TIMEOUT_S, read_timeout=_READ_TIMEOUT_S)
+        try:
+            self._client = boto3.client("s3", config=timeouts)
+        except (BotoCoreError, ValueError) as error:
+            raise RemoteStoreError(
+                f"{self._bucket} cannot be used as a remote store: {error}; correct the AWS settings"
+            ) from None
 
     def put(self, name: str, path: Path, *, over: str = "") -> None:
         """Send it, on the condition that the store has that version; the store shows it when all of it is there."""
         condition = {"IfMatch": f'"{over}"'} if over else {"IfNoneMatch": "*"}
+        target = {"Bucket": self._bucket, "Key": self._prefix + name, **condition}
         with self._raise_as_store_error(f"{path} cannot be put into"), path.open("rb") as file:
-            self._client.put_object(Bucket=self._bucket, Key=self._prefix + name, Body=file, **condition)
+            limit_s = _limit_transfer_s(path.stat().st_size)
+            call_within(limit_s, lambda: self._client.put_object(Body=file, **target))
 
     def fetch(self, name: str, path: Path) -> None:
         """Get it, beside its place first."""
         with (
             self._raise_as_store_error(f"{name} cannot be fetched from"),
-            replace_durably(path, new_folders=_LOG_DEPTH) as file,
+            replace_durably(path, new_folders=LOG_DEPTH) as file,
         ):
-            self._client.download_fileobj(self._bucket, self._prefix + name, file)
+            target = {"Bucket": self._bucket, "Key": self._prefix + name}
+            response = call_within(STORE_TIMEOUT_S, lambda: self._client.get_object(**target))
+            body = response["Body"]
+            limit_s = _limit_transfer_s(response["ContentLength"])
+            call_within(limit_s, lambda: shutil.copyfileobj(body, file))
 
     def versions(self, prefix: str) -> dict[str, str]:
         """The objects' entity tags, page by page."""
         with self._raise_as_store_error("nothing can be listed of"):
-            pages = self._client.get_paginator("list_objects_v2").paginate(
-                Bucket=self._bucket, Prefix=self._prefix + prefix
-            )
-            objects = [stored for page in pages for stored in page.get("Contents", ())]
+            paginator = self._client.get_paginator("list_objects_v2")
+            pages = iter(paginator.paginate(Bucket=self._bucket, Prefix=self._prefix + prefix))
+            objects: list[Any] = []
+            while (page := call_within(STORE_TIMEOUT_S, lambda: next(pages, None))) is not None:
+                objects += page.get("Contents", ())
         return {stored["Key"].removeprefix(self._prefix): stored["ETag"].strip('"') for stored in objects}
 
     def remove(self, name: str) -> None:
         """Delete it."""
         with self._raise_as_store_error(f"{name} cannot be removed from"):
-            self._client.delete_object(Bucket=self._bucket, Key=self._prefix + name)
+            target = {"Bucket": self._bucket, "Key": self._prefix + name}
+            call_within(STORE_TIMEOUT_S, lambda: self._client.delete_object(**target))
 
     @contextmanager
     def _raise_as_store_error(self, failure: str) -> Iterator[None]:
@@ -288,5 +348,9 @@ class S3Store(RemoteStore):
             if isinstance(error, ClientError) and error.response["Error"].get("Code") in _CONFLICTS:
                 raise RemoteStoreConflictError(
                     f"{failure} {self._bucket}, as another machine has just changed it; run the command again"
-                ) from error
-            raise RemoteStoreError(f"{failure} {self._bucket}: {error}") from error
+                ) from None
+            raise RemoteStoreError(f"{failure} {self._bucket}: {error}") from None  # its text may hold a password
+        except TimeoutError as error:
+            raise RemoteStoreError(
+                f"{failure} {self._bucket}: {error.strerror}; check the network, then run the command again"
+            ) from None

@@ -3,6 +3,7 @@
 A study that began in files stays in files: the database lacks its earlier lines, withdrawals among them.
 """
 
+import atexit
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -22,7 +23,7 @@ def open_journal(
     name: str,
     decode: LineDecoder[Line],
     *,
-    mode: int = 0o644,
+    mode: int = 0o600,
     chained: bool = False,
     declaration: Line | None = None,
 ) -> Journal[Line]:
@@ -57,4 +58,6 @@ def _in_database(url: str, name: str, decode: Callable[..., Any], chained: bool,
         return open_journal(url, name, decode, chained=chained, declaration=declaration)  # type: ignore[no-any-return]
     from minihuman.storage.postgres_journal import PostgresJournal
 
-    return PostgresJournal(url, name, decode, chained=chained, declaration=declaration)
+    journal = PostgresJournal(url, name, decode, chained=chained, declaration=declaration)
+    atexit.register(journal.close)  # it is kept until then
+    return journal

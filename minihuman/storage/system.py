@@ -23,7 +23,7 @@ class FileSystem:
     A subclass may be another disk: one that fails, or one that loses power.
     """
 
-    def open(self, path: Path, flags: int, mode: int = 0o644) -> int:
+    def open(self, path: Path, flags: int, mode: int = 0o600) -> int:
         """Open a file or a folder, as ``os.open`` does, and return its descriptor, which ``os.close`` closes."""
         return operating_system.open_file(path, flags, mode)
 
@@ -51,9 +51,9 @@ class FileSystem:
         """Give a file a second name; FileExistsError where there is a file of that name."""
         os.link(source, target)
 
-    def make_folder(self, folder: Path) -> None:
-        """Make a folder, and those above that are not there; one that is there stays."""
-        folder.mkdir(parents=True, exist_ok=True)
+    def make_folder(self, folder: Path, mode: int = operating_system.OWNER_ONLY_FOLDER) -> None:
+        """Make a folder, and those above that are not there, for their owner alone; one that is there stays."""
+        operating_system.make_private_folder(folder, mode)
 
     def remove_folder(self, folder: Path) -> None:
         """Remove an empty folder."""

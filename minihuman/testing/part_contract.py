@@ -42,7 +42,8 @@ from minihuman.experiment.replay import copy_session
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.plugins import load_plugin
 from minihuman.runtime.session_loop import run_session
-from minihuman.runtime.simulated_session import SimulatedWindow, simulate
+from minihuman.runtime.simulated_session import simulate
+from minihuman.runtime.simulated_window import SimulatedWindow
 from minihuman.simulation.participant import make_participant
 from minihuman.testing.checks import build_study, require
 from minihuman.web.screen_values import convert_screen

@@ -21,8 +21,8 @@ from minihuman.experiment.plan.expansion import enrol_participant, expand_protoc
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.runtime.session_loop import run_session
-from minihuman.runtime.simulated_session import SimulatedWindow
-from minihuman.simulation.participant import KeyPress, SimulatedParticipant, make_participant
+from minihuman.runtime.simulated_window import SimulatedWindow
+from minihuman.simulation.participant import KeyPress, NoPress, SimulatedParticipant, make_participant
 from minihuman.testing.checks import ContractError, build_short_study, require
 from minihuman.worlds.adapters.world import World
 
@@ -101,14 +101,16 @@ class _WatchedParticipant(SimulatedParticipant):
         self._player.begin(plan, pool, world)
         require(world.state_hash() == before, "begin() changed the world; a player only looks at it")
 
-    def press(self, world: World) -> KeyPress:
+    def press(self, world: World) -> KeyPress | NoPress:
         """Let it press, and look at the key."""
         before = world.state_hash()
         press = self._player.press(world)
         require(press is not None, "press() gave no answer; in a study its session would end as player_failed")
+        require(world.state_hash() == before, "press() changed the world; a player only looks at it")
+        if isinstance(press, NoPress):
+            return press
         require(isinstance(press, KeyPress), f"press() gave a {type(press).__name__}, not a KeyPress")
         assert press is not None
-        require(world.state_hash() == before, "press() changed the world; a player only looks at it")
         require(press.key in BUTTON_NAMES, f"press() gave the key {press.key!r}, which no keyboard has")
         in_time = isinstance(press.delay_ms, int | float) and math.isfinite(press.delay_ms)
         require(

@@ -5,6 +5,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -14,6 +15,8 @@ from minihuman.errors import WorldError
 from minihuman.testing.checks import ContractError, require
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.contract import NativeWorld
+from minihuman.worlds.observation_spaces import find_outside
+from minihuman.worlds.team import TeamWorld
 
 SIZE_PX = (320, 240)
 MAX_STEPS = 2_000  # that are played to reach an end
@@ -120,8 +123,7 @@ def _says_what_it_is(world: World) -> None:
     require(not wrong, f"{world.id}: {len(names)} action names for {space}")
     require(len(set(names)) == len(names), f"{world.id}: two actions share a name: {', '.join(names)}")
     observed = world.reset(0)
-    inside = world.observation in world.observation_space
-    require(inside, f"{world.id}: the first observation is not in the observation space")
+    _require_inside(world, "reset")
     require(isinstance(observed.mission, str), f"{world.id}: its mission is not text")
     if world.pose() is not None:
         pose, plan = world.pose(), world.map()
@@ -130,9 +132,35 @@ def _says_what_it_is(world: World) -> None:
         require(plan is not None, f"{world.id}: it has a pose and no map")
 
 
+def _require_inside(world: World, call: str) -> None:
+    """The observation is in its space; if it is not, name the line that makes it."""
+    outside = find_outside(world.observation, world.observation_space)
+    require(not outside, f"{world.id}: after a {call}, {outside}{_locate_observation(world, call)}")
+
+
+def _locate_observation(world: World, call: str) -> str:
+    """Where the author's code makes observations: "; Patrol.observation (patrol.py:31) makes it"."""
+    env = world.env
+    layers: list[Any] = [env]
+    while isinstance(env, gymnasium.Wrapper):
+        env = env.env
+        layers.append(env)
+    layers.append(getattr(env, "team", env))
+    kinds = [kind for layer in layers for kind in type(layer).__mro__]
+    for kind in kinds:
+        if kind.__module__.startswith(("minihuman.", "gymnasium.", "builtins", "abc")):
+            continue
+        for name in ("observation", "observe", "look", call):
+            if (code := getattr(vars(kind).get(name), "__code__", None)) is not None:
+                place = f"{Path(code.co_filename).name}:{code.co_firstlineno}"
+                return f"; {kind.__qualname__}.{name} ({place}) makes it, and observation_space has to say so"
+    return "; correct observation_space"
+
+
 def _play(world: World, seed: int, actions: list[int]) -> list[Step]:
     """An episode's first steps; the reset comes first, as a step that earns nothing."""
     observed = world.reset(seed)
+    _require_inside(world, "reset")
     said: list[Step] = [(0.0, False, False, observed.observation_hash, world.state_hash())]
     return said + list(_go_on(world, actions))
 
@@ -140,6 +168,7 @@ def _play(world: World, seed: int, actions: list[int]) -> list[Step]:
 def _go_on(world: World, actions: list[int]) -> Iterator[Step]:
     for action in actions:
         change = world.step(action)
+        _require_inside(world, "step")
         yield change.reward, change.terminated, change.truncated, change.observation_hash, world.state_hash()
         if change.terminated or change.truncated:
             return
@@ -237,8 +266,8 @@ def _situation(world: World, observation_hash: int) -> Hashable:
 
 def _own_attributes(world: World) -> dict[str, bytes]:
     """The attributes that a world's own class adds to ours, as bytes."""
-    env = world.unwrapped
-    if not isinstance(env, NativeWorld):
+    env = getattr(world.unwrapped, "team", world.unwrapped)
+    if not isinstance(env, NativeWorld | TeamWorld):
         return {}
     kinds = [kind for kind in type(env).__mro__ if kind.__module__.startswith("minihuman.")]
     functions = [value for kind in kinds for value in vars(kind).values() if hasattr(value, "__code__")]

@@ -9,13 +9,11 @@ session is known by a secret of 128 bits, and a program that stays away leaves a
 import base64
 import json
 import queue
-import re
 import secrets
-import socket
 import threading
 import time
 from dataclasses import dataclass, field
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import ThreadingHTTPServer
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +23,9 @@ from minihuman.experiment.protocol.specs import ModelSpec
 from minihuman.log.paths import MODELS_FOLDER
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.disk import GroupCommit
-from minihuman.runtime.model_sessions import ModelRun, play_participant, require_playable
+from minihuman.runtime.http_guard import LOCAL_HOSTS, GuardedHandler, GuardedServer, is_named, read_length
+from minihuman.runtime.model_run import ModelRun
+from minihuman.runtime.model_sessions import play_participant, require_playable
 from minihuman.simulation.chat_client import ChatAnswer, ModelClient, ModelUnavailableError
 from minihuman.simulation.model_conversation import RULES, Prompt
 
@@ -38,7 +38,6 @@ MAX_SESSIONS = 64  # at a time, and ended ones that are remembered
 MAX_THREADS = 512  # of sessions, and two of each connection
 ANSWER_WAIT_S = 60.0  # for the screen after an answer
 REQUEST_S = 120.0  # from one answer to the next, and for a client to take one
-LOCAL_HOSTS = ("127.0.0.1", "localhost", "[::1]")
 
 
 class ProgramClient(ModelClient):
@@ -110,6 +109,14 @@ class ProgramClient(ModelClient):
             }
 
 
+class BadRequestError(MinihumanError, ValueError):
+    """A program asked for what there is not; its words are for the program."""
+
+
+class TooManySessionsError(MinihumanError, BlockingIOError):
+    """As many sessions run as may."""
+
+
 @dataclass(slots=True)
 class ProgramSessions:
     """The sessions of programs.
@@ -137,17 +144,17 @@ class ProgramSessions:
         """Begin a program's session, or resume one of that name that was left; return its secret and its client.
 
         Raises:
-            ValueError: if the name is none.
-            BlockingIOError: if too many sessions run.
+            BadRequestError: if the name is none.
+            TooManySessionsError: if too many sessions run.
         """
         if not (isinstance(name, str) and name.isprintable() and 0 < len(name) <= MAX_NAME):
-            raise ValueError(f"name is a text of 1 to {MAX_NAME} characters")
+            raise BadRequestError(f"name is a text of 1 to {MAX_NAME} characters")
         with self.lock:
             self.threads = [thread for thread in self.threads if thread.is_alive()]
             for ended in [secret for secret, client in self.clients.items() if client.over][:-MAX_SESSIONS]:
                 del self.clients[ended]
             if len(self.threads) >= MAX_SESSIONS:
-                raise BlockingIOError(f"{MAX_SESSIONS} sessions run already; try again later")
+                raise TooManySessionsError(f"{MAX_SESSIONS} sessions run already; try again later")
             secret = secrets.token_urlsafe(16)
             client = self.clients[secret] = ProgramClient(name, self.protocol.model.timeout_s)
             self.threads.append(threading.Thread(target=self._play, args=(client,), daemon=True))
@@ -178,30 +185,18 @@ def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.
     ...}`` answers its screen, and ``GET /sessions/SECRET`` reads it again. Each returns the screen that follows.
     """
 
-    class Handler(BaseHTTPRequestHandler):
+    class Handler(GuardedHandler):
         protocol_version = "HTTP/1.1"
+        request_s = REQUEST_S
         timeout = REQUEST_S
+        max_threads = MAX_THREADS
 
-        def handle(self) -> None:
-            """Serve a connection; close one that is too many."""
-            if threading.active_count() < MAX_THREADS:
-                super().handle()
-
-        def handle_one_request(self) -> None:
-            """Give a request its time, however slowly its bytes come."""
-            watchdog = threading.Timer(REQUEST_S, self.connection.shutdown, (socket.SHUT_RD,))
-            watchdog.start()
-            try:
-                super().handle_one_request()
-            finally:
-                watchdog.cancel()
-
-        def do_GET(self) -> None:
+        def do_GET(self) -> None:  # noqa: N802 - the library's name
             """Read the screen again."""
             if self._is_local() and (client := self._client()) is not None:
                 self._reply(200, client.read_screen())
 
-        def do_POST(self) -> None:
+        def do_POST(self) -> None:  # noqa: N802 - the library's name
             """Begin a session or answer its screen."""
             if not self._is_local() or (body := self._body()) is None:
                 return
@@ -219,8 +214,10 @@ def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.
         def _begin(self, body: dict[str, Any]) -> None:
             try:
                 secret, client = programs.begin(body.get("name"))
-            except (ValueError, BlockingIOError) as error:
-                self._reply(400 if isinstance(error, ValueError) else 503, {"error": str(error)})
+            except BadRequestError as error:
+                self._reply(400, {"error": str(error)})
+            except TooManySessionsError as error:
+                self._reply(503, {"error": str(error)})
             else:
                 self._reply(201, {"session": f"/sessions/{secret}", **client.read_screen()})
 
@@ -232,8 +229,7 @@ def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.
 
         def _is_local(self) -> bool:
             """Whether a program asks; a web page's request, or one by another name of this machine, is refused."""
-            named = re.sub(r":\d*$", "", self.headers.get("Host", ""))
-            local = named in (*LOCAL_HOSTS, host) and "Origin" not in self.headers
+            local = is_named(self.headers.get("Host", ""), (*LOCAL_HOSTS, host)) and "Origin" not in self.headers
             if not local:
                 self._refuse(403, "only programs on this machine may play; ask for http://127.0.0.1 and the port")
             return local
@@ -243,15 +239,15 @@ def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.
             self._reply(status, {"error": error})
 
         def _body(self) -> dict[str, Any] | None:
-            length = self.headers.get("Content-Length", "")
-            if not length.isdecimal() or len(length) > 9 or int(length) > MAX_BODY_BYTES:
+            length = read_length(self.headers.get("Content-Length", ""), MAX_BODY_BYTES)
+            if length is None:
                 self._refuse(413, f"send a body of at most {MAX_BODY_BYTES} bytes with its length")
                 return None
             if self.headers.get_content_type() != "application/json":
                 self._refuse(415, "send JSON, with the header Content-Type: application/json")
                 return None
             try:
-                found = json.loads(self.rfile.read(int(length)))
+                found = json.loads(self.rfile.read(length))
             except (ValueError, RecursionError):
                 found = None
             if not isinstance(found, dict):
@@ -267,12 +263,7 @@ def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.
             self.end_headers()
             self.wfile.write(content)
 
-        def log_message(self, format: str, *arguments: Any) -> None:
-            """Say nothing: a line would hold an address and a secret."""
-
-    server = ThreadingHTTPServer((host, port), Handler)
-    server.daemon_threads = True
-    return server
+    return GuardedServer((host, port), Handler)
 
 
 _INSTRUCTIONS = (
@@ -284,18 +275,22 @@ _INSTRUCTIONS = (
 def make_mcp_server(programs: ProgramSessions) -> "MCPServer":
     """Make the server; ``run()`` serves one client on the standard input and output."""
     from mcp.server.mcpserver import MCPServer  # the extra mcp
+    from mcp.server.mcpserver.exceptions import ToolError
 
     server = MCPServer("minihuman", instructions=_INSTRUCTIONS)
 
     def find(session: str) -> ProgramClient:
         if session not in programs.clients:
-            raise ValueError("this session does not exist; begin a session first")
+            raise ToolError("this session does not exist; begin a session first")
         return programs.clients[session]
 
     @server.tool(structured_output=False)
     def begin(name: str) -> list[Any]:
         """Begin a session, or resume one of that name that was left; return its secret and the first screen."""
-        secret, client = programs.begin(name)
+        try:
+            secret, client = programs.begin(name)
+        except (BadRequestError, TooManySessionsError) as error:
+            raise ToolError(str(error)) from error  # of any other exception the client is told its tool's name alone
         return _show_screen(client, session=secret)
 
     @server.tool(structured_output=False)
@@ -303,7 +298,7 @@ def make_mcp_server(programs: ProgramSessions) -> "MCPServer":
         """Answer the screen of that number; return the next one."""
         client = find(session)
         if not client.answer(number, answer):
-            raise ValueError(f"screen {number} does not wait for an answer; call read_screen")
+            raise ToolError(f"screen {number} does not wait for an answer; call read_screen")
         return _show_screen(client)
 
     @server.tool(structured_output=False)

@@ -12,23 +12,26 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+from minihuman.admin.enrolment_entries import AuditNote
 from minihuman.admin.enrolment_log import free_slot, now_text
 from minihuman.admin.manifest import find_unrecorded_logs, record_log_end
 from minihuman.admin.next_session import is_session_complete, plan_next_session
 from minihuman.admin.recruitment import LinkIssued, ParticipantArrived, PlatformId, Recruitment, hash_link_token
 from minihuman.admin.remote_logs import sync_logs
+from minihuman.admin.withdrawal import replace_participant
 from minihuman.errors import AllocationError, LogError
 from minihuman.experiment.machine.events import FINAL_END_REASONS
 from minihuman.experiment.plan.allocation import allocation_sha256, build_allocation_list
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.protocol.specs import RecruitmentPlatform
-from minihuman.log.paths import PART_SUFFIX, list_sessions, session_folder
+from minihuman.log.paths import PART_SUFFIX, list_log_files, list_sessions, session_folder
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.finalization import find_leftovers
 from minihuman.log.record.session_leases import Lease, SessionLeases, name_session
 from minihuman.storage.lease import LeaseHeldError
 from minihuman.storage.remote_store import RemoteStoreError
+from minihuman.web.arrival_signature import SIGNATURE_PARAMETER, is_signed
 
 LOG = logging.getLogger("minihuman")
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{22}")  # 16 random bytes, as secrets.token_urlsafe writes them
@@ -61,6 +64,7 @@ class PlatformVisitor:
     platform: RecruitmentPlatform
     id: str
     preview: bool = False  # of the task, which they have not accepted
+    signature: str = ""  # that they came through a link of the study's own
 
     def __repr__(self) -> str:
         """Without the id, which belongs in no log and no traceback."""
@@ -72,7 +76,8 @@ def identify_visitor(parameters: Mapping[str, str], allowed: tuple[RecruitmentPl
     for platform in allowed:
         who = parameters.get(_PARAMETERS[platform], "")
         if _ID.fullmatch(who):
-            return PlatformVisitor(platform, who, preview=parameters.get("assignmentId") == _PREVIEW)
+            preview = parameters.get("assignmentId") == _PREVIEW
+            return PlatformVisitor(platform, who, preview=preview, signature=parameters.get(SIGNATURE_PARAMETER, ""))
     return None
 
 
@@ -109,6 +114,7 @@ class Admission:
     token: str = ""  # of a link made for them just now, which brings them back
     lease: Lease | None = None  # of the session; None where this server hosts it already, or is the only one
     utc_offset_min: int | None = None  # of the visitor's local time
+    is_invited: bool = False  # by a link that was issued before
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,13 +134,17 @@ class Arrivals:
         protocol: the study.
         data: the data folder.
         leases: of this server; None where no other machine has this study.
+        arrival_key: signs visitors, where the study requires that.
     """
 
-    def __init__(self, protocol: Protocol, data: Path, leases: SessionLeases | None = None) -> None:
+    def __init__(
+        self, protocol: Protocol, data: Path, leases: SessionLeases | None = None, *, arrival_key: bytes = b""
+    ) -> None:
         self.protocol = protocol
         self.leases = leases
         self.hosted: Container[str] = ()  # the keys of the sessions that this server hosts
         self._data = data
+        self._arrival_key = arrival_key
         self._study_dir = data / protocol.study.name
         self.recruits = Recruitment(self._study_dir)
         allocation_sha256(build_allocation_list(protocol))  # 100,000 slots take longer than a journal may be held
@@ -148,6 +158,8 @@ class Arrivals:
         who = identify_visitor(arrival.platform, self.protocol.web.recruitment_platforms)
         if who is not None and who.preview:
             return Rejection("preview")
+        if not self._is_proven(arrival, who):
+            return Rejection("unknown")
         try:
             return self._admit(arrival, who)
         except LeaseHeldError:
@@ -155,6 +167,21 @@ class Arrivals:
         except (AllocationError, LogError) as error:
             LOG.warning("a participant was refused: %s", error)
             return Rejection("wait" if isinstance(error, RemoteStoreError) else "broken")
+
+    def is_invited(self, token: str) -> bool:
+        """Whether a link was issued: a guess is no invitation, also where an open study gives it a slot.
+
+        Raises:
+            OSError: if the study's folder cannot be read.
+        """
+        return is_token(token) and self.recruits.has_issued(hash_link_token(token))
+
+    def _is_proven(self, arrival: Arrival, who: PlatformVisitor | None) -> bool:
+        """Whether a visitor has a link of the study's, or a signature where that is required."""
+        if not self.protocol.web.require_signed_arrival or self.is_invited(arrival.token):
+            return True
+        study = self.protocol.study.name
+        return who is not None and is_signed(self._arrival_key, study, who.platform, who.id, who.signature)
 
     def plan(self, admission: Admission) -> SessionPlan:
         """Plan a participant's next segment; a log that was cut off is finished first.
@@ -184,6 +211,13 @@ class Arrivals:
         self.recruits.forget(admission.participant)
         free_slot(self._study_dir, admission.participant, why)
 
+    def release(self, admission: Admission, why: str) -> None:
+        """Offer the slot of a visitor who vanished before they played; if they come back all the same, they play on."""
+        if admission.session > 1:
+            return
+        reason = f"left without playing: {why.replace('_', ' ')}"
+        replace_participant(self._study_dir, admission.participant, AuditNote(reason, "server"))
+
     def id_on_platform(self, participant: str) -> str:
         """A participant's id on the platform that sent them, for the link back; "" for the others."""
         who = self.recruits.ids().get(participant)
@@ -194,6 +228,7 @@ class Arrivals:
         key = given or (self.recruits.hash_platform_id(who.platform, who.id) if who else "")
         if not key and not self.protocol.web.open_access:
             return Rejection("unknown")
+        is_invited = bool(given) and self.recruits.has_issued(given)
         token = ""
         if not key:
             (token,) = self.recruits.issue(1)
@@ -217,7 +252,7 @@ class Arrivals:
         if isinstance(admission, Rejection):
             self._release(lease)
             return admission
-        return replace(admission, token=token, lease=lease)
+        return replace(admission, token=token, lease=lease, is_invited=is_invited)
 
     def _release(self, lease: Lease | None) -> None:
         if self.leases is not None and lease is not None:
@@ -227,7 +262,7 @@ class Arrivals:
         self, participant: str, session: int, plan: SessionPlan | None, utc_offset_min: int | None
     ) -> Admission | Rejection:
         folder = session_folder(self._data, self.protocol.study.name, participant, session)
-        part = next(iter(sorted(folder.glob(f"*{PART_SUFFIX}"))), None)
+        part = next(iter(list_log_files(folder, f"*{PART_SUFFIX}")), None)
         key = f"{participant}/{session}"
         admission = Admission(key, participant, session, part, plan, utc_offset_min=utc_offset_min)
         if part is not None or plan is not None:

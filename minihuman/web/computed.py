@@ -6,7 +6,6 @@ the session's own, that is noted, and the page gets the session's state. No I/O.
 """
 
 import hashlib
-import struct
 import zlib
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -30,46 +29,17 @@ from minihuman.web.messages import (
     WorldPosition,
     WorldState,
 )
-from minihuman.worlds.adapters.spaces import Action
-from minihuman.worlds.adapters.world import StepResult, World
-from minihuman.worlds.first_person.page_scene import PageLook, copy_state, describe, locate
-from minihuman.worlds.first_person.rules import digest_state
+from minihuman.worlds.adapters.page_world import PageWorld as PageWorld
+from minihuman.worlds.first_person.page_scene import PageLook, describe, locate
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.pictures.drawing import atlas
 from minihuman.worlds.grid.pictures.tiles import GridPalette
-from minihuman.worlds.step_digest import digest_step
 
 if TYPE_CHECKING:
     from minihuman.worlds.first_person.env import FirstPersonEnv
     from minihuman.worlds.grid.object_kinds import ObjectKind
 
-TERMINATED, TRUNCATED = 1, 2  # in a digest
-_OUTCOME = struct.Struct("<dQ")
 MOST_UNKNOWN = 50  # steps that a page may leave open, as after a reload without a network
-
-
-class PageWorld(World):
-    """A world that a page may compute too: it keeps what its last step led to, which a digest is over."""
-
-    def __init__(self, world_id: str, options: dict[str, Any] | None = None) -> None:
-        super().__init__(world_id, options)
-        self._keeps_steps = self.is_compiled
-        self._is_grid = isinstance(self.unwrapped, GridEngine)
-        self._stepped: tuple[NDArray[Any], ...] = ()
-
-    def step(self, action: Action) -> StepResult:
-        """Do an action, as any world does."""
-        result = super().step(action)
-        if self._keeps_steps:  # a copy: an episode that has ended gives its world to the next one
-            env = self.unwrapped
-            self._stepped = (env.state.row.copy(), self._observation["image"]) if self._is_grid else copy_state(env)
-        return result
-
-    def digest(self, reward: float, *, terminated: bool, truncated: bool) -> str:
-        """The digest of the last step and what came of it in the episode, 16 hexadecimal digits."""
-        digest: Any = digest_step if self._is_grid else digest_state
-        outcome = bytearray(_OUTCOME.pack(reward, TERMINATED if terminated else TRUNCATED if truncated else 0))
-        return f"{int(digest(*self._stepped, np.frombuffer(outcome, np.uint64))):016x}"
 
 
 def can_compute(play: RunningEpisode) -> bool:

@@ -19,6 +19,7 @@ import msgspec
 
 from minihuman.errors import escape_control_characters
 from minihuman.experiment.keys import list_pad_inputs
+from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.machine.events import EndReason
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
@@ -34,6 +35,7 @@ _TEXTS = {
     "language": re.compile(r"[A-Za-z-]{2,12}"),
 }
 _NUMBERS = ("timer_step_ms", "refresh_hz", "pixel_ratio")
+_WINDOW_SIZE = re.compile(r"(\d{1,5}) x (\d{1,5})")
 _MAX_UTC_OFFSET_MIN = 18 * 60
 _TRUTHS = ("isolated", "touch", "mouse")
 
@@ -79,6 +81,23 @@ class BrowserProperties(msgspec.Struct, frozen=True):
     gamepad: bool = False  # one whose button was pressed: before, a browser shows none
 
 
+def read_browser_properties(facts: Mapping[str, bool | float | str]) -> BrowserProperties:
+    """Read what eligibility depends on from a page's facts."""
+    family = str(facts.get("browser", "other")).lower()
+    size = _WINDOW_SIZE.fullmatch(str(facts.get("window_px", "")))
+    known = next((name for name in ("chrome", "edge", "firefox", "safari") if name in family), "other")
+    if "chromium" in family:
+        known = "chrome"
+    rtt = facts.get("rtt_ms")
+    return BrowserProperties(
+        browser=known,
+        window_px=(int(size[1]), int(size[2])) if size else (0, 0),
+        rtt_ms=float(rtt) if isinstance(rtt, int | float) else None,
+        keyboard=facts.get("mouse") is not False or facts.get("touch") is not True,
+        gamepad=facts.get("gamepad") is True,
+    )
+
+
 def check_eligibility(
     online: WebSpec, browser: BrowserProperties, *, needs_keyboard: bool = False, needs_gamepad: bool = False
 ) -> Ineligibility:
@@ -102,13 +121,14 @@ def check_eligibility(
 
 
 MAX_TOUCH_KEYS = 12  # buttons of 48 px that leave half of a phone's screen to the world
-_TOUCHED_KINDS = ("play", "trials")  # of blocks; agents need keys beside those of the pool
 
 
 def needs_keyboard(protocol: Protocol) -> bool:
     """Whether a study cannot be done with buttons on a touch screen that stand for the keys of its pool."""
-    kinds_need = any(block.kind not in _TOUCHED_KINDS for block in protocol.blocks) or bool(protocol.activities)
-    return kinds_need or (bool(protocol.blocks) and len(protocol.keys.pool) > MAX_TOUCH_KEYS)
+    # agents and partners need keys beside those of the pool
+    has_other_keys = any(not find_kind(block.kind).is_played_alone for block in protocol.blocks)
+    has_many_keys = bool(protocol.blocks) and len(protocol.keys.pool) > MAX_TOUCH_KEYS
+    return has_other_keys or has_many_keys or bool(protocol.activities)
 
 
 def requires_gamepad(protocol: Protocol) -> bool:
@@ -159,7 +179,7 @@ def classify_ending(reason: EndReason, *, agreed: bool, part_kind: str = "") -> 
     """
     if not agreed and reason in ("quit", "window_closed", "declined"):
         return "declined"
-    if reason == "screened_out" and part_kind == "questions":
+    if reason == "screened_out" and part_kind and find_kind(part_kind).is_check:
         return "failed_check"
     return _ENDS.get(reason, "broken")
 

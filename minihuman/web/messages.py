@@ -1,48 +1,24 @@
-"""The messages between page and server: their fields, limits and version, the numbered streams of them, and what the
-server refuses: pages of other origins, floods, huge messages. No I/O; times come in as arguments.
+"""The messages between page and server: their fields, limits and version. No I/O.
+
+The page's types are generated from here: `python -m minihuman.web.page_types` writes `page/messages.d.ts`.
 
 Times are ns on the session's clock. The page repeats its messages until they are acknowledged, which happens when they
 are on the disk; the server repeats its own until the page has them. A numbered message of the page has a time of its
-own, later than the one before, so that the log's last time shows what is in it. A stream outlives its sockets: a gap is
-an error, since a socket keeps its order. Key positions are `KeyboardEvent.code`; one unknown to us is `code_...`.
+own, later than the one before, so that the log's last time shows what is in it. Key positions are
+`KeyboardEvent.code`; one unknown to us is `code_...`.
 """
 
-import struct
-from collections import deque
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Annotated, Any, Generic, Literal, TypeVar
-from urllib.parse import urlsplit
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
 
 from minihuman.errors import MinihumanError
-from minihuman.experiment.keys import DIGITS, FUNCTION, LETTERS, PAD_AXES
+from minihuman.experiment.keys import PAD_AXES
+from minihuman.experiment.machine.inputs import KeyReleaseCause, PointerCause, PressCause
+from minihuman.web.screen_types import PageType, ScreenValues
 
-KEY_CODES: Mapping[str, str] = (
-    {f"Digit{digit}": digit for digit in DIGITS}
-    | {f"Key{letter.upper()}": letter for letter in LETTERS}
-    | {f"Numpad{digit}": f"kp_{digit}" for digit in DIGITS}
-    | {name.upper(): name for name in FUNCTION}
-    | {f"Arrow{name.capitalize()}": name for name in ("up", "down", "left", "right")}
-    | {"NumpadEnter": "kp_enter", "NumpadAdd": "kp_plus", "NumpadSubtract": "kp_minus"}
-    | {"NumpadMultiply": "kp_multiply", "NumpadDivide": "kp_divide", "NumpadDecimal": "kp_period"}
-    | {"Space": "space", "Enter": "enter", "Escape": "escape", "Tab": "tab", "Backspace": "backspace"}
-    | {"Insert": "insert", "Delete": "delete", "Home": "home", "End": "end"}
-    | {"PageUp": "page_up", "PageDown": "page_down"}
-    | {"Minus": "minus", "Equal": "equals", "BracketLeft": "left_bracket", "BracketRight": "right_bracket"}
-    | {"Backslash": "backslash", "Semicolon": "semicolon", "Quote": "quote", "Backquote": "grave"}
-    | {"Comma": "comma", "Period": "period", "Slash": "slash"}
-    | {"ShiftLeft": "left_shift", "ShiftRight": "right_shift", "ControlLeft": "left_ctrl"}
-    | {"ControlRight": "right_ctrl", "AltLeft": "left_alt", "AltRight": "right_alt"}
-    | {"CapsLock": "caps_lock", "NumLock": "num_lock"}
-)
-
-MESSAGE_VERSION = 6
-MAX_PAGE_MESSAGE_BYTES = 16 * 1024  # of a message of the page's
-_PICTURE = struct.Struct("<IIBBHH")  # stream number, picture number, encoding, spare, width, height
-_PART = struct.Struct("<BI")  # of several messages in one: 0 for text and 1 for a picture, bytes
+MESSAGE_VERSION = 7
 
 Ns = Annotated[int, Meta(ge=0, le=2**53)]
 Number = Annotated[int, Meta(ge=0, le=2**31)]
@@ -51,6 +27,9 @@ LongText = Annotated[str, Meta(max_length=2000)]
 KeyName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_]{1,32}$")]
 Digest = Annotated[str, Meta(pattern=r"^([0-9a-f]{16})?$")]
 Fraction = Annotated[float, Meta(ge=0.0, le=1.0)]
+BrowserFacts = dict[ShortText, bool | float | Annotated[str, Meta(max_length=200)]]
+Texts = dict[str, str]
+ScreenDict = Annotated[dict[str, Any], PageType(ScreenValues)]
 
 
 class MessageError(MinihumanError, ValueError):
@@ -68,6 +47,7 @@ class KeyMessage(msgspec.Struct, tag="key", tag_field="t", forbid_unknown_fields
     trusted: bool = True  # False: a script made it, no keyboard
     # of the step that the page made by itself, 16 hexadecimal digits; "" where it made none
     digest: Digest = ""
+    cause: PressCause | KeyReleaseCause = "finger"
 
 
 class DisplayedMessage(msgspec.Struct, tag="shown", tag_field="t", forbid_unknown_fields=True):
@@ -103,6 +83,7 @@ class PointerMessage(msgspec.Struct, tag="pointer", tag_field="t", forbid_unknow
     target: ShortText = ""
     along: Fraction = 0.0
     stamp: Ns = 2**53  # none: pages of before, which did not tell
+    cause: PointerCause = "finger"
 
 
 class AxisMessage(msgspec.Struct, tag="axis", tag_field="t", forbid_unknown_fields=True):
@@ -177,7 +158,7 @@ class Hello(msgspec.Struct, tag="hello", tag_field="t", forbid_unknown_fields=Tr
     segment: ShortText = ""  # the segment that its times belong to
     last: Ns = 0  # its last time
     kernels: ShortText = ""  # the digest of the worlds' rules that it has compiled; "" for none
-    facts: Annotated[dict[ShortText, bool | float | Annotated[str, Meta(max_length=200)]], Meta(max_length=40)] = {}
+    facts: Annotated[BrowserFacts, Meta(max_length=40)] = {}
 
 
 class NumberedMessage(msgspec.Struct, tag="n", tag_field="t", forbid_unknown_fields=True):
@@ -200,61 +181,10 @@ class Ping(msgspec.Struct, tag="ping", tag_field="t", forbid_unknown_fields=True
     sent: Ns
 
 
-_FROM_PAGE = msgspec.json.Decoder(Hello | NumberedMessage | PageAck | Ping)
-# Numbered messages that come with every key are arrays: kind, number, time in us, and these fields, absent ones at the
-# end left out. Times of events are in us before the message's own.
-_HEAD = [("n", Annotated[int, Meta(ge=1, le=2**31)]), ("at", Annotated[int, Meta(ge=1, le=2**43)])]
-_AGO = Annotated[int, Meta(ge=-(2**43), le=2**43)]
-_PRESS: list[Any] = [
-    ("ago", _AGO),
-    ("key", KeyName),
-    ("down", Literal[0, 1]),
-    ("digest", Digest, ""),
-    ("symbol", ShortText, ""),
-]
-_SHOWN: list[Any] = [("flip", _AGO), ("submit", _AGO), ("episode", int), ("step", int), ("node", int, -1)]
-_Press: Any = msgspec.defstruct(
-    "_Press", [*_HEAD, *_PRESS, ("repeat", bool, False)], array_like=True, tag="k", forbid_unknown_fields=True
-)
-_Shown: Any = msgspec.defstruct("_Shown", [*_HEAD, *_SHOWN], array_like=True, tag="s", forbid_unknown_fields=True)
-_Tick: Any = msgspec.defstruct(
-    "_Tick", [*_HEAD, ("digest", Digest, "")], array_like=True, tag="t", forbid_unknown_fields=True
-)
-_SHORT: msgspec.json.Decoder[Any] = msgspec.json.Decoder(_Press | _Shown | _Tick)
+class Farewell(msgspec.Struct, tag="bye", tag_field="t", forbid_unknown_fields=True):
+    """The page is being closed, or gives way to another one in its place."""
 
-
-def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck | Ping:
-    """A message of the page's.
-
-    Raises:
-        MessageError: if it is none, or over its limits.
-    """
-    if len(text) > MAX_PAGE_MESSAGE_BYTES:
-        raise MessageError(
-            f"a message has {len(text)} bytes; at most {MAX_PAGE_MESSAGE_BYTES} are allowed; reload the page"
-        )
-    try:
-        if text[:1] in ("[", b"["):
-            return _expand(_SHORT.decode(text))
-        message: Hello | NumberedMessage | PageAck | Ping = _FROM_PAGE.decode(text)
-        return message
-    except (msgspec.DecodeError, LookupError, TypeError, ValueError, RecursionError) as error:
-        raise MessageError(f"a message from a page cannot be decoded ({error}); reload the page") from error
-
-
-def _expand(short: Any) -> NumberedMessage:
-    at_ns, kind = 1000 * short.at, type(short)
-    if kind is _Tick:
-        return NumberedMessage(short.n, at_ns, TickMessage(short.digest))
-    if (short.ago if kind is _Press else max(short.flip, short.submit)) > short.at:
-        raise ValueError("a time is before the session's start")
-    if kind is _Press:
-        stamp_ns = at_ns - 1000 * short.ago
-        what = KeyMessage(short.key, short.down == 1, stamp_ns, short.symbol, short.repeat, digest=short.digest)
-        return NumberedMessage(short.n, at_ns, what)
-    flip_ns, submit_ns = at_ns - 1000 * short.flip, at_ns - 1000 * short.submit
-    shown = DisplayedMessage(submit_ns, flip_ns, episode=short.episode, step=short.step, node=short.node)
-    return NumberedMessage(short.n, at_ns, shown)
+    left: bool  # for another page
 
 
 class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):
@@ -265,12 +195,13 @@ class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):
     again: bool  # the stream resumes; else it starts anew
     heard: int  # the last of the page's messages that was taken
     now: int  # the session's time, about
-    keys: dict[str, str]  # a browser's name of a key's place -> ours
-    touch: dict[str, str]  # our name of each key that the study is played with -> what a button for it says
+    keys: Texts  # a browser's name of a key's place -> ours
+    touch: Texts  # our name of each key that the study is played with -> what a button for it says
     token: str  # of a link made just now, to come back by; "" if the page had one
-    words: dict[str, str]  # what the page says around a session
+    words: Texts  # what the page says around a session
     taken: int  # the time of the last of the page's messages that the session has: it may not be acknowledged
     gamepad: bool  # whether the study is played with one
+    sign_ms: int  # the longest time in which the page sends nothing
 
 
 class Refusal(msgspec.Struct, tag="refused", tag_field="t"):
@@ -303,7 +234,7 @@ class ScreenMessage(msgspec.Struct, tag="screen", tag_field="t"):
     through: int  # the page's messages that led to it
     at: int  # the session's time then
     tick: int | None  # when the session wants a tick
-    screen: dict[str, Any]
+    screen: ScreenDict
     name: int = 0  # of what is shown, and where in the session
 
 
@@ -311,7 +242,7 @@ class PrefetchedScreen(msgspec.Struct):
     """A screen that an input may lead to."""
 
     name: int
-    screen: dict[str, Any]
+    screen: ScreenDict
     after: int | None  # ns from the input until the session wants a tick
     episode: int = -1  # that begins with it
     scene: int = -1  # in which it begins
@@ -375,6 +306,9 @@ WorldState = GridState | FirstPersonState
 WorldPosition = GridPosition | FirstPersonPosition
 
 
+JointPace = Literal["", "turns", "ticks"]
+
+
 class EpisodeRules(msgspec.Struct, tag="rules", tag_field="t"):
     """What keys and time do in the episode that is played: what the page needs to go ahead of the session."""
 
@@ -389,7 +323,7 @@ class EpisodeRules(msgspec.Struct, tag="rules", tag_field="t"):
     keep: int  # pictures before this number are of no use any more, but for those on a screen
     computed: WorldState | None = None  # where the page computes it; else scenes are sent ahead
     motion: float = 0.0  # ms from a picture that the page computes to the next
-    team: Literal["", "turns", "ticks"] = ""  # whose joint steps the server closes
+    team: JointPace = ""  # whose joint steps the server closes
 
 
 class ArraysMessage(msgspec.Struct, tag="arrays", tag_field="t"):
@@ -433,7 +367,7 @@ class AgentControl(msgspec.Struct, tag="beside", tag_field="t"):
     bad: str
     flash: int  # ns that such a press is seen
     apart: int  # ns in which a held key counts once
-    controller_texts: dict[str, str]  # controller -> text
+    controller_texts: Texts  # controller -> text
 
 
 class LookAheadUpdate(msgspec.Struct, tag="ahead", tag_field="t"):
@@ -484,145 +418,3 @@ ServerMessage = (
     | CommandMessage
     | SessionOver
 )
-_ENCODER = msgspec.json.Encoder()
-
-
-class _NumberedServerMessage(msgspec.Struct):
-    n: int
-    m: ServerMessage
-
-
-def encode_numbered(number: int, message: ServerMessage | PictureMessage) -> bytes:
-    """A message of the server's stream, as part of a batch."""
-    if isinstance(message, PictureMessage):
-        head = _PICTURE.pack(number, message.number, message.encoding, 0, message.width, message.height)
-        return _PART.pack(1, len(head) + len(message.data)) + head + message.data
-    return encode_text(_NumberedServerMessage(number, message))
-
-
-def encode_unnumbered(message: Welcome | Refusal | Pong) -> str:
-    """A message beside the stream."""
-    return _ENCODER.encode(message).decode()
-
-
-def encode_text(message: _NumberedServerMessage | ServerAck | Pong) -> bytes:
-    """A message as the bytes of a text, to be sent together with others."""
-    text = _ENCODER.encode(message)
-    return _PART.pack(0, len(text)) + text
-
-
-Message = TypeVar("Message")
-
-
-class OutgoingStream(Generic[Message]):
-    """This side's messages, from 1 on."""
-
-    def __init__(self) -> None:
-        self._kept: deque[tuple[int, Message]] = deque()
-        self.last_number = 0  # of the last message
-
-    @property
-    def kept(self) -> int:
-        """How many messages are not acknowledged yet."""
-        return len(self._kept)
-
-    def add(self, message: Message) -> None:
-        """Number a message and keep it until it is acknowledged."""
-        self.last_number += 1
-        self._kept.append((self.last_number, message))
-
-    def acknowledge(self, number: int) -> None:
-        """Forget the messages up to a number: the other side has them.
-
-        Raises:
-            MessageError: if that number was never sent.
-        """
-        if number > self.last_number:
-            raise MessageError(
-                f"message {number} was acknowledged, but the last one sent is {self.last_number}; reload the page"
-            )
-        while self._kept and self._kept[0][0] <= number:
-            self._kept.popleft()
-
-    def after(self, number: int) -> Iterator[tuple[int, Message]]:
-        """The kept messages behind a number."""
-        return (kept for kept in tuple(self._kept) if kept[0] > number)
-
-
-class IncomingStream:
-    """The other side's messages, received up to a number."""
-
-    def __init__(self, received: int = 0) -> None:
-        self.received = received
-
-    def take(self, number: int) -> bool:
-        """Whether a message is new.
-
-        Raises:
-            MessageError: if one before it is missing.
-        """
-        if number > self.received + 1:
-            raise MessageError(
-                f"message {number} arrived after message {self.received}; the messages in between are missing; reload "
-                "the page"
-            )
-        new = number == self.received + 1
-        self.received = max(self.received, number)
-        return new
-
-
-MAX_MESSAGE_BYTES = 16 * 1024
-MESSAGES_PER_S = 200.0  # 60 steps a second with their pictures and keys are some 150
-MESSAGE_BURST = 200
-HELLO_TIMEOUT_S = 10.0  # a socket without a hello by then is closed
-MAX_TARGET_BYTES = 2_048  # of a request's path and query
-MAX_WAITING = 200  # sockets without a hello
-PREFETCH_BACKLOG = 300  # unacknowledged messages above which nothing is prefetched
-MAX_BACKLOG = 3_000  # and above which the page starts anew
-
-_POLICY = (  # nothing from anywhere else; blob: is for pictures that came over the socket, wasm for the worlds' rules
-    "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; img-src 'self' blob: data:; object-src 'none'; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-)
-HEADERS: tuple[tuple[str, str], ...] = (
-    ("content-security-policy", _POLICY),
-    ("cross-origin-opener-policy", "same-origin"),  # these three make clocks of 5 µs of 100
-    ("cross-origin-embedder-policy", "require-corp"),
-    ("cross-origin-resource-policy", "same-origin"),
-    ("referrer-policy", "no-referrer"),
-    ("x-content-type-options", "nosniff"),
-    ("x-frame-options", "DENY"),
-    ("permissions-policy", "camera=(), microphone=(), geolocation=()"),
-    ("cache-control", "no-store"),
-)
-
-
-@dataclass(slots=True)
-class RateLimit:
-    """How many messages a socket may still send: a rate per second, and a burst."""
-
-    now_s: float  # of the last message
-    left: float = MESSAGE_BURST
-
-    def take(self, now_s: float) -> bool:
-        """Whether a message that comes now is within it."""
-        self.left = min(MESSAGE_BURST, self.left + (now_s - self.now_s) * MESSAGES_PER_S)
-        self.now_s = now_s
-        if self.left < 1:
-            return False
-        self.left -= 1
-        return True
-
-
-def is_same_origin(origin: str | None, host: str | None) -> bool:
-    """Whether a socket's Origin is the page that this server gave: the same host and port.
-
-    A proxy in front hands both on as the browser sent them.
-    """
-    if not origin or not host:
-        return False
-    try:
-        parts = urlsplit(origin)
-    except ValueError:
-        return False
-    return parts.scheme in ("http", "https") and parts.netloc.lower() == host.lower() and not parts.path

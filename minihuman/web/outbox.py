@@ -1,46 +1,26 @@
 """The outbox of a session: screens, the state of an episode, and what was prefetched. No socket, no clock.
 
-Messages stay here, numbered, until the page has them. An episode that the page computes needs its first state alone.
-Along the keys of any other the future is computed in a world of its own, outside of episodes in copies of the session.
-The page learns in advance what an agent will do, so that keys and the agent's steps show at once.
+Messages stay here, numbered, until the page has them. Along the keys the future is sent in advance: in an episode by
+its rules (`episode_ahead`), outside of episodes by copies of the session (`page_contents`). The page learns in advance
+what an agent will do, so that keys and the agent's steps show at once.
 """
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from minihuman.activities.agent_blocks.activity import AgentPlayActivity
-from minihuman.activities.correction.events import CorrectionBegun, CorrectionEnded, CorrectionStepped
-from minihuman.activities.rating.activity import FLASH_NS, REPEAT_INTERVAL_NS
-from minihuman.activities.team.episode import TeamEpisode
-from minihuman.experiment.machine.activity import WorldFactory
-from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, Event, Stepped
+from minihuman.experiment.machine.activity import Steering, WorldFactory
+from minihuman.experiment.machine.events import EpisodeBeginning, EpisodeEnding, EpisodeStep, Event
 from minihuman.experiment.machine.running_episode import RunningEpisode
-from minihuman.experiment.machine.screens import Screen
 from minihuman.experiment.machine.session import SessionMachine
-from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.web import messages
 from minihuman.web.computed import ComputedEpisode, can_compute
-from minihuman.web.messages import PREFETCH_BACKLOG, AgentControl, OutgoingStream
-from minihuman.web.prefetch import FilmPrefetcher, LookAheadGraph, ScreenPrefetcher, advances_by_itself, describe_screen
-from minihuman.web.screen_values import ImageCache, ImageEncoding
-from minihuman.worlds.adapters.world import World
-
-
-def describe_agent_control(part: AgentPlayActivity, episode: int) -> AgentControl:
-    """What the page has to know to go ahead of the session."""
-    good, bad = part.rating_keys
-    return AgentControl(
-        episode=episode,
-        period=part.period_ns,
-        takes_over=part.takes_over,
-        hand_back=part.hand_back_key,
-        good=good,
-        bad=bad,
-        flash=FLASH_NS,
-        apart=REPEAT_INTERVAL_NS,
-        controller_texts={who: part.control_text(who) for who in ("agent", "person")},
-    )
+from minihuman.web.episode_ahead import EpisodeAhead
+from minihuman.web.episode_steps import EpisodeSteps
+from minihuman.web.message_streams import OutgoingStream
+from minihuman.web.page_contents import PageContents
+from minihuman.web.prefetch import advances_by_itself, describe_screen
+from minihuman.web.screen_values import ImageEncoding
+from minihuman.web.traffic_limits import PREFETCH_BACKLOG
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +32,6 @@ class PageSettings:
 
 
 _WITHOUT_EFFECT = (messages.DisplayedMessage, messages.RoundTripMessage, messages.LateInputMessage)
-_STEPPING = (messages.KeyMessage, messages.TickMessage)
-_ENDS = (EpisodeEnded, CorrectionEnded)
 
 
 class Outbox:
@@ -72,87 +50,43 @@ class Outbox:
         self.through = 0  # the last of the page's messages that was taken
         self.at_ns = 0  # when that was
         self.moved = 0  # the last of them that the page waits for, as it may lead somewhere
-        self.pace_ns = 0  # what a step has taken lately
         self.page_computes = False  # it has compiled the rules that are here
+        self.steps = EpisodeSteps(logged)
+        self._pace_ns = 0  # what a step has taken lately
         self._session = session
-        self._make_world = make_world
         self._settings = settings
-        self._computed: ComputedEpisode | None = None  # by the page; else there is a graph
-        self._own_world: World | None = None  # that may be reset
-        self._said: object = None  # below its picture
+        self._ahead = EpisodeAhead(make_world, settings.picture_px)
+        self._joint_texts: object = None  # below the picture of an episode that others act in, too
         self._screen_id = 0
-        self._episode = -1  # whose steps these are
-        self._scenes: list[int] = []  # the names of those that its steps led to; -1 if unknown
-        self._of_team = False  # it is a team's: the page shows the own action before the others'
-        self._early: messages.DisplayedMessage | None = None  # such a picture, until the step is closed
-        for event in logged:
-            match event:
-                case EpisodeStarted():
-                    self._episode, self._scenes = event.plan.episode, [-1]
-                case CorrectionBegun():
-                    self._episode, self._scenes = event.episode, [-1] * (event.step + 1)
-                case Stepped() | CorrectionStepped():
-                    self._scenes.append(-1)
-        self._forget_page()
-
-    def _forget_page(self) -> None:
-        """Begin with a page that has nothing."""
-        self.outgoing: OutgoingStream[messages.ServerMessage | messages.PictureMessage] = OutgoingStream()
-        self._plan: EpisodePlan | None = None  # of the episode that the page has the rules of
-        self._look_ahead_graph: LookAheadGraph | None = None
-        self._arrays: set[str] = set()  # that the page has
-        self._page_plays = False  # an episode
-        self._screen: Screen | None = None  # that the page has
-        self._screen_name = 0
-        self._screen_play: RunningEpisode | None = None  # that was played then
-        self._sent_state: tuple[object, ...] | None = None
-        self._sent_control: messages.AgentControl | None = None
-        self._image_cache = ImageCache(self._settings.encoding)
-        self._screen_prefetcher = ScreenPrefetcher(self._image_cache.number, self._lent)
-        self._film_prefetcher = FilmPrefetcher(self._image_cache.number)
+        self._page = PageContents(settings.encoding, self._ahead.lend)
 
     # What the page has
 
+    @property
+    def outgoing(self) -> OutgoingStream[messages.ServerMessage | messages.PictureMessage]:
+        """The messages to the page; another object after a restart."""
+        return self._page.outgoing
+
     def is_present(self, message: messages.DisplayedMessage) -> bool:
         """Whether a screen that was shown is what the session shows."""
-        return message.name == self._screen_name if message.name else message.screen == self._screen_id
+        if message.name:
+            return message.name == self._page.screen_name
+        return message.screen == self._screen_id
 
-    def knows(self, message: messages.DisplayedMessage) -> bool:
-        """Whether a picture that was shown is one of the present episode's steps."""
-        return message.episode == self._episode and message.step < len(self._scenes)
-
-    def keep_early(self, message: messages.DisplayedMessage) -> None:
-        """Keep word of a picture that a team's page showed before its step was closed."""
-        if self._of_team and (message.episode, message.step) == (self._episode, len(self._scenes)):
-            self._early = message
-
-    def take_early(self) -> messages.DisplayedMessage | None:
-        """What was kept, once its step is closed."""
-        early = self._early
-        if early is None or not self.knows(early):
+    def describe_correction(
+        self, message: messages.DisplayedMessage, at_ns: int, submit_ns: int, flip_ns: int
+    ) -> Event | None:
+        """Return the event of a picture that a joint step came out otherwise than; None if it did not."""
+        if self._ahead.graph is None:
             return None
-        self._early = None
-        return early
-
-    def is_corrected(self, message: messages.DisplayedMessage) -> bool:
-        """Whether a team's step came out otherwise than a picture had shown it."""
-        if not self._of_team or self._look_ahead_graph is None:
-            return False
-        pictures, scene = self._look_ahead_graph.pictures, self._scenes[message.step]
-        return scene in pictures and pictures.get(message.node, -1) not in (-1, pictures[scene])
-
-    def difference(self, message: messages.DisplayedMessage) -> str:
-        """How a step's picture was another than the session's; "" where it was the same."""
-        scene = self._scenes[message.step]
-        if self._of_team or not scene >= 0 <= message.node or scene == message.node:
-            return ""
-        return f"step {message.step} of episode {message.episode + 1} was shown as scene {message.node}, it is {scene}"
+        play = self.steps.find_corrected(message, self._ahead.graph.pictures)
+        return None if play is None else play.describe_correction(at_ns, message.step, submit_ns, flip_ns)
 
     @property
     def _ignores_releases(self) -> bool:
         """Whether the page waits for no word of a release: an episode is played, and by no agent."""
         session = self._session
-        return not session.over and session.play is not None and not isinstance(session.part, AgentPlayActivity)
+        return not session.over and session.play is not None and not session.part.agent_plays
 
     def waits_for(self, message: messages.PageMessage) -> bool:
         """Whether the page waits for word of where a message led: it knows of a step that it computed."""
@@ -163,154 +97,106 @@ class Outbox:
         return not isinstance(message, _WITHOUT_EFFECT)
 
     def compare(self, message: messages.PageMessage, events: Sequence[Event]) -> str:
-        """Compare a message's step in the page with the session's; how they differ, "" if they do not."""
-        if self._computed is None or not isinstance(message, _STEPPING):
-            return ""
-        return self._computed.compare(message, events)
+        """Compare a message's step in the page with the session's; return how they differ, "" if they do not."""
+        return self._ahead.compare(message, events)
 
     # Where the session went
 
     @property
     def is_computed(self) -> bool:
         """Whether the page computes the episode."""
-        return self._computed is not None
+        return self._ahead.computed is not None
 
     def follow(self, events: list[Event]) -> None:
         """Move the look-ahead where the session went; ``send_state`` then tells the page."""
-        coming = None if self._session.over else self._session.part.next_play
+        next_play = None if self._session.over else self._session.part.next_play
         for event in events:
             match event:
-                case Stepped() | CorrectionStepped() if event.episode == self._episode:
-                    if self._look_ahead_graph is None:
-                        self._scenes.append(-1)
-                    else:
-                        self._stepped(event, ended=any(isinstance(each, _ENDS) for each in events))
-                case EpisodeStarted() | CorrectionBegun() if self._session.play is not None:
-                    self._look_from(self._session.play)
-        if coming is not None:
-            self._look_from(coming)
+                case EpisodeStep() if event.episode == self.steps.episode:
+                    self._follow_step(event, ended=any(isinstance(other, EpisodeEnding) for other in events))
+                case EpisodeBeginning() if self._session.play is not None:
+                    self._begin_episode(self._session.play)
+        if next_play is not None:
+            self._begin_episode(next_play)
 
-    def _look_from(self, play: RunningEpisode) -> None:
+    def _follow_step(self, step: EpisodeStep, *, ended: bool) -> None:
+        play = None if ended else self._session.play
+        self.steps.append(self._ahead.step(step.action, play))
+        if self._ahead.graph is not None and play is not None:
+            self._page.send_scenes(self._ahead.graph)
+
+    def _begin_episode(self, play: RunningEpisode) -> None:
         """Send the rules of an episode that has begun or is about to, once, and what the page goes ahead by."""
         plan = play.plan
-        if self._plan is plan:
+        if self._ahead.plan is plan:
             return
         self.send_prefetched()  # as long as its pictures are known
-        self._plan = plan
+        self.steps.begin(play)
         actions = {key: play.world.action_names.index(name) for key, name in plan.key_map.keys.items()}
-        of_team = self._of_team = isinstance(play, TeamEpisode)
-        self._early = None
         noop = None if plan.noop is None else play.world.action_names.index(plan.noop)
-        self._image_cache.forget()
-        keep = self._image_cache.next
-        last, self._computed, self._look_ahead_graph = self._computed, None, None
-        if self._computes(play):
-            is_known = last is not None and last.play is play  # by a page that was loaded again
-            self._computed = last if is_known else ComputedEpisode(play, self._settings.picture_px)
-        else:
-            self._look_ahead_graph = LookAheadGraph(
-                plan,
-                self._make_world,
-                [*actions.values()] + ([] if noop is None else [noop]),
-                self._settings.picture_px,
-                self._image_cache,
-                world=self._world_for(plan),
-                # a team's ticks also have the others' actions; where keys combine, any step is possible
-                blind=(of_team and play.real_time) or play.repeats_held or not play.world.actions.is_discrete,
-            )
-            if play.steps:
-                self._look_ahead_graph.move_to(play.world)
-        root = -1 if self._look_ahead_graph is None else self._look_ahead_graph.root.name
-        self._episode, self._scenes = plan.episode, [-1] * play.steps + [root]
+        possible = [*actions.values()] if noop is None else [*actions.values(), noop]
+        self._page.images.forget()
+        keep = self._page.images.next
+        scene = self._ahead.begin(play, possible, self._page.images, computes=self._computes(play))
+        self.steps.place(play, scene)
+        self._send_rules(play, actions, noop, keep)
+        self._page.send_scenes(self._ahead.graph)
+
+    def _send_rules(self, play: RunningEpisode, actions: dict[str, int], noop: int | None, keep: int) -> None:
+        plan = play.plan
+        part_plan = self._session.part.part.plan
         limits = [plan.max_steps] + ([] if play.world.step_limit is None else [play.world.step_limit])
+        team: messages.JointPace = ""
+        if play.is_joint:
+            team = "ticks" if play.real_time else "turns"
+        computed = self._ahead.computed
         self.outgoing.add(
             messages.EpisodeRules(
                 episode=plan.episode,
                 actions=actions,
-                real_time=plan.pace == "real_time" and not of_team,
+                real_time=plan.pace == "real_time" and not play.is_joint,
                 period=max(1, round(plan.step_period_ms * 1e6)),
                 noop=noop,
                 auto_repeat=plan.auto_repeat,
                 most_steps=min(limits),
-                team=("ticks" if play.real_time else "turns") if of_team else "",
-                held=getattr(self._session.part.part.plan, "hold_ms", 0.0) > 0,
+                team=team,
+                held=getattr(part_plan, "hold_ms", 0.0) > 0,
                 keep=keep,
-                motion=getattr(self._session.part.part.plan, "motion_ms", None) or 0.0,
-                computed=None if self._computed is None else self._page_state(self._computed),
+                motion=getattr(part_plan, "motion_ms", None) or 0.0,
+                computed=None if computed is None else self._page.send_world_state(computed),
             )
         )
-        self._send_look_ahead()
-
-    def record_step_time(self, took_ns: int) -> None:
-        """Take note of what a step's message took. A world too slow for its period is not looked ahead in as well."""
-        before_ns = self.pace_ns or took_ns
-        self.pace_ns = before_ns + (took_ns - before_ns) // 8
-        plan, graph = self._plan, self._look_ahead_graph
-        if plan is not None and graph is not None and plan.pace == "real_time":
-            graph.blind |= self.pace_ns > plan.step_period_ms * 1e6
-
-    def _page_state(self, computed: ComputedEpisode) -> messages.WorldState:
-        """Where the session is, once the page has the arrays for it."""
-        for each in computed.arrays:
-            if each.name not in self._arrays:
-                self._arrays.add(each.name)
-                self.outgoing.add(each)
-        return computed.state()
 
     def _computes(self, play: RunningEpisode) -> bool:
         """Whether the page computes an episode."""
         computed = getattr(self._session.part.part.plan, "computed", "server")
         return self.page_computes and computed == "page" and can_compute(play)
 
-    def _world_for(self, plan: EpisodePlan) -> World:
-        """A world of the outbox's own for an episode, the last one's if it will do."""
-        own = self._own_world
-        if own is None or (own.id, own.options) != (plan.world, plan.options):
-            if own is not None:
-                own.close()
-            own = self._own_world = self._make_world(plan.world, plan.options)
-        return own
-
-    def _stepped(self, stepped: Stepped | CorrectionStepped, *, ended: bool) -> None:
-        assert self._look_ahead_graph is not None
-        if ended or self._session.play is None:  # its world may have been reset for the next episode
-            edge = self._look_ahead_graph.root.edges.get(stepped.action)
-            self._scenes.append(-1 if edge is None else edge[0].name)
-            return
-        if self._of_team:  # others acted, too
-            self._look_ahead_graph.move_to(self._session.play.world)
-            self._scenes.append(self._look_ahead_graph.root.name)
-        else:
-            self._scenes.append(self._look_ahead_graph.step(stepped.action, self._session.play.world).name)
-        self._send_look_ahead()
+    def record_step_time(self, took_ns: int) -> None:
+        """Take note of what a step's message took. A world too slow for its period is not looked ahead in as well."""
+        before_ns = self._pace_ns or took_ns
+        self._pace_ns = before_ns + (took_ns - before_ns) // 8
+        self._ahead.stop_if_slow(self._pace_ns)
 
     def grow(self, rtt_ns: int) -> bool:
         """Draw one picture of a film, or look one scene or screen further ahead; False if nothing is left.
 
         ``send_prefetched`` sends what was found. ``rtt_ns`` is the round trip.
         """
-        if self._session.over or self.outgoing.kept > PREFETCH_BACKLOG:
+        session = self._session
+        if session.over or self.outgoing.kept > PREFETCH_BACKLOG:
             return False
-        frame = self._film_prefetcher.grow()
-        if frame is not None:
-            self._send_pictures()
-            self.outgoing.add(frame)
+        if self._page.grow(session, rtt_ns):
             return True
-        if self._session.play is None and self._screen_prefetcher.grow(rtt_ns):
-            return True
-        if self._look_ahead_graph is None:
+        if self._ahead.graph is None:
             return False
-        part = self._session.part
-        looks_on = isinstance(part, AgentPlayActivity) and not part.takes_over  # no key leads anywhere
-        return not looks_on and self._look_ahead_graph.grow()
+        no_key_acts = session.part.agent_plays and not session.part.takes_over
+        return not no_key_acts and self._ahead.graph.grow()
 
     def send_prefetched(self) -> None:
         """Tell the page what was found ahead."""
-        new = self._screen_prefetcher.take_new()
-        self._send_pictures()
-        if new is not None:
-            self.outgoing.add(new)
-        self._send_look_ahead()
+        self._page.send_prefetched()
+        self._page.send_scenes(self._ahead.graph)
 
     def restart(self, asked: Iterable[int], *, begun: bool) -> None:
         """Tell everything from the start.
@@ -319,56 +205,79 @@ class Outbox:
             asked: what the page was asked and has not answered.
             begun: whether there is anything to tell.
         """
-        self._forget_page()
+        self._page = PageContents(self._settings.encoding, self._ahead.lend)
         for number in asked:
             self.outgoing.add(messages.CommandMessage(number))
-        self._computed = self._computed if self.page_computes else None
+        self._ahead.forget(keeps_computed=self.page_computes)
         if not self._session.over and begun:
             play = self._session.part.play or self._session.part.next_play  # also behind a pause
             if play is not None:
-                self._look_from(play)
+                self._begin_episode(play)
             self.send_state()
 
     def send_state(self) -> None:
         """Tell the page what it does not know of where the session is."""
-        play, part = (None, None) if self._session.over else (self._session.play, self._session.part)
+        play = None if self._session.over else self._session.play
         tick_ns = self._next_tick_ns
-        is_known = self._computed is not None and play is not None and play is self._screen_play  # but for its step
-        self._screen_play = play
-        if not is_known and (screen := self._session.screen) is not self._screen:
-            values, name = describe_screen(self._session, self._image_cache.number, self._screen_name)
-            self._screen = screen
-            said, self._said = self._said, (values.get("controller_text"), values.get("messages"))  # of a team
-            of_team = isinstance(self._session.play, TeamEpisode) and said != self._said
-            if name != self._screen_name or of_team or not advances_by_itself(self._session):
-                self._screen_id, self._screen_name = self._screen_id + 1, name
-                self._screen_prefetcher.start_from(self._session, name)
-                self._film_prefetcher.start_from(screen, name)
-                self._send_pictures()
-                self.outgoing.add(
-                    messages.ScreenMessage(self._screen_id, self.through, self.at_ns, tick_ns, values, name)
-                )
+        computed = self._ahead.computed
+        knows_screen = computed is not None and play is not None and play is self._page.screen_play  # but for its step
+        self._page.screen_play = play
+        if not knows_screen:
+            self._send_screen(tick_ns)
+        steering = None if play is None else self._session.part.describe_steering(play)
+        if play is not None and steering is not None:
+            self._send_control(steering, play.plan.episode)
+        if computed is not None:
+            self._correct(computed, play)
+        self._send_position(play, steering, tick_ns)
+
+    def _send_screen(self, tick_ns: int | None) -> None:
+        session = self._session
+        page = self._page
+        screen = session.screen
+        if screen is page.screen:
+            return
+        values, name = describe_screen(session, page.images.number, page.screen_name)
+        page.screen = screen
+        texts = (values.get("controller_text"), values.get("messages"))
+        has_new_texts = session.play is not None and session.play.is_joint and texts != self._joint_texts
+        self._joint_texts = texts
+        if name == page.screen_name and not has_new_texts and advances_by_itself(session):
+            return
+        self._screen_id += 1
+        message = messages.ScreenMessage(self._screen_id, self.through, self.at_ns, tick_ns, values, name)
+        page.send_screen(session, screen, message)
+
+    def _send_position(self, play: RunningEpisode | None, steering: Steering | None, tick_ns: int | None) -> None:
+        """Tell where the session is in its episode; the page knows how far it went where it computes."""
         step = -1 if play is None else play.steps
-        who, action, limit_ns = "", -1, None
-        if play is not None and isinstance(part, AgentPlayActivity):
-            who, limit_ns, advised = part.who, part.limit_ns, part.advised
-            action = advised.action if advised is not None and advised.step == step else -1
-            self._send_control(part, play.plan.episode, action)
-        elif isinstance(play, TeamEpisode) and not play.real_time and play.submitted is not None:
-            action = play.submitted.action
-        if self._computed is not None:
-            self._correct(play)
-            step = min(step, 0)  # the page knows how far it went
-        now = tick_ns, self.moved if play is not None else 0, step, who, action, limit_ns
-        if now != self._sent_state:
-            self._sent_state = now
-            step = -1 if play is None else play.steps
-            node = self._scenes[step] if 0 <= step < len(self._scenes) else -1
-            episode = self._episode if play else -1
-            pace_ns = self.pace_ns
-            self.outgoing.add(
-                messages.EpisodeState(self.through, tick_ns, episode, step, node, who, action, limit_ns, pace_ns)
+        who = ""
+        limit_ns = None
+        action = None if play is None else play.open_action
+        if steering is not None:
+            who = steering.controller
+            limit_ns = steering.limit_ns
+            action = steering.action
+        if action is None:
+            action = -1
+        known_step = min(step, 0) if self.is_computed else step
+        waited_for = 0 if play is None else self.moved
+        if self._page.has_state((tick_ns, waited_for, known_step, who, action, limit_ns)):
+            return
+        episode = -1 if play is None else self.steps.episode
+        self.outgoing.add(
+            messages.EpisodeState(
+                self.through,
+                tick_ns,
+                episode,
+                step,
+                self.steps.find_scene(step),
+                who,
+                action,
+                limit_ns,
+                self._pace_ns,
             )
+        )
 
     @property
     def _next_tick_ns(self) -> int | None:
@@ -376,43 +285,36 @@ class Outbox:
         session = self._session
         if session.over:
             return None
-        computes = self._computed is not None and session.part.real_time
-        return getattr(session.part, "limit_ns", None) if computes else session.next_tick_ns
+        return session.part.limit_ns if self.is_computed and session.part.real_time else session.next_tick_ns
 
-    def _correct(self, play: RunningEpisode | None) -> None:
+    def _correct(self, computed: ComputedEpisode, play: RunningEpisode | None) -> None:
         """Tell a page that computes where the session is, if it may be elsewhere or does not know since a pause."""
-        assert self._computed is not None
-        resumes = not self._page_plays and play is not None and self._computed.sent_step != play.steps
-        self._page_plays = play is not None
-        if play is not None and (resumes or self._computed.is_elsewhere):
-            self.outgoing.add(messages.StateCorrection(self.through, play.plan.episode, self._computed.position()))
+        resumes = not self._page.plays and play is not None and computed.sent_step != play.steps
+        self._page.plays = play is not None
+        if play is not None and (resumes or computed.is_elsewhere):
+            self.outgoing.add(messages.StateCorrection(self.through, play.plan.episode, computed.position()))
 
-    def _send_control(self, part: AgentPlayActivity, episode: int, action: int) -> None:
+    def _send_control(self, steering: Steering, episode: int) -> None:
         """Tell what an agent means for this episode, and show the page where its next action leads."""
-        control = describe_agent_control(part, episode)
-        if control != self._sent_control:
-            self._sent_control = control
-            self.outgoing.add(control)
-        if self._look_ahead_graph is not None and action >= 0 and part.who == "agent":
-            self._look_ahead_graph.look(action)
-            self._send_look_ahead()
-
-    def _send_look_ahead(self) -> None:
-        new = None if self._look_ahead_graph is None else self._look_ahead_graph.take_new()
-        self._send_pictures()
-        if new is not None:
-            self.outgoing.add(new)
-
-    def _lent(self, world_id: str, options: dict[str, Any]) -> World | None:
-        """The outbox's own world, if it will do: a graph goes back to a scene of its own before each step."""
-        plan = self._plan
-        return None if plan is None or (plan.world, plan.options) != (world_id, options) else self._world_for(plan)
-
-    def _send_pictures(self) -> None:
-        for picture in self._image_cache.take_new():
-            self.outgoing.add(picture)
+        rules = steering.rules
+        good, bad = rules.rating_keys
+        self._page.send_control(
+            messages.AgentControl(
+                episode=episode,
+                period=rules.period_ns,
+                takes_over=rules.person_acts,
+                hand_back=rules.hand_back_key,
+                good=good,
+                bad=bad,
+                flash=rules.flash_ns,
+                apart=rules.repeat_interval_ns,
+                controller_texts=dict(rules.controller_texts),
+            )
+        )
+        if self._ahead.graph is not None and steering.action is not None and steering.controller == "agent":
+            self._ahead.graph.look(steering.action)
+            self._page.send_scenes(self._ahead.graph)
 
     def close(self) -> None:
-        """Let go of the outbox's own world."""
-        if self._own_world is not None:
-            self._own_world.close()
+        """Let go of the world that was looked ahead in."""
+        self._ahead.close()

@@ -37,6 +37,7 @@ from minihuman.experiment.replay import WorldLender, can_copy_session, copy_sess
 from minihuman.web.messages import FilmFrame, LookAheadUpdate, PrefetchedScreen, ScreenPrefetch
 from minihuman.web.screen_values import ImageCache, NumberPicture, convert_screen
 from minihuman.worlds.adapters.world import World
+from minihuman.worlds.picture_hash import hash_picture
 
 _NAME_BITS = 2**52 - 1  # of a scene's hash: what a page's numbers hold
 
@@ -73,6 +74,7 @@ class LookAheadGraph:
         image_cache: numbers and packs pictures.
         world: one made for this episode's world before, to be used again.
         blind: look at what the session does alone, one round trip later.
+        actual: the session's own world, where no other can restore its copies: then it alone is looked at, too.
     """
 
     def __init__(
@@ -85,19 +87,24 @@ class LookAheadGraph:
         *,
         world: World | None = None,
         blind: bool = False,
+        actual: World | None = None,
     ) -> None:
         self.plan = plan
         self.wrong = 0  # steps after which the session was elsewhere
-        self.blind = blind  # this world cannot be looked ahead in
+        self.blind = blind or actual is not None  # this world cannot be looked ahead in
         self._actions = tuple(sorted(set(actions)))
         self._picture_px = picture_px
         self._image_cache = image_cache
         self.pictures: dict[int, int] = {}  # their numbers, by the scenes' names
+        self._picture_hashes: dict[int, int] = {}  # of worlds that are not ours, by the scenes' names
         self._scenes: dict[int, SceneNode] = {}  # by hash
         self._new_nodes: list[tuple[int, int]] = []  # as the page is sent them
         self._new_edges: list[tuple[int, int, int, bool]] = []
-        self.world = world or make_world(plan.world, plan.options)
-        self.world.reset(plan.seed)
+        if actual is not None:
+            self.world = actual
+        else:
+            self.world = world or make_world(plan.world, plan.options)
+            self.world.reset(plan.seed)
         self.root = self._scene(self.world)
 
     def step(self, action: int, actual: World) -> SceneNode:
@@ -144,6 +151,11 @@ class LookAheadGraph:
         self._new_edges.append((root.name, action, found.name, terminated))
         return True
 
+    @property
+    def picture_hash(self) -> int:
+        """The hash of the picture that the page shows where the session is; 0 where none was taken."""
+        return self._picture_hashes.get(self.root.name, 0)
+
     def take_new(self) -> LookAheadUpdate | None:
         """What the page does not know yet."""
         nodes, edges, self._new_nodes, self._new_edges = self._new_nodes, self._new_edges, [], []
@@ -157,7 +169,13 @@ class LookAheadGraph:
             return known
         look, cache = (self.plan.view, self._picture_px, self.plan.palette), self._image_cache
         tiles = world.picture_tiles(*look)
-        picture = cache.number(world.frame(*look)) if tiles is None else cache.number_tiles(tiles)
+        picture_hash = 0
+        if tiles is not None:
+            picture = cache.number_tiles(tiles)
+        else:
+            drawn = np.ascontiguousarray(world.frame(*look))
+            picture = cache.number(drawn)
+            picture_hash = 0 if world.is_built_in else hash_picture(drawn)
         saved = None
         if not closed and not self.blind:
             try:
@@ -166,6 +184,7 @@ class LookAheadGraph:
                 self.blind = True
         scene = self._scenes[here] = SceneNode(here, picture, saved, closed or self.blind)
         self.pictures[scene.name] = picture
+        self._picture_hashes[scene.name] = picture_hash
         self._new_nodes.append((scene.name, picture))
         return scene
 

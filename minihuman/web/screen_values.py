@@ -24,6 +24,16 @@ from minihuman.experiment.keys import key_label
 from minihuman.experiment.machine import screens
 from minihuman.web.messages import PictureMessage
 from minihuman.web.page_modules import find_module_address
+from minihuman.web.screen_types import (
+    BlankValues,
+    ButtonValues,
+    KeyValues,
+    PageValues,
+    PlayValues,
+    QuestionValues,
+    ScreenLocale,
+    TextValues,
+)
 from minihuman.worlds.team import PictureTiles
 
 _WINDOW_PX = (960, 720)  # of a picture that a plug-in draws
@@ -33,26 +43,29 @@ NumberPicture = Callable[[NDArray[np.uint8]], int]  # a picture's number; it is 
 
 def convert_screen(screen: screens.Screen, number: NumberPicture) -> dict[str, Any]:
     """Convert a screen to JSON values: its kind, its locale, and the fields of the kind."""
-    locale: dict[str, Any] = {"language": screen.locale.language, "rtl": screen.locale.rtl}
-    if screen.locale.theme != "dark":
-        locale["theme"] = screen.locale.theme
     if isinstance(screen, screens.ActivityScreen):
-        return _activity(screen, locale, number)
-    kind, function = CONVERTERS[type(screen)]
-    return {"kind": kind, **locale, **function(screen, number)}
+        return _activity(screen, number)
+    return dict(CONVERTERS[type(screen)](screen, number))
 
 
-def _activity(screen: screens.ActivityScreen, locale: dict[str, Any], number: NumberPicture) -> dict[str, Any]:
+def _locale(screen: screens.Screen) -> ScreenLocale:
+    locale: ScreenLocale = {"language": screen.locale.language, "rtl": screen.locale.rtl}
+    if screen.locale.theme != "dark":
+        locale["theme"] = "light"
+    return locale
+
+
+def _activity(screen: screens.ActivityScreen, number: NumberPicture) -> dict[str, Any]:
     """A kind's own screen; as a page with a picture where the kind says nothing of the page."""
     view = screen.page_view
     if view is None:
-        return {"kind": "page", **locale, **_picture(screen, number)}
+        return dict(_picture(screen, number))
     module, _, function = view.values.partition(":")
     values: dict[str, Any] = getattr(import_module(module), function)(screen, number)
     if isinstance(screen, screens.FilmsScreen):  # of which the page has one picture each; the others follow
         values["films"] = [_number_film(film, screen.shown_step, number) for film in screen.films]
     own = {"kind": "activity", "view": view.name, "module": find_module_address(view.module)}
-    return own | {"title": "", "prompt": "", "progress": ""} | locale | values
+    return own | {"title": "", "prompt": "", "progress": ""} | dict(_locale(screen)) | values
 
 
 def select_values(screen: screens.Screen, names: str) -> dict[str, Any]:
@@ -60,32 +73,58 @@ def select_values(screen: screens.Screen, names: str) -> dict[str, Any]:
     return {name: getattr(screen, name) for name in names.split()}
 
 
-def _text(screen: screens.TextScreen, number: NumberPicture) -> dict[str, Any]:
+def _text(screen: screens.TextScreen, number: NumberPicture) -> TextValues:
     labels = {key: (cap, above) for key, cap, above in screen.labels}
     pressed = dict(screen.keys)
     caps, wide, high = arrange_keycaps([key for key, _ in screen.keys])
-    keys = [
-        {"x": cap.x, "y": cap.y, "width": cap.width, "cap": labels[cap.key][0], "above": labels[cap.key][1]}
-        | {"pressed": pressed[cap.key]}
+    keys: list[KeyValues] = [
+        {
+            "x": cap.x,
+            "y": cap.y,
+            "width": cap.width,
+            "cap": labels[cap.key][0],
+            "above": labels[cap.key][1],
+            "pressed": pressed[cap.key],
+        }
         for cap in caps
     ]
-    return {**select_values(screen, "title body prompt progress"), "keys": keys, "wide": wide, "high": high}
-
-
-def _blank(screen: screens.BlankScreen, number: NumberPicture) -> dict[str, Any]:
-    return select_values(screen, "cross")
-
-
-def _play(screen: screens.PlayScreen, number: NumberPicture) -> dict[str, Any]:
-    """What is around the picture; the picture itself only where it is held, since scenes have theirs."""
-    labels = {key: (cap, above) for key, cap, above in screen.labels}
     return {
-        **select_values(screen, "progress episode step mark score_text controller controller_text"),
-        "mission": screen.mission[:1].upper() + screen.mission[1:],
-        "legend": [[*labels.get(key, (key_label(key), "")), action] for key, action in screen.legend],
-        **({"pointer": True} if screen.accepts_pointer else {}),
-        **({"messages": screen.messages} if screen.messages else {}),
+        "kind": "text",
+        **_locale(screen),
+        "title": screen.title,
+        "body": screen.body,
+        "prompt": screen.prompt,
+        "progress": screen.progress,
+        "keys": keys,
+        "wide": wide,
+        "high": high,
     }
+
+
+def _blank(screen: screens.BlankScreen, number: NumberPicture) -> BlankValues:
+    return {"kind": "blank", **_locale(screen), "cross": screen.cross}
+
+
+def _play(screen: screens.PlayScreen, number: NumberPicture) -> PlayValues:
+    labels = {key: (cap, above) for key, cap, above in screen.labels}
+    values: PlayValues = {
+        "kind": "play",
+        **_locale(screen),  # type: ignore[typeddict-item]  # which has no keys of this screen's
+        "progress": screen.progress,
+        "episode": screen.episode,
+        "step": screen.step,
+        "mark": screen.mark,
+        "score_text": screen.score_text,
+        "controller": screen.controller,
+        "controller_text": screen.controller_text,
+        "mission": screen.mission[:1].upper() + screen.mission[1:],
+        "legend": [(*labels.get(key, (key_label(key), "")), action) for key, action in screen.legend],
+    }
+    if screen.accepts_pointer:
+        values["pointer"] = True
+    if screen.messages:
+        values["messages"] = screen.messages
+    return values
 
 
 def _number_film(pictures: Sequence[NDArray[np.uint8]], step: int, number: NumberPicture) -> list[int]:
@@ -94,38 +133,50 @@ def _number_film(pictures: Sequence[NDArray[np.uint8]], step: int, number: Numbe
     return [number(pictures[index]) if index == seen else PENDING_PICTURE for index in range(len(pictures))]
 
 
-def _page(screen: screens.PageScreen, number: NumberPicture) -> dict[str, Any]:
+def _page(screen: screens.PageScreen, number: NumberPicture) -> PageValues:
     return {
-        **select_values(screen, "title body page prompt progress"),
+        "kind": "page",
+        **_locale(screen),
+        "title": screen.title,
+        "body": screen.body,
+        "page": screen.page,
+        "prompt": screen.prompt,
+        "progress": screen.progress,
         "buttons": _buttons(screen),
         "picture": None if screen.picture is None else number(screen.picture),
-        "marks": [[mark.x, mark.y, mark.label] for mark in screen.marks],
+        "marks": [(mark.x, mark.y, mark.label) for mark in screen.marks],
     }
 
 
-def _picture(screen: screens.ActivityScreen, number: NumberPicture) -> dict[str, Any]:
+def _picture(screen: screens.ActivityScreen, number: NumberPicture) -> PageValues:
     page = screens.PageScreen("", "", 1, 1, "", picture=compose_screen(screen, _WINDOW_PX), locale=screen.locale)
     return _page(page, number)
 
 
-def _question(screen: screens.QuestionScreen, number: NumberPicture) -> dict[str, Any]:
+def _question(screen: screens.QuestionScreen, number: NumberPicture) -> QuestionValues:
     return {
-        **select_values(screen, "title question prompt progress note"),
+        "kind": "question",
+        **_locale(screen),
+        "title": screen.title,
+        "question": screen.question,
+        "prompt": screen.prompt,
+        "progress": screen.progress,
+        "note": screen.note,
         "item": {"form": type(screen.item).__name__, **asdict(screen.item)},
         "buttons": _buttons(screen),
     }
 
 
-def _buttons(screen: screens.PageScreen | screens.QuestionScreen) -> list[dict[str, Any]]:
+def _buttons(screen: screens.PageScreen | screens.QuestionScreen) -> list[ButtonValues]:
     return [{"name": button.name, "label": button.label, "enabled": button.enabled} for button in screen.buttons]
 
 
-CONVERTERS: Mapping[type, tuple[str, Callable[[Any, NumberPicture], dict[str, Any]]]] = {
-    screens.TextScreen: ("text", _text),
-    screens.BlankScreen: ("blank", _blank),
-    screens.PlayScreen: ("play", _play),
-    screens.PageScreen: ("page", _page),
-    screens.QuestionScreen: ("question", _question),
+CONVERTERS: Mapping[type, Callable[[Any, NumberPicture], Mapping[str, Any]]] = {
+    screens.TextScreen: _text,
+    screens.BlankScreen: _blank,
+    screens.PlayScreen: _play,
+    screens.PageScreen: _page,
+    screens.QuestionScreen: _question,
 }
 
 
@@ -190,10 +241,11 @@ class ImageCache:
         new = dict.fromkeys(key for key in tiles.keys if key not in self._tiles)
         self._tiles |= {key: self.number(tiles.draw(*key), is_tile=True) for key in new}
         data = np.array([self._tiles[key] for key in tiles.keys], "<u4").tobytes()
-        if data not in self._numbers:
+        digest = xxhash.xxh3_128_digest(data)  # not the data, of which a long session has megabytes
+        if digest not in self._numbers:
             size_px = tiles.columns * tiles.tile_px, len(tiles.keys) // tiles.columns * tiles.tile_px
-            self._add(data, TILED, *size_px, data)
-        return self._numbers[data]
+            self._add(digest, TILED, *size_px, data)
+        return self._numbers[digest]
 
     def _add(self, digest: bytes, packing: int, width: int, height: int, packed: bytes) -> None:
         self._new.append(PictureMessage(self.next, packing, width, height, packed))

@@ -28,7 +28,7 @@ class CatalogueEntry:
 
 
 _MAKE_GRID = "minihuman.worlds.inside.entry_points:make_grid_world"
-_BATCH_GRID = "minihuman.worlds.grid.batch:GridBatch"
+_BATCH_GRID = "minihuman.worlds.inside.batch:make_grid_batch"
 
 
 def _world(name: str, family: str, summary: str, **options: Any) -> CatalogueEntry:

@@ -1,4 +1,7 @@
-"""Step limits and action numbers: whole numbers in range, or an error. A float is refused even where it is whole.
+"""Step limits and action numbers: whole numbers in range, or an error.
+
+A limit that is a float is refused even where it is whole. An action may be one, or an array of one number, as a
+policy's ``predict`` returns it and Minigrid takes it.
 
 A family's recipe has the default limit and the option `max_steps` replaces it; Gymnasium's `TimeLimit` may set a lower
 one, and so may a protocol.
@@ -6,6 +9,8 @@ one, and so may a protocol.
 
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from minihuman.errors import WorldError
 from minihuman.worlds.options import whole_number
@@ -28,13 +33,21 @@ def check_max_steps(max_steps: Any) -> int:
     return steps
 
 
+def action_number(action: Any) -> int | None:
+    """The number of an action: a whole number of any type, or an array of one; None for everything else."""
+    scalar = action.item() if isinstance(action, np.ndarray) and action.size == 1 else action
+    if isinstance(scalar, float | np.floating) and scalar == scalar // 1:
+        return int(scalar)
+    return whole_number(scalar)
+
+
 def check_action(action: Any, count: int) -> int:
     """The number of an action, if it is a whole number from 0 to ``count`` - 1.
 
     Raises:
         WorldError: if it is not.
     """
-    number = whole_number(action)
+    number = action_number(action)
     if number is None or not 0 <= number < count:
         raise WorldError(f"action is {action!r}; it must be a whole number, 0 to {count - 1}")
     return number

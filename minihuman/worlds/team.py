@@ -31,7 +31,8 @@ class TeamStep(NamedTuple):  # three times as quick to make as a frozen dataclas
     rewards: tuple[float, ...]  # by body; all the same where the world shares its reward
     terminated: bool  # the task is over, for all bodies at once
     truncated: bool  # the step limit is reached
-    info: Mapping[str, Any] = NO_INFO
+    info: Mapping[str, Any] = NO_INFO  # the same for all bodies
+    infos: tuple[Mapping[str, Any], ...] = ()  # by body, beside ``info``; empty where all have the same
 
 
 class PictureTiles(NamedTuple):
@@ -60,10 +61,17 @@ class TeamWorld(abc.ABC):
     mission: str  # what the team is to do, in words
     max_steps: int
     observation_space: spaces.Box  # of one body
+    _last_seed: int | None = None
 
     @abc.abstractmethod
-    def reset(self, seed: int) -> None:
-        """Begin a new episode; the same seed begins the same one."""
+    def reset(self, seed: int | None = None) -> None:
+        """Begin a new episode; the same seed begins the same one. Without one, the next of the last seed's is taken."""
+
+    def choose_seed(self, seed: int | None) -> int:
+        """Return the seed of a new episode: the given one, or one drawn from the last, at first from chance."""
+        chosen = int(np.random.default_rng(self._last_seed).integers(2**63)) if seed is None else seed
+        self._last_seed = chosen
+        return chosen
 
     @abc.abstractmethod
     def step(self, actions: Sequence[int]) -> TeamStep:

@@ -12,7 +12,6 @@ from starlette.applications import Starlette
 from starlette.testclient import TestClient
 
 import minihuman
-from minihuman.activities.questions.question import find_question_kind
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.dataset.activity_tables import list_activity_tables
 from minihuman.dataset.table_catalogue import TABLES
@@ -23,7 +22,7 @@ from minihuman.log.codec import find_topic, list_activity_topics
 from minihuman.log.read.session_reader import read_log
 from minihuman.testing import check_activity, check_exporter, check_question
 from minihuman.web.screen_values import convert_screen
-from minihuman.web.server.app import build_page_routes
+from minihuman.web.server.page_routes import build_page_routes
 
 pytestmark = pytest.mark.program  # a study is simulated
 
@@ -85,8 +84,6 @@ def lab(tmp_path_factory):
         yield place
     for name in [name for name in sys.modules if name.partition(".")[0] == "dummy_lab"]:
         del sys.modules[name]
-    for find in (find_kind, find_question_kind):
-        find.cache_clear()
 
 
 @pytest.fixture(scope="module")

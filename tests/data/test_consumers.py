@@ -16,7 +16,9 @@ import pytest
 from minihuman.dataset.annotations import Annotation, add_annotation
 from minihuman.dataset.selection import Selection, format_version
 from minihuman.dataset.sessions import StudySessions, read_selected_sessions
-from minihuman.experiment.plan.expansion import enrol_participant, parse_participant_code
+from minihuman.dataset.tables import select
+from minihuman.experiment.plan.expansion import enrol_participant
+from minihuman.experiment.plan.participant_codes import parse_participant_code
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.exporters.exporter import export_study, list_exporters
 from minihuman.figures.figure_data import collect_learning_curves
@@ -24,9 +26,9 @@ from minihuman.figures.gallery import collect_rewards, draw_all_figures
 from minihuman.learn.demonstrations import read_demonstrations
 from minihuman.learn.policy.observation import ObservationEncoder
 from minihuman.log.read.session_reader import read_log
-from minihuman.reporting.build import build_report
 from minihuman.reporting.results import compute_results
 from tests.golden.make import segment
+from tests.report.reports import write_report
 
 pytestmark = pytest.mark.program
 
@@ -144,8 +146,7 @@ def test_every_export(study, counting, tmp_path, monkeypatch, name):
 
 
 def test_the_report_its_curves_and_its_statistics(study, counting, tmp_path):
-    sessions = StudySessions(study, processes=1)
-    page, *_ = build_report(sessions, tmp_path / "out")
+    page, *_ = write_report(select(study, processes=1), tmp_path / "out")
     frames = [
         pd.read_parquet(tmp_path / f"out/tables/{name}.parquet") for name in ("episodes", "blocks", "participants")
     ]
@@ -169,10 +170,7 @@ def test_figures_of_the_study_and_of_each_person(study, counting, tmp_path):
     curves = collect_learning_curves(collect_rewards(logs))
     assert sum(int((~np.isnan(curve)).sum()) for curve in curves.values()) == len(counting)
     assert sum(len(curve) for curve in curves.values()) == 9
-    drawn = {
-        path.parent.name
-        for path in draw_all_figures(StudySessions(study, Selection(participant=("sub-03",))), tmp_path)
-    }
+    drawn = {path.parent.name for path in draw_all_figures(select(study, Selection(participant=("sub-03",))), tmp_path)}
     assert not drawn  # who does not count has no paths
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from minihuman.api import verify
 from minihuman.dataset.selection import Selection
 from minihuman.errors import LogError
 from minihuman.exporters.exporter import export_study
-from minihuman.workflow import verify
 from tests.copied import as_another
 from tests.machine import needs
 

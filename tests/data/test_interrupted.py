@@ -15,9 +15,10 @@ import pytest
 
 from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import StudyStore, TableDatabase
+from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_catalogue import TABLES
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
+from minihuman.dataset.table_database import TableDatabase
 from tests.builders import session, write_log
 from tests.counts import PATIENCE_S, count
 
@@ -106,7 +107,7 @@ def test_a_refresh_that_dies_between_two_changes_leaves_no_session_half_there(
 
 def test_commands_killed_at_any_moment_leave_a_store_that_equals_a_fresh_one(study: Path, tmp_path: Path) -> None:
     moments = random.Random(20)
-    runs = count(7, 200)
+    runs = count(6, 200)
     away = tmp_path / "away"
     expected = {False: fresh(study, tmp_path / "all")}
     shutil.move(study / "sub-02", away)

@@ -11,14 +11,15 @@ import pytest
 from click.testing import CliRunner
 
 from minihuman.cli.command_line import make_command_line
-from minihuman.dataset import store as the_store
+from minihuman.dataset import row_writer
 from minihuman.dataset.annotations import Annotation, add_annotation
 from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import StudyStore, needs_shortest_paths
+from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_catalogue import TABLES
 from minihuman.dataset.table_files import write_tables
+from minihuman.dataset.table_queries import needs_shortest_paths
 from minihuman.errors import QueryError
 from minihuman.log.read.session_reader import read_log
 from tests.builders import session, write_log
@@ -58,7 +59,7 @@ def no_reading(monkeypatch):
         assert not paths
         return iter(())
 
-    monkeypatch.setattr(the_store, "map_logs", refuse)
+    monkeypatch.setattr(row_writer, "map_logs", refuse)
 
 
 def test_kept_rows_are_those_of_the_logs_and_are_made_once(study, monkeypatch):

@@ -16,8 +16,8 @@ from minihuman.dataset.rows import arrow_columns, arrow_schema
 from minihuman.dataset.selection import NOT_FINISHED, Selection, SelectionSummary, read_exclusion_rules
 from minihuman.dataset.session_measures import SessionMeasures
 from minihuman.dataset.session_tables import build_activity_rows, build_session_tables
-from minihuman.dataset.store import TableDatabase
 from minihuman.dataset.table_catalogue import TABLES
+from minihuman.dataset.table_database import TableDatabase
 from minihuman.dataset.table_files import write_tables
 from minihuman.errors import ReportError
 from minihuman.experiment.machine.events import Answered

@@ -25,7 +25,7 @@ from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.reporting.study_measures import add_measures
 from minihuman.runtime.session_loop import run_session
-from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.runtime.simulated_window import SimulatedWindow
 from minihuman.simulation.scripted import ObserverParticipant
 from minihuman.testing import ContractError, check_participant
 from minihuman.worlds.adapters.world import World

@@ -38,7 +38,7 @@ from minihuman.storage.remote_store import STORE_URL_FILE_NAME
 from minihuman.storage.study_journals import URL_FILE_NAME
 from minihuman.storage.system import System, use_system
 from minihuman.web.arrivals import Arrivals
-from minihuman.web.connection import ConnectionFactory
+from minihuman.web.connection_factory import ConnectionFactory
 from minihuman.web.server.app import WebServer
 from tests.fault_simulation.database import URL, Database, LeaseDatabase
 from tests.fault_simulation.network import Socket

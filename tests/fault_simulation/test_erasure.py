@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.admin import withdrawal
+from minihuman.admin import local_copies, withdrawal
 from minihuman.admin.manifest import write_manifest
 from minihuman.admin.policies import PolicyStore
 from minihuman.admin.withdrawal import withdraw_participant
@@ -77,7 +77,8 @@ def withdraw_and_swallow_errors(study_dir: Path, code: str, *, seal: Path | None
         return []
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(withdrawal, "erase", erase_silently)
+        for module in (withdrawal, local_copies):
+            patch.setattr(module, "erase", erase_silently)
         withdraw_participant(study_dir, code, seal=seal)
 
 

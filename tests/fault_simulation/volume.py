@@ -271,11 +271,11 @@ class ProcessDisk(FileSystem):
         self.volume.live[target] = self._content(source)
         self.volume.changed(None, target, self.volume.live[target])
 
-    def make_folder(self, folder: Path) -> None:
+    def make_folder(self, folder: Path, mode: int = 0o700) -> None:
         """Make it; it lasts when the folder above it is synced."""
         if not folder.is_dir():
             self._refuse(folder)
-        _OS.make_folder(folder)
+        _OS.make_folder(folder, mode)
 
     def remove_folder(self, folder: Path) -> None:
         """Remove it; what was in it may come back as long as the folder above it is not synced."""

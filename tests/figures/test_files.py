@@ -1,7 +1,12 @@
 """Figures as files."""
 
+import io
+import re
+import zlib
+
 import numpy as np
 import pytest
+from fontTools.ttLib import TTFont
 
 from minihuman.figures import figure_data, style
 from minihuman.figures.figure_data import digest_figure, draw_figure_files, group_by_block
@@ -23,6 +28,16 @@ def test_the_same_data_give_the_same_files_with_no_date_and_no_program_version(t
     assert [path.read_bytes() for path in first] == [path.read_bytes() for path in again]
     for word in (b"CreationDate", b"Matplotlib", b"matplotlib"):
         assert not any(word in path.read_bytes() for path in first)
+
+
+def test_a_pdf_embeds_the_outlines_of_its_letters_and_no_table_that_places_them(tmp_path):
+    content = draw(tmp_path / "paths")[1].read_bytes()
+    streams = [zlib.decompress(packed) for packed in re.findall(rb"stream\n(.*?)\nendstream", content, re.DOTALL)]
+    faces = [TTFont(io.BytesIO(stream)) for stream in streams if stream.startswith(b"\0\1\0\0")]
+    assert faces
+    for face in faces:
+        assert {"glyf", "loca", "hmtx"} <= set(face.keys())
+        assert {"GDEF", "GPOS", "GSUB", "MATH", "kern"}.isdisjoint(face.keys())
 
 
 def test_a_figure_is_drawn_again_only_where_its_data_changed_or_a_file_is_not_whole(tmp_path, monkeypatch):

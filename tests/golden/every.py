@@ -22,7 +22,8 @@ from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.log.paths import SegmentPath
-from minihuman.runtime.agent_host import AgentHost, ClipSampler
+from minihuman.runtime.agent_host import AgentHost
+from minihuman.runtime.clip_sampler import ClipSampler
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.catalogue import WORLDS
 from minihuman.worlds.contract import CLAUSES_VERSION, PICTURES_VERSION

@@ -6,7 +6,7 @@ from pathlib import Path
 from mcap.records import Attachment, Metadata
 from mcap.writer import Writer
 
-from minihuman.log.names import SCHEMA_VERSION, SEGMENT_METADATA
+from minihuman.log.names import PLAIN_SCHEMA_VERSION, SEGMENT_METADATA
 from minihuman.log.salvage.records import LogMessage
 from minihuman.log.salvage.scan import LogScanner
 
@@ -14,7 +14,7 @@ Guest = Callable[[int], int | None]  # the number of one more message after ours
 
 
 def again(
-    log: Path, target: Path, guest: Guest, *, version: str = str(SCHEMA_VERSION), leave_out: int | None = None
+    log: Path, target: Path, guest: Guest, *, version: str = str(PLAIN_SCHEMA_VERSION), leave_out: int | None = None
 ) -> Path:
     """Write a log again with a guest's messages between ours; those that a newer version counts shift ours on."""
     scan = LogScanner(log)

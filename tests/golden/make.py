@@ -35,7 +35,7 @@ from minihuman.log.record.finalization import recover_log
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.session_loop import run_session
-from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.runtime.simulated_window import SimulatedWindow
 from minihuman.simulation.participant import KeyPress, SimulatedTeacher, make_participant
 from minihuman.worlds.adapters.world import World
 from tests.golden.guests import again
@@ -402,6 +402,58 @@ def make_images(data: Path) -> None:
     segment(data, msgspec.structs.replace(protocol, files=files), "random")
 
 
+OUTCOMES = """
+[study]
+name = "{name}"
+version = "1"
+seed = 11
+participants = 4
+[keys]
+pool = ["1", "2", "3", "4"]
+keyboard_check = false
+[[groups]]
+name = "all"
+blocks = {blocks}
+"""
+_LAKE = """
+[[blocks]]
+name = "{name}"
+world = "FrozenLake-v1"
+options = {{ desc = ["SFG", "HFF"], is_slippery = false, reward_schedule = {rewards} }}
+episodes = 2
+actions = ["left", "down", "right", "up"]
+max_steps = {max_steps}
+{more}
+"""
+_COST, _USUAL = "[-1, -1, -1]", "[1, 0, 0]"  # a step's reward at the goal, in a hole, on the ice
+
+
+def _lakes(name: str, lakes: Mapping[str, tuple[str, int, str]]) -> Protocol:
+    blocks = [
+        _LAKE.format(name=lake, rewards=rewards, max_steps=n, more=more) for lake, (rewards, n, more) in lakes.items()
+    ]
+    head = OUTCOMES.replace("{name}", name).replace("{blocks}", str([*lakes]).replace("'", '"'))
+    return decode_protocol((head + "".join(blocks)).encode())
+
+
+def make_unruled(data: Path) -> None:
+    """Arrive at the goal of a world that costs, before 28 November 2026: a failure, as its last reward says."""
+    segment(data, _lakes("unruled", {"paid": (_USUAL, 100, ""), "costs": (_COST, 100, "")}), "random")
+
+
+def make_outcomes(data: Path) -> None:
+    """End in every way that a rule of one's own can say, with what the world says of it."""
+    lakes = {
+        "paid": (_USUAL, 100, ""),
+        "costs": (_COST, 100, 'success = "return > -12"'),
+        "unknown": (_USUAL, 100, 'success = "none"'),
+        "says": (_USUAL, 2, 'success = "info:prob"\nrecord_info = ["prob"]'),
+        "silent": (_USUAL, 2, 'success = "info:arrived"'),
+        "short": (_COST, 1, 'success = "terminated"\nsuccess_at = "any"'),
+    }
+    segment(data, _lakes("outcomes", lakes), "random")
+
+
 if __name__ == "__main__":
     make(Path(sys.argv[1]))
     make_everything_new(Path(sys.argv[1]), "last-of-v1")
@@ -409,3 +461,4 @@ if __name__ == "__main__":
     make_team(Path(sys.argv[1]))
     make_adaptive(Path(sys.argv[1]))
     make_images(Path(sys.argv[1]))
+    make_outcomes(Path(sys.argv[1]))

@@ -17,24 +17,24 @@ from minihuman.admin.verify.episodes import EpisodeVerification, verify_episodes
 from minihuman.admin.verify.log import verify_session
 from minihuman.dataset.annotations import read_annotations
 from minihuman.dataset.selection import Selection
-from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.tables import select
 from minihuman.errors import LogError, WorldError
 from minihuman.experiment.machine.activity import find_kind, list_built_in_kinds
 from minihuman.experiment.machine.events import Answered
 from minihuman.experiment.plan.session_plan import PacePolicy
 from minihuman.exporters.exporter import export_study
-from minihuman.log.names import SCHEMA_VERSION
+from minihuman.log.names import PLAIN_SCHEMA_VERSION
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record import live_log
 from minihuman.log.record.finalization import recover_log
 from minihuman.log.record.mcap_recorder import resume_segment
 from minihuman.log.salvage.summary_section import read_summary
 from minihuman.plugins import list_plugin_names
-from minihuman.reporting.build import build_report
 from minihuman.worlds.catalogue import WORLDS
 from tests.golden import renamed
 from tests.golden.cells import cells_of, differences, frozen_cells
 from tests.golden.make import segment, study as frozen_study
+from tests.report.reports import write_report
 
 HERE = Path(__file__).parent
 LOGS = sorted([*HERE.glob("v*/*/sub-*/ses-*/*.mcap"), *HERE.glob("v*/*/sub-*/ses-*/*.mcap.part")])
@@ -62,6 +62,12 @@ HELD = {
     "v1/resumed/sub-01": ("goal abandoned goal goal", [5, 2, 5, 5], "complete"),
     "v2/adaptive/sub-01": ("goal goal goal goal failure goal goal goal", [1] * 8, "complete"),
     "v2/team/sub-01": ("timeout timeout", [20, 20], "complete"),
+    "v2/unruled/sub-01": ("failure goal failure failure", [2, 4, 1, 7], "complete"),
+    "v3/outcomes/sub-01": (
+        "failure goal goal goal ended ended goal goal ended ended timeout timeout",
+        [2, 4, 1, 7, 3, 7, 1, 2, 1, 2, 1, 1],
+        "complete",
+    ),
 }
 
 
@@ -161,7 +167,7 @@ def test_a_frozen_study_has_the_cells_that_it_had(study, tmp_path):
 
 def test_a_live_file_of_before_is_finished_and_the_rest_of_its_session_is_of_todays_version(tmp_path, monkeypatch):
     with monkeypatch.context() as before:
-        before.setattr(live_log, "SCHEMA_VERSION", 1)
+        before.setattr(live_log, "find_schema_version", lambda plan: 1)
         log = segment(tmp_path, frozen_study("cut-off"), after_steps=8, part=tmp_path / "as-killed")
     log.unlink()
     part = log.with_name(f"{log.name}.part")
@@ -170,7 +176,7 @@ def test_a_live_file_of_before_is_finished_and_the_rest_of_its_session_is_of_tod
         resume_segment(part)
     recover_log(part)
     segment(tmp_path, frozen_study("cut-off"))
-    assert [facts["schema_version"] for facts in read_summary(log).starts] == ["1", str(SCHEMA_VERSION)]
+    assert [facts["schema_version"] for facts in read_summary(log).starts] == ["1", str(PLAIN_SCHEMA_VERSION)]
     assert [good for _, good in verify_session(log)] == [True]
     assert read_log(log).end_reason == "complete"
 
@@ -197,7 +203,7 @@ def test_what_became_of_frozen_cells_is_said(monkeypatch):
 @pytest.mark.program
 @pytest.mark.parametrize("study", ["plain", "resumed", "every-part", "every-lesson"])
 def test_a_frozen_study_is_reported(study, tmp_path):
-    written = build_report(StudySessions(_copy(HERE / "v1" / study, tmp_path)), tmp_path / "out")
+    written = write_report(select(_copy(HERE / "v1" / study, tmp_path)), tmp_path / "out")
     assert any(path.name == "report.html" for path in written)
 
 

@@ -24,6 +24,7 @@ name = "all"
 [[blocks]]
 name = "walk"
 world = "tests.worlds.corridor:tests/Corridor-v0"
+success = "terminated and reward > 0"
 episodes = 1
 actions = ["back", "forward", "dive"]
 max_steps = 9

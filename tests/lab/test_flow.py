@@ -65,6 +65,7 @@ codes = ["left", "right"]
 [[blocks]]
 name = "walk"
 world = "tests.worlds.corridor:tests/Corridor-v0"
+success = "terminated and reward > 0"
 episodes = 1
 actions = ["back", "forward", "dive"]
 max_steps = 9

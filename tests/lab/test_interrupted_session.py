@@ -8,10 +8,10 @@ from click.testing import CliRunner
 from minihuman.admin.enrolment_entries import read_enrolled
 from minihuman.admin.next_session import find_interrupted_session, find_unused_slots, plan_next_session
 from minihuman.admin.withdrawal import replace_participant
+from minihuman.api import run
 from minihuman.cli.command_line import make_command_line
 from minihuman.errors import AllocationError
 from minihuman.log.record.mcap_recorder import McapRecorder
-from minihuman.workflow import run
 from tests.lab.test_next_session import PROTOCOL, play
 
 TOML = """
@@ -25,6 +25,7 @@ blocks = ["walk"]
 [[blocks]]
 name = "walk"
 world = "tests.worlds.corridor:tests/Corridor-v0"
+success = "terminated and reward > 0"
 episodes = 3
 actions = ["back", "forward", "dive"]
 max_steps = 9

@@ -30,7 +30,9 @@ from minihuman.storage.lease import (
 )
 from minihuman.storage.remote_store import STORE_URL_FILE_NAME
 from minihuman.web.arrivals import Arrivals
-from minihuman.web.connection import Connection, ConnectionFactory, HostStorage, start_host
+from minihuman.web.connection import Connection
+from minihuman.web.connection_factory import ConnectionFactory
+from minihuman.web.hosted_session import HostStorage, start_host
 from minihuman.web.messages import MESSAGE_VERSION, Hello, Refusal
 from minihuman.web.outbox import PageSettings
 from tests.lab.database import database, fresh
@@ -477,7 +479,7 @@ def test_what_a_killed_server_left_is_finished_only_where_it_could_be_stored(
 
     async def play() -> None:
         connection = await server.host()
-        for file in connection._hosted.files:
+        for file in connection.hosted.files:
             file.leave()
         if copied:
             assert connection.lease is not None

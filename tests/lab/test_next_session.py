@@ -37,6 +37,7 @@ blocks = ["walk"]
 [[blocks]]
 name = "walk"
 world = "tests.worlds.corridor:tests/Corridor-v0"
+success = "terminated and reward > 0"
 episodes = 3
 actions = ["back", "forward", "dive"]
 max_steps = 9

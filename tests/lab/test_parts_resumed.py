@@ -59,6 +59,7 @@ ask = "?"
 [[blocks]]
 name = "walk"
 world = "tests.worlds.corridor:tests/Corridor-v0"
+success = "terminated and reward > 0"
 episodes = 5
 actions = ["back", "forward", "dive"]
 max_steps = 9

@@ -26,7 +26,7 @@ from minihuman.storage.remote_store import (
 )
 from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from minihuman.web.arrivals import Arrival, Arrivals, Rejection
-from minihuman.web.connection import HostStorage, start_host
+from minihuman.web.hosted_session import HostStorage, start_host
 from minihuman.web.outbox import PageSettings
 from minihuman.worlds.adapters.world import World
 from tests.lab.object_store import object_store

@@ -250,7 +250,8 @@ def test_what_cannot_be_erased_is_named_and_status_and_verify_name_the_participa
     assert str(log) in str(refused.value)
     assert [path for path in (data / STUDY / "sub-02").rglob("*") if path.is_file()] == [log]
     for command in ("status", "verify"):
-        words = typed(command, data / STUDY)
+        with use_system(System(disk=_UnwritableFile())):  # else the command erases the rest itself
+            words = typed(command, data / STUDY)
         assert words.exit_code == 1
         assert "run `minihuman withdraw sub-02` again" in words.output, command
     withdraw_participant(data / STUDY, "sub-02", seal=None)

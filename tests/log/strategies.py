@@ -331,6 +331,9 @@ EVENTS_BY_TYPE: dict[type[events.Event], st.SearchStrategy[events.Event]] = {
     ),
     team_events.InputLate: st.builds(team_events.InputLate, TIMES, COUNTS, COUNTS, COUNTS, TEXTS, TIMES),
     team_events.PictureCorrected: st.builds(team_events.PictureCorrected, TIMES, COUNTS, COUNTS, TIMES, TIMES),
+    team_events.SeatSeen: st.builds(
+        team_events.SeatSeen, TIMES, COUNTS, COUNTS, COUNTS, st.sampled_from(get_args(team_events.SeatState)), COUNTS
+    ),
     team_events.SeatTaken: st.builds(
         team_events.SeatTaken, TIMES, COUNTS, COUNTS, COUNTS, st.sampled_from(get_args(team_events.SeatHolder))
     ),

@@ -140,39 +140,66 @@ def test_a_program_that_stayed_away_resumes_at_the_same_screen(
     assert len(list((tmp_path / "data").rglob("*.mcap.part"))) == 1
 
 
+NAME_ERROR = "name is a text of 1 to 40 characters"
+OBJECT_ERROR = "send a JSON object"
+NO_SESSION_ERROR = "this session does not exist; begin a session with POST /sessions"
+SIZE_ERROR = f"send a body of at most {MAX_BODY_BYTES} bytes with its length"
+LOCAL_ERROR = "only programs on this machine may play; ask for http://127.0.0.1 and the port"
+TYPE_ERROR = "send JSON, with the header Content-Type: application/json"
+
+
 @pytest.mark.parametrize(
-    ("path", "raw", "status"),
+    ("path", "raw", "status", "error"),
     [
-        ("/sessions", b"{", 400),
-        ("/sessions", b"[" * 5000, 400),
-        ("/sessions", b"[]", 400),
-        ("/sessions", b'{"name": 3}', 400),
-        ("/sessions", json.dumps({"name": "x" * 41}).encode(), 400),
-        ("/sessions", json.dumps({"name": "a\nb"}).encode(), 400),
-        ("/sessions", b" " * (MAX_BODY_BYTES + 1), 413),
-        ("/sessions/guessed", b'{"number": 1, "answer": "1"}', 404),
-        ("/../etc/passwd", b"{}", 404),
+        ("/sessions", b"{", 400, OBJECT_ERROR),
+        ("/sessions", b"[" * 5000, 400, OBJECT_ERROR),
+        ("/sessions", b"[]", 400, OBJECT_ERROR),
+        ("/sessions", b'{"name": 3}', 400, NAME_ERROR),
+        ("/sessions", json.dumps({"name": "x" * 41}).encode(), 400, NAME_ERROR),
+        ("/sessions", json.dumps({"name": "a\nb"}).encode(), 400, NAME_ERROR),
+        ("/sessions", b" " * (MAX_BODY_BYTES + 1), 413, SIZE_ERROR),
+        ("/sessions/guessed", b'{"number": 1, "answer": "1"}', 404, NO_SESSION_ERROR),
+        ("/../etc/passwd", b"{}", 404, NO_SESSION_ERROR),
     ],
 )
-def test_hostile_requests_are_refused(url: str, tmp_path: Path, path: str, raw: bytes, status: int) -> None:
-    assert call(url + path, raw=raw)[0] == status
+def test_hostile_requests_are_refused_with_a_reason(
+    url: str, tmp_path: Path, path: str, raw: bytes, status: int, error: str
+) -> None:
+    assert call(url + path, raw=raw) == (status, {"error": error})
     assert not (tmp_path / "data").exists()
 
 
+def test_an_answer_to_no_screen_or_of_no_form_is_refused_with_a_reason(url: str) -> None:
+    _, first = call(f"{url}/sessions", {"name": "walker"})
+    session = url + first["session"]
+    for body in ({"answer": "go_on"}, {"number": "1", "answer": "go_on"}, {"number": 1, "answer": 2}):
+        assert call(session, body) == (400, {"error": 'send {"number": the screen\'s, "answer": a text}'})
+    status, found = call(session, {"number": 7, "answer": "go_on"})
+    assert (status, found["error"], found["number"]) == (409, "screen 7 does not wait for an answer", 1)
+
+
+def test_a_program_too_many_is_told_to_come_later(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(agent_server, "MAX_SESSIONS", 1)
+    assert call(f"{url}/sessions", {"name": "walker"})[0] == 201
+    busy = call(f"{url}/sessions", {"name": "another"})
+    assert busy == (503, {"error": "1 sessions run already; try again later"})
+
+
 @pytest.mark.parametrize(
-    ("headers", "status"),
+    ("headers", "status", "error"),
     [
-        ({"Host": "rebound.example:8010"}, 403),
-        ({"Host": ""}, 403),
-        ({"Origin": "https://page.example"}, 403),
-        ({"Content-Type": "text/plain"}, 415),
-        ({"Content-Type": "application/x-www-form-urlencoded"}, 415),
-        ({"Host": "localhost:1"}, 201),
-        ({"Content-Type": "application/json; charset=utf-8"}, 201),
+        ({"Host": "rebound.example:8010"}, 403, LOCAL_ERROR),
+        ({"Host": ""}, 403, LOCAL_ERROR),
+        ({"Origin": "https://page.example"}, 403, LOCAL_ERROR),
+        ({"Content-Type": "text/plain"}, 415, TYPE_ERROR),
+        ({"Content-Type": "application/x-www-form-urlencoded"}, 415, TYPE_ERROR),
+        ({"Host": "localhost:1"}, 201, None),
+        ({"Content-Type": "application/json; charset=utf-8"}, 201, None),
     ],
 )
-def test_web_pages_cannot_take_a_seat(url: str, headers: dict[str, str], status: int) -> None:
-    assert call(f"{url}/sessions", {"name": "walker"}, headers=headers)[0] == status
+def test_web_pages_cannot_take_a_seat(url: str, headers: dict[str, str], status: int, error: str | None) -> None:
+    answer = call(f"{url}/sessions", {"name": "walker"}, headers=headers)
+    assert (answer[0], answer[1].get("error")) == (status, error)
     if "Content-Type" not in headers:
         _, begun = call(f"{url}/sessions", {"name": "walker"})
         assert (call(url + begun["session"], headers=headers)[0] == 403) is (status == 403)

@@ -16,6 +16,7 @@ from PIL import Image
 from minihuman import verify
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.log.read.session_reader import read_log
+from minihuman.web import agent_server
 from minihuman.web.agent_server import ProgramSessions, make_mcp_server
 from tests.counts import PATIENCE_S
 from tests.models.studies import study
@@ -73,26 +74,42 @@ def test_a_client_of_the_protocol_plays_a_session_that_verifies(tmp_path: Path) 
     assert all(line.ok for line in verify(tmp_path / "data"))
 
 
-def test_mistakes_are_answered_and_cost_nothing(tmp_path: Path, stays_away: threading.Event) -> None:
+async def read_error(client: "Client", tool: str, **arguments: Any) -> str:
+    """The words that a client reads of a call that was refused."""
+    from mcp.types import TextContent
+
+    answer = await client.call_tool(tool, arguments)
+    assert answer.is_error
+    (text,) = answer.content
+    assert isinstance(text, TextContent)
+    return text.text.removeprefix(f"Error executing tool {tool}: ")  # by which the SDK introduces it
+
+
+def test_a_client_reads_why_its_call_was_refused_and_the_mistake_costs_nothing(
+    tmp_path: Path, stays_away: threading.Event, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from mcp import Client
 
+    monkeypatch.setattr(agent_server, "MAX_SESSIONS", 1)
     (tmp_path / "study.toml").write_text(study(model="timeout_s = 1.0"))
     programs = ProgramSessions(read_protocol(tmp_path / "study.toml"), tmp_path / "data")
+    no_session = "this session does not exist; begin a session first"
 
     async def talk() -> None:
         async with Client(make_mcp_server(programs)) as client:
-            for tool, arguments in (
-                ("begin", {"name": "a\nb"}),
-                ("read_screen", {"session": "guessed"}),
-                ("answer", {"session": "guessed", "number": 1, "answer": "1"}),
-            ):
-                assert (await client.call_tool(tool, arguments)).is_error
+            for name in ("a\nb", "", "n" * (agent_server.MAX_NAME + 1)):
+                error = f"name is a text of 1 to {agent_server.MAX_NAME} characters"
+                assert await read_error(client, "begin", name=name) == error
+            assert await read_error(client, "read_screen", session="guessed") == no_session
+            assert await read_error(client, "answer", session="guessed", number=1, answer="1") == no_session
             assert not (tmp_path / "data").exists()
             first, _ = read(await client.call_tool("begin", {"name": "tool-user"}))
             again, _ = read(await client.call_tool("read_screen", {"session": first["session"]}))
             assert again == {name: value for name, value in first.items() if name != "session"}
-            late = {"session": first["session"], "number": 7, "answer": "go_on"}
-            assert (await client.call_tool("answer", late)).is_error
+            late = await read_error(client, "answer", session=first["session"], number=7, answer="go_on")
+            assert late == "screen 7 does not wait for an answer; call read_screen"
+            busy = await read_error(client, "begin", name="another")
+            assert busy == "1 sessions run already; try again later"
 
     asyncio.run(talk())
     stays_away.set()

@@ -18,6 +18,7 @@ from mcap.stream_reader import StreamReader
 
 from minihuman import export, report, simulate, verify
 from minihuman.activities.team.events import JointStepped
+from minihuman.cli import main
 from minihuman.display.drawing.screen import repaint_screen
 from minihuman.errors import AllocationError, SimulationError, WorldError
 from minihuman.experiment.machine.events import Answered, ModelCall, PointerUsed
@@ -26,7 +27,8 @@ from minihuman.log.model.session_log import SessionLog
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.reporting.scorecard import build_scorecard, write_scorecard
-from minihuman.runtime.model_sessions import ModelWindow, RunStoppedError, SessionLeft
+from minihuman.runtime.model_run import RunStoppedError
+from minihuman.runtime.model_window import ModelWindow, SessionLeft
 from minihuman.simulation import model_conversation
 from minihuman.simulation.chat_client import ModelUnavailableError
 from minihuman.simulation.model_conversation import AnswerRule
@@ -39,7 +41,7 @@ pytestmark = pytest.mark.program
 @pytest.fixture
 def environment(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
-    monkeypatch.setattr("minihuman.runtime.model_sessions.RETRY_WAIT_S", 0.0)
+    monkeypatch.setattr("minihuman.runtime.model_window.RETRY_WAIT_S", 0.0)
     return monkeypatch
 
 
@@ -159,6 +161,23 @@ def test_after_too_many_invalid_answers_the_session_ends(
     assert len(endpoint.requests) == asked
     assert ("not valid" in text_of(endpoint.requests[-1])) is (invalid == "retry")
     assert all_as_logged(tmp_path)
+
+
+def test_a_model_that_gives_no_valid_answer_ends_the_command_with_an_error(
+    tmp_path: Path, environment: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "study.toml").write_text(study(invalid="end"))
+    with serve_endpoint(lambda *_: "perhaps") as endpoint:
+        environment.setenv("OPENAI_BASE_URL", endpoint.url)
+        arguments = ("--participants", "2", "--data", str(tmp_path / "data"), "--player", "model:scripted")
+        environment.setattr("sys.argv", ["minihuman", "simulate", str(tmp_path / "study.toml"), *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+    printed = capsys.readouterr()
+    assert ended.value.code == SimulationError.exit_code
+    assert len(printed.out.splitlines()) == 2
+    assert "model:scripted ended 2 sessions before the last episode" in printed.err
+    assert "with 0 of 2 episodes" in printed.err
 
 
 def test_a_model_may_decline(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:

@@ -11,16 +11,19 @@ import pytest
 
 from minihuman import simulate
 from minihuman.admin.protocol_file import read_protocol
+from minihuman.dataset import store
 from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import TableDatabase
+from minihuman.dataset.store import StudyStore
+from minihuman.dataset.table_database import TableDatabase
+from minihuman.dataset.tables import select
 from minihuman.errors import ReportError
 from minihuman.experiment.plan.dry_run import check_worlds
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.planning.benchmark import FAMILIES, compose_baseline, parse_players, run_baseline
-from minihuman.reporting.build import build_report
 from minihuman.reporting.scorecard import Costs, _name_players, build_scorecard, write_scorecard
 from tests.models.endpoint import KEY, Reply, play, serve_endpoint, text_of
 from tests.models.studies import study
+from tests.report.reports import write_report
 
 pytestmark = pytest.mark.program  # whole studies are simulated
 
@@ -107,8 +110,21 @@ def test_an_unknown_reference_names_who_played(data: Path) -> None:
         build_scorecard([data / "small"], reference="human")
 
 
-def test_the_report_shows_models_beside_people_and_counts_none_of_them(data: Path, tmp_path: Path) -> None:
-    files = build_report(StudySessions(data / "small"), tmp_path)
+def test_the_report_shows_models_beside_people_counts_none_of_them_and_opens_each_store_once(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[str] = []
+
+    class CountedStore(StudyStore):
+        """Notes of which folder it is; nothing else differs."""
+
+        def __init__(self, sessions: StudySessions, **options: Any) -> None:
+            opened.append(str(sessions.source.relative_to(data)))
+            super().__init__(sessions, **options)
+
+    monkeypatch.setattr(store, "StudyStore", CountedStore)
+    files = write_report(select(data / "small"), tmp_path)
+    assert opened == ["small", "models/small"], "each store once"
     assert {"scores.csv", "scores.png"} <= {path.name for path in files}
     page = (tmp_path / "report.html").read_text()
     assert "Models beside people" in page

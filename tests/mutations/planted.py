@@ -62,13 +62,13 @@ PLANTED = (
     Mutant(
         "two keys may have one time",
         "display/windows/blocking_window.py",
-        "max(t_ns, self._last_key_ns + 1)",
-        "max(t_ns, self._last_key_ns)",
+        "t_ns = max(t_ns, self._last_key_ns + 1)",
+        "t_ns = max(t_ns, self._last_key_ns)",
         ("tests/windows/test_blocking.py", "tests/windows"),
     ),
     Mutant(
         "one missing message of a page is accepted",
-        "web/messages.py",
+        "web/message_streams.py",
         "if number > self.received + 1:",
         "if number > self.received + 2:",
         ("tests/web/test_stream.py",),
@@ -82,7 +82,7 @@ PLANTED = (
     ),
     Mutant(
         "the offset between a page's clock and the server's has the wrong sign",
-        "web/session_host.py",
+        "web/session_clocks.py",
         "offset_ns = ((link.received - link.sent)",
         "offset_ns = -((link.received - link.sent)",
         ("tests/web/test_seat.py",),

@@ -15,7 +15,7 @@ from minihuman.experiment.machine.events import SessionEnded
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.reporting.sections import flow_table
-from minihuman.runtime import simulated_session
+from minihuman.runtime import simulated_window
 from minihuman.runtime.simulated_session import simulate
 from tests.counts import PATIENCE_S
 from tests.lab_package import install_lab as install_lab
@@ -94,7 +94,7 @@ def test_a_player_that_fails_ends_its_session_as_failed_and_its_slot_is_free(
     how: str, reason: str, tmp_path: Path, install_lab, monkeypatch
 ) -> None:
     monkeypatch.setattr(plugins, "ANSWER_TIMEOUT_S", PATIENCE_S)  # a busy machine is no player that hangs
-    monkeypatch.setattr(simulated_session, "MOST_USELESS_PRESSES", 20)
+    monkeypatch.setattr(simulated_window, "MOST_USELESS_PRESSES", 20)
     install_lab("lab", PLAYERS, players=["lab = a_lab:Player"])
     protocol = decode_protocol(STUDY.format(consent="").encode())
     with pytest.raises(PlayerFailedError, match=rf"^lab:{how}: .*sub-01_ses-01\.mcap .* slot is free again$"):
@@ -126,7 +126,7 @@ def test_a_player_that_fails_before_anything_is_recorded_leaves_its_slot_and_its
 ) -> None:
     install_lab("lab", PLAYERS, players=["lab = a_lab:Player"])
     protocol = decode_protocol(STUDY.format(consent='consent = "I agree."').encode())
-    monkeypatch.setattr(simulated_session, "LONGEST_NS", 0)
+    monkeypatch.setattr(simulated_window, "LONGEST_NS", 0)
     with pytest.raises(PlayerFailedError, match="nothing was recorded, and the slot is free again"):
         list(simulate(protocol, tmp_path, participants=1, seed=1, player="lab:crash"))
     lines = list(format_status(tmp_path / "fails"))

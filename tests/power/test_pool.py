@@ -8,6 +8,7 @@ from click.testing import CliRunner
 from minihuman.cli.command_line import make_command_line
 from minihuman.dataset.annotations import Annotation, add_annotation
 from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.tables import select
 from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
@@ -80,5 +81,8 @@ def test_reaction_times_are_fitted_from_the_command_line(tmp_path):
 def test_an_excluded_participant_is_not_fitted(tmp_path):
     path = write_log(session(episodes=4, blocks=("grid",)), tmp_path)  # some 150 presses
     add_annotation(read_log(path), Annotation("exclude", "2026-11-23T09:00:00Z", note="the wrong person"))
-    with pytest.raises(ReportError, match="no participant has enough key presses"):
-        list(fit_participants(StudySessions(tmp_path, processes=1)))
+    with (
+        select(tmp_path, processes=1) as tables,
+        pytest.raises(ReportError, match="no participant has enough key presses"),
+    ):
+        list(fit_participants(tables))

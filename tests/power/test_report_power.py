@@ -10,6 +10,7 @@ import scipy
 from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec
+from minihuman.experiment.protocol.study_design import ExperimentDesign, Factor
 from minihuman.planning.report_power import (
     ReportPool,
     StudyDesign,
@@ -19,6 +20,7 @@ from minihuman.planning.report_power import (
     make_report_pool,
     plan_report_power,
 )
+from minihuman.reporting.interactions import compute_interaction
 from minihuman.reporting.results import MEASURES, compare_within, compute_block_results
 from minihuman.statistics.comparison import permutation_tests, t_test_power
 from tests.counts import count
@@ -67,6 +69,22 @@ def test_its_p_are_the_reports(primary):
         }[on]
         assert [p for _, p in compare_study(rows, drawn_from, on)] == pytest.approx(expected)
         assert expected
+
+
+def test_a_shift_of_the_interaction_moves_one_cell_and_its_p_is_the_reports():
+    factors = Factor("group", ("a", "b"), is_within=False), Factor("condition", CONDITIONS, is_within=True)
+    design = ExperimentDesign(factors, "", "interaction", tuple((name, name) for name in CONDITIONS))
+    drawn_from = dataclasses.replace(pool(people=30), design=design)
+    still, moved = (
+        draw_study(drawn_from, StudyDesign(shift, "interaction"), 20, np.random.default_rng(4)) for shift in (0.0, 2.0)
+    )
+    by = (moved["reward_mean"] - still["reward_mean"]).groupby([moved["group"], moved["block"]]).mean()
+    assert by["a", "narrow"] > 1
+    assert by.drop(("a", "narrow")).to_numpy() == pytest.approx(0)
+    report = compute_interaction(moved, design, NAMED, ("a", "b"))
+    ((name, p),) = compare_study(moved, drawn_from, "interaction")
+    assert (name, p) == ("reward_mean: narrow \N{MINUS SIGN} wide, a - b", report.contrasts[0].groups.p)
+    assert p < 0.01
 
 
 def test_groups_have_their_ratio_and_some_drop_out():

@@ -14,7 +14,7 @@ from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.log.record.disk import RecorderSettings
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.runtime.session_loop import run_session
-from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.runtime.simulated_window import SimulatedWindow
 from minihuman.simulation.participant import make_participant
 from minihuman.worlds.adapters.world import World
 

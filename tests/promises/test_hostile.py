@@ -27,6 +27,7 @@ from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
+from minihuman.dataset.tables import select
 from minihuman.errors import LogError, MinihumanError, ProtocolError, WorldError
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.protocol.protocol import decode_protocol
@@ -36,13 +37,13 @@ from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.log.record.finalization import recover_log, repair_log
 from minihuman.log.salvage.records import MAX_RECORD_BYTES
 from minihuman.log.salvage.scan import LogScanner
-from minihuman.reporting.build import build_report
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.catalogue import GRID_WORLDS
 from tests.counts import count
 from tests.promises.hostile_protocols import mutated
 from tests.promises.sessions import TOML, play, study
 from tests.promises.tampering import Record, messages_changed, moved, others_changed, rewritten
+from tests.report.reports import write_report
 
 
 @pytest.mark.nightly(sample=True)
@@ -121,12 +122,12 @@ def _asked(log: Path) -> None:
 
 def _reported(log: Path) -> None:
     with TemporaryDirectory() as out:
-        list(build_report(StudySessions(log.parents[2]), Path(out)))
+        list(write_report(select(log.parents[2]), Path(out)))
 
 
 def _drawn(log: Path) -> None:
     with TemporaryDirectory() as out:
-        list(draw_all_figures(StudySessions(log.parents[2]), Path(out)))
+        list(draw_all_figures(select(log.parents[2]), Path(out)))
 
 
 _CONSUMERS: tuple[Callable[[Path], object], ...] = (

@@ -154,7 +154,7 @@ def test_the_python_beside_a_protocol_runs_only_if_its_folder_is_trusted(
     assert read_protocol(protocol, trust=True).study.name == "own"
     assert json.loads((configuration / "trust.jsonl").read_text()) == {"folder": str(protocol.parent)}
     read_protocol(protocol)  # from now on it is not asked again
-    with pytest.raises(SystemExit):
+    with pytest.raises(WorldError, match="tried to end the program"):  # so it ran
         World("trap_one:own/Corridor-v0")
 
 

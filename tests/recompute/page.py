@@ -1195,7 +1195,9 @@ def expected_growth(episodes: Sequence[Row], order: Sequence[str]) -> Iterator[t
     rows = pd.DataFrame([row for row in told if row["group"] in groups])
     if rows["participant"].nunique() - len(groups) >= 2:
         terms = [line[0] for line in table[1:]]
-        yield mixed_model(rows.astype({column: float}).rename(columns={column: "value"}), terms, groups)
+        kind, mixed = mixed_model(rows.astype({column: float}).rename(columns={column: "value"}), terms, groups)
+        is_table = kind == "table"  # the page has its estimates alone
+        yield kind, [["term", "estimate"], *([line[0], line[2]] for line in mixed[1:])] if is_table else mixed
 
 
 def mixed_model(rows: pd.DataFrame, terms: Sequence[str], groups: Sequence[str]) -> tuple[str, Any]:

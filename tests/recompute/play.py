@@ -21,7 +21,7 @@ from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.withdrawal import replace_participant, withdraw_participant
-from minihuman.api import Episode, open_study
+from minihuman.api import export, open_study, report
 from minihuman.cli.command_line import make_command_line
 from minihuman.dataset.annotations import Annotation, add_annotation
 from minihuman.display.windows.window import VirtualClock
@@ -34,12 +34,12 @@ from minihuman.log.paths import session_folder
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.log.record.recorder import DeferredRecorder
+from minihuman.recorded_study import Episode
 from minihuman.runtime.agent_host import make_agent_host
 from minihuman.runtime.machine import collect_machine_facts
 from minihuman.runtime.session_loop import run_session
-from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.runtime.simulated_window import SimulatedWindow
 from minihuman.simulation.participant import make_participant
-from minihuman.workflow import export, report
 from minihuman.worlds.adapters.world import World
 from tests.recompute.exports import QUERIES
 

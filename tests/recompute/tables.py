@@ -511,6 +511,7 @@ def episode_row(episode: Episode, told: int | None = None) -> Row:
         **path_row(episode),
         "ineffective_steps": episode.visible().count(False),
         "refused": len(refused(episode)),
+        "absent_share": None,
     }
 
 

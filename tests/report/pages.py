@@ -8,8 +8,8 @@ from minihuman.reporting.template import REPORT, Table, render_template
 
 NOTHING: dict[str, Any] = {
     "study": "little", "versions": "Protocol version 1", "sessions": 0, "included": (0, 0), "players": (),
-    "simulated": 0, "windows": "", "flow": None, "practice": {}, "published": None, "blocks": [],
-    "question": "", "answers_first": [], "first_figures": [], "excluded": "none", "within": None,
+    "simulated": 0, "imported": 0, "windows": "", "flow": None, "practice": {}, "published": None, "blocks": [],
+    "question": "", "answers_first": [], "first_figures": [], "excluded": "none", "within": None, "interaction": None,
     "min_growth_episodes": 8, "clauses": None, "activities": [], "answers": None, "figures": [], "models": [],
     "quality": quality_section([]),
     "exclusions": None, "skipped": Table((), ()), "methods": [], "tables": [],

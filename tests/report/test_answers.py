@@ -11,14 +11,15 @@ import pytest
 
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
+from minihuman.dataset.tables import select
 from minihuman.experiment.machine.events import Answered
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
-from minihuman.reporting.build import build_report
 from minihuman.reporting.sections import answers_table
 from minihuman.reporting.template import format_number
 from minihuman.runtime.simulated_session import simulate
 from tests.report.pages import page
+from tests.report.reports import write_report
 
 PEOPLE = 5
 STUDY = """
@@ -69,7 +70,7 @@ def logged(study: Path) -> list[Answered]:
 
 def on_page(study: Path, out: Path) -> dict[str, tuple[str, int]]:
     """Of each question, what the page says was answered and how often."""
-    text = build_report(StudySessions(study, processes=1), out)[0].read_text()
+    text = write_report(select(study, processes=1), out)[0].read_text()
     rows = re.findall(r"<tr><td[^>]*>(?:all|quiz)</td><td[^>]*>(.*?)</td><td[^>]*>(.*?)</td><td[^>]*>(\d+)</td>", text)
     return {item: (unescape(re.sub("</?bdi>", "", said)), int(n)) for item, said, n in rows}
 

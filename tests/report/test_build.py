@@ -14,18 +14,18 @@ from minihuman.admin.protocol_file import find_shipped_protocol
 from minihuman.dataset.annotations import Annotation, add_annotation
 from minihuman.dataset.caches import is_cache, list_caches
 from minihuman.dataset.selection import Selection
-from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import StudyStore
+from minihuman.dataset.tables import select
 from minihuman.errors import LogError, ReportError
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.exporters.exporter import export_study
 from minihuman.figures import style
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.read.session_reader import read_log
-from minihuman.reporting.build import build_report, read_planned_analysis, read_protocols
+from minihuman.reporting.build import read_planned_analysis
 from minihuman.runtime.simulated_session import simulate
 from tests.builders import episode, session, session_of, write_log
 from tests.machine import needs
+from tests.report.reports import write_report
 from tests.web.browser import browsing
 
 pytestmark = pytest.mark.program
@@ -78,7 +78,7 @@ def study(tmp_path_factory):
 def built(study, tmp_path_factory):
     said: list[str] = []
     before = fingerprints(study)
-    paths = build_report(StudySessions(study, say=said.append, processes=1), tmp_path_factory.mktemp("out"))
+    paths = write_report(select(study, say=said.append, processes=1), tmp_path_factory.mktemp("out"))
     return paths, said, before, fingerprints(study)
 
 
@@ -161,7 +161,7 @@ def test_a_second_report_is_the_same_to_the_byte_and_no_figure_of_it_is_drawn(bu
 
     first = contents(built[0][0].parent)
     monkeypatch.setattr(style, "save_figure", refuse)
-    build_report(StudySessions(study, processes=1), built[0][0].parent)
+    write_report(select(study, processes=1), built[0][0].parent)
     assert contents(built[0][0].parent) == first
 
 
@@ -176,10 +176,11 @@ def test_a_report_of_what_changed_is_as_if_nothing_had_been_kept(built, study, t
             add_annotation(read_log(one), Annotation("exclude", "2026-01-06T10:00:00Z", episode=1))
         case "another selection":
             selection = Selection(participant=("sub-01", "sub-02"))
-    build_report(StudySessions(changed, selection, processes=1), tmp_path / "kept")
+    shutil.copytree(built[0][0].parent, tmp_path / "kept")  # with figures of before, some of which are others now
+    write_report(select(changed, selection, processes=1), tmp_path / "kept")
     for cache in list(list_caches(changed)):
         shutil.rmtree(cache) if cache.is_dir() else cache.unlink()
-    build_report(StudySessions(changed, selection, processes=1), tmp_path / "anew")
+    write_report(select(changed, selection, processes=1), tmp_path / "anew")
     assert contents(tmp_path / "kept") == contents(tmp_path / "anew")
     assert contents(tmp_path / "kept") != contents(built[0][0].parent)
 
@@ -192,8 +193,8 @@ def test_the_published_study_stands_beside_its_own_protocol_alone(tmp_path):
     for name, toml in (("own", shipped), ("changed", changed)):
         for _ in simulate(decode_protocol(toml), tmp_path / name, participants=2, seed=1, player="random"):
             pass
-        page, *_ = build_report(
-            StudySessions(tmp_path / name / "fourrooms-transfer", processes=1), tmp_path / f"{name}-report"
+        page, *_ = write_report(
+            select(tmp_path / name / "fourrooms-transfer", processes=1), tmp_path / f"{name}-report"
         )
         texts.append(page.read_text())
     own, other = texts
@@ -210,7 +211,7 @@ def test_two_studies_are_not_mixed(study, tmp_path):
     other = session(participant="sub-01", episodes=1)
     write_log(dataclasses.replace(other, plan=msgspec.structs.replace(other.plan, study="another")), both)
     with pytest.raises(ReportError, match="name the folder of a single study"):
-        build_report(StudySessions(both, processes=1), tmp_path / "out")
+        write_report(select(both, processes=1), tmp_path / "out")
 
 
 def test_a_report_of_one_version_describes_those_who_played_it_and_no_others(tmp_path):
@@ -222,22 +223,22 @@ def test_a_report_of_one_version_describes_those_who_played_it_and_no_others(tmp
             log.plan, study_version=str(number), protocol_toml=toml, protocol_sha256=hashlib.sha256(toml).hexdigest()
         )
         write_log(dataclasses.replace(log, plan=plan), tmp_path)
-    with StudyStore(StudySessions(tmp_path, Selection(version=("2",)), processes=1), with_shortest=False) as store:
-        assert read_planned_analysis(read_protocols(store.kept)).primary_measure == "reward_mean"
-        assert [one.outline.participant for one in store.kept if one.outline] == ["sub-02"]
-        assert [one.quality.participant for one in store.kept if one.quality] == ["sub-02"]
+    with select(tmp_path, Selection(version=("2",)), processes=1) as tables:
+        assert read_planned_analysis(tables.read_protocols()).primary_measure == "reward_mean"
+        assert [one.outline.participant for one in tables.sessions if one.outline] == ["sub-02"]
+        assert [one.quality.participant for one in tables.sessions if one.quality] == ["sub-02"]
     export_study("psych-ds", tmp_path / "transfer", tmp_path / "out", Selection(version=("2",)))
     assert msgspec.json.decode((tmp_path / "out/dataset_description.json").read_bytes())["version"] == "2"
     with pytest.raises(ReportError, match="no session that matches --participant sub-07"):
-        build_report(StudySessions(tmp_path, Selection(participant=("sub-07",)), processes=1), tmp_path / "none")
+        write_report(select(tmp_path, Selection(participant=("sub-07",)), processes=1), tmp_path / "none")
 
 
 def test_a_folder_without_a_log_says_so(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(ReportError, match="contains no readable session log"):
-        build_report(StudySessions(tmp_path / "empty"), tmp_path / "out")
+        write_report(select(tmp_path / "empty"), tmp_path / "out")
     with pytest.raises(LogError, match="does not exist"):
-        build_report(StudySessions(tmp_path / "nowhere"), tmp_path / "out")
+        write_report(select(tmp_path / "nowhere"), tmp_path / "out")
 
 
 def _timeouts(index: int) -> SessionLog:
@@ -263,7 +264,7 @@ def test_a_tiny_study_has_a_report_and_nobody_is_warned_of_arithmetic(people, tm
         write_log(one, tmp_path / "data")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        page, *_ = build_report(StudySessions(tmp_path / "data", processes=1), tmp_path / "out")
+        page, *_ = write_report(select(tmp_path / "data", processes=1), tmp_path / "out")
     told = capfd.readouterr()
     assert (told.out, told.err) == ("", "")
     text = page.read_text()

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.tables import select
 from minihuman.experiment.protocol.protocol import decode_protocol
-from minihuman.reporting.build import build_report
 from minihuman.runtime.simulated_session import simulate
 from tests.counts import count
+from tests.report.reports import write_report
 
 pytestmark = pytest.mark.program
 
@@ -45,6 +45,7 @@ ARCADE = """
 [[blocks]]
 name = "paddle"
 world = "tests.worlds.paddle:tests/Paddle-v0"
+success = "terminated and reward > 0"
 episodes = 3
 actions = ["noop", "left", "right"]
 max_steps = 60
@@ -108,7 +109,7 @@ def test_a_foreign_study_has_every_block_in_its_report_and_no_line_of_another(na
     protocol = decode_protocol((HEAD.format(name=name, blocks=listed) + blocks_toml).encode())
     for _ in simulate(protocol, tmp_path, participants=count(4, 12), seed=1, player="random"):
         pass
-    where, *_ = build_report(StudySessions(tmp_path / name, processes=1), tmp_path / "out")
+    where, *_ = write_report(select(tmp_path / name, processes=1), tmp_path / "out")
     text = where.read_text()
     for block in blocks:
         assert f'<h2 id="block-{block}">Block {block}</h2>' in text
@@ -127,7 +128,7 @@ def test_a_study_of_questions_only_has_its_answers_in_the_report(tmp_path: Path)
     protocol = decode_protocol(QUESTIONS.encode())
     for _ in simulate(protocol, tmp_path, participants=3, seed=1, player="random"):
         pass
-    where, *_ = build_report(StudySessions(tmp_path / "survey", processes=1), tmp_path / "out")
+    where, *_ = write_report(select(tmp_path / "survey", processes=1), tmp_path / "out")
     text = where.read_text()
     for words in (">Answers</h2>", "mood", "how", "age", "3 participants took part"):
         assert words in text

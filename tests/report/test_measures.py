@@ -7,15 +7,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.tables import select
 from minihuman.errors import ProtocolError, ReportError
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec
-from minihuman.reporting.build import build_report
 from minihuman.reporting.results import compare_adjusted
 from minihuman.reporting.study_measures import add_measures, find_measure
 from minihuman.runtime.simulated_session import simulate
 from tests.lab_package import EXTENDING, install_lab as install_lab
+from tests.report.reports import write_report
 
 PROTOCOL = """
 [study]
@@ -59,6 +59,8 @@ primary_measure = "steps_at_limit_mean"
 secondary_measures = ["pauses:0", "block:narrow/success"]
 conditions = ["narrow", "wide"]
 covariates = ["answer:about.age"]
+[design]
+primary_effect = "groups"
 """
 
 
@@ -68,7 +70,7 @@ def test_a_labs_measure_an_answer_and_conditions_reach_the_page(tmp_path: Path, 
     install_lab("a-lab", code, measures=["pauses = a_lab:LongPauses"])
     for _ in simulate(decode_protocol(PROTOCOL.encode()), tmp_path, participants=8, seed=1, player="random"):
         pass
-    page, *tables = build_report(StudySessions(tmp_path / "within", processes=1), tmp_path / "out")
+    page, *tables = write_report(select(tmp_path / "within", processes=1), tmp_path / "out")
     text = re.sub(r"\s+", " ", page.read_text())
     asked = "groups one and other in block wide, and blocks narrow and wide within participants differ in steps"
     assert f"Asked: how {asked}" in text

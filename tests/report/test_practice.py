@@ -8,10 +8,12 @@ import pytest
 
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
+from minihuman.dataset.tables import select
 from minihuman.errors import ProtocolError, ReportError
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
-from minihuman.reporting.build import build_report, find_practice
+from minihuman.reporting.build import find_practice
 from minihuman.runtime.simulated_session import simulate
+from tests.report.reports import write_report
 
 PROTOCOL = """
 [study]
@@ -78,7 +80,7 @@ def test_the_report_names_practice_and_compares_it_nowhere(tmp_path: Path) -> No
     toml = PROTOCOL.format(analysed="false", version="1", more="").replace("below = 3", "below = 1")
     for _ in simulate(decode_protocol(toml.encode()), tmp_path, participants=4, seed=1, player="random"):
         pass
-    page, *others = build_report(StudySessions(tmp_path / "trained", processes=1), tmp_path / "out")
+    page, *others = write_report(select(tmp_path / "trained", processes=1), tmp_path / "out")
     text = re.sub(r"\s+", " ", page.read_text())
     assert "block warm-up (12 episodes)." in text
     assert "4 participants and 8 episodes are included" in text

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 from minihuman.errors import ReportError
-from minihuman.reporting.build import write_scripts
 from minihuman.reporting.results import MEASURES, compute_results
+from minihuman.reporting.scripts import write_scripts
 from tests.machine import need, needs
 
 GROUP, CHANGE, STEEPER = 0.6, -0.15, 0.1  # of group a, per episode, and of a's change

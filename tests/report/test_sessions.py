@@ -8,14 +8,14 @@ import pandas as pd
 import pytest
 import scipy
 
-from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.tables import select
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.figures.figure_data import collect_learning_curves
-from minihuman.reporting.build import build_report
 from minihuman.reporting.results import MEASURES, BlockResults, compute_block_results
 from minihuman.reporting.sections import session_changes_table, session_table
 from minihuman.runtime.simulated_session import simulate
+from tests.report.reports import write_report
 
 PEOPLE = 8
 MEASURE = "reward_mean"
@@ -180,7 +180,7 @@ max_steps = 20
 def test_a_report_of_two_days_shows_each_and_the_change(tmp_path: Path) -> None:
     for _ in simulate(decode_protocol(PROTOCOL), tmp_path, participants=6, seed=1, player="random"):
         pass
-    written = build_report(StudySessions(tmp_path / "days", processes=1), tmp_path / "out")
+    written = write_report(select(tmp_path / "days", processes=1), tmp_path / "out")
     text = written[0].read_text()
     assert text.count("<summary>Sessions</summary>") == 1, "the block that was played once has no sessions to compare"
     assert "<th>session 1</th><th>session 2</th>" in text

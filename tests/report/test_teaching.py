@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from minihuman.activities.agent_blocks.report import (
@@ -16,14 +15,12 @@ from minihuman.activities.agent_blocks.report import (
     steering_minutes,
 )
 from minihuman.dataset.annotations import Annotation, add_annotation
-from minihuman.dataset.selection import Selection
-from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import StudyStore
+from minihuman.dataset.tables import Tables, select
 from minihuman.figures.teaching_figures import compute_shares_of_good
 from minihuman.log.read.session_reader import read_log
 from minihuman.reporting.activity_sections import SectionSource, build_activity_sections, join_sections
-from minihuman.reporting.build import build_report
 from tests.report.pages import page
+from tests.report.reports import write_report
 
 pytestmark = pytest.mark.program  # whole studies are simulated
 
@@ -36,15 +33,14 @@ def log():
     return read_log(path)
 
 
-def sections_of(store: StudyStore, out: Path):
-    source = SectionSource(store.kept, lambda name: store.tables.table(name).to_pandas(), Selection(), out)
-    return join_sections(build_activity_sections(source))
+def sections_of(tables: Tables, out: Path):
+    return join_sections(build_activity_sections(SectionSource(tables, out)))
 
 
 def test_the_page_says_who_steered_and_what_was_preferred(log, tmp_path):
     study = shutil.copytree(TAUGHT, tmp_path / "taught")
-    with StudyStore(StudySessions(study, processes=1), with_shortest=False) as store:
-        sections = sections_of(store, tmp_path)
+    with select(study, processes=1) as tables:
+        sections = sections_of(tables, tmp_path)
     told = re.sub(r"<[^>]+>", " ", page(activities=sections))
     assert "Teaching" in told
     for block in group_taught_by_block(log):
@@ -54,8 +50,8 @@ def test_the_page_says_who_steered_and_what_was_preferred(log, tmp_path):
 
 def test_a_study_without_an_agent_has_no_such_section(tmp_path):
     study = shutil.copytree(TAUGHT.with_name("plain"), tmp_path / "plain")
-    with StudyStore(StudySessions(study, processes=1), with_shortest=False) as store:
-        assert sections_of(store, tmp_path) == []
+    with select(study, processes=1) as tables:
+        assert sections_of(tables, tmp_path) == []
 
 
 def test_agreement_is_over_the_persons_steps_alone(log):
@@ -86,9 +82,9 @@ def test_teaching_is_told_of_the_episodes_that_count(log, tmp_path):
     [path] = study.rglob("*.mcap")
 
     def told() -> dict[str, list[int]]:
-        with StudyStore(StudySessions(study, processes=1), with_shortest=False) as store:
-            source = SectionSource(store.kept, pd.DataFrame, Selection(), tmp_path)
-            logs = source.read_logs(store.tables.table("controls").to_pandas())
+        with select(study, processes=1) as tables:
+            source = SectionSource(tables, tmp_path)
+            logs = source.read_logs(source.table("controls"))
         return {name: [one.number for one in session.episodes if one.taught] for name, session in logs.items()}
 
     (everything,) = told().values()
@@ -114,7 +110,7 @@ def test_the_replay_has_the_policys_actions_and_the_persons_as_lanes(log, tmp_pa
 def test_the_report_of_a_taught_study_has_the_figure(tmp_path):
     study = tmp_path / "taught"
     shutil.copytree(TAUGHT, study)
-    files = build_report(StudySessions(study, processes=1), tmp_path / "report")
+    files = write_report(select(study, processes=1), tmp_path / "report")
     assert any("steering" in path.name for path in files)
     assert any("ratings" in path.name for path in files)
 

@@ -35,5 +35,6 @@ def test_a_world_that_fails_at_its_first_step_is_named_before_anybody_sits_down(
     with pytest.raises(ProtocolError) as caught:
         check_worlds(protocol(corridor, "crash"), "study.toml")
     assert str(caught.value) == (
-        f"study.toml: $.blocks[0].world: {corridor} cannot be played (RuntimeError: the corridor has collapsed)"
+        f"study.toml: $.blocks[0].world: {corridor} cannot be played (step() raised RuntimeError: the corridor has "
+        "collapsed (corridor.py:41))"
     )

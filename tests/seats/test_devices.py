@@ -21,7 +21,7 @@ from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.runtime.devices.device import Device, DeviceRecorder, DeviceSample, make_device, open_devices
 from minihuman.runtime.machine import SessionClock
 from minihuman.runtime.session_loop import run_session
-from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.runtime.simulated_window import SimulatedWindow
 from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S
 from tests.golden.make import study

@@ -74,6 +74,7 @@ text = "Go forward."
 [[blocks]]
 name = "corridor"
 world = "tests.worlds.corridor:tests/Corridor-v0"
+success = "terminated and reward > 0"
 episodes = 2
 max_steps = 5
 actions = ["back", "forward", "dive"]

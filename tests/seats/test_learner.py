@@ -19,10 +19,11 @@ from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.runtime import learner_process
-from minihuman.runtime.agent_host import N_CANDIDATE_PAIRS, AgentHost, ClipSampler
+from minihuman.runtime.agent_host import N_CANDIDATE_PAIRS, AgentHost
+from minihuman.runtime.clip_sampler import ClipSampler
 from minihuman.runtime.learner_process import LearnerProcess, LearnerRequest
 from minihuman.runtime.session_loop import run_session
-from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.runtime.simulated_window import SimulatedWindow
 from minihuman.simulation.participant import make_participant
 from minihuman.worlds.adapters.world import World
 from tests.counts import PATIENCE_S

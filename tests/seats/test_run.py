@@ -1,4 +1,5 @@
 import os
+import re
 import signal
 import time
 from collections.abc import Sequence
@@ -17,8 +18,9 @@ from minihuman.experiment.machine.events import (
     find_violations,
 )
 from minihuman.experiment.machine.inputs import FocusChanged, Input, KeyDown, KeyUp
-from minihuman.experiment.machine.screens import PlayScreen, Screen
+from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
 from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.words import InterfaceWords
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.runtime.session_loop import run_session
 from minihuman.worlds.adapters.world import World
@@ -140,8 +142,7 @@ def test_a_full_disk_stops_the_session_visibly_and_keeps_what_was_written():
         run_session(SessionMachine(plan, World, {}), window, recorder, clock)
     assert recorder.closed
     assert len(of(recorder.events, Stepped)) == 3
-    assert "cannot be written" in window.screens[-1].title
-    assert "no space left" in window.screens[-1].body
+    assert_says(window, "disk_full", "over.kept_in_part")
 
 
 class FullBehind(MemoryRecorder):
@@ -159,14 +160,43 @@ def test_the_picture_of_a_step_that_could_not_be_written_is_not_shown():
     with pytest.raises(LogError, match="no space left"):
         run_session(SessionMachine(plan, World, {}), window, FullBehind(), clock)
     assert max(screen.step for screen in window.screens if isinstance(screen, PlayScreen)) == 3
-    assert "no space left" in window.screens[-1].body
+    assert_says(window, "disk_full", "over.kept_in_part")
 
 
 def test_a_world_that_breaks_is_said_on_the_screen_until_a_key_is_pressed():
     plan = corridor_plan(episodes=1)
     window, events = run(taps("enter", key_of(plan, "crash"), "enter", "q"), plan)
     assert of(events, SessionEnded)[0].reason == "world_error"
-    assert "collapsed" in window.screens[-1].body
+    assert "collapsed" in of(events, SessionEnded)[0].detail
+    assert_says(window, "world_error", "over.kept")
+
+
+class FullAtTheEnd(MemoryRecorder):
+    """Has no room for the session's end."""
+
+    def settle(self) -> None:
+        if any(isinstance(event, SessionEnded) for event in self.events):
+            raise LogError("recording stopped: no space left on device")
+
+
+@pytest.mark.parametrize("last", ["crash", "forward"], ids=["the world failed", "the goal was reached"])
+def test_an_end_that_could_not_be_written_is_never_said_to_be_kept(last: str) -> None:
+    plan = corridor_plan(episodes=1)
+    clock = VirtualClock()
+    window = ScriptedWindow(taps("enter", *[key_of(plan, last)] * 3), clock)
+    with pytest.raises(LogError, match="no space left"):
+        run_session(SessionMachine(plan, World, {}), window, FullAtTheEnd(), clock)
+    assert_says(window, "disk_full", "over.kept_in_part")
+
+
+def assert_says(window: ScriptedWindow, reason: str, kept: str) -> None:
+    """Look at the last screen: what happened, what is kept, and a code in place of the error."""
+    screen = window.screens[-1]
+    assert isinstance(screen, TextScreen)
+    words = InterfaceWords("en")
+    body, _, code = screen.body.partition("\n\n")
+    assert (screen.title, body) == (words[f"over.{reason}"], words[kept])
+    assert re.fullmatch(r"[A-Z]-[0-9A-F]{4}", code)
 
 
 def test_a_screen_nobody_acknowledges_goes_away_by_itself():

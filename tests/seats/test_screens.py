@@ -81,12 +81,14 @@ items = [{ name = "sum", ask = "1 + 1?", kind = "choice", options = ["1", "2", "
 [[blocks]]
 name = "corridor"
 world = "tests.worlds.corridor:tests/Corridor-v0"
+success = "terminated and reward > 0"
 episodes = 1
 actions = ["forward"]
 max_steps = 20
 [[blocks]]
 name = "hard"
 world = "tests.worlds.corridor:tests/Corridor-v0"
+success = "terminated and reward > 0"
 episodes = 1
 actions = ["back"]
 max_steps = 2
@@ -94,6 +96,7 @@ stop_criterion = { successes = 1, of = 1, otherwise = "end" }
 [[blocks]]
 name = "never"
 world = "tests.worlds.corridor:tests/Corridor-v0"
+success = "terminated and reward > 0"
 episodes = 1
 actions = ["forward"]
 max_steps = 2

@@ -57,7 +57,9 @@ class Page:
     def ask(self, what: str, text: str = "") -> None:
         name, _ = self.session()
         body = json.dumps({"what": what, "text": text}).encode()
-        urllib.request.urlopen(f"{self.url}ask?session={name}", data=body, timeout=PATIENCE_S).close()
+        address = f"{self.url}ask?session={name}"
+        request = urllib.request.Request(address, body, {"Content-Type": "application/json"})
+        urllib.request.urlopen(request, timeout=PATIENCE_S).close()
 
     def until(self, is_so: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
         deadline_s = time.monotonic() + PATIENCE_S

@@ -33,6 +33,7 @@ _BLOCK = """
 [[blocks]]
 name = {name!r}
 world = "tests.worlds.corridor:tests/Corridor-v0"
+success = "terminated and reward > 0"
 episodes = {episodes}
 max_steps = {max_steps}
 actions = ["back", "forward", "dive", "crash"]

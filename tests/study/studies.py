@@ -27,6 +27,7 @@ CORRIDOR = """
 [[blocks]]
 name = "corridor"
 world = "tests.worlds.corridor:tests/Corridor-v0"
+success = "terminated and reward > 0"
 episodes = 4
 max_steps = 5
 actions = ["back", "forward", "dive", "crash"]

@@ -10,7 +10,8 @@ from minihuman.admin.protocol_file import read_protocol
 from minihuman.errors import AllocationError, ProtocolError
 from minihuman.experiment.plan.allocation import build_allocation_list, build_latin_square
 from minihuman.experiment.plan.dry_run import describe_worlds
-from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol, list_part_names
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.plan.part_names import list_part_names
 from minihuman.experiment.protocol.protocol import decode_logged_protocol, decode_protocol
 from tests.study.studies import CORRIDOR, plan_of, protocol
 

@@ -8,7 +8,8 @@ import pytest
 
 from minihuman.errors import AllocationError, ProtocolError
 from minihuman.experiment.plan.allocation import allocation_sha256, build_allocation_list
-from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol, parse_participant_code
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.plan.participant_codes import parse_participant_code
 from minihuman.experiment.protocol.protocol import decode_protocol
 
 PATH = Path(__file__).parents[2] / "protocols" / "fourrooms-transfer.toml"

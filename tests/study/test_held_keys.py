@@ -37,6 +37,7 @@ blocks = ["levers"]
 [[blocks]]
 name = "levers"
 world = "tests.worlds.levers:tests/Levers-v0"
+success = "terminated and reward > 0"
 options = {{ kind = "{kind}" }}
 episodes = 1
 actions = {actions}

@@ -19,6 +19,7 @@ from minihuman.experiment.machine.events import (
     find_violations,
 )
 from minihuman.experiment.machine.inputs import KeyDown, Stop
+from minihuman.experiment.machine.screen_texts import find_stop_code
 from minihuman.experiment.machine.screens import PlayScreen
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.machine.transitions import Phase
@@ -322,14 +323,16 @@ def test_closing_the_window_over_the_last_words_leaves_a_complete_session():
     assert ended(desk).reason == "complete"
 
 
-def test_an_exception_inside_a_world_ends_the_session_and_says_what_it_was():
+def test_an_exception_inside_a_world_is_in_the_log_and_the_participant_reads_a_code():
     desk = Desk(corridor_plan())
     desk.press("enter")
     desk.act("forward", "crash")
     assert outcomes(desk) == ["abandoned"]
     assert ended(desk).reason == "world_error"
     assert ended(desk).detail == "RuntimeError: the corridor has collapsed"
-    assert "collapsed" in desk.session.screen.body
+    kept, code = desk.session.screen.body.split("\n\n")
+    assert kept == "Everything up to here is kept. Please call the experimenter."
+    assert code == find_stop_code("world_error", "RuntimeError: the corridor has collapsed")
     assert isinstance(desk.session.failure, RuntimeError)
 
 

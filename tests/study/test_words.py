@@ -10,6 +10,7 @@ from minihuman.display.typefaces import select_typefaces
 from minihuman.errors import ProtocolError
 from minihuman.experiment import words
 from minihuman.experiment.machine.points import format_points, format_score
+from minihuman.experiment.plan.dry_run import describe_language
 from minihuman.experiment.protocol.protocol import decode_logged_protocol, decode_protocol
 from minihuman.experiment.protocol.specs import SHIPPED_FORMS, load_form
 from minihuman.experiment.words import LANGUAGES, InterfaceWords
@@ -104,3 +105,12 @@ def test_a_log_whose_own_language_lacks_a_newer_word_is_read():
     with pytest.raises(ProtocolError, match="1 are missing"):
         decode_protocol(older)
     assert decode_logged_protocol(older).study.name
+
+
+def test_a_study_in_its_own_language_goes_on_without_the_words_that_are_newer_than_it_and_check_names_them():
+    older = OWN_LANGUAGE.read_bytes().replace(b'language = "he"', b'language = "yi"')
+    for word in words.LATER_WORDS:
+        older = re.sub(rf"(?m)^{word.rpartition('.')[2]} .*$".encode(), b"", older)
+    protocol = decode_protocol(older)
+    assert [line.split()[6] for line in describe_language(protocol)] == [f"{word}," for word in words.LATER_WORDS]
+    assert set(words.LATER_WORDS) <= set(words.load_words("en"))

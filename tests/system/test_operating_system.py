@@ -49,6 +49,7 @@ SYSTEM_CALLS = frozenset(
 CTYPES = {  # a library of C, each at home in one module
     "operating_system.py": "the kernel",
     "display/windows/keyboard.py": "X11",
+    "display/windows/x11_input.py": "X11's input extension",
     "display/windows/pyglet_native.py": "OpenGL",
     "worlds/kernels.py": "the compiled kernels",
 }
@@ -306,7 +307,7 @@ def test_a_session_is_timed_by_the_finest_clock() -> None:
         for name, tree in parse_other_modules().items()
         if any(isinstance(node, ast.Attribute) and ast.unparse(node) == "time.monotonic_ns" for node in ast.walk(tree))
     }
-    assert coarse == {"display/windows/keyboard.py"}  # lays the X server's clock beside it
+    assert coarse == {"display/windows/x11_input.py"}  # lays the X server's clock beside it
     assert time.get_clock_info("perf_counter").monotonic
 
 

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import minihuman
-from minihuman.api import Episode, ReplayedStep, Session, Study
 from minihuman.dataset.selection import Selection
 from minihuman.log.model.session_log import Segment
+from minihuman.recorded_study import Episode, ReplayedStep, Session, Study
 
 opened = minihuman.open_study("sessions/demo", Selection(block=("grid",), with_=("exclude",)))
 session = minihuman.open_session("sessions/demo/sub-01/ses-01")

@@ -1,5 +1,6 @@
 """A study that has every kind of screen, and somebody who goes through it, looking at each."""
 
+import json
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -120,6 +121,16 @@ _LOOKS = """() => {
     .join('|');
 }"""
 
+_UNTIL_OTHERWISE = """(before) => new Promise((resolve) => {
+  let looks = 20;
+  const look = () => {
+    const { kind, playing, ended, finished } = minihuman.state;
+    if (before !== JSON.stringify([LOOKS(), kind, playing, ended, finished]) || --looks === 0) resolve();
+    else setTimeout(look, 30);
+  };
+  look();
+})""".replace("LOOKS", f"({_LOOKS})")
+
 Look = Callable[[Any, str], None]  # the page, and what is on it in short
 
 
@@ -148,7 +159,8 @@ def go_through(somebody: Somebody, look: Look) -> list[str]:
             paused = True
             somebody.press("escape")  # a question whether they want to stop
         elif not _acts(somebody, state, looks, corrected=any("Show what" in one for one in looked)):
-            page.wait_for_timeout(30)
+            state_now = [state[name] for name in ("kind", "playing", "ended", "finished")]
+            page.evaluate(_UNTIL_OTHERWISE, json.dumps([looks, *state_now], separators=(",", ":"), ensure_ascii=False))
 
 
 def _acts(somebody: Somebody, state: dict[str, Any], looks: str, *, corrected: bool) -> bool:

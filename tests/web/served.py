@@ -4,12 +4,13 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from tests.counts import PATIENCE_S
-from tests.programs import running
+from tests.programs import ended_with_block, running
+from tests.warm_start import WarmProgram, start_program
 
 GRID = """
 [study]
@@ -42,7 +43,7 @@ class Served:
     """A server that runs, and whom it offers a place."""
 
     host: str
-    process: subprocess.Popen[str]
+    process: subprocess.Popen[str] | WarmProgram
     links: list[str]  # tokens
     said: Path  # what it said on its standard error
 
@@ -73,12 +74,14 @@ def served(
     path.write_text(
         GRID.format(web=web, more=more, parts=parts, episodes=episodes, world=world, actions=list(world[1]))
     )
-    words = ("--data", str(folder / "data"), "--port", "0", "--links", str(links), *options)
-    command = [*before, sys.executable, "-m", "minihuman", "serve", str(path), *words]
-    with (
-        said.open("w") as errors,
-        running(command, stdout=subprocess.PIPE, stderr=errors, text=True) as process,
-    ):
+    words = ("serve", str(path), "--data", str(folder / "data"), "--port", "0", "--links", str(links), *options)
+    with said.open("w") as errors, ExitStack() as stack:
+        process: subprocess.Popen[str] | WarmProgram
+        if before:
+            command = [*before, sys.executable, "-m", "minihuman", *words]
+            process = stack.enter_context(running(command, stdout=subprocess.PIPE, stderr=errors, text=True))
+        else:
+            process = stack.enter_context(ended_with_block(start_program(*words, stderr=errors)))
         assert process.stdout is not None
         lines: list[str] = []
         while len(lines) < max(1, links):

@@ -1,12 +1,10 @@
 """`minihuman serve` as a program, and a line to it that can be long, slow to answer, or cut."""
 
-import os
 import random
 import re
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections import deque
@@ -15,6 +13,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from tests.counts import PATIENCE_S
+from tests.warm_start import start_program
 
 
 class Serving:
@@ -22,14 +21,11 @@ class Serving:
 
     def __init__(self, protocol: Path, data: Path, *, links: int = 1, options: tuple[str, ...] = ()) -> None:
         self.port = free_port()
-        self._command = [sys.executable, "-m", "minihuman", "serve", str(protocol), "--data", str(data)]
-        self._command += ["--port", str(self.port), *options]
+        self._arguments = ["serve", str(protocol), "--data", str(data), "--port", str(self.port), *options]
         self.tokens = [re.sub(r".*#t=", "", line) for line in self._start(links)]
 
     def _start(self, links: int) -> list[str]:
-        self._process = subprocess.Popen(
-            [*self._command, "--links", str(links)], stdout=subprocess.PIPE, text=True, env={**os.environ}
-        )
+        self._process = start_program(*self._arguments, "--links", str(links))
         assert self._process.stdout is not None
         lines: list[str] = []
         while len(lines) < max(1, links):

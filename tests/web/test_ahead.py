@@ -95,7 +95,7 @@ def test_a_session_in_a_world_that_cannot_be_copied_is_played_to_its_end(tmp_pat
     page = PageModel(host, [((300 + 200 * k) * MS, key, True) for k, key in enumerate(keys)], frame_ns=16 * MS)
     page.run()
     assert sum(isinstance(event, Stepped) for event in recorder.events) == 6
-    assert [event.outcome for event in recorder.events if isinstance(event, EpisodeEnded)] == ["timeout"]
+    assert [event.outcome for event in recorder.events if isinstance(event, EpisodeEnded)] == ["ended"]
     assert host.session.failure is None
     host.close()
 

@@ -28,6 +28,7 @@ blocks = ["sticks", "board"]
 [[blocks]]
 name = "sticks"
 world = "tests.worlds.levers:tests/Levers-v0"
+success = "terminated and reward > 0"
 options = { kind = "box" }
 episodes = 1
 actions = ["axis_1_plus"]
@@ -43,6 +44,7 @@ axes = { pad_left_x = { component = 0, scale = -1.0 } }
 [[blocks]]
 name = "board"
 world = "tests.worlds.levers:tests/Levers-v0"
+success = "terminated and reward > 0"
 options = { kind = "board" }
 episodes = 1
 actions = ["choice_0_1"]

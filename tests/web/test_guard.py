@@ -15,7 +15,8 @@ from minihuman.web.eligibility import (
     get_page_texts,
     load_page_texts,
 )
-from minihuman.web.messages import HEADERS, MESSAGE_BURST, MESSAGES_PER_S, RateLimit, is_same_origin
+from minihuman.web.http_security import HEADERS, is_same_origin
+from minihuman.web.traffic_limits import MESSAGE_BURST, MESSAGES_PER_S, RateLimit
 
 
 def test_typing_is_within_the_allowance_and_a_flood_is_not():

@@ -20,7 +20,8 @@ from websockets.sync.client import ClientConnection, connect
 from minihuman.admin.verify.episodes import verify_episodes
 from minihuman.experiment.machine.events import KeyPressed
 from minihuman.log.read.session_reader import read_events, read_log
-from minihuman.web.messages import MAX_WAITING, MESSAGE_VERSION
+from minihuman.web.messages import MESSAGE_VERSION
+from minihuman.web.traffic_limits import MAX_WAITING
 from tests.counts import PATIENCE_S, count
 from tests.web.served import Served, served
 from tests.web.typed_page import Counts, TypedPage

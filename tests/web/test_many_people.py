@@ -14,7 +14,7 @@ from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.disk import GroupCommit
 from minihuman.storage.study_journals import URL_FILE_NAME
 from minihuman.web.arrivals import Admission, Arrival, Arrivals
-from minihuman.web.connection import HostStorage, start_host
+from minihuman.web.hosted_session import HostStorage, start_host
 from minihuman.web.outbox import PageSettings
 from minihuman.worlds.adapters.world import World
 from tests.counts import count

@@ -27,9 +27,9 @@ from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.runtime.session_loop import run_session
 from minihuman.web import messages
 from minihuman.web.computed import PageWorld
-from minihuman.web.messages import PREFETCH_BACKLOG
 from minihuman.web.outbox import PageSettings
 from minihuman.web.session_host import SessionHost
+from minihuman.web.traffic_limits import PREFETCH_BACKLOG
 from minihuman.worlds.adapters.world import World
 from tests.web.page_model import PageModel, Press
 from tests.web.protocols import GRID, study

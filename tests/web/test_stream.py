@@ -5,7 +5,9 @@ import random
 
 import pytest
 
-from minihuman.web.messages import IncomingStream, MessageError, OutgoingStream, decode_page_message
+from minihuman.web.message_codec import decode_page_message
+from minihuman.web.message_streams import IncomingStream, OutgoingStream
+from minihuman.web.messages import MessageError
 
 WITH_EVERY_KEY = [
     (

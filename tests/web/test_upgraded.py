@@ -19,7 +19,7 @@ from minihuman.errors import LogError
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.disk import GroupCommit
-from minihuman.web.connection import HostedSession, HostStorage, resume_host, start_host
+from minihuman.web.hosted_session import HostedSession, HostStorage, resume_host, start_host
 from minihuman.web.messages import MESSAGE_VERSION
 from minihuman.web.outbox import PageSettings
 from minihuman.worlds.adapters.world import World

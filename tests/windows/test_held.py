@@ -38,9 +38,23 @@ def test_the_last_key_pressed_is_the_one_that_repeats() -> None:
     assert held.next_repeat_ns is None
 
 
-def test_when_the_focus_goes_nothing_is_held() -> None:
+def test_when_the_focus_goes_every_key_comes_up_by_no_finger() -> None:
     held = KeyRepeater()
     held.press(0, "1", "1")
-    held.forget()
+    held.press(1, "2", "2")
+    assert held.release_all(5) == [KeyUp(5, "1", "1", "focus_loss"), KeyUp(6, "2", "2", "focus_loss")]
     assert held.next_repeat_ns is None
-    assert held.press(1, "1", "1") == [KeyDown(1, "1", "1")]
+    assert held.press(7, "1", "1") == [KeyDown(7, "1", "1")]
+
+
+def test_a_key_that_was_down_before_the_focus_is_said_once_and_repeats_nothing() -> None:
+    held = KeyRepeater()
+    assert held.press(0, "1", "", "held_before_focus") == [KeyDown(0, "1", "", cause="held_before_focus")]
+    assert held.press(1, "1", "1") == []
+    assert held.next_repeat_ns is None
+    assert held.release(2, "1", "1") == [KeyUp(2, "1", "1")]
+
+
+def test_a_release_without_a_press_says_that_the_key_was_down_before() -> None:
+    held = KeyRepeater()
+    assert held.release(2, "1", "1") == [KeyDown(2, "1", "1", cause="held_before_focus"), KeyUp(3, "1", "1")]

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 
 from minihuman.display.windows.blocking_window import TITLE
-from minihuman.display.windows.keyboard import convert_server_time
+from minihuman.display.windows.x11_input import convert_server_time
 from minihuman.experiment.machine.inputs import KeyDown, KeyUp
 from minihuman.experiment.machine.screens import TextScreen
 from tests.window_host import HostedWindow

@@ -36,6 +36,7 @@ blocks = ["levers"]
 [[blocks]]
 name = "levers"
 world = "tests.worlds.levers:tests/Levers-v0"
+success = "terminated and reward > 0"
 options = { kind = "box" }
 episodes = 1
 actions = ["axis_1_plus"]

@@ -15,7 +15,7 @@ from minihuman.experiment.plan.expansion import enrol_participant, expand_protoc
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.record.recorder import MemoryRecorder
 from minihuman.runtime.session_loop import run_session
-from minihuman.runtime.simulated_session import SimulatedWindow
+from minihuman.runtime.simulated_window import SimulatedWindow
 from minihuman.simulation.participant import make_participant
 from minihuman.worlds.adapters.world import World
 

@@ -172,7 +172,7 @@ def try_recording(one: Recording, folder: Path) -> str:
     """Record, verify, draw, export and replay what was exported; a line of what was found."""
     import minihuman
     from minihuman.admin.verify.log import find_log_differences, verify_session
-    from minihuman.dataset.sessions import StudySessions
+    from minihuman.dataset.tables import select
     from minihuman.figures.gallery import draw_all_figures
     from minihuman.log.read.session_reader import read_log
     from minihuman.trust import Trust, list_foreign_modules
@@ -188,7 +188,7 @@ def try_recording(one: Recording, folder: Path) -> str:
     kinds = len({*episode.actions_taken})
     assert kinds > 3 or one.world.startswith("ALE"), "the world was played"
     study = folder / "data" / "recorded"
-    figures = list(draw_all_figures(StudySessions(study), folder / "figures", each=True))
+    figures = list(draw_all_figures(select(study), folder / "figures", each=True))
     assert [path for path in figures if path.stat().st_size > 1000]
     minihuman.export("minari", study, folder / "minari")
     minihuman.export("lerobot", study, folder / "lerobot")

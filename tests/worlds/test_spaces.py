@@ -68,7 +68,7 @@ def test_a_space_that_keys_cannot_do_is_refused_by_name():
         ({}, []),
         ({"kind": "arm"}, ["the first 4 of 6 parts"]),
         ({"locked": True}, ["cannot be copied"]),
-        ({"chance": True}, ["nondeterministic: 3 replays of one seed differ at step 1"]),
+        ({"chance": True}, ["nondeterministic: two plays of one seed differ, first in the observation at step 1"]),
     ],
 )
 def test_check_says_what_to_know_of_a_world(options, said):

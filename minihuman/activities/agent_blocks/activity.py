@@ -21,32 +21,35 @@ from minihuman.activities.agent_blocks.events import (
 from minihuman.activities.agent_blocks.plan import AgentPlan, AgentPlayPlan
 from minihuman.activities.agent_blocks.requests import Advice, AdviceRequest, NewPolicy, PolicyRequest
 from minihuman.activities.play.activity import PlayActivity
-from minihuman.experiment.machine.activity import ActivityRequest, SessionContext
+from minihuman.experiment.machine.activity import ActivityRequest, SessionContext, Steering, SteeringRules
 from minihuman.experiment.machine.events import ActivityEvent, PauseReason
 from minihuman.experiment.machine.inputs import ActivityInput, Input, ScreenShown
-from minihuman.experiment.machine.running_episode import NS_PER_MS
+from minihuman.experiment.machine.running_episode import NS_PER_MS, RunningEpisode
 from minihuman.experiment.machine.screens import PlayScreen
 from minihuman.experiment.machine.transitions import Phase, TransitionCause
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.experiment.plan.session_plan import PlannedPart
 
 AGENT_RULES = "2"  # the fact "agent_rules": an agent that fails is named so; before, the random agent rated on
+FLASH_NS = 150_000_000  # how long a rating is seen
+REPEAT_INTERVAL_NS = 100_000_000  # a held rating key counts once in so long
 
 
 class AgentPlayActivity(PlayActivity):
     """Plays a block's episodes by a policy's advice."""
 
     can_copy = False
-    alone = False  # whether the agent acts even without a policy, since the person cannot
+    agent_plays = True
+    acts_without_policy = False  # as the person cannot act
     takes_over = False  # whether a key that has an action takes over from it
 
     def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
         super().__init__(number, part, context)
         self.plan: AgentPlayPlan = part.plan
-        self.who: Controller = "agent"  # steers
+        self.controller: Controller = "agent"  # steers
         self.policy = ""  # in force
         self.advised: Advised | None = None  # of the present state
-        self._given = False  # the first policy, or that there is none
+        self._has_first_policy = False  # the first policy, or that there is none
         self._failed = False  # no policy could be had, and why was said
         self._next_policy = ""
         self._learning = False
@@ -69,6 +72,11 @@ class AgentPlayActivity(PlayActivity):
         return "", ""
 
     @property
+    def rated_episode(self) -> RunningEpisode | None:
+        """The episode that is over, but can still be rated; None in every other phase."""
+        return None
+
+    @property
     def _names_failures(self) -> bool:
         return self.context.facts.get("agent_rules", "1") == AGENT_RULES
 
@@ -78,7 +86,7 @@ class AgentPlayActivity(PlayActivity):
     def request(self) -> ActivityRequest | None:  # type: ignore[override]
         """A policy between episodes, its advice in each state."""
         if not self.playing:
-            if self._given and not self._learning:
+            if self._has_first_policy and not self._learning:
                 return None
             part = self.part.name
             agent = self.agent
@@ -117,7 +125,7 @@ class AgentPlayActivity(PlayActivity):
         if self.playing:  # the agent that plays has failed
             self.policy = ""
         else:
-            self._given = True
+            self._has_first_policy = True
             self._learning = False
             self._failed = bool(new.failure) and not self._next_policy
         now_ns = self.context.now_ns
@@ -125,9 +133,9 @@ class AgentPlayActivity(PlayActivity):
         self.context.emit(PolicyGiven(now_ns, self.number, episode, self._next_policy, new.failure))
         if self.phase is Phase.LEARNING:
             self._move(TransitionCause.DONE)
-        elif self.playing and self.alone and self._names_failures:
+        elif self.playing and self.acts_without_policy and self._names_failures:
             self._episode_ended("agent_failed")
-        elif self.playing and self.who == "agent" and not self.alone:
+        elif self.playing and self.controller == "agent" and not self.acts_without_policy:
             self._steer("person", "agent_failed" if self._names_failures else "no_policy")
 
     def _take_advice(self, advice: Advice) -> None:
@@ -178,7 +186,7 @@ class AgentPlayActivity(PlayActivity):
     @property
     def real_time(self) -> bool:  # type: ignore[override]
         """Whether the agent makes steps now."""
-        return self.playing and (self.who == "agent" or self._current.real_time)
+        return self.playing and (self.controller == "agent" or self._current.real_time)
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
@@ -189,7 +197,7 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def _agent_can_step(self) -> bool:
-        return self.playing and self.who == "agent" and self.advised is not None
+        return self.playing and self.controller == "agent" and self.advised is not None
 
     def _let_time_pass(self) -> None:
         super()._let_time_pass()
@@ -223,12 +231,13 @@ class AgentPlayActivity(PlayActivity):
     def _episode_started(self) -> None:
         self.policy = self._next_policy
         self._due_ns = self.advised = None
-        self._steer("agent" if self.policy or self.alone else "person", "start" if self.policy else "no_policy")
+        agent_acts = bool(self.policy) or self.acts_without_policy
+        self._steer("agent" if agent_acts else "person", "start" if self.policy else "no_policy")
 
     def _steer(self, controller: Controller, reason: ControlReason, pressed_ns: int | None = None) -> None:
         play = self._current
         now_ns = self.context.now_ns
-        self.who = controller
+        self.controller = controller
         self._due_ns = None
         pressed_ns = now_ns if pressed_ns is None else pressed_ns
         self.context.emit(ControlChanged(now_ns, play.plan.episode, play.steps, controller, reason, pressed_ns))
@@ -254,13 +263,30 @@ class AgentPlayActivity(PlayActivity):
         """From the picture of one of the agent's steps to the next step."""
         return round(self.agent.step_ms * NS_PER_MS)
 
+    def describe_steering(self, play: RunningEpisode) -> Steering:
+        """Return who steers, what the agent does next, and what keys do meanwhile."""
+        rules = SteeringRules(
+            period_ns=self.period_ns,
+            person_acts=self.takes_over,
+            hand_back_key=self.hand_back_key,
+            rating_keys=self.rating_keys,
+            flash_ns=FLASH_NS,
+            repeat_interval_ns=REPEAT_INTERVAL_NS,
+            controller_texts={"agent": self.control_text("agent"), "person": self.control_text("person")},
+        )
+        action = None
+        if self.advised is not None and self.advised.step == play.steps:
+            action = self.advised.action
+        return Steering(self.controller, action, self.limit_ns, rules)
+
     def control_text(self, controller: Controller) -> str:
         """The text below the picture."""
         return self.context.words[f"steers.{controller}"]
 
     @property
     def _look(self) -> object:
-        return self.who
+        return self.controller
 
     def _play_screen(self) -> PlayScreen:
-        return replace(super()._play_screen(), controller=self.who, controller_text=self.control_text(self.who))
+        text = self.control_text(self.controller)
+        return replace(super()._play_screen(), controller=self.controller, controller_text=text)

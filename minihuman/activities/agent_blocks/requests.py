@@ -18,6 +18,11 @@ class PolicyRequest(ActivityRequest):
     episode: int  # the first that the learner cannot know of
     policy: str  # that plays now; before the first, what the protocol calls it
 
+    @property
+    def takes_long(self) -> bool:
+        """Whether a learner makes the policy."""
+        return self.learning
+
 
 @dataclass(frozen=True, slots=True)
 class AdviceRequest(ActivityRequest):

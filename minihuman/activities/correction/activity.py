@@ -307,4 +307,5 @@ CORRECTION = ActivityKind(
     report="minihuman.activities.correction.report:build_section",
     screens=(FilmScreen,),
     block_field="source",
+    simulator="minihuman.activities.correction.simulation:CorrectionSimulator",
 )

@@ -12,7 +12,9 @@ CORRECTIONS = (
     TableColumn("attempt", "integer", "", "Which of its attempts."),
     TableColumn("step", "integer", "", "The step after which the correction begins, 0 for the reset."),
     TableColumn("steps", "integer", "", "How many steps were shown."),
-    TableColumn("outcome", "text", "", "goal, failure or timeout; stopped where a key or the session's end ended it."),
+    TableColumn(
+        "outcome", "text", "", "goal, failure, timeout or ended; stopped where a key or the session's end ended it."
+    ),
     TableColumn("actions", "text", "", "The world's actions by number, as a JSON list."),
     TableColumn("key_t_ns", "text", "", "When each one's key went down, session time, as a JSON list."),
 )

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from minihuman.activities.episode_clips import EpisodeClip
-from minihuman.experiment.machine.events import ActivityEvent
+from minihuman.experiment.machine.events import ActivityEvent, EpisodeBeginning, EpisodeEnding, EpisodeStep
 
-CorrectionOutcome = Literal["goal", "failure", "timeout", "stopped"]
+CorrectionOutcome = Literal["goal", "failure", "timeout", "stopped", "ended"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class CorrectionSeen(ActivityEvent):
 
 
 @dataclass(frozen=True, slots=True)
-class CorrectionBegun(ActivityEvent):
+class CorrectionBegun(ActivityEvent, EpisodeBeginning):
     """A correction begins."""
 
     part: int
@@ -60,9 +60,14 @@ class CorrectionBegun(ActivityEvent):
     state_hash: int
     pressed_ns: int
 
+    @property
+    def begins_at(self) -> tuple[int, int]:
+        """The episode, in the state that is corrected."""
+        return self.episode, self.step
+
 
 @dataclass(frozen=True, slots=True)
-class CorrectionStepped(ActivityEvent):
+class CorrectionStepped(ActivityEvent, EpisodeStep):
     """A step of a correction."""
 
     part: int
@@ -79,7 +84,7 @@ class CorrectionStepped(ActivityEvent):
 
 
 @dataclass(frozen=True, slots=True)
-class CorrectionEnded(ActivityEvent):
+class CorrectionEnded(ActivityEvent, EpisodeEnding):
     """A correction ended."""
 
     part: int

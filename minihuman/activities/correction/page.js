@@ -1,7 +1,8 @@
 // An episode that is reviewed in the page: one film, which keys go through.
 
-/** @import { ActivityScreen, PageTools, ScreenMessage } from "../../web/page/messages" */
-/** @typedef {ActivityScreen & { films: number[][], step: number, back: string, forward: string }} FilmScreen */
+/** @import { ActivityValues, ScreenMessage } from "../../web/page/messages" */
+/** @import { PageTools } from "../../web/page/page_tools" */
+/** @typedef {ActivityValues & { films: number[][], step: number, back: string, forward: string }} FilmScreen */
 
 /** @param {FilmScreen} s @param {ScreenMessage} message @param {PageTools} page */
 export const draw = (s, message, { films, words }) => [

@@ -42,5 +42,9 @@ class KeyboardCheckActivity(Activity):
 
 
 KEYBOARD_CHECK = ActivityKind(
-    "keyboard_check", KeyboardCheckPlan, KeyboardCheckActivity, find_early_parts=find_early_check
+    "keyboard_check",
+    KeyboardCheckPlan,
+    KeyboardCheckActivity,
+    find_early_parts=find_early_check,
+    is_for_players=True,
 )

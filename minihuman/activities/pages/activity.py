@@ -146,4 +146,5 @@ PAGE = ActivityKind(
     PagesActivity,
     tables="minihuman.activities.pages.tables:PAGE_TABLES",
     find_early_parts=find_early_pages,
+    is_for_players=True,
 )

@@ -1,29 +1,27 @@
 """Play: the episodes of one block, with instructions, fixation, feedback and rest.
 
-Holds the block's transition table, time limits (playing time only, pauses excluded), timed screens, tally of outcomes
-and screens.
+Holds the block's transition table, and drives its parts: the sequence of episodes, their time limits (of playing time,
+pauses excluded), timed screens, the keys of texts, and screens.
 """
 
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from minihuman.activities.pages.page_reader import BACK_KEYS, FORWARD_KEYS, PageReader, build_page_shown
+from minihuman.activities.pages.page_reader import PageReader, build_page_shown
 from minihuman.activities.play.clocks import BlockTimeLimits, PhaseTimer
-from minihuman.activities.play.design import BlockDesign
 from minihuman.activities.play.early_plans import find_early_blocks
+from minihuman.activities.play.episode_sequence import EpisodeSequence
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.activities.play.screens import BlockScreens
-from minihuman.activities.play.tally import BlockTally
-from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding, SessionContext
+from minihuman.activities.play.text_keys import TextKeys
+from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, SessionContext
 from minihuman.experiment.machine.events import (
     EndCause,
-    EpisodesSkipped,
     KeyMapDrawn,
     Noted,
     Paused,
     PauseReason,
     Resumed,
-    Scored,
     Stepped,
 )
 from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, ScreenShown
@@ -60,7 +58,7 @@ PHASE_CONDITIONS: "Mapping[Phase, Callable[[PlayActivity], bool]]" = {
     Phase.LEARNING: lambda play: play.learning_s > 0,
     Phase.PREPARING: lambda play: play.needs_new_world,
     Phase.READY: lambda play: play.shows_ready_screen and play.waits_for_ready,
-    Phase.INTERVAL: lambda play: play.interval_ms > 0,
+    Phase.INTERVAL: lambda play: play.sequence.interval_ms > 0,
     Phase.FIXATION: lambda play: play.plan.fixation_ms > 0,
     Phase.HOLD: lambda play: play.plan.hold_ms > 0,
     Phase.FEEDBACK: lambda play: bool(play.feedback_text),
@@ -69,7 +67,6 @@ PHASE_CONDITIONS: "Mapping[Phase, Callable[[PlayActivity], bool]]" = {
 
 
 POINTER = "pointer"  # a step's key where a click made it
-_TEXT_PHASES = (Phase.READY, Phase.FEEDBACK)
 
 
 class PlayActivity(Activity):
@@ -79,6 +76,7 @@ class PlayActivity(Activity):
     can_copy = True
     transitions: "TransitionTable[Any]" = PLAY_TRANSITIONS
     phase_conditions: "Mapping[Phase, Callable[[Any], bool]]" = PHASE_CONDITIONS
+    sequence: EpisodeSequence
     play: RunningEpisode | None = None
     learning_s = 0.0  # how long the next episode may wait for an agent that learns
     shows_progress = True  # which episode of how many it is
@@ -90,21 +88,21 @@ class PlayActivity(Activity):
         self.phase = Phase.START
         self.shows_ready_screen: bool = True
         self._play: RunningEpisode | None = None  # from the ready screen to the end of the feedback
-        self._timer = PhaseTimer(self.plan, lambda: self.learning_s, lambda: self.interval_ms)
+        self.sequence = EpisodeSequence(number, part, context)
+        self._timer = PhaseTimer(self.plan, self.sequence, lambda: self.learning_s)
         self._limits = BlockTimeLimits(self.plan.max_s, self.plan.block_max_s)
         self._reader = PageReader(len(self.plan.instruction))
-        self._tally = BlockTally(self.plan)
-        self._design = BlockDesign(self.plan.design, number, part.name, context) if self.plan.design else None
+        self._text_keys = TextKeys(self._reader, self._timer)
         self._view = BlockScreens(self.plan, context, shows_progress=self.shows_progress)
         self._flip_ns: int | None = None  # when the present text reached the display
-        self._drawn: tuple[object, Screen] | None = None  # a world's picture is drawn once
+        self._latest_screen: tuple[object, Screen] | None = None  # a world's picture is drawn once
 
     # What the conditions beside the table ask
 
     @property
     def has_next_episode(self) -> bool:
         """Whether the block goes on."""
-        return self._tally.has_next(self.context.next_episode)
+        return self.sequence.has_next
 
     @property
     def needs_new_world(self) -> bool:
@@ -115,23 +113,13 @@ class PlayActivity(Activity):
     @property
     def next_plan(self) -> EpisodePlan:
         """The next episode; a block whose episodes are resolved while it runs overrides it."""
-        plan = self.context.plan.episodes[self.context.next_episode]
-        return plan if self._design is None else self._design.resolve(plan)
+        return self.sequence.next_plan
 
     @property
     def waits_for_ready(self) -> bool:
         """Whether the next episode waits for Enter."""
         ready = self.plan.trial.ready if self.plan.trial else "each"
         return ready == "each" or (ready == "first" and not self.has_begun)
-
-    @property
-    def interval_ms(self) -> float:
-        """How long the screen is empty before the next episode."""
-        intervals_ms = self.plan.trial.intervals_ms if self.plan.trial else ()
-        place = self.context.next_episode - self.plan.first
-        if place < len(intervals_ms):  # after the last episode there is none
-            return intervals_ms[place]
-        return self.plan.interval_ms
 
     @property
     def feedback_text(self) -> str:
@@ -142,14 +130,8 @@ class PlayActivity(Activity):
 
     def begin(self) -> None:
         """Begin the block, or go on with it."""
-        if (
-            self.number == self.context.plan.standing.part
-            and self.context.next_episode == self.context.plan.first_episode
-        ):
-            self._tally.outcomes += self.context.plan.standing.outcomes
-            if self._design is not None:
-                self._design.history += self.context.plan.standing.history or ()
-        self._decide()
+        self.sequence.resume()
+        self.sequence.decide(time_is_up=self._limits.block_is_over(self.context.now_ns))
         if not self.has_next_episode:
             self._end()
             return
@@ -211,7 +193,7 @@ class PlayActivity(Activity):
         return self.playing and self._current.real_time
 
     @property
-    def limit_ns(self) -> int | None:
+    def limit_ns(self) -> int | None:  # type: ignore[override]
         """When the time for the episode, or for the block, is over; None while nothing is played or without a limit."""
         return self._limits.due_ns if self.playing else None
 
@@ -229,10 +211,11 @@ class PlayActivity(Activity):
     def screen(self) -> Screen:
         """What belongs to the phase."""
         steps = self._play and self._play.steps
-        now = (self.phase, self._reader.page, self._play, steps, self._rest_left_s, self._look)
-        if self._drawn is None or self._drawn[0] != now:
-            self._drawn = (now, self._screen())
-        return self._drawn[1]
+        rest_s = self._timer.left_s(self.context.now_ns)
+        now = (self.phase, self._reader.page, self._play, steps, rest_s, self._look)
+        if self._latest_screen is None or self._latest_screen[0] != now:
+            self._latest_screen = (now, self._screen())
+        return self._latest_screen[1]
 
     def _screen(self) -> Screen:
         before = self._view.before(self.phase, self._reader)
@@ -242,13 +225,13 @@ class PlayActivity(Activity):
             case Phase.READY:
                 return self._view.ready(self._current)
             case Phase.FEEDBACK:
-                return self._view.feedback(self._current, self._tally.scored)
+                return self._view.feedback(self._current, self.sequence.last_points)
             case Phase.REST:
-                return self._view.rest(self._rest_left_s)
+                return self._view.rest(self._timer.left_s(self.context.now_ns))
         return self._play_screen()
 
     def _play_screen(self) -> PlayScreen:
-        return self._view.play(self._current, held=self.phase is Phase.HOLD, scored=self._tally.scored)
+        return self._view.play(self._current, is_last=self.phase is Phase.HOLD, points=self.sequence.last_points)
 
     # Inputs
 
@@ -264,7 +247,7 @@ class PlayActivity(Activity):
         elif self.phase is Phase.INSTRUCTIONS:
             self.context.emit(build_page_shown(self.number, self._reader, screen_shown))
         self._flip_ns = screen_shown.flip_ns
-        self._timer.seen(self.phase, screen_shown.flip_ns)
+        self._timer.note_seen(self.phase, screen_shown.flip_ns)
 
     def _let_time_pass(self) -> None:
         """Do what was due by now, before any later input."""
@@ -302,24 +285,14 @@ class PlayActivity(Activity):
             self._stepped(play.step(self.context.now_ns, action, key=POINTER, key_t_ns=press.t_ns))
 
     def _key_outside_play(self, press: KeyDown) -> None:
-        key = press.key
-        phase = self.phase
-        emit_key = self.context.emit_key
-        if phase is Phase.INSTRUCTIONS and key in (*FORWARD_KEYS, *BACK_KEYS):
-            by = 1 if key in FORWARD_KEYS else -1
-            can = self._reader.page + by in range(self._reader.pages) or (by > 0 and key in ENTER_KEYS)
-            emit_key(press, "accepted" if can else "unmapped", phase)
-            self._turn(by, by_enter=key in ENTER_KEYS)
-        elif phase is Phase.READY and key in ENTER_KEYS and self._flip_ns is not None and press.t_ns < self._flip_ns:
-            emit_key(press, "not_playing", phase)  # meant for the screen before: this one is not on the display yet
-        elif key in ENTER_KEYS and (
-            (phase in _TEXT_PHASES and not self._timer.ends(phase)) or (phase is Phase.REST and not self._rest_left_s)
-        ):
-            emit_key(press, "accepted", phase)
+        effect = self._text_keys.judge(
+            press, self.phase, now_ns=self.context.now_ns, flip_ns=self._flip_ns, play=self._play
+        )
+        self.context.emit_key(press, effect.verdict, self.phase)
+        if effect.turns:
+            self._turn(effect.turns, by_enter=press.key in ENTER_KEYS)
+        elif effect.goes_on:
             self._move(TransitionCause.DONE)
-        else:
-            meant = key in ENTER_KEYS or (self._play is not None and self._play.action_of(key) is not None)
-            emit_key(press, "not_playing" if meant else "unmapped", phase)
 
     def _turn(self, by: int, *, by_enter: bool) -> None:
         if not self._reader.turn(by) and by > 0 and by_enter:
@@ -402,39 +375,14 @@ class PlayActivity(Activity):
         self.play = None
         self._limits.stop(context.now_ns)
         context.emit(play.end(context.now_ns, cause))
-        scored = self._tally.add_episode(play)
-        if scored is not None:
-            context.points += scored
-            context.emit(Scored(context.now_ns, play.plan.episode, scored, context.points))
-        context.next_episode += 1
-        context.completed += 1
-        if self._design is not None:
-            self._design.add_episode(play)
-        self._decide()
+        self.sequence.add_episode(play)
+        self.sequence.decide(time_is_up=self._limits.block_is_over(context.now_ns))
         self._between_episodes()
         self._move(TransitionCause.EPISODE_ENDED)
 
-    def _decide(self) -> None:
-        self._tally.decide(time_is_up=self._limits.block_is_over(self.context.now_ns))
-        if (
-            self._design is not None
-            and (self.has_next_episode or self._design.history)  # else the block was completed before
-            and self._design.decide(goes_on=self.has_next_episode)
-        ):
-            self._tally.skip = "design"
-
     def _end(self) -> None:
         self.phase = Phase.OVER
-        context = self.context
-        past = self.plan.first + self.plan.count
-        skip = self._tally.skip
-        if skip is not None and context.next_episode < past:
-            context.emit(EpisodesSkipped(context.now_ns, context.next_episode, past - context.next_episode, skip))
-            context.next_episode = past
-        if self._tally.failed:
-            self.ended = PartEnding("failed", reason="screened_out", detail=f"{self.part.name}: criterion not reached")
-        else:
-            self.ended = PartEnding()
+        self.ended = self.sequence.end()
 
     # Small things
 
@@ -448,10 +396,6 @@ class PlayActivity(Activity):
         assert self._play is not None
         return self._play
 
-    @property
-    def _rest_left_s(self) -> int:
-        return self._timer.left_s(self.context.now_ns)
-
 
 PLAY = ActivityKind(
     "play",
@@ -459,4 +403,7 @@ PLAY = ActivityKind(
     PlayActivity,
     tables="minihuman.activities.play.tables:PLAY_TABLES",
     find_early_parts=find_early_blocks,
+    is_played_alone=True,
+    is_plain_play=True,
+    is_for_players=True,
 )

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from enum import StrEnum
 
+from minihuman.activities.play.episode_sequence import EpisodeSequence
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.experiment.machine.events import EndCause
 from minihuman.experiment.machine.running_episode import NS_PER_MS
@@ -66,41 +67,41 @@ _TIMED = (Phase.INTERVAL, Phase.FIXATION, Phase.HOLD, Phase.LEARNING)  # time en
 
 
 class PhaseTimer:
-    """The time of the phase that stands; phases without a length leave it alone.
+    """The time of the present phase; phases without a length leave it alone.
 
     Args:
         plan: the block's.
+        sequence: knows the interval before the next episode.
         learning_s: how long the next episode may wait for an agent that learns.
-        interval_ms: how long the interval before the next episode is.
     """
 
-    def __init__(self, plan: PlayPlan, learning_s: Callable[[], float], interval_ms: Callable[[], float]) -> None:
+    def __init__(self, plan: PlayPlan, sequence: EpisodeSequence, learning_s: Callable[[], float]) -> None:
         self._plan = plan
+        self._sequence = sequence
         self._learning_s = learning_s
-        self._interval_ms = interval_ms
         self._feedback_ms = plan.trial.feedback_ms if plan.trial else 0.0
         self._timed: tuple[StrEnum, ...] = (*_TIMED, Phase.FEEDBACK) if self._feedback_ms else _TIMED
         self._until_ns: int | None = None
 
     def begin(self, phase: StrEnum, now_ns: int) -> None:
-        """A phase begins."""
+        """Begin the time of a phase."""
         if phase in self._timed:
             self._until_ns = now_ns + self._lasts_ns(phase)
         elif phase is Phase.REST:
             self._until_ns = now_ns + round(self._plan.rest_s * NS_PER_S)
 
-    def seen(self, phase: StrEnum, flip_ns: int) -> None:
-        """Its screen reached the display: it stands from then on. Learning lasts however late it was seen."""
+    def note_seen(self, phase: StrEnum, flip_ns: int) -> None:
+        """Count its time from when its screen reached the display; learning lasts however late that was."""
         if phase in self._timed and phase is not Phase.LEARNING and self._until_ns is not None:
             self._until_ns = flip_ns + self._lasts_ns(phase)
 
     def suspend(self, phase: StrEnum) -> None:
-        """Something is in front; a rest goes on even so."""
+        """Stop its time, as something is in front; a rest goes on even so."""
         if phase in self._timed:
             self._until_ns = None
 
     def resume(self, phase: StrEnum, now_ns: int) -> None:
-        """It stands again, for its whole time."""
+        """Begin its whole time anew."""
         if phase in self._timed:
             self._until_ns = now_ns + self._lasts_ns(phase)
 
@@ -126,7 +127,7 @@ class PhaseTimer:
 
     def _lasts_ns(self, phase: StrEnum) -> int:
         ms: dict[StrEnum, float] = {
-            Phase.INTERVAL: self._interval_ms(),
+            Phase.INTERVAL: self._sequence.interval_ms,
             Phase.FEEDBACK: self._feedback_ms,
             Phase.FIXATION: self._plan.fixation_ms,
             Phase.HOLD: self._plan.hold_ms,

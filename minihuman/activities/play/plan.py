@@ -33,12 +33,17 @@ class PointsSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     per_step: float = 0.0
     per_reward: float = 0.0
 
+    @property
+    def needs_success(self) -> bool:
+        """Whether they hang on how an episode ended."""
+        return len({self.goal, self.timeout, self.failure}) > 1
+
     def compute(self, outcome: str, steps: int, reward: float) -> float:
         """The points of an episode; none for one that was abandoned or whose agent failed."""
         if outcome in ("abandoned", "agent_failed"):
             return 0.0
-        by_outcome = {"goal": self.goal, "timeout": self.timeout, "failure": self.failure}[outcome]
-        return by_outcome + self.per_step * steps + self.per_reward * reward
+        by_outcome = {"goal": self.goal, "timeout": self.timeout, "failure": self.failure}
+        return by_outcome.get(outcome, 0.0) + self.per_step * steps + self.per_reward * reward
 
 
 ComputedBy = Literal["page", "server"]

@@ -89,7 +89,7 @@ class BlockScreens:
         self._plan = plan
         self._context = context
         self._shows_progress = shows_progress
-        self._seen: tuple[int, int, Pose | None] | None = None  # the latest step's episode, number and pose
+        self._last_view: tuple[int, int, Pose | None] | None = None  # the latest step's episode, number and pose
 
     def before(self, phase: StrEnum, reader: PageReader) -> Screen | None:
         """A screen without an episode; None where the phase shows one."""
@@ -131,20 +131,20 @@ class BlockScreens:
             self._context.words, self._plan, play, self._progress(play), scored, self._context.points
         )
 
-    def play(self, play: RunningEpisode, *, held: bool, scored: float) -> PlayScreen:
-        """An episode's picture; ``held``: its last one, with what it was worth."""
+    def play(self, play: RunningEpisode, *, is_last: bool, points: float) -> PlayScreen:
+        """Build an episode's picture; the last one, which stays, says what the episode was worth."""
         words = self._context.words
         legend = sorted(play.plan.key_map.keys.items()) if play.plan.show_keys else []
         return PlayScreen(
-            picture=play.picture() if held or self._context.renders_steps else EMPTY_IMAGE,
+            picture=play.picture() if is_last or self._context.renders_steps else EMPTY_IMAGE,
             mission=self._mission(play),
             progress=self._progress(play),
             legend=tuple((key, words.action(action)) for key, action in legend),
             episode=play.plan.episode,
             step=play.steps,
             locale=words.locale,
-            mark=OUTCOME_MARKS.get(play.outcome, "") if held and self._plan.marks else "",
-            score_text=format_score(words, scored) if held and self._plan.points is not None else "",
+            mark=OUTCOME_MARKS.get(play.outcome, "") if is_last and self._plan.marks else "",
+            score_text=format_score(words, points) if is_last and self._plan.points is not None else "",
             labels=words.labels(tuple(key for key, _ in legend)),
             accepts_pointer=play.takes_clicks,
             motion=self._motion(play) if self._plan.motion_ms and self._context.renders_steps else None,
@@ -152,8 +152,8 @@ class BlockScreens:
 
     def _motion(self, play: RunningEpisode) -> Motion | None:
         """How the view gets to a step's picture from the one before."""
-        before = self._seen
-        self._seen = (play.plan.episode, play.steps, play.world.pose())
+        before = self._last_view
+        self._last_view = (play.plan.episode, play.steps, play.world.pose())
         if before is None or before[2] is None or before[:2] != (play.plan.episode, play.steps - 1):
             return None
         assert self._plan.motion_ms is not msgspec.UNSET

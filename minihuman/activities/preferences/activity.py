@@ -229,4 +229,5 @@ PREFERENCES = ActivityKind(
     report="minihuman.activities.preferences.report:build_section",
     screens=(PairScreen,),
     block_field="source",
+    simulator="minihuman.activities.preferences.simulation:PreferencesSimulator",
 )

@@ -1,7 +1,8 @@
 // A comparison in the page: two films side by side, which run by themselves.
 
-/** @import { ActivityScreen, PageTools, ScreenMessage } from "../../web/page/messages" */
-/** @typedef {ActivityScreen & { films: number[][], step: number, period: number, replay_key: string }} PairScreen */
+/** @import { ActivityValues, ScreenMessage } from "../../web/page/messages" */
+/** @import { PageTools } from "../../web/page/page_tools" */
+/** @typedef {ActivityValues & { films: number[][], step: number, period: number, replay_key: string }} PairScreen */
 
 /** @param {PairScreen} s @param {ScreenMessage} message @param {PageTools} page */
 export const draw = (s, message, { films, words }) => [

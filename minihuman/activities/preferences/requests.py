@@ -1,6 +1,7 @@
 """What comparisons of clips ask of the session host."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from minihuman.activities.episode_clips import EpisodeClip
 from minihuman.activities.preferences.plan import PairingPolicy
@@ -11,6 +12,7 @@ from minihuman.experiment.machine.activity import ActivityRequest
 class ClipRequest(ActivityRequest):
     """A clip to compare; two are requested, one after the other."""
 
+    awaits_others: ClassVar[bool] = True
     part: int
     source: str  # the block whose episodes are compared
     pair: int  # 0 for the first

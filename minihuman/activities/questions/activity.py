@@ -207,5 +207,11 @@ class QuestionsActivity(Activity):
 
 
 QUESTIONS = ActivityKind(
-    "questions", QuestionsPlan, QuestionsActivity, tables="minihuman.activities.questions.tables:QUESTION_TABLES"
+    "questions",
+    QuestionsPlan,
+    QuestionsActivity,
+    tables="minihuman.activities.questions.tables:QUESTION_TABLES",
+    simulator="minihuman.activities.questions.simulation:QuestionsSimulator",
+    is_for_players=True,
+    is_check=True,
 )

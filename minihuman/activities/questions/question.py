@@ -7,7 +7,6 @@ an answer is a widget (`minihuman.experiment.machine.screens`), a value that win
 import abc
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, Literal
 
 import msgspec
@@ -15,7 +14,7 @@ import msgspec
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.inputs import KeyDown
 from minihuman.experiment.machine.screens import AnswerWidget
-from minihuman.plugins import load_plugin
+from minihuman.plugins import load_plugin, remember_by_name
 
 QUESTION_GROUP = "minihuman.questions"
 AnswerType = Literal["code", "codes", "rating", "number", "text"]
@@ -166,7 +165,7 @@ class QuestionKind:
     takes_text: bool = False
 
 
-@cache
+@remember_by_name
 def find_question_kind(name: str) -> QuestionKind:
     """The kind of question of that name.
 

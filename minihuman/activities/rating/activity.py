@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from minihuman.activities.agent_blocks.activity import AgentPlayActivity
+from minihuman.activities.agent_blocks.activity import FLASH_NS, REPEAT_INTERVAL_NS, AgentPlayActivity
 from minihuman.activities.agent_blocks.events import Controller
 from minihuman.activities.agent_blocks.plan import AgentPlayPlan
 from minihuman.activities.agent_blocks.requests import Advice
@@ -16,14 +16,11 @@ from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import OutcomeMark, PlayScreen
 from minihuman.experiment.machine.transitions import Phase
 
-FLASH_NS = 150_000_000  # how long a press is seen
-REPEAT_INTERVAL_NS = 100_000_000  # a held key counts once in so long
-
 
 class RatingActivity(AgentPlayActivity):
     """Only the agent acts. If it fails, its episode ends; where there is none, all actions are equally likely."""
 
-    alone = True
+    acts_without_policy = True
 
     def __init__(self, *arguments: object) -> None:
         super().__init__(*arguments)  # type: ignore[arg-type]
@@ -91,8 +88,8 @@ class RatingActivity(AgentPlayActivity):
         return min((t for t in due if t is not None), default=None)
 
     @property
-    def held(self) -> RunningEpisode | None:
-        """The episode whose last picture is held, for players who rate it; None in every other phase."""
+    def rated_episode(self) -> RunningEpisode | None:
+        """The episode whose last picture stays."""
         return self._current if self.phase is Phase.HOLD else None
 
     @property
@@ -102,7 +99,7 @@ class RatingActivity(AgentPlayActivity):
 
     @property
     def _look(self) -> object:
-        return self.who, self._flash
+        return self.controller, self._flash
 
     def _play_screen(self) -> PlayScreen:
         return replace(super()._play_screen(), flash=_find_mark(self._flash))
@@ -128,4 +125,5 @@ RATING = ActivityKind(
     tables="minihuman.activities.rating.tables:RATING_TABLES",
     check_block=check_block,
     report="minihuman.activities.agent_blocks.report:build_section",
+    simulator="minihuman.activities.agent_blocks.simulation:AgentBlockSimulator",
 )

@@ -18,7 +18,7 @@ class TakeoverActivity(AgentPlayActivity):
         emit_key = self.context.emit_key
         action = play.action_of(press.key)
         if press.key == self.agent.hand_back and not press.repeat:
-            can = self.who == "person" and bool(self.policy)
+            can = self.controller == "person" and bool(self.policy)
             emit_key(press, "accepted" if can else "not_playing", self.phase)
             if can:
                 self._steer("agent", "hand_back", press.t_ns)
@@ -26,7 +26,7 @@ class TakeoverActivity(AgentPlayActivity):
             super()._key_in_play(press)
         else:
             emit_key(press, "accepted", self.phase, action)
-            if self.who == "agent":
+            if self.controller == "agent":
                 self._steer("person", "key", press.t_ns)
             self._step(action, key=press.key, key_t_ns=press.t_ns)
 
@@ -53,4 +53,5 @@ TAKEOVER = ActivityKind(
     tables="minihuman.activities.agent_blocks.tables:AGENT_TABLES",
     check_block=check_block,
     report="minihuman.activities.agent_blocks.report:build_section",
+    simulator="minihuman.activities.agent_blocks.simulation:AgentBlockSimulator",
 )

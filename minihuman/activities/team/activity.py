@@ -17,6 +17,7 @@ from minihuman.activities.team.events import (
     InputLate,
     JointStepped,
     SeatHolder,
+    SeatSeen,
     SeatsReadied,
     SeatTaken,
     TeamEnded,
@@ -25,10 +26,12 @@ from minihuman.activities.team.events import (
 from minihuman.activities.team.message_events import MessageGiven, MessageShown, MessageTyped
 from minihuman.activities.team.messages import INTERVAL_NS, TeamMessages
 from minihuman.activities.team.plan import PERSON, TeamPlayPlan
+from minihuman.activities.team.presence import PRESENCE_RULES
 from minihuman.activities.team.requests import (
     JointRequest,
     JointTaken,
     ReadyRequest,
+    SeatSighted,
     SeatsReady,
     Team,
     TeamJoined,
@@ -44,12 +47,15 @@ from minihuman.experiment.machine.activity import (
 )
 from minihuman.experiment.machine.events import ActivityEvent
 from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, TextInput
+from minihuman.experiment.machine.life_signs import SeatState
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import PlayScreen, Screen
 from minihuman.experiment.machine.transitions import Phase, PhaseTransition, TransitionCause, TransitionTable
 from minihuman.experiment.plan.random_streams import draw_seeds
 from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart
 
+# What is said of a partner who is gone: who plays in their place is not said before the protocol discloses it.
+_WORDS_OF_ABSENCE = {"always": "team.partner_replaced", "debrief": "team.partner_away", "": "team.partner_away"}
 POLL_NS = 250_000_000  # how often a waiting machine asks again, if nothing else happens
 
 
@@ -77,6 +83,7 @@ class TeamPlayActivity(PlayActivity):
         super().__init__(number, part, context)
         self.formed: Team | None = None
         self._holders: tuple[SeatHolder, ...] = ()
+        self._states: tuple[SeatState, ...] = ()  # of the seats, as they were seen last
         self._lobby_ns = 0  # when it was entered
         self._messages = TeamMessages(self.plan.team, context)
 
@@ -130,16 +137,19 @@ class TeamPlayActivity(PlayActivity):
             return ReadyRequest(self.formed, self.team_episode.plan, self.plan)
         if self.playing and self.formed is not None:
             play = self.team_episode
-            action, is_key = (None, False) if (mine := play.submitted) is None else (mine.action, bool(mine.key))
+            mine = play.submitted
+            is_key = mine is not None and bool(mine.key)
             return JointRequest(
                 self.formed,
                 play.plan,
                 self.plan,
                 play.steps + 1,
-                action,
+                None if mine is None else mine.action,
                 is_key,
                 self._messages.sent,
                 self._messages.received,
+                is_key and mine is not None and not mine.is_new,
+                self._states,
             )
         return None
 
@@ -154,6 +164,8 @@ class TeamPlayActivity(PlayActivity):
             case JointTaken() if self.playing:
                 self._let_time_pass()
                 self._take_joint(happened)
+            case SeatSighted() if self.playing:
+                self._note_sighting(happened)
             case MessageGiven() if self.playing and happened.message.seat != self._messages.seat:
                 self._messages.show(happened.message, self.team_episode)
             case TextInput() if self.playing and self._messages.draft is not None:
@@ -179,6 +191,8 @@ class TeamPlayActivity(PlayActivity):
                 return SeatsReady(event.t_ns, event.episode)
             case JointStepped():
                 return JointTaken(event.t_ns, event.episode, event.step, event.actions, event.sources)  # type: ignore[arg-type]
+            case SeatSeen():
+                return SeatSighted(event.t_ns, event.seat, event.state, event.for_ms)
             case TeamEnded():
                 return TeamLost(event.t_ns, event.reason)
         return None
@@ -189,6 +203,7 @@ class TeamPlayActivity(PlayActivity):
         self._messages.salt = salt
         self._count_waiting()
         self._holders = tuple("person" if kind == PERSON else "agent" for kind in team.seats)
+        self._states = tuple[SeatState, ...]("here" for _ in team.seats)
         roles = self.plan.team.roles
         context = self.context
         role = roles[team.seat] if roles else ""
@@ -219,27 +234,27 @@ class TeamPlayActivity(PlayActivity):
         if self.phase is Phase.LOBBY:
             self._count_waiting()
         self.context.stranded |= reason != "replaced"
-        self._tally.skip = reason
+        self.sequence.stop(reason)
         if self.playing:
             self._episode_ended("partner_left")
         else:
             self._end()
 
-    def _take_joint(self, taken: JointTaken) -> None:
-        if not self.playing or (taken.episode, taken.step) != (self._current.plan.episode, self._current.steps + 1):
+    def _take_joint(self, joint: JointTaken) -> None:
+        if not self.playing or (joint.episode, joint.step) != (self._current.plan.episode, self._current.steps + 1):
             return
         play = self.team_episode
         now_ns = self.context.now_ns
         seat = self.team_episode.team.seat
-        stepped, rewards, mine = play.step_joint(now_ns, taken)
-        place = (taken.episode, taken.step)
+        stepped, rewards, mine = play.step_joint(now_ns, joint)
+        place = (joint.episode, joint.step)
         self.context.emit(
-            JointStepped(now_ns, *place, taken.actions, rewards, taken.sources, play.digest, play.poses())
+            JointStepped(now_ns, *place, joint.actions, rewards, joint.sources, play.digest, play.poses())
         )
-        if mine is not None and mine.key and taken.sources[seat] != "person":
+        if mine is not None and mine.key and joint.sources[seat] != "person":
             self.context.emit(InputLate(now_ns, *place, mine.action, mine.key, mine.key_t_ns))
         holders = tuple(
-            before if source == "late" else source for source, before in zip(taken.sources, self._holders, strict=True)
+            before if source == "late" else source for source, before in zip(joint.sources, self._holders, strict=True)
         )
         for other, (before, after) in enumerate(zip(self._holders, holders, strict=True)):
             if before != after:
@@ -247,6 +262,15 @@ class TeamPlayActivity(PlayActivity):
         self._holders = holders
         self._note_partners()
         self._stepped(stepped)
+
+    def _note_sighting(self, sighted: SeatSighted) -> None:
+        self._states = (*self._states[: sighted.seat], sighted.state, *self._states[sighted.seat + 1 :])
+        play = self.team_episode
+        self.context.emit(
+            SeatSeen(
+                self.context.now_ns, play.plan.episode, play.steps + 1, sighted.seat, sighted.state, sighted.for_ms
+            )
+        )
 
     # Keys and time
 
@@ -297,6 +321,14 @@ class TeamPlayActivity(PlayActivity):
                 return replace(ready, body="\n\n".join(filter(None, (ready.body, *lines)))) if lines else ready
         return super()._screen()
 
+    @property
+    def _has_partner_gone(self) -> bool:
+        """Whether an agent has the seat of another person, and the session is by the rules that say so."""
+        if self.formed is None or self.context.facts.get("presence_rules", "1") != PRESENCE_RULES:
+            return False
+        others = [seat for seat, kind in enumerate(self.formed.seats) if kind == PERSON and seat != self.formed.seat]
+        return any(self._holders[seat] == "agent" for seat in others)
+
     def _describe_role(self) -> tuple[str, ...]:
         roles = self.plan.team.roles
         return (self.context.words.fill("team.role", role=roles[self.formed.seat]),) if roles and self.formed else ()
@@ -318,6 +350,8 @@ class TeamPlayActivity(PlayActivity):
             text = words["team.replaced"]
         elif self.playing and self._waits:
             text = words["team.waits"]
+        elif self.playing and self._has_partner_gone:
+            text = words[_WORDS_OF_ABSENCE[self.plan.team.partner_disclosure]]
         return replace(screen, controller="person", controller_text=text) if text else screen
 
 
@@ -327,5 +361,7 @@ TEAM = ActivityKind(
     TeamPlayActivity,
     messages="minihuman.activities.team.rows:TEAM_ROWS",
     tables="minihuman.activities.team.tables:TEAM_TABLES",
+    report="minihuman.activities.team.report:build_section",
     check_block=check_block,
+    is_for_players=True,
 )

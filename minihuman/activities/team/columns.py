@@ -28,7 +28,28 @@ TEAMS = (
     TableColumn("corrected", "integer", "", "Pictures of a turn's own action that the others' actions changed."),
     TableColumn("takeovers", "integer", "", "How often an agent took a person's seat."),
     TableColumn("agent_steps", "integer", "", "Steps in which an agent acted in a person's seat."),
+    TableColumn(
+        "played_by", "text", "", "By seat, how many joint steps a person, late (the idle action) or an agent acted in."
+    ),
+    TableColumn(
+        "absent_share", "number", "", "Share of joint steps in which a person's seat idled or an agent acted in it."
+    ),
+    TableColumn("absences", "text", "", "By seat, how often each state but here was seen: closed, idle, ..."),
     TableColumn("digest", "text", "", "Of the episode's joint actions, hexadecimal: equal for each member of a team."),
+)
+
+
+ABSENCES = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    EPISODE_COLUMN,
+    TableColumn("step", "integer", "", "The joint step that was open, 1 for the first."),
+    TableColumn("seat", "integer", "", "The seat that is seen otherwise than before, 0 for the first."),
+    TableColumn(
+        "state", "text", "", "What of it is seen: here, idle, unfocused, silent, closed, left (for a page) or offline."
+    ),
+    TableColumn("for_ms", "integer", "ms", "How long it had been so; of one that is here again, since the last sign."),
 )
 
 

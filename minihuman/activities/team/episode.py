@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from minihuman.activities.team.events import ActionSource
+from minihuman.activities.team.events import ActionSource, PictureCorrected
 from minihuman.activities.team.requests import JointTaken, Team
 from minihuman.experiment.machine.events import FrameShown, Stepped
 from minihuman.experiment.machine.inputs import ScreenShown
@@ -51,6 +51,8 @@ class Submission:
 class TeamEpisode(RunningEpisode):
     """An episode of a team, seen from one seat: each step needs a joint action."""
 
+    is_joint = True
+
     def __init__(
         self,
         plan: EpisodePlan,
@@ -67,6 +69,17 @@ class TeamEpisode(RunningEpisode):
         self.submitted: Submission | None = None
         self.digest = start_digest(team.team, plan.seed)
         self._due_ns: int | None = None  # of the tick that is submitted
+
+    @property
+    def open_action(self) -> int | None:  # type: ignore[override]
+        """What this seat has submitted in turns; None where time closes the steps."""
+        if self.real_time or self.submitted is None:
+            return None
+        return self.submitted.action
+
+    def describe_correction(self, t_ns: int, step: int, submit_ns: int, flip_ns: int) -> PictureCorrected:
+        """Return the event of a picture that showed this seat's action alone, before the others' changed the step."""
+        return PictureCorrected(t_ns, self.plan.episode, step, submit_ns, flip_ns)
 
     def poses(self) -> tuple[float, ...]:
         """Where every body stands: x, y, z and yaw_rad of each, by seat."""
@@ -107,24 +120,24 @@ class TeamEpisode(RunningEpisode):
             number, _ = self.world.actions.combine([self._action_of[key] for key in keys])
         return Submission(number, keys[-1], pressed.get(keys[-1], t_ns), keys[-1] in pressed)
 
-    def step_joint(self, t_ns: int, taken: JointTaken) -> tuple[Stepped, tuple[float, ...], Submission | None]:
+    def step_joint(self, t_ns: int, joint: JointTaken) -> tuple[Stepped, tuple[float, ...], Submission | None]:
         """Make the joint step: its event, the rewards by seat, and what this seat had submitted."""
         mine = self.submitted
         self.submitted = None
-        key = mine if mine is not None and taken.sources[self.team.seat] == "person" else None
+        key = mine if mine is not None and joint.sources[self.team.seat] == "person" else None
         env = self.world.unwrapped
-        env.joint = taken.actions
+        env.joint = joint.actions
         with catch_world_errors():
             stepped = self.step(
                 t_ns,
-                taken.actions[self.team.seat],
+                joint.actions[self.team.seat],
                 key="" if key is None else key.key,
                 key_t_ns=t_ns if key is None or not key.key else key.key_t_ns,
                 held={} if key is not None and not key.is_new else None,
             )
-        self.joint_actions.append(taken.actions)
-        self.sources.append(taken.sources)
-        self.digest = extend_digest(self.digest, taken.actions)
+        self.joint_actions.append(joint.actions)
+        self.sources.append(joint.sources)
+        self.digest = extend_digest(self.digest, joint.actions)
         if self._due_ns is not None:
             self.next_tick_ns = self._due_ns + self._period_ns * (max(0, t_ns - self._due_ns) // self._period_ns + 1)
             self._due_ns = None

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from minihuman.experiment.machine.events import ActivityEvent
+from minihuman.experiment.machine.life_signs import SeatState
 
 ActionSource = Literal["person", "late", "agent"]  # late: the idle action, since no input came in time
 SeatHolder = Literal["person", "agent"]
@@ -74,6 +75,17 @@ class SeatTaken(ActivityEvent):
     step: int
     seat: int
     by: SeatHolder
+
+
+@dataclass(frozen=True, slots=True)
+class SeatSeen(ActivityEvent):
+    """A person's seat is seen otherwise than before: its page, or the person before it, is gone or here again."""
+
+    episode: int
+    step: int  # that was open then
+    seat: int
+    state: SeatState
+    for_ms: int  # how long it had been so; of one that is here again, since its last sign of life
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,12 +17,22 @@ class MessageShown(ActivityEvent):
     cell: tuple[float, ...]  # x and z of the marked cell; empty for words
     digest: str  # salted; another for each message, even with the same words
 
+    @property
+    def words_to_others(self) -> str:
+        """The words, empty for a mark."""
+        return self.text
+
 
 @dataclass(frozen=True, slots=True)
 class MessageTyped(ActivityEvent):
     """Letters of a message were typed: in no table, as an answer's `TextTyped` are."""
 
     text: str
+
+    @property
+    def words_to_others(self) -> str:
+        """The letters."""
+        return self.text
 
 
 @dataclass(frozen=True, slots=True)

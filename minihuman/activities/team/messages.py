@@ -17,6 +17,7 @@ from minihuman.experiment.machine.activity import ENTER_KEYS, SessionContext
 from minihuman.experiment.machine.events import KeyVerdict, Noted
 from minihuman.experiment.machine.inputs import KeyDown
 from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.screens import PlayMessages
 from minihuman.experiment.machine.transitions import Phase
 
 MESSAGE_LETTERS = 200  # at most, in a message
@@ -33,20 +34,20 @@ class TeamMessages:
     seat: int = -1
     salt: str = ""  # of the digests of this seat's messages
     sent: tuple[MessageShown, ...] = ()
-    shown: dict[str, MessageShown] = field(default_factory=dict)  # by digest, in the order in which they came
+    messages: dict[str, MessageShown] = field(default_factory=dict)  # by digest, in the order in which they came
     draft: TextDraft | None = None  # what is being typed
     _reported: str = ""  # the digest of the words that were reported last
 
     @property
     def received(self) -> frozenset[str]:
         """The digests of what need not be given again: a session that was resumed from its log lacks others' words."""
-        return frozenset(digest for digest, message in self.shown.items() if message.text or message.cell)
+        return frozenset(digest for digest, message in self.messages.items() if message.text or message.cell)
 
     @property
     def marks(self) -> list[MessageShown]:
         """The marks that are to be seen now."""
         over_ns = self.context.now_ns - INTERVAL_NS
-        return [message for message in self.shown.values() if message.cell and message.t_ns > over_ns]
+        return [message for message in self.messages.values() if message.cell and message.t_ns > over_ns]
 
     def take_key(self, press: KeyDown, play: RunningEpisode) -> bool:
         """Take a key; False where it has nothing to do with messages."""
@@ -93,7 +94,7 @@ class TeamMessages:
 
     def _report_latest(self) -> None:
         """Report the latest words of another."""
-        messages = [message for message in self.shown.values() if message.seat != self.seat and not message.cell]
+        messages = [message for message in self.messages.values() if message.seat != self.seat and not message.cell]
         if messages:
             message = messages[-1]
             self._reported = message.digest
@@ -115,23 +116,23 @@ class TeamMessages:
     def show(self, message: MessageShown, play: RunningEpisode) -> None:
         """Show a message; the words of one that was shown before only come again."""
         message_here = replace(message, t_ns=self.context.now_ns, episode=play.plan.episode, step=play.steps)
-        if message.digest not in self.shown:
+        if message.digest not in self.messages:
             self.context.emit(message_here if message.seat == self.seat else replace(message_here, text=""))
-        self.shown[message.digest] = message_here
+        self.messages[message.digest] = message_here
 
-    def look(self, play: RunningEpisode | None) -> dict[str, object] | None:
+    def look(self, play: RunningEpisode | None) -> PlayMessages | None:
         """What a page has of them; None where people neither write nor mark."""
         hints = self._hints
         if not hints:
             return None
         marks = self.marks
-        lines = [message for message in self.shown.values() if not message.cell][-N_LINES:]
+        lines = [message for message in self.messages.values() if not message.cell][-N_LINES:]
         return {
             "writes": bool(self.rules.chat),
             "hint": "   ".join(hints),
             "lines": [(self._name_author(message.seat), self._format_text(message)) for message in lines],
-            "entry": self.draft and self.draft.widget(),
-            "cells": [(*mark.cell, mark.seat == self.seat) for mark in marks],
+            "entry": None if self.draft is None else self.draft.widget(),
+            "cells": [(mark.cell[0], mark.cell[1], mark.seat == self.seat) for mark in marks],
             "bounds": play.world.unwrapped.map().bounds if play and marks else (),
         }
 

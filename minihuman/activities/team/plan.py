@@ -9,6 +9,8 @@ from minihuman.activities.play.plan import PlayPlan
 PERSON = "person"
 SIMULATED = "simulated"  # a seat that a simulated participant has, by the keys that it presses
 REPORT_KEY = "f2"  # where people write to each other: reports the latest words of another
+PINGS_PER_WAIT = 3  # a page lets the server hear of it at least so often in `partner_wait_s`
+THINKING_WAIT_S = 120.0  # where a protocol says nothing, unless it waits longer for who is gone
 SEAT_GRAMMAR = "'person', 'policy:FILE', 'scripted:NAME', 'simulated:NAME' or 'planner'"
 
 
@@ -21,18 +23,26 @@ class TeamPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     seat_keys: tuple[dict[str, str], ...] | msgspec.UnsetType = msgspec.UNSET  # key -> action, at one machine
     late_ms: float = 100.0  # real_time: how long a tick waits for a seat's input
     lobby_s: float = 300.0  # the longest wait for partners
-    partner_wait_s: float = 60.0  # the longest wait for a partner's input before partner_leaves
+    partner_wait_s: float = 60.0  # without a sign of life of a partner, before partner_leaves
     partner_leaves: Literal["agent", "end"] = "agent"  # an agent takes the seat, or the block ends
     stand_in: str = "scripted:random"  # the agent that takes a seat
     partner_return: Literal["seat", "watch", "end"] | msgspec.UnsetType = msgspec.UNSET  # unset: "seat", at once
     partner_disclosure: Literal["", "always", "debrief"] = ""  # when people learn which partners are agents
     chat: bool | msgspec.UnsetType = msgspec.UNSET  # people write to each other while they play
     ping: str | msgspec.UnsetType = msgspec.UNSET  # the key that marks the cell in front on all screens
+    thinking_wait_s: float | msgspec.UnsetType = msgspec.UNSET  # turns: the longest wait for a partner who is here
 
     @property
     def persons(self) -> tuple[int, ...]:
         """The seats of people."""
         return tuple(seat for seat, kind in enumerate(self.seats) if kind == PERSON)
+
+    @property
+    def thinking_limit_s(self) -> float:
+        """How long others wait for the input of a person who is here, in turns and before an episode."""
+        if self.thinking_wait_s is msgspec.UNSET:
+            return max(THINKING_WAIT_S, self.partner_wait_s)
+        return self.thinking_wait_s
 
     @property
     def agents(self) -> tuple[str, ...]:
@@ -54,3 +64,8 @@ class TeamPlayPlan(PlayPlan, frozen=True):
 
     team: TeamPlan = TeamPlan()
     seeds: Literal["new", "same", "listed"] = "new"  # of a team's episodes: drawn for it, one for all, or the plan's
+
+    @property
+    def sign_interval_s(self) -> float:
+        """A part of what partners wait for a sign of life."""
+        return self.team.partner_wait_s / PINGS_PER_WAIT

@@ -1,12 +1,14 @@
 """What a team's block asks of the team host, and the inputs that answer."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from minihuman.activities.team.events import ActionSource, GoneReason
 from minihuman.activities.team.message_events import MessageShown
 from minihuman.activities.team.plan import TeamPlayPlan
 from minihuman.experiment.machine.activity import ActivityRequest
 from minihuman.experiment.machine.inputs import ActivityInput
+from minihuman.experiment.machine.life_signs import SeatState
 from minihuman.experiment.plan.session_plan import EpisodePlan
 
 
@@ -24,6 +26,7 @@ class TeamAnswerRequest(ActivityRequest):
     """A request that others' inputs answer."""
 
     __slots__ = ()
+    awaits_others: ClassVar[bool] = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +60,8 @@ class JointRequest(TeamAnswerRequest):
     is_key: bool = True  # a key gave it; False: the world's idle action at a tick without one
     sent: tuple[MessageShown, ...] = ()  # by this seat, in this block
     received: frozenset[str] = frozenset()  # the digests of messages that it has
+    is_held: bool = False  # that key went down for an earlier step
+    states: tuple[SeatState, ...] = ()  # of the seats, as it knows them
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +87,15 @@ class JointTaken(ActivityInput):
     step: int
     actions: tuple[int, ...]  # by seat
     sources: tuple[ActionSource, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SeatSighted(ActivityInput):
+    """A person's seat is seen otherwise than before."""
+
+    seat: int
+    state: SeatState
+    for_ms: int  # how long it has been so
 
 
 @dataclass(frozen=True, slots=True)

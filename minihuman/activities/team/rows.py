@@ -4,6 +4,7 @@ from minihuman.activities.team.events import (
     InputLate,
     JointStepped,
     PictureCorrected,
+    SeatSeen,
     SeatsReadied,
     SeatTaken,
     TeamEnded,
@@ -20,6 +21,7 @@ JOINT_STEP_TOPIC = "/team/step"
 LATE_TOPIC = "/team/late"
 PICTURE_CORRECTION_TOPIC = "/team/corrected"
 SEAT_TOPIC = "/team/seat"
+SEEN_TOPIC = "/team/seen"
 TEAM_END_TOPIC = "/team/end"
 TYPED_TOPIC = "/team/typed"
 MESSAGE_TOPIC = "/team/message"
@@ -31,6 +33,7 @@ TEAM_ROWS = (
     EventRow(InputLate, Topic(LATE_TOPIC, agent_v1.InputLate)),
     EventRow(PictureCorrected, Topic(PICTURE_CORRECTION_TOPIC, agent_v1.PictureCorrected)),
     EventRow(SeatTaken, Topic(SEAT_TOPIC, agent_v1.SeatTaken)),
+    EventRow(SeatSeen, Topic(SEEN_TOPIC, agent_v1.SeatSeen)),
     EventRow(TeamEnded, Topic(TEAM_END_TOPIC, agent_v1.TeamEnded)),
     EventRow(MessageTyped, Topic(TYPED_TOPIC, agent_v1.MessageTyped)),
     EventRow(MessageShown, Topic(MESSAGE_TOPIC, agent_v1.MessageShown)),

@@ -4,12 +4,19 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Protocol
 
+import msgspec
+
 from minihuman.activities.team.plan import PERSON, REPORT_KEY, SEAT_GRAMMAR, SIMULATED, TeamPlan
 from minihuman.experiment.keys import BUTTON_NAMES, RESERVED_KEYS
 
 RuleErrors = Iterator[tuple[str, str]]  # a field, and what is wrong with it
 _AGENT_KINDS = ("policy", "scripted", SIMULATED)
-_LIMITS = (("late_ms", 10, 10_000), ("lobby_s", 1, 86_400), ("partner_wait_s", 1, 86_400))
+_LIMITS = (
+    ("late_ms", 10, 10_000),
+    ("lobby_s", 1, 86_400),
+    ("partner_wait_s", 1, 86_400),
+    ("thinking_wait_s", 1, 86_400),
+)
 
 
 class TeamBlock(Protocol):
@@ -17,6 +24,10 @@ class TeamBlock(Protocol):
 
     team: TeamPlan | None
     actions: tuple[str, ...]
+
+    @property
+    def design(self) -> object:
+        """What resolves each episode."""
 
 
 _FIELDS_OF_ONE_SEAT = ("max_episode_s", "max_block_s", "stop_criterion", "noop_action")
@@ -34,6 +45,8 @@ def check_block(block: TeamBlock, pool: tuple[str, ...]) -> RuleErrors:
     for field in _FIELDS_OF_ONE_SEAT:
         if getattr(block, field):
             yield field, "would end or step each seat by its own clock; leave it out of a team block"
+    if block.design is not None:
+        yield "design", "would decide for each seat by itself; leave it out of a team block"
 
 
 def check_team(team: TeamPlan | None, pool: tuple[str, ...]) -> RuleErrors:
@@ -84,6 +97,8 @@ def _check_roles(team: TeamPlan) -> RuleErrors:
 def _check_limits(team: TeamPlan) -> RuleErrors:
     for name, least, most in _LIMITS:
         number = getattr(team, name)
+        if number is msgspec.UNSET:
+            continue
         if not least <= number <= most:
             yield name, f"is {number:g}; use {least} to {most}"
 

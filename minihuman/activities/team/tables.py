@@ -1,12 +1,13 @@
 """Tables of a team's blocks: each episode's team, and each joint step."""
 
 import json
+from collections import Counter
 
 from minihuman.activities.team import rows
-from minihuman.activities.team.columns import JOINT_STEPS, TEAMS
-from minihuman.activities.team.events import JointStepped
+from minihuman.activities.team.columns import ABSENCES, JOINT_STEPS, TEAMS
+from minihuman.activities.team.events import JointStepped, SeatSeen
 from minihuman.dataset.activity_tables import ActivityTable, TableRow
-from minihuman.log.model.session_log import EpisodeLog, SessionLog
+from minihuman.log.model.session_log import EpisodeLog, SessionLog, TeamRecord
 
 
 def _build_team_row(episode: EpisodeLog) -> TableRow | None:
@@ -28,7 +29,27 @@ def _build_team_row(episode: EpisodeLog) -> TableRow | None:
         "corrected": team.corrected,
         "takeovers": team.takeovers,
         "agent_steps": sum(any(sources[seat] == "agent" for seat in team.persons) for sources in team.sources),
+        "played_by": json.dumps(team.steps_by_source),
+        "absent_share": team.absent_share,
+        "absences": json.dumps([_count_states(team, seat) for seat in range(len(team.seats))]),
         "digest": f"{team.digest:016x}",
+    }
+
+
+def _count_states(team: TeamRecord, seat: int) -> dict[str, int]:
+    states = Counter(
+        sighting.state for sighting in team.sightings if sighting.seat == seat and sighting.state != "here"
+    )
+    return dict(sorted(states.items()))
+
+
+def _build_absence_row(event: SeatSeen, log: SessionLog) -> TableRow:
+    return {
+        "episode": event.episode + 1,
+        "step": event.step,
+        "seat": event.seat,
+        "state": event.state,
+        "for_ms": event.for_ms,
     }
 
 
@@ -53,7 +74,9 @@ TEAM_TABLES = (
             rows.PICTURE_CORRECTION_TOPIC,
             rows.LATE_TOPIC,
             rows.SEAT_TOPIC,
+            rows.SEEN_TOPIC,
         ),
     ),
+    ActivityTable("absences", ABSENCES, {SeatSeen: _build_absence_row}, topics=(rows.SEEN_TOPIC,)),
     ActivityTable("joint_steps", JOINT_STEPS, {JointStepped: _build_joint_step_row}, topics=(rows.JOINT_STEP_TOPIC,)),
 )

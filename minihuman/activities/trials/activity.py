@@ -16,4 +16,11 @@ class TrialsActivity(PlayActivity):
         return super().needs_new_world and not self.has_begun
 
 
-TRIAL_BLOCK = ActivityKind("trials", TrialsPlan, TrialsActivity, tables="minihuman.activities.play.tables:PLAY_TABLES")
+TRIAL_BLOCK = ActivityKind(
+    "trials",
+    TrialsPlan,
+    TrialsActivity,
+    tables="minihuman.activities.trials.tables:TRIAL_TABLES",
+    report="minihuman.activities.trials.report:build_section",
+    is_played_alone=True,
+)

@@ -88,7 +88,9 @@ def _differences(episode: EpisodeLog, world: World) -> Iterator[str]:
             yield f"{where}: logged, but the episode now ends at step {index} with {play.outcome!r}"
         again = play.step(0, action, key=episode.step_keys[index], key_t_ns=0)
         yield from _at_step(episode, index, again, where)
-        if episode.team is not None and tuple(episode.team.rewards[index]) != world.unwrapped.rewards:
+        if episode.team is not None and not np.array_equal(
+            episode.team.rewards[index], world.unwrapped.rewards, equal_nan=True
+        ):
             rewards = episode.team.rewards[index].tolist()
             yield f"{where}: rewards {rewards} in the log, now {list(world.unwrapped.rewards)}"
     if episode.team is not None:
@@ -117,12 +119,14 @@ def _at_step(episode: EpisodeLog, index: int, again: Stepped, where: str) -> Ite
         int(episode.observation_hashes[index + 1]),
         again.observation_hash,
     )
+    said = np.nan if episode.successes is None else episode.successes[index]
     for name, logged, now in (
+        ("success", None if np.isnan(said) else bool(said), again.success),
         ("reward", float(episode.rewards[index]), again.reward),
         ("terminated", bool(episode.terminated[index]), again.terminated),
         ("truncated", bool(episode.truncated[index]), again.truncated),
     ):
-        if logged != now:
+        if logged != now and not (logged != logged and now != now):  # NaN equals NaN
             yield f"{where}: {name} {logged!r} in the log, now {now!r}"
     pose = pose_as_row(again.pose)
     if not np.array_equal(episode.poses[index + 1], pose, equal_nan=True):

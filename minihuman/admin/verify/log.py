@@ -32,11 +32,15 @@ from minihuman.admin.enrolment_entries import (
     open_enrolment_log,
     read_chain_heads,
 )
-from minihuman.admin.manifest import find_changed_files
+from minihuman.admin.erasure_ledger import find_pending_machines
+from minihuman.admin.manifest import GONE, find_changed_files
 from minihuman.admin.policies import verify_advice
 from minihuman.admin.session_index import find_double_sessions
 from minihuman.admin.unfinished_withdrawals import find_unfinished_withdrawals
 from minihuman.admin.verify.episodes import describe_other_rules, verify_episodes
+from minihuman.admin.verify.shown_pictures import verify_pictures
+from minihuman.dataset.annotations import describe_useless_annotation, read_annotations, split_annotations
+from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 from minihuman.display.text import is_division
 from minihuman.errors import LogError, MinihumanError
 from minihuman.experiment.machine.activity import WorldFactory
@@ -51,19 +55,25 @@ from minihuman.experiment.machine.events import (
     find_violations,
 )
 from minihuman.experiment.plan.allocation import build_allocation_list
-from minihuman.experiment.plan.expansion import expand_protocol, find_paged_text, parse_participant_code
+from minihuman.experiment.plan.expansion import expand_protocol
+from minihuman.experiment.plan.part_plans import find_paged_text
+from minihuman.experiment.plan.participant_codes import parse_participant_code
 from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart, SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
 from minihuman.experiment.protocol.strata import build_strata
 from minihuman.experiment.replay import MACHINE_VERSION, compare_replay
 from minihuman.log import integrity, names as log_names, topics
 from minihuman.log.codec import EventDecoder, encode_event, event_cause_ns, find_topic, select_decoder
+from minihuman.log.evidence import find_evidence
 from minihuman.log.integrity import METADATA_PREFIX, HashChain, SegmentHead
+from minihuman.log.model.doubtful_presses import describe_doubtful_presses, find_doubtful_presses
 from minihuman.log.names import CHAIN_KEY
 from minihuman.log.paths import (
     LOG_SUFFIX,
     PART_SUFFIX,
+    SYSTEM_COMPANION,
     find_log_folders,
+    find_system_companions,
     group_sessions,
     raise_as_log_error,
     study_folder,
@@ -79,6 +89,7 @@ from minihuman.simulation.model_conversation import ConversationRecord, find_pic
 from minihuman.trust import Trust, find_changed_sources, list_foreign_modules
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import resolve_files
+from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
 
 _FOR_VIEWERS = frozenset(topic.name for topic in topics.TOPICS if topic.is_preview)
 
@@ -288,7 +299,21 @@ def find_log_differences(path: Path, make_world: WorldFactory) -> Iterator[str]:
 
 
 def _replay(segment: _LogSegment, make_world: WorldFactory) -> Iterator[str]:
-    """Compare with a replay; where a model sat, also every prompt, its picture and how each answer was read."""
+    """Compare with a replay; where a model sat, also every prompt, its picture and how each answer was read.
+
+    A world that failed may end its process, or run without end: it is replayed in a process of its own.
+    """
+    if segment.events and isinstance(end := segment.events[-1], SessionEnded) and end.reason == "world_error":
+        worlds = IsolatedWorlds(make_world)
+        try:
+            yield from _compare_segment(segment, worlds)
+        finally:
+            worlds.close()
+        return
+    yield from _compare_segment(segment, make_world)
+
+
+def _compare_segment(segment: _LogSegment, make_world: WorldFactory) -> Iterator[str]:
     started = segment.started
     if started is None or not any(isinstance(event, ModelCall) for event in segment.events):
         yield from compare_replay(segment.events, make_world)
@@ -452,7 +477,13 @@ def _plan(segment: _LogSegment) -> Iterator[str]:
     try:
         protocol = decode_logged_protocol(plan.protocol_toml)
         protocol = msgspec.structs.replace(protocol, files=_page_pictures(protocol, plan) | plan.files)
-        again = expand_protocol(protocol, plan.participant, session=plan.session, overridden=plan.overridden)
+        again = expand_protocol(
+            protocol,
+            plan.participant,
+            session=plan.session,
+            overridden=plan.overridden,
+            outcome_rules=plan.outcome_rules,
+        )
         yield from _slot(protocol, segment, plan)
         if parse_participant_code(plan.participant.id) != plan.participant.index:
             yield f"plan: participant {plan.participant.id} is at index {plan.participant.index}"
@@ -523,11 +554,15 @@ def _without_later_fields(part: PlannedPart, logged: PlannedPart) -> PlannedPart
 
 
 def _as_planned_before(episode: EpisodePlan | None, logged: EpisodePlan | None) -> EpisodePlan | None:
-    """A planned episode as plans were: with images in its options, and first-person worlds by the host's sine alone."""
+    """A planned episode as plans were: with images and labels in its options, and first-person worlds by the host's
+    sine alone.
+    """
     if episode is None or logged is None:
         return episode
     options = {k: v for k, v in episode.options.items() if k != "trig" or k in logged.options}
     held = options if options.get("image") == logged.options.get("image") else resolve_files(options)
+    if not logged.labels and not set(episode.labels).isdisjoint(logged.options):
+        return msgspec.structs.replace(episode, options=held | episode.labels, labels={})
     return msgspec.structs.replace(episode, options=held)
 
 
@@ -605,10 +640,13 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
         yield other, True
     with raise_as_log_error(log, "played again"):
         steps = verify_episodes(session)
+        pictures = None if steps.difference else verify_pictures(session)
     for module in find_changed_sources(session.facts):
         yield f"recorded with another file of the module {module}", True
     if steps.difference:
         yield steps.difference, False
+    if warning := describe_doubtful_presses(find_doubtful_presses(session)):
+        yield warning, True
     if steps.n_other_renderer:
         yield (
             f"{steps.n_other_renderer} episodes with an earlier renderer's pictures: these are not compared",
@@ -624,6 +662,12 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
         yield f"and {len(differences) - MAX_DIFFERENCES} more", False
     if policies:
         yield from verify_advice(session, World)
+    if find_evidence(session.facts) == "consistent":
+        yield "imported from a page: consistent, not witnessed", True
+    _, useless = split_annotations(session, read_annotations(session.path))
+    yield from ((describe_useless_annotation(annotation), False) for annotation in useless)
+    if pictures is not None:
+        yield str(pictures), pictures.verdict != "different"
     if not steps.difference and not differences:
         yield f"{steps.episodes} episodes, {steps.steps} steps, all as logged", True
 
@@ -638,7 +682,9 @@ def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
         LogError: if a line of the enrolment log is damaged.
     """
     folders = list(find_log_folders(study))
+    yield from ((f"skipped {path.name}: {SYSTEM_COMPANION}", True) for path in find_system_companions(folders))
     yield from ((double, False) for double in find_double_sessions(folders))
+    yield from ((pending, False) for pending in find_pending_machines(study))
     journal = open_enrolment_log(study)
     if not journal.begun:
         return
@@ -674,5 +720,17 @@ def verify_manifest(study: Path, seal: str) -> Iterator[tuple[str, bool]]:
     Raises:
         LogError: if the seal is none.
     """
-    lines = [(line, False) for line in find_changed_files(study, seal)]
-    yield from lines or [("every file is as it was sealed", True)]
+    withdrawn = read_withdrawn_codes(study)
+    by_code: Counter[str] = Counter()
+    changes: list[str] = []
+    for line in find_changed_files(study, seal):
+        code = line.partition("/")[0]
+        if code in withdrawn and line.endswith(GONE):
+            by_code[code] += 1
+        else:
+            changes.append(line)
+    for code, files in sorted(by_code.items()):
+        yield f"{files} files of {code} are gone: {code} withdrew after the manifest was made", True
+    yield from ((line, False) for line in changes)
+    if not changes:
+        yield f"every {'other ' if by_code else ''}file is as it was sealed", True

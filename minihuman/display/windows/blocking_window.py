@@ -5,8 +5,9 @@ and desktop), and the picture of a screen. Labs register windows in the entry-po
 """
 
 import abc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +29,11 @@ from minihuman.experiment.machine.inputs import (
     Input,
     KeyDown,
     KeyUp,
+    PointerCause,
     PointerMoved,
     PointerPressed,
     PointerReleased,
+    PressCause,
     ScreenShown,
     TextInput,
 )
@@ -56,28 +59,36 @@ class KeyRepeater:
     """
 
     def __init__(self) -> None:
-        self._down: set[str] = set()
+        self._down: dict[str, str] = {}  # key -> symbol, the latest last
         self._repeating: _RepeatingKey | None = None
 
-    def press(self, t_ns: int, key: str, symbol: str) -> list[KeyDown]:
-        """Press a key; [] if it is down already."""
+    def is_down(self, key: str) -> bool:
+        """Whether a key is down, so that another press of it is the system's auto-repeat."""
+        return key in self._down
+
+    def press(self, t_ns: int, key: str, symbol: str, cause: PressCause = "finger") -> list[KeyDown]:
+        """Press a key; [] if it is down already. What no finger pressed here repeats nothing."""
         if key in self._down:
             return []
-        self._down.add(key)
-        self._repeating = _RepeatingKey(key, symbol, t_ns + REPEAT_DELAY_NS)
-        return [KeyDown(t_ns, key, symbol)]
+        self._down[key] = symbol
+        self._repeating = _RepeatingKey(key, symbol, t_ns + REPEAT_DELAY_NS) if cause == "finger" else None
+        return [KeyDown(t_ns, key, symbol, cause=cause)]
 
-    def release(self, t_ns: int, key: str, symbol: str) -> list[KeyUp]:
-        """A key came up, also one that was pressed before the window had the focus."""
-        self._down.discard(key)
+    def release(self, t_ns: int, key: str, symbol: str) -> list[KeyDown | KeyUp]:
+        """Release a key; where its press was never seen, it was down before the focus, and that is said first."""
         if self._repeating and self._repeating.key == key:
             self._repeating = None
+        if self._down.pop(key, None) is None:
+            return [KeyDown(t_ns, key, symbol, cause="held_before_focus"), KeyUp(t_ns + 1, key, symbol)]
         return [KeyUp(t_ns, key, symbol)]
 
-    def forget(self) -> None:
-        """The focus went: the releases will go elsewhere."""
-        self._down.clear()
+    def release_all(self, t_ns: int) -> list[KeyUp]:
+        """Release every key as the focus goes: when a finger leaves it, another window is told."""
         self._repeating = None
+        keys, self._down = self._down, {}
+        return [
+            KeyUp(t_ns + place, key, symbol, cause="focus_loss") for place, (key, symbol) in enumerate(keys.items())
+        ]
 
     @property
     def next_repeat_ns(self) -> int | None:
@@ -112,6 +123,7 @@ class BlockingWindow(Window):
         self._accepts = (False, False)  # text, pointer
         self._moving: PlayScreen | None = None  # whose view is still on its way
         self._moves_from_ns = 0
+        self._pointer_at = (0.0, 0.0)  # where it was last while the button was down
         self._pressed_in: str | None = None  # the spot in which a mouse button is down
 
     @property
@@ -209,10 +221,22 @@ class BlockingWindow(Window):
             if until_ns is not None and now_ns >= until_ns:
                 return []
 
-    def _key(self, down: bool, key: str, symbol: str, t_ns: int) -> list[Input]:
+    def _key(self, down: bool, key: str, symbol: str, t_ns: int, cause: PressCause = "finger") -> list[Input]:
         """Convert a key event to inputs. Its time is at least a nanosecond after that of the key before."""
-        t_ns = self._last_key_ns = max(t_ns, self._last_key_ns + 1)
-        return [*(self._held.press if down else self._held.release)(t_ns, key, symbol)]
+        t_ns = max(t_ns, self._last_key_ns + 1)
+        if down:
+            return self._ordered(self._held.press(t_ns, key, symbol, cause))
+        return self._ordered(self._held.release(t_ns, key, symbol))
+
+    def _ordered(self, inputs: Sequence[KeyDown | KeyUp]) -> list[Input]:
+        """Take note of the last key's time."""
+        if inputs:
+            self._last_key_ns = inputs[-1].t_ns
+        return [*inputs]
+
+    def _find_held_keys(self) -> Sequence[str]:
+        """The keys that were down when the window got the focus; none where the toolkit cannot know."""
+        return ()
 
     def _typed(self, text: str) -> list[Input]:
         """Convert typed text to inputs; control characters come as keys."""
@@ -220,7 +244,12 @@ class BlockingWindow(Window):
         return [TextInput(self._clock(), printable)] if printable and self._accepts[0] else []
 
     def _pointer(
-        self, kind: type[PointerPressed | PointerMoved | PointerReleased], x: float, y: float, t_ns: int
+        self,
+        kind: type[PointerPressed | PointerMoved | PointerReleased],
+        x: float,
+        y: float,
+        t_ns: int,
+        cause: PointerCause = "finger",
     ) -> list[Input]:
         """Convert an event of the main mouse button at (x, y), 0..1 of the picture from its top left."""
         if not self._accepts[1] or self._shown is None or (kind is PointerPressed) != (self._pressed_in is None):
@@ -228,22 +257,27 @@ class BlockingWindow(Window):
         if isinstance(self._shown, PlayScreen):
             inside = locate_in_picture(self._shown, self.size_px, x, y)
             self._pressed_in = self._pressed_in if kind is PointerMoved else None  # a press that led here is over
-            return [kind(t_ns, *inside, "picture")] if kind is PointerPressed and inside else []
+            return [kind(t_ns, *inside, "picture", cause=cause)] if kind is PointerPressed and inside else []
         if self._pressed_in is None:
             target, along = find_spot(self._shown, self.size_px, x, y)
         else:
             target, along = self._pressed_in, measure_along_spot(self._shown, self.size_px, self._pressed_in, x)
         self._pressed_in = None if kind is PointerReleased else target
-        return [kind(t_ns, x, y, target, along)]
+        self._pointer_at = (x, y)
+        return [kind(t_ns, x, y, target, along, cause)]
 
     def _focus(self, t_ns: int, focused: bool) -> list[Input]:
         """Convert a focus event; toolkits repeat themselves, and report a loss before any gain."""
         if focused == self._focused:
             return []
         self._focused = focused
-        if not focused:
-            self._held.forget()
-        return [FocusChanged(t_ns, focused)]
+        if focused:
+            held = [self._key(True, key, "", t_ns, "held_before_focus") for key in self._find_held_keys()]
+            return [FocusChanged(t_ns, True), *chain.from_iterable(held)]
+        released = self._ordered(self._held.release_all(max(t_ns, self._last_key_ns + 1)))
+        if self._pressed_in is not None:
+            released += self._pointer(PointerReleased, *self._pointer_at, t_ns, "cancelled")
+        return [*released, FocusChanged(t_ns, False)]
 
 
 WINDOW_GROUP = "minihuman.windows"

@@ -3,7 +3,8 @@
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import takewhile
 
 import numpy as np
 import pygame
@@ -16,23 +17,26 @@ from pygame._sdl2 import controller
 from minihuman.display.drawing.play_screens import Box
 from minihuman.display.drawing.sheet import Size
 from minihuman.display.windows.blocking_window import DEFAULT_SIZE_PX, TITLE, BlockingWindow
-from minihuman.display.windows.keyboard import (
+from minihuman.display.windows.keyboard import key_from_scancode, key_to_scancode
+from minihuman.display.windows.window import Clock
+from minihuman.display.windows.x11_input import (
     MAIN_BUTTON,
     ON_RECEIPT,
     SERVER_TIME,
-    X11KeyTimes,
-    key_from_scancode,
-    key_to_scancode,
+    KeyMove,
+    X11InputRecord,
+    has_shared_clock,
 )
-from minihuman.display.windows.window import Clock
 from minihuman.errors import WindowError
 from minihuman.experiment.keys import PAD_AXES, PAD_DEAD_ZONE, PAD_LEVELS, PadAxes
 from minihuman.experiment.machine.inputs import (
     AxisChanged,
     Input,
+    PointerCause,
     PointerMoved,
     PointerPressed,
     PointerReleased,
+    PressCause,
     Stop,
 )
 
@@ -63,6 +67,7 @@ class Gamepad:
     def __init__(self) -> None:
         controller.init()
         self._axes = PadAxes()
+        self._held_axes: set[str] = set()  # that were moved as the focus went: at rest, until they have been
         self._pad = self._open()
         if self._pad is None:
             controller.quit()
@@ -93,13 +98,20 @@ class Gamepad:
                     yield name, event.type == pygame.CONTROLLERBUTTONDOWN
             case pygame.CONTROLLERAXISMOTION if event.axis < len(PAD_AXES):
                 value, buttons = self._axes.move(PAD_AXES[event.axis], event.value / _FULL)
-                if value is not None:
+                if value is not None and PAD_AXES[event.axis] not in self._held_axes:
                     yield PAD_AXES[event.axis], value
+                elif value == 0:
+                    self._held_axes.discard(PAD_AXES[event.axis])
                 yield from buttons
             case pygame.CONTROLLERDEVICEADDED if self._pad is None:
                 self._pad = self._open()
             case pygame.CONTROLLERDEVICEREMOVED if self._pad is not None and not self._pad.attached():
                 self._pad = self._open()
+
+    def lose_focus(self) -> list[str]:
+        """Return the axes that are moved as the focus goes; they say nothing more until they have been at rest."""
+        self._held_axes.update(self._axes.moved)
+        return self._axes.moved
 
     def close(self) -> None:
         """Let go of it."""
@@ -117,6 +129,14 @@ _TO_REPAINT = (  # after these SDL's surface may be another, and black
     pygame.WINDOWDISPLAYCHANGED,
 )
 _KEYS = (pygame.KEYDOWN, pygame.KEYUP)
+_UNKNOWN = KeyMove(None, is_in_window=True)
+_SHORTCUT_MODIFIERS = pygame.KMOD_CTRL | pygame.KMOD_ALT | pygame.KMOD_GUI
+_MODIFIER_KEYS = frozenset(
+    {
+        *(pygame.K_LCTRL, pygame.K_RCTRL, pygame.K_LALT, pygame.K_RALT, pygame.K_LGUI, pygame.K_RGUI),
+        *(pygame.K_LSHIFT, pygame.K_RSHIFT, pygame.K_CAPSLOCK, pygame.K_NUMLOCK, pygame.K_MODE),
+    }
+)
 _POINTER = (pygame.MOUSEBUTTONDOWN, pygame.MOUSEMOTION, pygame.MOUSEBUTTONUP)
 _EVENTS = (
     *_KEYS,
@@ -144,6 +164,8 @@ class PygameWindow(BlockingWindow):
         # Without vsync a frame goes straight to the X server in about 1 ms; through an OpenGL texture, which is SDL's
         # preference, it takes 17 ms where OpenGL is done in software.
         os.environ.setdefault("SDL_FRAMEBUFFER_ACCELERATION", "0")
+        # SDL swallows the click that brings the focus; where the X server says which one that is, it is logged.
+        os.environ.setdefault("SDL_MOUSE_FOCUS_CLICKTHROUGH", str(int(has_shared_clock())))
         try:
             if sys.platform == "linux" and not any(map(os.environ.get, _SAY_WHERE)):
                 raise pygame.error("none of DISPLAY, WAYLAND_DISPLAY and SDL_VIDEODRIVER is set")
@@ -162,7 +184,9 @@ class PygameWindow(BlockingWindow):
         self._fullscreen = fullscreen
         self._closed = False
         self._gamepad: Gamepad | None = None
-        self._key_times = _key_times(clock) if driver == "x11" else None
+        self._down_at_focus: list[str] = []  # and still are
+        self._down_in_sdl: set[str] = set()  # keys whose press SDL saw
+        self._record = _open_record(clock) if driver == "x11" else None
         pygame.mouse.set_visible(False)
         pygame.key.stop_text_input()  # an input method would swallow keys
         pygame.event.set_blocked(None)
@@ -203,30 +227,57 @@ class PygameWindow(BlockingWindow):
         t_ns = self._clock()
         if any(event.type in _TO_REPAINT for event in events):
             self._repaint()
-        return [arrived for event, at_ns in self._timed(events, t_ns) for arrived in self._inputs(event, at_ns)]
+        timed = _drop_invented_releases(list(self._timed(events)))
+        inputs = [arrived for event, move in timed for arrived in self._inputs(event, move, t_ns)]
+        return [*inputs, *self._release_unseen(t_ns)]
 
-    def _timed(self, events: list[pygame.event.Event], now_ns: int) -> Iterator[tuple[pygame.event.Event, int]]:
-        """Events and when they came: SDL does not tell, so keys and clicks are looked up at the X server, if any."""
-        moves = [move for event in events if (move := _name_move(event)) is not None]
-        times = iter(self._key_times.of(moves) if self._key_times and moves else ())
+    def _release_unseen(self, t_ns: int) -> list[Input]:
+        """Release keys that were down as the focus came: SDL drops the release of a key whose press it did not see."""
+        if self._record is None:
+            return []
+        unseen = [key for key in self._down_at_focus if key not in self._down_in_sdl]
+        up = [key for key in unseen if not self._record.is_down(key)]
+        return [released for key in up for released in self._release_unseen_key(key, t_ns)]
+
+    def _release_unseen_key(self, key: str, t_ns: int) -> list[Input]:
+        self._down_at_focus = [other for other in self._down_at_focus if other != key]
+        return self._key(False, key, "", t_ns) if self._held.is_down(key) else []
+
+    def _timed(self, events: list[pygame.event.Event]) -> Iterator[tuple[pygame.event.Event, KeyMove]]:
+        """Events and what the X server, if any, says of them: SDL tells no times, and invents presses and releases."""
+        names = [name for event in events if (name := _name_move(event)) is not None]
+        moves = iter(self._record.find_moves(names) if self._record and names else ())
         for event in events:
-            at_ns = next(times, None) if _name_move(event) is not None else None
-            yield event, now_ns if at_ns is None else at_ns
+            is_move = _name_move(event) is not None
+            yield event, next(moves, _UNKNOWN) if is_move else _UNKNOWN
 
-    def _inputs(self, event: pygame.event.Event, t_ns: int) -> list[Input]:
+    def _inputs(self, event: pygame.event.Event, move: KeyMove, now_ns: int) -> list[Input]:
+        t_ns = now_ns if move.t_ns is None else move.t_ns
         match event.type:
             case pygame.KEYDOWN:
-                return self._key(True, key_from_scancode(event.scancode), _symbol(event), t_ns)
+                cause = self._find_cause(event, move)
+                pressed_ns = now_ns if cause == "held_before_focus" else t_ns  # no press of this window has that time
+                key = key_from_scancode(event.scancode)
+                is_new = cause != "held_before_focus" and move.t_ns is not None and key not in self._down_in_sdl
+                came_up = is_new and key in self._down_at_focus
+                released = self._release_unseen_key(key, t_ns) if came_up else []
+                self._down_in_sdl.add(key)
+                return [*released, *self._key(True, key, _symbol(event), pressed_ns, cause)]
             case pygame.KEYUP:
-                return self._key(False, key_from_scancode(event.scancode), _symbol(event), t_ns)
+                key = key_from_scancode(event.scancode)
+                self._down_in_sdl.discard(key)
+                return self._key(False, key, _symbol(event), t_ns)
             case pygame.WINDOWFOCUSGAINED:
-                return self._focus(t_ns, True)
+                return self._focus(now_ns, True)
             case pygame.WINDOWFOCUSLOST:
-                return self._focus(t_ns, False)
+                self._down_in_sdl.clear()
+                moved = self._gamepad.lose_focus() if self._gamepad else []
+                return [*(AxisChanged(now_ns, axis, 0.0) for axis in moved), *self._focus(now_ns, False)]
             case pygame.TEXTINPUT:
                 return self._typed(event.text)
             case pygame.MOUSEBUTTONDOWN if event.button == pygame.BUTTON_LEFT:
-                return self._pointer(PointerPressed, *self._along(event.pos), t_ns)
+                pointer_cause: PointerCause = "finger" if move.is_in_window else "held_before_focus"
+                return self._pointer(PointerPressed, *self._along(event.pos), t_ns, pointer_cause)
             case pygame.MOUSEMOTION:
                 return self._pointer(PointerMoved, *self._along(event.pos), t_ns)
             case pygame.MOUSEBUTTONUP if event.button == pygame.BUTTON_LEFT:
@@ -234,14 +285,32 @@ class PygameWindow(BlockingWindow):
             case pygame.QUIT:
                 return [Stop(t_ns, "window_closed")]
             case kind if self._gamepad is not None and kind in GAMEPAD_EVENTS:
-                found = []
-                for name, value in self._gamepad.read(event):
-                    if isinstance(value, bool):
-                        found += self._key(value, name, "gamepad", t_ns)
-                    else:
-                        found.append(AxisChanged(t_ns, name, value))
-                return found
+                return self._read_gamepad(self._gamepad, event, t_ns)
         return []
+
+    def _find_cause(self, event: pygame.event.Event, move: KeyMove) -> PressCause:
+        """Whether a key was pressed here, before, or beside Ctrl, Alt or Meta, which AltGr is not."""
+        if not move.is_in_window:
+            return "held_before_focus"
+        modifiers = getattr(event, "mod", 0) & _SHORTCUT_MODIFIERS  # a posted event has no such field
+        if modifiers == pygame.KMOD_RALT and self._record is not None and self._record.has_alt_graph:
+            modifiers = 0
+        if modifiers & pygame.KMOD_RALT and sys.platform == "win32":
+            modifiers = 0  # where the system reports AltGr as Ctrl and right Alt
+        return "shortcut" if modifiers and event.key not in _MODIFIER_KEYS else "finger"
+
+    def _read_gamepad(self, gamepad: Gamepad, event: pygame.event.Event, t_ns: int) -> list[Input]:
+        inputs: list[Input] = []
+        for name, value in gamepad.read(event):
+            if isinstance(value, bool):
+                inputs += self._key(value, name, "gamepad", t_ns)
+            else:
+                inputs.append(AxisChanged(t_ns, name, value))
+        return inputs
+
+    def _find_held_keys(self) -> Sequence[str]:
+        self._down_at_focus = self._record.find_held_keys() if self._record else []
+        return self._down_at_focus
 
     def open_gamepad(self) -> dict[str, str]:
         """Take inputs of the first gamepad that is connected.
@@ -278,7 +347,7 @@ class PygameWindow(BlockingWindow):
             "fullscreen": str(self._fullscreen).lower(),
             "vsync": "on" if pygame.display.is_vsync() else "off",
             "refresh_hz_reported": str(pygame.display.get_current_refresh_rate() or "unknown"),
-            "key_times": ON_RECEIPT if self._key_times is None else SERVER_TIME,
+            "key_times": ON_RECEIPT if self._record is None else SERVER_TIME,
             "key_identity": "position (SDL scancode)",
         }
 
@@ -288,15 +357,15 @@ class PygameWindow(BlockingWindow):
             self._closed = True
             if self._gamepad is not None:
                 self._gamepad.close()
-            if self._key_times is not None:
-                self._key_times.close()
+            if self._record is not None:
+                self._record.close()
             pygame.display.quit()
 
 
-def _key_times(clock: Clock) -> X11KeyTimes | None:
-    """The X server's key times; None where there are none."""
+def _open_record(clock: Clock) -> X11InputRecord | None:
+    """The X server's record of keys; None where there is none."""
     try:
-        return X11KeyTimes(clock)
+        return X11InputRecord(clock, pygame.display.get_wm_info()["window"])
     except OSError:
         return None
 
@@ -314,6 +383,20 @@ def _name_move(event: pygame.event.Event) -> tuple[str, bool] | None:
         return key_from_scancode(event.scancode), event.type == pygame.KEYDOWN
     is_click = event.type in (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP) and event.button == pygame.BUTTON_LEFT
     return (MAIN_BUTTON, event.type == pygame.MOUSEBUTTONDOWN) if is_click else None
+
+
+def _drop_invented_releases(
+    timed: list[tuple[pygame.event.Event, KeyMove]],
+) -> list[tuple[pygame.event.Event, KeyMove]]:
+    """Drop the releases that SDL makes up as the focus goes, just before it says so: the window marks its own."""
+    kept: list[tuple[pygame.event.Event, KeyMove]] = []
+    for event, move in timed:
+        if event.type == pygame.WINDOWFOCUSLOST:
+            releases = list(takewhile(lambda pair: pair[0].type == pygame.KEYUP, reversed(kept)))
+            kept = kept[: len(kept) - len(releases)]
+            kept += [pair for pair in reversed(releases) if pair[1].t_ns is not None and pair[1].is_in_window]
+        kept.append((event, move))
+    return kept
 
 
 def _symbol(event: pygame.event.Event) -> str:

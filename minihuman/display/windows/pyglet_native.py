@@ -15,10 +15,20 @@ from pyglet import gl
 from minihuman.display.drawing.play_screens import Box
 from minihuman.display.drawing.sheet import Size
 from minihuman.display.windows.keyboard import key_from_symbol, key_from_xkb, read_key_positions
+from minihuman.experiment.keys import MODIFIERS
 
 ON_X11 = pyglet.compat_platform.startswith("linux")
 if ON_X11:
     from pyglet.libs.x11 import xlib
+
+_SHORTCUT_STATE = 1 << 2 | 1 << 3 | 1 << 6  # Control, Mod1 (Alt) and Mod4 (Meta); AltGr is Mod5
+_SHORTCUT_MODIFIERS = (
+    pyglet.window.key.MOD_CTRL
+    | pyglet.window.key.MOD_ALT
+    | pyglet.window.key.MOD_COMMAND
+    | pyglet.window.key.MOD_WINDOWS
+)
+_GRABS = (1, 2)  # a window manager takes the keyboard for a shortcut of its own, and gives it back
 
 EVENT_HANDLED = pyglet.event.EVENT_HANDLED
 
@@ -29,8 +39,18 @@ def find_screen() -> Any:
     return displays.get_display().get_default_screen()
 
 
+def _is_modifier(keysym: int) -> bool:
+    """Whether a key is Shift, Control, Meta, a lock and so on, as X11/keysymdef.h and Xutil.h have it."""
+    return 0xFFE1 <= keysym <= 0xFFEE or 0xFE01 <= keysym <= 0xFE13 or keysym in (0xFF7E, 0xFF7F)
+
+
+def _is_grab(event: Any) -> bool:
+    """Whether the focus stays where it is, while a window manager listens for the rest of a shortcut."""
+    return ON_X11 and event.type in (xlib.FocusIn, xlib.FocusOut) and event.xfocus.mode in _GRABS
+
+
 class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 1.5 has no types
-    """Dispatches ``on_key(down, key, symbol, server_ms)`` in our key names, beside pyglet's own events.
+    """Dispatches ``on_key(down, key, symbol, server_ms, is_shortcut)`` in our key names, beside pyglet's own events.
 
     On X11 the key is read from the keycode of the X event, before pyglet reduces it to a symbol and drops what it
     takes for auto-repeat, and so is its time. Elsewhere pyglet's symbol is all there is, and ``server_ms`` is None.
@@ -59,6 +79,8 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
 
     def dispatch_platform_event(self, event: Any) -> None:
         """Take key events of the window; the rest, and what text a key makes, is pyglet's."""
+        if _is_grab(event):
+            return
         self._key_reported = self._key_of_x11(event)
         if not self._key_reported or self.accepts_text:
             super().dispatch_platform_event(event)
@@ -82,27 +104,34 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         xlib.XLookupString(event.xkey, text, len(text), ctypes.byref(keysym), None)
         symbol = xlib.XKeysymToString(keysym.value) or b""
         key = key_from_xkb(self._positions.get(keycode, ""), keycode)
-        self.dispatch_event(
-            "on_key", event.type == xlib.KeyPress, key, symbol.decode("ascii", "replace"), event.xkey.time
-        )
+        is_shortcut = bool(event.xkey.state & _SHORTCUT_STATE) and not _is_modifier(keysym.value)
+        down, name = event.type == xlib.KeyPress, symbol.decode("ascii", "replace")
+        self.dispatch_event("on_key", down, key, name, event.xkey.time, is_shortcut)
         return True
 
     # Keys elsewhere
 
     def on_key_press(self, symbol: int, modifiers: int) -> bool:
         """Say which key pyglet means; its own handler would close the window at Escape."""
-        return self._key_of_symbol(True, symbol)
+        return self._key_of_symbol(True, symbol, modifiers)
 
     def on_key_release(self, symbol: int, modifiers: int) -> bool:
         """Say which key pyglet means."""
-        return self._key_of_symbol(False, symbol)
+        return self._key_of_symbol(False, symbol, modifiers)
 
-    def _key_of_symbol(self, down: bool, symbol: int) -> bool:
+    def _key_of_symbol(self, down: bool, symbol: int, modifiers: int) -> bool:
         if self._key_reported:  # by position, just now
             return bool(EVENT_HANDLED)
         name = pyglet.window.key.symbol_string(symbol)
-        self.dispatch_event("on_key", down, key_from_symbol(name), name, None)
+        key = key_from_symbol(name)
+        is_shortcut = bool(modifiers & _SHORTCUT_MODIFIERS) and key not in MODIFIERS and not name.endswith("COMMAND")
+        self.dispatch_event("on_key", down, key, name, None, is_shortcut)
         return bool(EVENT_HANDLED)
+
+    @property
+    def x11_window(self) -> int | None:
+        """The X server's number of the window; None on other systems."""
+        return int(self._window) if ON_X11 else None
 
     # Pictures
 

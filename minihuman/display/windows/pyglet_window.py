@@ -1,5 +1,6 @@
 """The window in pyglet 1.5 or 2. Keys are identified by position on X11; elsewhere pyglet gives only the symbol."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,10 +9,24 @@ from numpy.typing import NDArray
 from minihuman.display.drawing.play_screens import Box
 from minihuman.display.drawing.sheet import Size
 from minihuman.display.windows.blocking_window import DEFAULT_SIZE_PX, TITLE, BlockingWindow
-from minihuman.display.windows.keyboard import ON_RECEIPT, SERVER_TIME, convert_server_time, has_shared_clock
 from minihuman.display.windows.window import Clock
+from minihuman.display.windows.x11_input import (
+    MAIN_BUTTON,
+    ON_RECEIPT,
+    SERVER_TIME,
+    X11InputRecord,
+    convert_server_time,
+)
 from minihuman.errors import WindowError
-from minihuman.experiment.machine.inputs import Input, PointerMoved, PointerPressed, PointerReleased, Stop
+from minihuman.experiment.machine.inputs import (
+    Input,
+    PointerCause,
+    PointerMoved,
+    PointerPressed,
+    PointerReleased,
+    PressCause,
+    Stop,
+)
 
 if TYPE_CHECKING:
     from minihuman.display.windows.pyglet_native import PygletNativeWindow
@@ -37,7 +52,8 @@ class PygletWindow(BlockingWindow):
         self._inputs: list[Input] = []
         self._to_repaint = False
         self._native: PygletNativeWindow | None = _open(fullscreen=fullscreen, size_px=size_px)
-        self._server_time = has_shared_clock()
+        self._record = _open_record(clock, self._native.x11_window)
+        self._server_time = self._record is not None
         self._native.push_handlers(
             on_key=self._on_key,
             on_activate=lambda: self._on_focus(True),
@@ -51,6 +67,8 @@ class PygletWindow(BlockingWindow):
             on_show=self._repaint_soon,
             on_resize=lambda width, height: self._repaint_soon(),
         )
+        if self._record is not None and self._record.is_focused:
+            self._on_focus(True)  # pyglet said so while the window opened, when nobody listened
 
     @property
     def _window(self) -> "PygletNativeWindow":
@@ -78,8 +96,22 @@ class PygletWindow(BlockingWindow):
         arrived, self._inputs = self._inputs, []
         return arrived
 
-    def _on_key(self, down: bool, key: str, symbol: str, server_ms: int | None) -> None:
-        self._inputs += self._key(down, key, symbol, self._time(server_ms))
+    def _on_key(self, down: bool, key: str, symbol: str, server_ms: int | None, is_shortcut: bool) -> None:
+        t_ns = self._time(server_ms)
+        if not down:
+            self._inputs += self._key(False, key, symbol, t_ns)
+        elif not self._held.is_down(key):  # else it is the system's auto-repeat
+            cause: PressCause = "shortcut" if is_shortcut else "finger"
+            if (
+                self._record is not None
+                and server_ms is not None
+                and not self._record.is_press_in_window(key, server_ms)
+            ):
+                cause = "held_before_focus"
+            self._inputs += self._key(True, key, symbol, t_ns, cause)
+
+    def _find_held_keys(self) -> Sequence[str]:
+        return self._record.find_held_keys() if self._record else ()
 
     def _time(self, server_ms: int | None) -> int:
         event_ms = server_ms if self._server_time else None
@@ -93,8 +125,11 @@ class PygletWindow(BlockingWindow):
     ) -> None:
         if buttons & _LEFT:
             width, height = self._window.get_size()  # pyglet counts from the bottom
-            t_ns = self._time(None if kind is PointerMoved else self._window.button_ms)
-            self._inputs += self._pointer(kind, (x + 0.5) / width, 1 - (y + 0.5) / height, t_ns)
+            button_ms = None if kind is PointerMoved else self._window.button_ms
+            cause: PointerCause = "finger"
+            if kind is PointerPressed and self._record is not None and button_ms is not None:
+                cause = "finger" if self._record.is_press_in_window(MAIN_BUTTON, button_ms) else "held_before_focus"
+            self._inputs += self._pointer(kind, (x + 0.5) / width, 1 - (y + 0.5) / height, self._time(button_ms), cause)
 
     def _want(self, *, text: bool, pointer: bool) -> None:
         self._window.accepts_text = text
@@ -115,7 +150,7 @@ class PygletWindow(BlockingWindow):
         import pyglet
 
         for down in (True, False):
-            pyglet.app.platform_event_loop.post_event(self._window, "on_key", down, key, "", None)
+            pyglet.app.platform_event_loop.post_event(self._window, "on_key", down, key, "", None, False)
 
     def facts(self) -> dict[str, str]:
         """Toolkit, version, display size, refresh rate, how keys are identified."""
@@ -140,8 +175,20 @@ class PygletWindow(BlockingWindow):
     def close(self) -> None:
         """Give the display back."""
         if self._native is not None:
+            if self._record is not None:
+                self._record.close()
             self._native.close()
             self._native = None
+
+
+def _open_record(clock: Clock, window: int | None) -> X11InputRecord | None:
+    """The X server's record of keys; None where there is none."""
+    if window is None:
+        return None
+    try:
+        return X11InputRecord(clock, window)
+    except OSError:
+        return None
 
 
 def _open(*, fullscreen: bool, size_px: Size) -> "PygletNativeWindow":

@@ -6,8 +6,7 @@ import abc
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import msgspec
 
@@ -28,7 +27,7 @@ from minihuman.experiment.machine.running_episode import RunningEpisode, catch_w
 from minihuman.experiment.machine.screens import ActivityScreen, Screen
 from minihuman.experiment.plan.session_plan import KeyMap, PlannedPart, SessionPlan
 from minihuman.experiment.words import InterfaceWords
-from minihuman.plugins import list_plugin_names, load_plugin
+from minihuman.plugins import list_plugin_names, load_plugin, remember_by_name
 
 if TYPE_CHECKING:
     from minihuman.worlds.adapters.world import World
@@ -77,12 +76,14 @@ class SessionContext:
 
     def emit_key(self, key: KeyDown | KeyUp, verdict: KeyVerdict, phase: str, action: int | None = None) -> None:
         """Emit a key and its verdict."""
-        down, waited_ns = isinstance(key, KeyDown), self.now_ns - key.t_ns
-        self.emit(KeyPressed(self.now_ns, key.key, key.symbol, down, action, verdict, phase, waited_ns))
+        is_down = isinstance(key, KeyDown)
+        waited_ns = self.now_ns - key.t_ns
+        self.emit(KeyPressed(self.now_ns, key.key, key.symbol, is_down, action, verdict, phase, waited_ns))
 
     def pop_events(self) -> list[Event]:
         """The events since the last call."""
-        events, self._events = self._events, []
+        events = self._events
+        self._events = []
         return events
 
     def has_world(self, world_id: str, options: dict[str, Any]) -> bool:
@@ -117,6 +118,36 @@ class PartEnding:
 
 class ActivityRequest:
     """What a part needs from its session host; a kind of activity adds the fields. The answer is an input."""
+
+    awaits_others: ClassVar[bool] = False  # others' sessions answer it, so that it is asked again when nothing comes
+
+    @property
+    def takes_long(self) -> bool:
+        """Whether the answer is made while the session goes on, and taken at a time that is still to come."""
+        return False
+
+
+@dataclass(frozen=True, slots=True)
+class SteeringRules:
+    """What keys and time do in an episode that an agent plays, for a window that goes ahead of the session."""
+
+    period_ns: int  # from the picture of one of the agent's steps to the next step
+    person_acts: bool  # by a key that has an action
+    hand_back_key: str  # "" where control cannot be handed back
+    rating_keys: tuple[str, str]  # good and bad; "" where steps are not rated
+    flash_ns: int  # how long a rating is seen
+    repeat_interval_ns: int  # a held rating key counts once in so long
+    controller_texts: Mapping[str, str]  # below the picture, by who steers
+
+
+@dataclass(frozen=True, slots=True)
+class Steering:
+    """Who steers a running episode that an agent plays, and what comes next."""
+
+    controller: str
+    action: int | None  # that the agent makes next; None until it is known
+    limit_ns: int | None  # from when on keys do nothing
+    rules: SteeringRules
 
 
 class RequestHandler(abc.ABC):
@@ -155,6 +186,9 @@ class Activity(abc.ABC):
     play: RunningEpisode | None = None  # the running episode, for simulated participants that look at its world
     next_play: RunningEpisode | None = None  # the next one, its world reset, so that its pictures can be prepared
     request: ActivityRequest | None = None  # to the session host
+    agent_plays: ClassVar[bool] = False  # whether an agent makes steps, beside the person or alone
+    takes_over: ClassVar[bool] = False  # whether the person's keys make steps where an agent plays
+    limit_ns: int | None = None  # when the time to play is over, if it is limited
     typed_event: Callable[[int, str], Event] = TextTyped  # what is logged of text
 
     def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
@@ -173,6 +207,10 @@ class Activity(abc.ABC):
     @abc.abstractmethod
     def screen(self) -> Screen:
         """What to show now."""
+
+    def describe_steering(self, play: RunningEpisode) -> Steering | None:
+        """Return who steers a running episode; None where no agent does."""
+        return None
 
     def suspend(self, reason: PauseReason) -> None:  # noqa: B027 - most kinds have nothing to stop
         """Stop until ``resume``: a pause, a question or another window is in front."""
@@ -215,10 +253,18 @@ class ActivityKind:
         tables: a tuple of ``minihuman.dataset.activity_tables.ActivityTable``.
         screens: its own screens; each names its drawing, and how the page shows it.
         report: a function that makes a ``ReportSection`` of a ``SectionSource`` (``minihuman.reporting``), or None.
+        simulator: a ``PartSimulator`` (``minihuman.simulation``), which does the parts in simulated sessions; without
+            one, the activity's own `Activity.simulate`, and what is usual on screens that every kind may show.
         check_block: yields what is wrong with a block of the kind in a protocol, each as a field and what is wrong; it
             is given the block and the keys that may have an action.
         find_early_parts: yields the kind's parts in a plan that was recorded before plans had parts, each with its
             place: 0 consent, 1 keyboard check, 2 blocks, 3 closing words.
+        is_played_alone: whether only the participant acts in a block's worlds, so that a touch screen's buttons, axes
+            and clicks can play it, and its actions may be of any space.
+        is_plain_play: whether a block is its worlds' steps by one person's keys and nothing else, so that a page can
+            compute it, and a study can be tried without sessions.
+        is_for_players: whether a language model, or a simulated player that decides on each key, can do it.
+        is_check: whether who is screened out in it has failed a check, and not a block's criterion.
     """
 
     name: str
@@ -230,10 +276,20 @@ class ActivityKind:
     tables: str = field(default="", kw_only=True)
     screens: tuple[type[ActivityScreen], ...] = field(default=(), kw_only=True)
     report: str = field(default="", kw_only=True)
+    simulator: str = field(default="", kw_only=True)
     check_block: Callable[[Any, tuple[str, ...]], Iterable[tuple[str, str]]] | None = field(default=None, kw_only=True)
     find_early_parts: Callable[[SessionPlan], Iterable[tuple[int, PlannedPart]]] | None = field(
         default=None, kw_only=True
     )
+    is_played_alone: bool = field(default=False, kw_only=True)
+    is_plain_play: bool = field(default=False, kw_only=True)
+    is_for_players: bool = field(default=False, kw_only=True)
+    is_check: bool = field(default=False, kw_only=True)
+
+    @property
+    def plan_fields(self) -> tuple[str, ...]:
+        """The names of the fields of a part's plan: a block's table of the same name fills one."""
+        return self.plan.__struct_fields__
 
     def read(self, plan: Any) -> msgspec.Struct:
         """A part's plan from what JSON gave."""
@@ -248,7 +304,7 @@ def list_built_in_kinds() -> tuple[str, ...]:
     return list_plugin_names(GROUP, built_in=True)
 
 
-@cache
+@remember_by_name
 def find_kind(name: str) -> ActivityKind:
     """The kind of that name.
 
@@ -261,6 +317,19 @@ def find_kind(name: str) -> ActivityKind:
             f"activity {name!r} is of type {type(kind).__name__}; register an instance of minihuman.ext.ActivityKind"
         )
     return kind
+
+
+def find_installed_kind(name: str) -> ActivityKind | None:
+    """The kind of that name; None where none is installed, which is an error of its own."""
+    try:
+        return find_kind(name)
+    except ProtocolError:
+        return None
+
+
+def list_kinds(condition: Callable[[ActivityKind], bool]) -> tuple[str, ...]:
+    """The names of the built-in kinds that meet a condition, in order."""
+    return tuple(name for name in list_built_in_kinds() if condition(find_kind(name)))
 
 
 def build_activity(number: int, part: PlannedPart, context: SessionContext) -> Activity:

@@ -6,13 +6,14 @@ Times are integer ns on the monotonic clock since the session (segment) started.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from minihuman.experiment.plan.session_plan import EpisodePlan, KeyMap, SessionPlan
 from minihuman.worlds.hashing import hash64
+from minihuman.worlds.outcomes import OutcomeJudge
 from minihuman.worlds.pose import Map, Pose
 
-Outcome = Literal["goal", "timeout", "failure", "abandoned", "agent_failed"]
+Outcome = Literal["goal", "timeout", "failure", "abandoned", "agent_failed", "ended"]
 KeyVerdict = Literal[
     "accepted",  # it stepped the world, or moved the session on
     "unmapped",  # no meaning here
@@ -22,7 +23,18 @@ KeyVerdict = Literal[
     "not_playing",  # the session was not taking actions (paused, feedback, ...)
     "release",  # a key came up
     "typing",  # it types into a text; what it typed is TextTyped
+    "held_before_focus",  # it was down before the window had the focus, so nobody pressed it here
+    "shortcut",  # Ctrl, Alt or Meta was down: the system's or the browser's
+    "release_at_focus_loss",  # the window lost the focus with the key down; when the finger left it is unknown
 ]
+PointerUse = Literal[
+    "pressed",
+    "moved",
+    "released",
+    "held_before_focus",  # pressed before the window had the focus: the click that brought it
+    "cancelled",  # a release that no finger made
+]
+UNPRESSED_VERDICTS = ("repeat", "held_before_focus", "shortcut")  # of keys that went down without a press of this task
 EndCause = Literal["", "max_s", "block_max_s", "agent_failed", "partner_left"]  # what else than a step ended an episode
 ModelCallState = Literal[
     "asked",
@@ -50,6 +62,9 @@ EndReason = Literal[
     "internal_error",
 ]
 
+CLOCK_NOTE = (
+    "the page's time"  # with this begins a note of kind "page" that says that a page's clock is not to be believed
+)
 FINAL_END_REASONS: frozenset[str] = frozenset(
     {"complete", "screened_out", "declined"}
 )  # ends after which nothing is left to do
@@ -60,6 +75,38 @@ class TimedEvent:
     """Anything that a session reports, with its time."""
 
     t_ns: int
+
+
+class EpisodeBeginning:
+    """An event from which on the steps of an episode are made: of its reset, or of a state that it was in before."""
+
+    __slots__ = ()
+
+    @property
+    def begins_at(self) -> tuple[int, int]:
+        """The episode's index, and the step after which it begins."""
+        raise NotImplementedError
+
+
+class EpisodeStep:
+    """An event that is a step of the episode that was begun."""
+
+    __slots__ = ()
+    if TYPE_CHECKING:
+
+        @property
+        def episode(self) -> int:
+            """The episode's index."""
+
+        @property
+        def action(self) -> int:
+            """What was done."""
+
+
+class EpisodeEnding:
+    """An event after which no step of the episode that was begun is made."""
+
+    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +126,7 @@ class KeyMapDrawn(TimedEvent):
 
 
 @dataclass(frozen=True, slots=True)
-class EpisodeStarted(TimedEvent):
+class EpisodeStarted(TimedEvent, EpisodeBeginning):
     """The world was reset. Pose and map are None where the world cannot tell."""
 
     plan: EpisodePlan
@@ -90,6 +137,11 @@ class EpisodeStarted(TimedEvent):
     state_hash: int
     observation_hash: int
     onset: bool = False  # the first picture shows a stimulus onset
+
+    @property
+    def begins_at(self) -> tuple[int, int]:
+        """The episode, at its reset."""
+        return self.plan.episode, 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +162,7 @@ class KeyPressed(TimedEvent):
 
 
 @dataclass(frozen=True, slots=True)
-class Stepped(TimedEvent):
+class Stepped(TimedEvent, EpisodeStep):
     """One step of the world; the last event of its step."""
 
     episode: int
@@ -128,6 +180,8 @@ class Stepped(TimedEvent):
     observation_hash: int
     onset: bool = False  # the picture after it shows a stimulus onset
     action_vector: tuple[float, ...] = ()  # the action, flat, where actions are no numbers; ``action`` names it then
+    success: bool | None = None  # what the world says of success, where the outcome rule asks; None: it does not say
+    info_json: str = ""  # the keys of its ``info`` that the plan keeps; "" where it keeps none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,10 +211,11 @@ class FrameShown(TimedEvent):
     step: int  # the step whose result it shows, 0 for the reset
     submit_ns: int
     flip_ns: int
+    picture_hash: int = 0  # of the picture of a world that is not ours, by `hash_picture`; 0 where none was taken
 
 
 @dataclass(frozen=True, slots=True)
-class EpisodeEnded(TimedEvent):
+class EpisodeEnded(TimedEvent, EpisodeEnding):
     """An episode ended, for the stated reason."""
 
     episode: int
@@ -239,7 +294,7 @@ class TextTyped(TimedEvent):
 class PointerUsed(TimedEvent):
     """A pointer went down, moved while down, or came up, at ``t_ns - waited_ns``; x and y are 0..1 of the picture."""
 
-    what: Literal["pressed", "moved", "released"]
+    what: PointerUse
     x: float
     y: float
     target: str
@@ -301,6 +356,11 @@ class Noted(TimedEvent):
     kind: str
     text: str
 
+    @property
+    def is_about_clock(self) -> bool:
+        """Whether it says that the times of a browser's page are not to be believed."""
+        return self.kind == "page" and self.text.startswith(CLOCK_NOTE)
+
 
 @dataclass(frozen=True, slots=True)
 class Sampled(TimedEvent):
@@ -338,6 +398,11 @@ class ActivityEvent(TimedEvent):
 
     A field whose name ends in ``_ns`` is a time of the session; 0 if unknown.
     """
+
+    @property
+    def words_to_others(self) -> str:
+        """What its participant wrote to others; empty in nearly all kinds of events."""
+        return ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -446,6 +511,8 @@ class _StreamChecker:
         self._part: int | None = None
         self._shown = -1  # the episode that runs, or ended last
         self._key_map: KeyMap | None = None
+        self._judge = OutcomeJudge("")
+        self._outcome: Outcome | None = None  # of the running episode, once a step has ended it
 
     def read(self, number: int, event: Event) -> None:
         """Hold one event against what came before."""
@@ -511,6 +578,8 @@ class _StreamChecker:
         self._rule(event.plan.key_map == self._key_map, "an episode's key map was drawn before")
         self._playing, self._last_step, self._steps, self._return, self._paused = event, None, 0, 0.0, False
         self._observations, self._shown = 0, event.plan.episode
+        self._judge = OutcomeJudge(event.plan.outcome_rule)
+        self._outcome = None
 
     def _observed(self, event: ObservationStored) -> None:
         asked = self._playing is not None and self._playing.plan.record_observations
@@ -529,7 +598,7 @@ class _StreamChecker:
         self._rule(event.step == self._steps, f"step {self._steps} is next, not {event.step}")
         asked = playing.plan.record_observations
         self._rule(self._observations == asked * (self._steps + 1), "a step's observation comes before it")
-        self._rule(event.return_ == self._return, f"rewards sum to {self._return}, not {event.return_}")
+        self._rule(_is_sum(event.return_, self._return), f"rewards sum to {self._return}, not {event.return_}")
         self._rule(0 <= event.action < len(playing.action_names), f"there is no action {event.action}")
         self._rule(event.key_t_ns <= event.t_ns, "a key comes before its step")
         self._rule(event.rt_ms is None or event.rt_ms >= 0, "a reaction follows what it answers")
@@ -538,22 +607,24 @@ class _StreamChecker:
         last = self._last_step
         self._rule(last is None or not (last.terminated or last.truncated), "nothing steps after the end")
         self._last_step = event
+        self._outcome = self._judge.judge_step(event)
 
     def _episode_ended(self, event: EpisodeEnded) -> None:
         playing, last = self._playing, self._last_step
         if playing is None or event.episode != playing.plan.episode:
             self._rule(False, "only the running episode ends")
             return
-        self._rule((event.steps, event.return_) == (self._steps, self._return), "an end counts the episode's steps")
+        counted = event.steps == self._steps and _is_sum(event.return_, self._return)
+        self._rule(counted, "an end counts the episode's steps")
         final = playing.state_hash if last is None else last.state_hash
         self._rule(event.state_hash == final, "an episode ends in the state of its last step")
-        expected = "abandoned"
-        if last is not None and last.terminated:
-            expected = "goal" if last.reward > 0 else "failure"
+        expected: Outcome = "abandoned"
+        if self._outcome is not None:
+            expected = self._outcome
         elif event.cause == "agent_failed":
             expected = "agent_failed"
-        elif (last is not None and last.truncated) or event.cause:
-            expected = "timeout"
+        elif event.cause:
+            expected = self._judge.judge_time_limit()
         self._rule(event.outcome == expected, f"the last step makes it {expected}, not {event.outcome}")
         self._playing, self._paused = None, False
         self._next += event.outcome != "abandoned"
@@ -561,3 +632,8 @@ class _StreamChecker:
     def _rule(self, holds: bool, rule: str) -> None:
         if not holds:
             self.found.append(f"{self._where}: {rule}")
+
+
+def _is_sum(logged: float, summed: float) -> bool:
+    """Tell whether a return is the sum of its rewards; of a reward that is NaN both are NaN."""
+    return logged == summed or (logged != logged and summed != summed)

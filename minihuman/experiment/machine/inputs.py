@@ -3,6 +3,14 @@
 from dataclasses import dataclass
 from typing import Literal
 
+PressCause = Literal[
+    "finger",  # or what stands for one: a screen reader's click, a simulated participant
+    "held_before_focus",  # it was down before this window had the focus
+    "shortcut",  # of the system or the browser: Ctrl, Alt or Meta was down
+]
+KeyReleaseCause = Literal["finger", "focus_loss"]  # "focus_loss": the window lost the keyboard with the key down
+PointerCause = Literal["finger", "held_before_focus", "cancelled"]  # "cancelled": a release that no finger made
+
 
 @dataclass(frozen=True, slots=True)
 class TimedInput:
@@ -18,6 +26,7 @@ class KeyDown(TimedInput):
     key: str
     symbol: str = ""
     repeat: bool = False  # the system's auto-repeat, not a finger
+    cause: PressCause = "finger"
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +35,7 @@ class KeyUp(TimedInput):
 
     key: str
     symbol: str = ""
+    cause: KeyReleaseCause = "finger"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +56,7 @@ class PointerInput(TimedInput):
     y: float
     target: str = ""
     along: float = 0.0  # 0..1 from the spot's start, in reading direction
+    cause: PointerCause = "finger"
 
 
 class PointerPressed(PointerInput):

@@ -95,7 +95,7 @@ class PartSequence:
         self._context = context
         self._parts = list_parts(plan)
         self._to_do = list_remaining_parts(plan, self._parts)
-        self.begun = False  # whether a part has
+        self.has_begun = False  # any part
         self.part: Activity  # that runs, once one has begun
         if not self._to_do:
             raise AllocationError(
@@ -120,7 +120,8 @@ class PartSequence:
         part = self._parts[number]
         if self._context.plan.parts:  # older logs have no parts
             self._context.emit(PartStarted(self._context.now_ns, number, part.kind, part.name))
-        self.begun, self.part = True, build_activity(number, part, self._context)
+        self.has_begun = True
+        self.part = build_activity(number, part, self._context)
         self.part.begin()
 
     def finish_part(self) -> PartEnding | None:
@@ -135,5 +136,5 @@ class PartSequence:
 
     def stop(self) -> None:
         """The session ends in the middle of a part, or before the first."""
-        if self.begun:
+        if self.has_begun:
             self.part.stop()

@@ -3,7 +3,7 @@
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import msgspec
 import numpy as np
@@ -15,6 +15,7 @@ from minihuman.experiment.machine.events import (
     EndCause,
     EpisodeEnded,
     EpisodeStarted,
+    Event,
     FrameShown,
     ObservationStored,
     Outcome,
@@ -22,6 +23,9 @@ from minihuman.experiment.machine.events import (
 )
 from minihuman.experiment.machine.inputs import ScreenShown
 from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.worlds.adapters.foreign_code import WorldCodeError
+from minihuman.worlds.outcomes import OutcomeJudge
+from minihuman.worlds.picture_hash import hash_picture
 from minihuman.worlds.pose import Pose
 
 if TYPE_CHECKING:
@@ -30,6 +34,7 @@ if TYPE_CHECKING:
     from minihuman.worlds.adapters.world import World  # imports Gymnasium, which reading a log does not need
 
 NS_PER_MS = 1_000_000
+_MOST_HASHES = 256  # of pictures that are on their way to a display
 EMPTY_IMAGE = np.zeros((0, 0, 3), dtype=np.uint8)
 
 
@@ -45,8 +50,12 @@ class catch_world_errors:  # noqa: N801 - used as `contextlib.suppress` is
     def __enter__(self) -> None: ...
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, WorldCodeError):
+            cause = error.__cause__ if isinstance(error.__cause__, Exception) else error
+            raise WorldFailedError(error.log_text) from cause
         if isinstance(error, Exception):
-            raise WorldFailedError(f"{type(error).__name__}: {error}") from error
+            message = str(error) if isinstance(error, WorldError) else f"{type(error).__name__}: {error}"
+            raise WorldFailedError(message) from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +70,8 @@ class _QueuedKey:
 class RunningEpisode:
     """An episode from reset to outcome.
 
+    A kind whose episodes others act in, too, says so by ``is_joint``.
+
     Args:
         plan: the episode.
         world: one made for ``plan.world`` and ``plan.options``; it is reset here.
@@ -69,6 +80,9 @@ class RunningEpisode:
         bindings: what moves an action's vector beside keys.
         axes: where the gamepad's axes are; they change meanwhile.
     """
+
+    is_joint: ClassVar[bool] = False  # others act in it, too: the session host closes each step
+    open_action: int | None = None  # the person's own, of a step that is not closed yet
 
     def __init__(
         self,
@@ -83,6 +97,7 @@ class RunningEpisode:
         self.plan = plan
         self.world = world
         self.outcome: Outcome | None = None
+        self._judge = OutcomeJudge(plan.outcome_rule)
         self.actions: list[int] = []  # done so far
         self.return_ = 0.0
         self.started = False
@@ -95,6 +110,7 @@ class RunningEpisode:
         self._pressed: dict[str, int] = {}  # since the last tick, with the time of each press
         self._flips_ns: list[int] = []  # of the pictures shown since play began or went on, the last two
         self._shown_step = -1
+        self._picture_hashes: dict[int, int] = {}  # by step, of the latest steps
         with catch_world_errors():
             world.name_actions(plan.actions)
             self._action_of = {key: _index(plan, world, name) for key, name in plan.key_map.keys.items()}
@@ -108,6 +124,12 @@ class RunningEpisode:
     def steps(self) -> int:
         """How many were made."""
         return len(self.actions)
+
+    def describe_correction(self, t_ns: int, step: int, submit_ns: int, flip_ns: int) -> Event | None:
+        """Return the event of a picture that was shown before its step was closed, and that the step came out otherwise
+        than; None where no picture is shown before.
+        """
+        return None
 
     @property
     def mission(self) -> str:
@@ -149,7 +171,19 @@ class RunningEpisode:
         if self._picture_px is None:
             return EMPTY_IMAGE
         with catch_world_errors():
-            return self.world.frame(self.plan.view, self._picture_px, self.plan.palette)
+            picture = self.world.frame(self.plan.view, self._picture_px, self.plan.palette)
+        if not self.world.is_built_in:  # what is ours is drawn again by its version
+            self.keep_picture_hash(hash_picture(picture))
+        return picture
+
+    def keep_picture_hash(self, picture_hash: int) -> None:
+        """Keep the hash of the present picture for when it is shown; what several bodies see is not hashed."""
+        if self.is_joint or not picture_hash:
+            return
+        self._picture_hashes.pop(self.steps, None)
+        self._picture_hashes[self.steps] = picture_hash
+        if len(self._picture_hashes) > _MOST_HASHES:
+            del self._picture_hashes[next(iter(self._picture_hashes))]
 
     def picture_between(self, before: Pose, share: float) -> NDArray[np.uint8]:
         """The picture a share (0..1) of the way from an earlier pose, in a first-person world."""
@@ -174,7 +208,8 @@ class RunningEpisode:
             self.next_tick_ns = shown.flip_ns + self._period_ns
         elif self.plan.response_deadline_ms and self.next_tick_ns is None and step == self.steps:
             self.next_tick_ns = shown.flip_ns + round(self.plan.response_deadline_ms * NS_PER_MS)
-        return FrameShown(shown.t_ns, self.plan.episode, step, shown.submit_ns, shown.flip_ns)
+        picture_hash = self._picture_hashes.get(step, 0)
+        return FrameShown(shown.t_ns, self.plan.episode, step, shown.submit_ns, shown.flip_ns, picture_hash)
 
     @property
     def takes_clicks(self) -> bool:
@@ -265,19 +300,17 @@ class RunningEpisode:
             number, vector = self.world.actions.resolve(action)
             transition = self.world.step(vector or number)
             pose, self._state_hash = self.world.pose(), self.world.state_hash()
+            success = transition.find_success(self._judge.rule)
+            info_json = transition.encode_info(self.plan.record_info) if self.plan.record_info else ""
         self.actions.append(number)
         if not self.real_time:
             self.next_tick_ns = None  # the deadline runs from the next picture
         self.return_ += transition.reward
         spent = self.steps >= self.plan.max_steps and not transition.terminated
         truncated = transition.truncated or spent
-        if transition.terminated:
-            self.outcome = "goal" if transition.reward > 0 else "failure"
-        elif truncated:
-            self.outcome = "timeout"
         is_answer = key and (held is None or key in held)  # to the latest picture that was there when it was pressed
         seen_ns = [flip_ns for flip_ns in self._flips_ns if flip_ns <= key_t_ns] if is_answer else []
-        return Stepped(
+        stepped = Stepped(
             t_ns=t_ns,
             episode=self.plan.episode,
             step=self.steps,
@@ -294,7 +327,11 @@ class RunningEpisode:
             observation_hash=transition.observation_hash,
             onset=transition.onset,
             action_vector=vector,
+            success=success,
+            info_json=info_json,
         )
+        self.outcome = self._judge.judge_step(stepped)
+        return stepped
 
     def clauses_done(self, t_ns: int) -> list[ClauseDone]:
         """The subgoals of the instruction that the last step has reached."""
@@ -316,9 +353,13 @@ class RunningEpisode:
 
     def end(self, t_ns: int, cause: EndCause = "") -> EpisodeEnded:
         """End the episode: by its last step, a failed agent, a time limit, or abandoned if none of them ended it."""
-        by_cause: Outcome = "agent_failed" if cause == "agent_failed" else "timeout" if cause else "abandoned"
-        self.outcome = self.outcome or by_cause
+        self.outcome = self.outcome or self._judge_cause(cause)
         return EpisodeEnded(t_ns, self.plan.episode, self.outcome, self.steps, self.return_, self._state_hash, cause)
+
+    def _judge_cause(self, cause: EndCause) -> Outcome:
+        if cause == "agent_failed":
+            return "agent_failed"
+        return self._judge.judge_time_limit() if cause else "abandoned"
 
     @property
     def _period_ns(self) -> int:

@@ -1,5 +1,6 @@
 """Text of every screen except the world's own: built from the interface's words, the plan and what just happened."""
 
+import zlib
 from typing import TYPE_CHECKING
 
 from minihuman.experiment.machine.events import EndReason
@@ -60,10 +61,23 @@ def find_abort_reason(key: str) -> str | None:
     return reasons.get(key.removeprefix("kp_"))
 
 
+def find_stop_code(reason: str, detail: str) -> str:
+    """Return the code that a participant reads out in place of an error's text, "W-3F2A"; the program prints both.
+
+    Args:
+        reason: why the session ended.
+        detail: what the log says of it.
+    """
+    return f"{reason[:1].upper()}-{zlib.crc32(detail.encode()) >> 16:04X}"
+
+
 def build_end_screen(words: InterfaceWords, reason: EndReason, detail: str) -> TextScreen:
-    """The session is over; a failure says what failed and that the data is kept."""
+    """The session is over; a failure says what happened, what is kept, whom to tell, and a code for what failed."""
     if reason in _FAILURES:
-        return TextScreen(words[f"over.{reason}"], f"{detail}\n\n{words['over.kept']}", "", locale=words.locale)
+        kept = words["over.kept_in_part" if reason == "disk_full" else "over.kept"]
+        return TextScreen(
+            words[f"over.{reason}"], f"{kept}\n\n{find_stop_code(reason, detail)}", "", locale=words.locale
+        )
     if reason == "screened_out":
         return TextScreen(words["over.title"], words["over.screened_out"], "", locale=words.locale)
     return TextScreen(words["over.complete" if reason == "complete" else "over.title"], "", "", locale=words.locale)

@@ -22,6 +22,7 @@ from minihuman.experiment.machine.events import (
     Event,
     Noted,
     PauseReason,
+    PointerUse,
     PointerUsed,
     SessionEnded,
     SessionStarted,
@@ -51,11 +52,8 @@ from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.moved import forward_names
 
 ABORT_CHORD = frozenset({"f9", "f12"})
-
-
 CONSENT_RULES = "2"  # the fact "consent_rules" of a session: Escape on a consent text declines; before, it quit
-
-
+KEY_RULES = "2"  # the fact "key_rules": what was down before the focus, and shortcuts, never act; before, they did
 HOLD_TO_END_NS = 2_000_000_000  # Escape, held over the question whether to end the session
 
 
@@ -93,8 +91,9 @@ class KeyState:
 
     def release_escape(self) -> bool:
         """Escape came up, or the question is gone; whether it was held over the question."""
-        held, self._escape_since_ns = self._escape_since_ns is not None, None
-        return held
+        was_down = self._escape_since_ns is not None
+        self._escape_since_ns = None
+        return was_down
 
     @property
     def end_ns(self) -> int | None:
@@ -103,8 +102,6 @@ class KeyState:
 
 
 PAUSE_KEY = "f8"
-
-
 _PAUSE_REASONS: dict[TransitionCause, PauseReason] = {
     TransitionCause.PAUSE: "participant",
     TransitionCause.FOCUS_LOST: "focus_lost",
@@ -113,13 +110,15 @@ _PAUSE_REASONS: dict[TransitionCause, PauseReason] = {
 }
 
 
-_POINTER_WORDS: dict[type[PointerInput], Literal["pressed", "moved", "released"]] = {
+_POINTER_WORDS: dict[type[PointerInput], PointerUse] = {
     PointerPressed: "pressed",
     PointerMoved: "moved",
     PointerReleased: "released",
 }
-
-
+_OTHER_POINTER_CAUSES: dict[type[PointerInput], Literal["held_before_focus", "cancelled"]] = {
+    PointerPressed: "held_before_focus",
+    PointerReleased: "cancelled",
+}
 _TIMELESS = (Stop, ScreenShown, TextInput, PointerInput)  # what is due by now is not done before these
 
 
@@ -147,27 +146,28 @@ class SessionMachine:
         renders_steps: bool = True,
     ) -> None:
         self._facts = dict(facts)
-        self._staged = partial(
+        self._make_context = partial(
             SessionContext,
             make_world=make_world,
             picture_px=picture_px,
             renders_steps=renders_steps,
             facts=self._facts,
         )
-        self._set_out(plan)
+        self._reset(plan)
 
-    def _set_out(self, plan: SessionPlan) -> None:
+    def _reset(self, plan: SessionPlan) -> None:
         """Go back to before the first input."""
         self.plan = plan
         self.failure: BaseException | None = None  # what a broken world raised
         self._phase = Phase.START
-        self._context = self._staged(plan)
-        self._course = PartSequence(self._context)
+        self._context = self._make_context(plan)
+        self._parts = PartSequence(self._context)
         self._screen: Screen = TextScreen("", "", "")
         self._is_drawn = True
         self._came_from: list[Phase] = []
-        self._held = KeyState(self._context.keys_down)
+        self._keys = KeyState(self._context.keys_down)
         self._focused = True
+        self._pointer_acts = True  # the press that the pointer is down with is one of this window
         self._end_reason: EndReason = "complete"
         self._end_detail = ""
 
@@ -206,26 +206,31 @@ class SessionMachine:
         return self._end_reason
 
     @property
+    def end_detail(self) -> str:
+        """What else there is to know of the end; of a world that failed, what it raised. Never for a participant."""
+        return self._end_detail
+
+    @property
     def next_tick_ns(self) -> int | None:
         """When the session wants a Tick, if nothing else comes before; None: never."""
         if self._phase is Phase.PART:
             return self.part.next_tick_ns
-        return self._held.end_ns if self._phase is Phase.QUIT_QUESTION else None
+        return self._keys.end_ns if self._phase is Phase.QUIT_QUESTION else None
 
     @property
     def play(self) -> RunningEpisode | None:
         """The running episode, for simulated participants that look at its world; None between episodes."""
-        return part.play if self._phase is Phase.PART and (part := self._course.part).playing else None
+        return part.play if self._phase is Phase.PART and (part := self._parts.part).playing else None
 
     @property
     def part(self) -> Activity:
         """The part that runs."""
-        return self._course.part
+        return self._parts.part
 
     @property
     def next_part(self) -> int | None:
         """Index of the part that follows the one that has ended; None where none does."""
-        return self._course.next_part
+        return self._parts.next_part
 
     @property
     def request(self) -> ActivityRequest | None:
@@ -286,15 +291,12 @@ class SessionMachine:
                 self._context.emit(self.part.typed_event(self.now_ns, happened.text))
                 self._to_part(happened)
             case PointerInput():
-                what, waited_ns = _POINTER_WORDS[type(happened)], self.now_ns - happened.t_ns
-                place = (happened.x, happened.y, happened.target, happened.along)
-                self._context.emit(PointerUsed(self.now_ns, what, *place, waited_ns))
-                self._to_part(happened)
+                self._use_pointer(happened)
             case AxisChanged():
                 self._context.axes[happened.axis] = happened.value
                 self._context.emit(AxisMoved(self.now_ns, happened.axis, happened.value, self.now_ns - happened.t_ns))
             case ExperimenterCommand():
-                self._asked(happened)
+                self._obey(happened)
             case ActivityInput():
                 self._to_part(happened)
 
@@ -321,7 +323,7 @@ class SessionMachine:
     def _declining(self) -> bool:
         """Whether leaving now refuses consent; under the first consent rules it quit."""
         known = self._facts.get("consent_rules", "1") == CONSENT_RULES
-        return known and self._course.begun and self.part.phase is Phase.CONSENT
+        return known and self._parts.has_begun and self.part.phase is Phase.CONSENT
 
     def _focus_changed(self, focused: bool) -> None:
         self._context.emit(Noted(self.now_ns, "focus", "found" if focused else "lost"))
@@ -329,25 +331,46 @@ class SessionMachine:
         if focused:
             self._move(TransitionCause.FOCUS_FOUND)
             return
-        self._held.forget()
+        self._keys.forget()
         self._move(TransitionCause.FOCUS_LOST)
 
-    def _asked(self, asked: ExperimenterCommand) -> None:
+    def _obey(self, command: ExperimenterCommand) -> None:
         """Log the experimenter's command, and carry it out if possible."""
-        self._context.emit(Noted(self.now_ns, "experimenter", f"{asked.what}: {asked.text}"))
-        match asked.what:
+        self._context.emit(Noted(self.now_ns, "experimenter", f"{command.what}: {command.text}"))
+        match command.what:
             case "pause":
                 self._move(TransitionCause.PAUSE, "experimenter")
             case "go_on":
                 self._move(TransitionCause.RESUME)
             case "abort":
-                self._end("aborted", asked.text)
+                self._end("aborted", command.text)
+
+    @property
+    def _judges_causes(self) -> bool:
+        """Whether it matters why a key or a button is down; under the first key rules it did not."""
+        return self._facts.get("key_rules", "1") == KEY_RULES
+
+    def _use_pointer(self, happened: PointerInput) -> None:
+        """Log what the pointer did; a press that began before the focus, and what follows from it, reaches no part."""
+        other_cause = _OTHER_POINTER_CAUSES.get(type(happened))
+        is_other = self._judges_causes and happened.cause == other_cause
+        what = other_cause if is_other and other_cause else _POINTER_WORDS[type(happened)]
+        if isinstance(happened, PointerPressed):
+            self._pointer_acts = what == "pressed"
+        waited_ns = self.now_ns - happened.t_ns
+        place = (happened.x, happened.y, happened.target, happened.along)
+        self._context.emit(PointerUsed(self.now_ns, what, *place, waited_ns))
+        if self._pointer_acts and what != "cancelled":
+            self._to_part(happened)
 
     # Keys
 
     def _key_down(self, press: KeyDown) -> None:
-        self._held.down(press.key, press.t_ns)
-        chord = self._held.completes_chord(press.key) and not press.repeat
+        if self._judges_causes and press.cause != "finger":
+            self._context.emit_key(press, press.cause, self.phase)
+            return
+        self._keys.down(press.key, press.t_ns)
+        chord = self._keys.completes_chord(press.key) and not press.repeat
         if chord and SESSION_TRANSITIONS.find(self._phase, TransitionCause.ASK_ABORT, self):
             self._say_key(press)
             self._move(TransitionCause.ASK_ABORT)
@@ -371,16 +394,19 @@ class SessionMachine:
         """Ask whether to end the session; over that question, a tap goes back and holding ends it."""
         self._say_key(press)
         if self._phase is Phase.QUIT_QUESTION:
-            self._held.hold_escape(press.t_ns)
+            self._keys.hold_escape(press.t_ns)
         elif self._phase is Phase.ABORT_QUESTION:
             self._move(TransitionCause.STAY)
         else:
             self._move(TransitionCause.ASK_QUIT)
 
     def _key_up(self, release: KeyUp) -> None:
-        self._held.up(release.key)
+        self._keys.up(release.key)
+        if self._judges_causes and release.cause == "focus_loss":
+            self._context.emit_key(release, "release_at_focus_loss", self.phase)
+            return
         self._context.emit_key(release, "release", self.phase)
-        if release.key == "escape" and self._held.release_escape():
+        if release.key == "escape" and self._keys.release_escape():
             self._move(TransitionCause.STAY)
 
     def _key_over_part(self, press: KeyDown) -> None:
@@ -417,11 +443,11 @@ class SessionMachine:
         else:
             assert isinstance(move.end, Phase)
             self._phase = move.end
-        self._held.release_escape()
+        self._keys.release_escape()
         if self._phase is Phase.OVER:
             self._finish()
         elif cause is TransitionCause.BEGAN or cause is TransitionCause.DONE:
-            self._course.begin()
+            self._parts.begin()
             self._follow_part()
         elif self._phase is Phase.PART:
             self.part.resume()
@@ -438,7 +464,7 @@ class SessionMachine:
 
     def _follow_part(self) -> None:
         """If the part is over, go on with the next, or end the session."""
-        ended = self._course.finish_part()
+        ended = self._parts.finish_part()
         if ended is None:
             return
         if ended.reason is not None:
@@ -447,13 +473,14 @@ class SessionMachine:
             self._move(TransitionCause.DONE)
 
     def _end(self, reason: EndReason, detail: str) -> None:
-        self._end_reason, self._end_detail = reason, detail
+        self._end_reason = reason
+        self._end_detail = detail
         self._move(TransitionCause.END)
 
     def _finish(self) -> None:
-        self._course.stop()
-        reason, detail = self._end_reason, self._end_detail
-        self._context.emit(SessionEnded(self.now_ns, reason, detail, self._context.completed))
+        self._parts.stop()
+        end = SessionEnded(self.now_ns, self._end_reason, self._end_detail, self._context.completed)
+        self._context.emit(end)
 
     # Screens
 

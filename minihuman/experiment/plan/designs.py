@@ -60,6 +60,7 @@ class Design(ABC):
     """
 
     version = 1  # goes up when the same history leads to another decision
+    needs_success = True  # whether it goes by success: then the block's world needs a rule that says what that is
 
     @abstractmethod
     def __init__(self, settings: Mapping[str, Any]) -> None: ...

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import closing, suppress
 
+import gymnasium
 import msgspec
 
 from minihuman.activities.pages.plan import PagePlan
@@ -13,19 +14,24 @@ from minihuman.activities.play.plan import PlayPlan
 from minihuman.activities.questions.plan import QuestionsPlan
 from minihuman.activities.team.plan import TeamPlayPlan
 from minihuman.errors import ProtocolError, WorldError
+from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.machine.bindings import Bindings
 from minihuman.experiment.machine.points import compute_bonus
 from minihuman.experiment.machine.running_episode import check_bindings
 from minihuman.experiment.plan.allocation import build_allocation_list
-from minihuman.experiment.plan.expansion import list_world_options
+from minihuman.experiment.plan.part_plans import list_world_options
 from minihuman.experiment.plan.session_plan import BonusSpec, EpisodePlan, PlannedPart, SessionPlan
+from minihuman.experiment.plan.stimulus_check import check_stimuli
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.strata import build_strata
 from minihuman.experiment.protocol.validation_errors import build_protocol_error
+from minihuman.experiment.words import LANGUAGES, LATER_WORDS, flatten_words
 from minihuman.worlds.adapters.spaces import VectorActions
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS
+from minihuman.worlds.conformance import ConformanceReport, Rehearsal, examine_world
 from minihuman.worlds.contract import NativeWorld
+from minihuman.worlds.second_process import play_in_second_process
 
 
 def describe_plan(plan: SessionPlan) -> Iterator[str]:
@@ -66,6 +72,18 @@ def _describe_pay(plan: SessionPlan, bonus: BonusSpec) -> Iterator[str]:
         "left early": f"the bonus for the points until then{waiting}",
     }
     yield from (f"pay          {case}: {amount}" for case, amount in pay.items())
+
+
+def describe_language(protocol: Protocol) -> Iterator[str]:
+    """Say where a study's own language lacks words that are newer than the study."""
+    language = protocol.study.language
+    if language in LANGUAGES:
+        return
+    words_given = flatten_words(protocol.words)
+    for word in LATER_WORDS:
+        if word not in words_given:
+            table, _, name = word.rpartition(".")
+            yield f"language {language!r} has no word for {word}, so English stands in; add {name} to [words.{table}]"
 
 
 def describe_strata(protocol: Protocol) -> Iterator[str]:
@@ -157,35 +175,107 @@ def _describe_limits(play: PlayPlan) -> Iterator[str]:
 
 _OURS = "minihuman/"
 
-_PLAYED_KINDS = ("play", "trials")  # by a person alone
 N_TRIED_SEEDS = 5  # that are laid out where a block does not say which
 
 
-def check_worlds(protocol: Protocol, source: str = "protocol") -> None:
+N_CHECKED_STEPS = 300  # that `check` plays of a foreign world, over several episodes
+N_STARTED_STEPS = 60  # that are played before sessions begin
+MOVING_FPS = 15  # Gymnasium's puzzles state 4 and Minigrid 10 frames a second, its games of motion 15 to 50
+
+
+def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool = False) -> list[str]:
     """Make every block's world, look its actions up, and play it; ``source`` names the file in errors.
+
+    With ``provable`` a foreign world is refused, too, whose logs could not be proven: before a study begins. One that
+    runs is not stopped by it.
+
+    Returns:
+        What is odd in foreign worlds, a line each.
 
     Raises:
         ProtocolError: of every block whose world is not as it says, or at the first whose world cannot be played.
     """
     _check_actions(protocol, source)
+    notices: dict[str, None] = {}
+    examined: dict[bytes, ConformanceReport] = {}
     for number, block in enumerate(protocol.blocks):
+        where = f"{source}: $.blocks[{number}].world: {block.world}"
         try:
             try_world(block)
-        except Exception as error:  # whatever a lab's world may raise
+        except Exception as error:  # a bug of ours, as foreign worlds' errors are WorldErrors
             reason = str(error) if isinstance(error, WorldError) else f"{type(error).__name__}: {error}"
-            raise ProtocolError(
-                f"{source}: $.blocks[{number}].world: {block.world} cannot be played ({reason})"
-            ) from error
+            raise ProtocolError(f"{where} cannot be played ({reason.removeprefix(f'{block.world}: ')})") from error
+        report = _examine_block(block, examined, provable=provable)
+        if report.broken:
+            raise ProtocolError(f"{where} cannot be played ({report.broken[0]})")
+        refused = [*report.unsound, *(() if block.record_observations else report.unprovable)] if provable else []
+        if refused:
+            raise ProtocolError(f"{where}: {refused[0]}")
+        lines = (*report.notices, *report.unprovable) if block.record_observations else report.notices
+        notices |= dict.fromkeys(f"{block.world}: {notice}" for notice in lines)
+        notices |= dict.fromkeys(_list_block_notices(block))
+    notices |= dict.fromkeys(check_stimuli(protocol, source))
+    return list(notices)
 
 
-N_REPLAYS, N_REPLAYED_STEPS = 3, 40
+def _examine_block(block: BlockSpec, examined: dict[bytes, ConformanceReport], *, provable: bool) -> ConformanceReport:
+    """Play a block's world as its participants will; once for blocks that play it alike."""
+    rehearsal = _rehearse(block, N_CHECKED_STEPS if provable else N_STARTED_STEPS)
+    key = msgspec.json.encode(rehearsal)
+    if key not in examined:
+        examined[key] = examine_world(rehearsal, play_in_second_process if provable else None)
+    return examined[key]
 
 
-def describe_worlds(protocol: Protocol) -> Iterator[str]:
-    """Yield what to know of worlds: parts of actions without a key, no replay, no copy; of ours, actions missed."""
-    for made_from in dict.fromkeys((block.world, msgspec.json.encode(block.options)) for block in protocol.blocks):
-        with closing(World(made_from[0], msgspec.json.decode(made_from[1]))) as world:
-            yield from (f"{world.id}: {notice}" for notice in list_world_notices(world))
+def _rehearse(block: BlockSpec, steps: int) -> Rehearsal:
+    seeds = tuple(dict.fromkeys(block.seeds)) if isinstance(block.seeds, tuple) else tuple(range(N_TRIED_SEEDS))
+    options = list_world_options(block)
+    with closing(World(block.world, options)) as world:
+        world.name_actions(block.actions)
+        named = dict.fromkeys((*block.actions, *block.distractors, *filter(None, (block.noop_action,))))
+        numbers = tuple(world.action_names.index(name) for name in named)
+    return Rehearsal(
+        block.world,
+        options,
+        seeds[:N_TRIED_SEEDS],
+        numbers,
+        view=block.view,
+        palette=block.palette,
+        max_steps=block.max_steps,
+        steps=steps,
+    )
+
+
+def _list_block_notices(block: BlockSpec) -> Iterator[str]:
+    """Yield what is odd in how a block plays a foreign world."""
+    with closing(World(block.world, list_world_options(block))) as world:
+        if world.is_built_in or isinstance(world.unwrapped, NativeWorld):
+            return
+        world.name_actions(block.actions)
+        used = {*block.actions, *block.distractors, block.noop_action}
+        unused = [name for name in world.action_names if name not in used] if world.actions.is_discrete else []
+        stated = world.unwrapped.metadata.get("render_fps")
+        rate = stated if isinstance(stated, int | float) else None
+    if unused:
+        yield f"block {block.name!r}: no key does {', '.join(unused)}"
+    if (
+        block.pace == "on_key"
+        and rate
+        and rate >= MOVING_FPS
+        and not block.response_deadline_ms
+        and block.noop_action is None
+    ):
+        yield (
+            f"block {block.name!r}: {block.world} states {rate} frames a second and steps only when a key is pressed; "
+            "if it is to move by itself, set pace = 'real_time', and noop_action if one of its actions does nothing"
+        )
+    if block.pace == "real_time" and not rate:
+        yield f"block {block.name!r}: {block.world} states no frame rate for its {block.step_period_ms:g} ms a step"
+
+
+def describe_worlds(protocol: Protocol, notices: Sequence[str] | None = None) -> Iterator[str]:
+    """Yield what to know of worlds: the notices of `check_worlds`, and of ours the actions missed."""
+    yield from check_worlds(protocol) if notices is None else notices
     for block in protocol.blocks:
         if missed := _find_missed_actions(block):
             yield (
@@ -211,35 +301,13 @@ def find_needed_actions(world: World, seeds: Sequence[int] = range(N_TRIED_SEEDS
     return needed
 
 
-def list_world_notices(world: World) -> Iterator[str]:
-    """Yield the same of one world, which is played for it."""
-    if isinstance(world.actions, VectorActions) and world.actions.unbound:
-        bound, whole = len(world.actions.rest) - world.actions.unbound, len(world.actions.rest)
-        yield f"keys move the first {bound} of {whole} parts of an action; the others stay at rest"
-    if isinstance(world.unwrapped, NativeWorld):
-        return
-    replays = [_replay(world) for _ in range(N_REPLAYS)]
-    step = next((n for n, steps in enumerate(zip(*replays, strict=False)) if len(set(steps)) > 1), None)
-    if step is not None:
-        yield (
-            f"nondeterministic: {N_REPLAYS} replays of one seed differ at step {step}, so no log of it can be proven; "
-            "record_observations = true keeps what was seen"
-        )
-    try:
-        world.save()
-    except WorldError:
-        yield "it cannot be copied, so a browser shows each step one round trip after its key"
-
-
-def _replay(world: World) -> list[tuple[int, int, float]]:
-    """State, observation and reward of an episode's first steps, with every action in turn."""
-    found = [(world.reset(0).observation_hash, world.state_hash(), 0.0)]
-    for number in range(N_REPLAYED_STEPS):
-        done = world.step(world.actions.numbers[number // 3 % len(world.actions.numbers)])
-        found.append((done.observation_hash, world.state_hash(), done.reward))
-        if done.terminated or done.truncated:
-            break
-    return found
+def list_world_notices(world: World) -> list[str]:
+    """List what to know of one world, which is made again and played for it, with every action."""
+    if world.is_built_in and not isinstance(world.actions, VectorActions):
+        return []
+    rehearsal = Rehearsal(world.id, world.options, (0,), tuple(world.actions.numbers), steps=N_STARTED_STEPS)
+    report = examine_world(rehearsal)
+    return [*report.broken, *report.unsound, *report.unprovable, *report.notices]
 
 
 def try_world(block: BlockSpec) -> None:
@@ -273,12 +341,13 @@ def _check_actions(protocol: Protocol, source: str) -> None:
 def _find_world_errors(block: BlockSpec) -> Iterator[tuple[str, str]]:
     try:
         world = World(block.world, list_world_options(block))
+        limit = world.step_limit
     except WorldError as error:
         yield "world", f"is {block.world!r}: {_explain_world_error(block, error)}"
         return
     world.name_actions(block.actions)
-    known, limit = world.action_names, world.step_limit
-    if block.kind not in _PLAYED_KINDS and not world.actions.is_discrete:
+    known = world.action_names
+    if not find_kind(block.kind).is_played_alone and not world.actions.is_discrete:
         yield (
             "kind",
             f"is {block.kind!r}, but {block.world} has {world.action_space}; its agents choose Discrete actions",
@@ -321,7 +390,7 @@ def _explain_world_error(block: BlockSpec, error: WorldError) -> str:
     reason = str(error).removeprefix(f"{block.world}: ")
     name = block.world.rpartition("/")[2].rpartition(":")[2]
     ours = [entry.id for entry in (*WORLDS, *TEAM_WORLDS)]
-    if block.world in ours:
+    if block.world in ours or not isinstance(error.__cause__, gymnasium.error.UnregisteredEnv):
         return reason
     if f"{_OURS}{name}" in ours:
         upstream = "miniworld" if name.startswith("MiniWorld") else "minigrid"

@@ -67,6 +67,9 @@ class EpisodePlan(msgspec.Struct, frozen=True):
     onset_at_reset: bool = False  # real_time only: the first picture shows the stimulus
     hold: HoldPolicy = "once"  # real_time only: whether an action lasts while its key is held
     response_deadline_ms: float = 0.0  # on_key only: the no-op comes so long after a picture without a key; 0: never
+    outcome_rule: str = ""  # what its end means, see worlds/outcomes.py
+    record_info: tuple[str, ...] = ()  # keys of the world's ``info`` that steps keep
+    labels: dict[str, Any] = {}  # of its stimulus: columns of the table that the world never sees
 
 
 class BlockText(msgspec.Struct, frozen=True):
@@ -85,6 +88,11 @@ class PartPlan(msgspec.Struct, frozen=True):
     def asks_consent(self) -> bool:
         """Whether the part asks for consent."""
         return False
+
+    @property
+    def sign_interval_s(self) -> float:
+        """The longest time in which a page of the session sends nothing, as others wait for it; 0: nobody waits."""
+        return 0.0
 
     @property
     def closes_session(self) -> bool:
@@ -161,6 +169,7 @@ class SessionPlan(msgspec.Struct, frozen=True):
     bonus: BonusSpec | None = None
     fonts: tuple[str, ...] = ()  # files of faces that are asked first
     files: dict[str, bytes] = {}  # tables of stimuli and their images, which the plan cannot be made without
+    outcome_rules: int = 0  # which rules say what an end means; 0: the last reward, as before there were others
 
     def __post_init__(self) -> None:
         keep_files(self.files.values())

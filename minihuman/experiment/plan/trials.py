@@ -1,24 +1,38 @@
 """The trials of a block: rows of its table of stimuli in an order of the participant's own, and drawn intervals."""
 
-import csv
-import io
-import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import msgspec
 
 from minihuman.activities.play.plan import TrialRules
 from minihuman.activities.trials.plan import StimuliSpec
+from minihuman.activities.trials.stimulus_table import (
+    COUNT,
+    IMAGE,
+    Row,
+    TableRow,
+    clean_label,
+    is_label,
+    list_images,
+    read_table,
+)
+from minihuman.activities.trials.trial_order import OrderStream, draw_order
 from minihuman.errors import ProtocolError
-from minihuman.experiment.plan.random_streams import draw_permutation, draw_words
+from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
+from minihuman.experiment.protocol.specs import apply_overrides
 from minihuman.worlds.hashing import refer_to_file
 
-IMAGE, COUNT = "image", "times"  # columns with a meaning of their own: a PNG beside the protocol, how often a row comes
 _MAX_ROWS = 10_000
 
-Row = dict[str, Any]
+
+class TrialStimulus(msgspec.Struct, frozen=True):
+    """What one trial shows: a row of a block's table, its images by reference."""
+
+    place: str = ""  # of the row: "words.csv:3"; "" without a table
+    options: Row = {}  # of the world
+    labels: Row = {}  # that the world never sees
 
 
 def plan_rules(block: BlockSpec, seed: int, purpose: str, participant: int) -> TrialRules | msgspec.UnsetType:
@@ -32,102 +46,116 @@ def plan_rules(block: BlockSpec, seed: int, purpose: str, participant: int) -> T
     return msgspec.UNSET if rules == TrialRules() else rules
 
 
-def plan_options(protocol: Protocol, block: BlockSpec, purpose: str, participant: int) -> list[Row]:
-    """The options of each of a block's worlds: the block's own, and those of the trial's row.
+def plan_stimuli(protocol: Protocol, block: BlockSpec, purpose: str, participant: int) -> list[TrialStimulus]:
+    """Plan what each of a block's trials shows; the block's own options are not among it.
 
     Raises:
-        ProtocolError: if the table cannot be read.
+        ProtocolError: if the table cannot be read, or has no order as it is asked for.
     """
-    if block.stimuli is None:
-        return [dict(block.options)] * block.episodes
-    rows = read_stimuli(protocol, block)
-    order: list[int] = []
-    while len(order) < block.episodes:
-        drawn = f"trials-{purpose}-{len(order) // len(rows)}"
-        once = range(len(rows))
-        shuffled = block.stimuli.order == "shuffled"
-        order += (
-            draw_permutation(len(rows), seed=protocol.study.seed, purpose=drawn, index=participant)
-            if shuffled
-            else once
+    spec = block.stimuli
+    if spec is None:
+        return [TrialStimulus()] * block.episodes
+    stimuli = read_stimuli(protocol, block)
+    columns = {name: _find_column(block, stimuli, name) for name in (*spec.balanced_by, *spec.max_run)}
+    stream = OrderStream(protocol.study.seed, purpose, participant)
+    try:
+        order = draw_order(spec, columns, len(stimuli), block.episodes, stream)
+    except ProtocolError as error:
+        raise ProtocolError(f"block {block.name!r}: {error}") from error
+    return [stimuli[row] for row in order]
+
+
+def _find_column(block: BlockSpec, stimuli: list[TrialStimulus], name: str) -> list[Any]:
+    cells = [(stimulus.options | stimulus.labels).get(name) for stimulus in stimuli]
+    if all(cell is None for cell in cells):
+        columns = list(dict.fromkeys(column for stimulus in stimuli for column in stimulus.options | stimulus.labels))
+        raise ProtocolError(
+            f"block {block.name!r}: the order of its stimuli names {name!r}, which is no column of the table; use one "
+            f"of {', '.join(columns)}"
         )
-    return [{**block.options, **rows[place]} for place in order[: block.episodes]]
+    return cells
 
 
-def read_stimuli(protocol: Protocol, block: BlockSpec) -> list[Row]:
-    """A block's stimuli, each as often as it says it comes; a row refers to its image in the plan's files.
+def read_stimuli(protocol: Protocol, block: BlockSpec) -> list[TrialStimulus]:
+    """Read a block's stimuli, each as often as it says it comes; a row refers to its image in the plan's files.
 
     Raises:
-        ProtocolError: if the file is missing, is no table, or names an image that is not there.
+        ProtocolError: if the file is missing, is no table, or names an image that is not there; with the row.
     """
     assert block.stimuli is not None
-    rows: list[Row] = []
+    stimuli: list[TrialStimulus] = []
     for row in read_table(block.stimuli, protocol.files):
-        times = row.pop(COUNT, 1)
-        if not isinstance(times, int) or not 0 < times <= _MAX_ROWS:
+        stimuli += [_build_stimulus(protocol, block, row)] * _read_count(block, row)
+    if not 0 < len(stimuli) <= _MAX_ROWS:
+        raise ProtocolError(f"block {block.name!r} has {len(stimuli)} stimuli; give it 1 to {_MAX_ROWS}")
+    return stimuli
+
+
+def _read_count(block: BlockSpec, row: TableRow) -> int:
+    times = row.cells.get(COUNT, 1)
+    if not isinstance(times, int) or isinstance(times, bool) or not 0 < times <= _MAX_ROWS:
+        raise ProtocolError(
+            f"block {block.name!r}: {row.place}: column {COUNT!r}: one of its stimuli has times = {times!r}; use a "
+            "whole number of 1 or more"
+        )
+    return times
+
+
+def _build_stimulus(protocol: Protocol, block: BlockSpec, row: TableRow) -> TrialStimulus:
+    assert block.stimuli is not None
+    options: Row = {}
+    labels: Row = {}
+    for column, cell in row.cells.items():
+        if column == COUNT:
+            continue
+        if is_label(column, block.world, block.stimuli.labels):
+            labels[column] = clean_label(cell)
+        else:
+            options[column] = cell
+    if name := options.get(IMAGE):
+        if name not in protocol.files:
             raise ProtocolError(
-                f"block {block.name!r}: one of its stimuli has times = {times!r}; use a whole number of 1 or more"
+                f"block {block.name!r}: {row.place}: column {IMAGE!r}: it shows {name!r}, which is not in the "
+                "protocol's folder; copy it there"
             )
-        if name := row.get(IMAGE):
-            if name not in protocol.files:
-                raise ProtocolError(
-                    f"block {block.name!r} shows {name!r}, which is not in the protocol's folder; copy it there"
-                )
-            row[IMAGE] = refer_to_file(protocol.files[name])
-        rows += [row] * times
-    if not 0 < len(rows) <= _MAX_ROWS:
-        raise ProtocolError(f"block {block.name!r} has {len(rows)} stimuli; give it 1 to {_MAX_ROWS}")
-    return rows
+        options[IMAGE] = refer_to_file(protocol.files[str(name)])
+    return TrialStimulus(row.place, options, labels)
 
 
-def read_table(spec: StimuliSpec, files: Mapping[str, bytes]) -> list[Row]:
-    """A table's rows as they are written.
-
-    Raises:
-        ProtocolError: if the file is missing or is no table.
-    """
-    if not spec.file:
-        return [dict(row) for row in spec.rows]
-    if spec.file not in files:
-        raise ProtocolError(f"the stimulus file {spec.file!r} is not in the protocol's folder; copy it there")
-    return _read_csv(files[spec.file], spec.file)
+def list_label_columns(protocol: Protocol, block: BlockSpec) -> tuple[str, ...]:
+    """List the labels of a block's stimuli, in the order of the table's columns; none without a table."""
+    if block.stimuli is None:
+        return ()
+    columns = dict.fromkeys(column for row in read_table(block.stimuli, protocol.files) for column in row.cells)
+    return tuple(column for column in columns if is_label(column, block.world, block.stimuli.labels))
 
 
 def find_files(protocol: Protocol) -> dict[str, bytes]:
     """The tables of stimuli of a protocol and their images."""
-    tables = [block.stimuli for block in protocol.blocks if block.stimuli is not None]
-    names = {table.file for table in tables if table.file}
-    names.update(*(list_images(read_table(table, protocol.files)) for table in tables))
+    names = set(_find_file_names(protocol))
     return {name: protocol.files[name] for name in sorted(names)}
 
 
-def list_images(rows: list[Row]) -> list[str]:
-    """The files that a table's rows name."""
-    return list(dict.fromkeys(str(row[IMAGE]) for row in rows if row.get(IMAGE)))
+def _find_file_names(protocol: Protocol) -> Iterator[str]:
+    for block in protocol.blocks:
+        if block.stimuli is not None:
+            yield from _list_file_names(block.stimuli, protocol.files)
+        for group in block.group_overrides:
+            spec = apply_overrides(block, group).stimuli
+            if spec is not None and (not spec.file or spec.file in protocol.files):  # plans lacked them once
+                yield from _list_file_names(spec, protocol.files)
 
 
-def _read_csv(content: bytes, name: str) -> list[Row]:
-    try:
-        lines = list(csv.DictReader(io.StringIO(content.decode("utf-8-sig")), strict=True))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ProtocolError(
-            f"{name} is not a CSV file in UTF-8 ({error}); save it as one, with commas between cells"
-        ) from error
-    wrong = next((number for number, line in enumerate(lines, 2) if None in line or None in line.values()), None)
-    if wrong is not None:
-        raise ProtocolError(
-            f"{name}:{wrong}: this row has more or fewer cells than the header; give it one cell per column"
-        )
-    return [{column: _value(cell) for column, cell in line.items() if cell != ""} for line in lines]
+def _list_file_names(spec: StimuliSpec, files: Mapping[str, bytes]) -> Iterator[str]:
+    if spec.file:
+        yield spec.file
+    yield from (name for name in list_images(read_table(spec, files)) if name in files)
 
 
-def _value(cell: str) -> str | int | float:
-    """A cell as a number where it is written as one and no other way: "007", "1_0" and "nan" are texts."""
-    for kind in (int, float):
-        try:
-            value = kind(cell)
-        except ValueError:
-            continue
-        if str(value) == cell and math.isfinite(value):
-            return value
-    return cell
+def read_images(spec: StimuliSpec, files: Mapping[str, bytes]) -> list[tuple[str, str]]:
+    """List the images that a table names, each with the first row that does."""
+    places: dict[str, str] = {}
+    for row in read_table(spec, files):
+        if name := row.cells.get(IMAGE):
+            places.setdefault(str(name), row.place)
+    return list(places.items())

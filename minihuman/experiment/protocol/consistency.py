@@ -5,11 +5,10 @@ from itertools import pairwise, permutations, product
 
 import msgspec
 
-from minihuman.activities.agent_blocks.plan import AgentPlayPlan
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.activities.questions.question import check_item, find_question_kind
 from minihuman.errors import ProtocolError
-from minihuman.experiment.machine.activity import find_kind
+from minihuman.experiment.machine.activity import find_installed_kind, find_kind, list_kinds
 from minihuman.experiment.plan.designs import make_design
 from minihuman.experiment.protocol.model import BlockSpec, GroupSpec, Protocol
 from minihuman.experiment.protocol.specs import (
@@ -23,8 +22,9 @@ from minihuman.experiment.protocol.specs import (
     is_completion_code,
 )
 from minihuman.experiment.protocol.validation_errors import FieldError, select_errors
-from minihuman.experiment.words import LANGUAGES, flatten_words, load_words
+from minihuman.experiment.words import LANGUAGES, LATER_WORDS, flatten_words, load_words
 from minihuman.worlds.catalogue import is_first_person
+from minihuman.worlds.outcomes import normalize_outcome_rule
 
 
 def check_carried_key_maps(protocol: Protocol) -> Iterator[FieldError]:
@@ -139,7 +139,7 @@ def _check_missing_words(protocol: Protocol) -> Iterator[FieldError]:
     language, own = protocol.study.language, flatten_words(protocol.words)
     if language in LANGUAGES:
         return
-    unused: tuple[str, ...] = ("action.", "mission.", "key.")
+    unused: tuple[str, ...] = ("action.", "mission.", "key.", *LATER_WORDS)
     if all(block.team is None for block in protocol.blocks):
         unused += ("team.",)
     missing = [key for key in load_words("en") if key not in own and not key.startswith(unused)]
@@ -343,7 +343,7 @@ def _check_block(block: BlockSpec, protocol: Protocol) -> Iterator[FieldError]:
     yield from select_errors(
         [
             (
-                on_page and block.kind != "play",
+                on_page and not _can_page_compute(block.kind),
                 "computed",
                 f"is 'page' for a {block.kind} block; a page computes play alone: use 'server'",
             ),
@@ -388,11 +388,10 @@ def _check_block(block: BlockSpec, protocol: Protocol) -> Iterator[FieldError]:
             ),
         ]
     )
+    yield from _check_outcome(block)
     if block.design is not None:
         if on_page:
             yield "computed", "is 'page', but a design resolves each episode on the server; use 'server'"
-        if block.kind == "team":
-            yield "design", "would decide for each seat by itself; leave it out of a team block"
         try:
             make_design(block.design)
         except ProtocolError as error:
@@ -403,6 +402,18 @@ def _check_block(block: BlockSpec, protocol: Protocol) -> Iterator[FieldError]:
     interval = block.inter_trial_interval_ms
     if isinstance(interval, tuple) and not 0 <= interval[0] <= interval[1] <= 86_400_000:
         yield "inter_trial_interval_ms", f"is {list(interval)}; give the shortest, then the longest"
+
+
+def _check_outcome(block: BlockSpec) -> Iterator[FieldError]:
+    """Check how success is stated, and which keys of ``info`` are kept."""
+    if block.success is not None:
+        try:
+            normalize_outcome_rule(block.success, at_any_step=False)
+        except ProtocolError as error:
+            yield "success", str(error)
+    for key in block.record_info:
+        if not key.strip() or '"' in key or block.record_info.count(key) > 1:
+            yield "record_info", f"has {key!r}; name each key of the world's info once, without quotation marks"
 
 
 def _check_block_kind(block: BlockSpec, pool: tuple[str, ...]) -> Iterator[FieldError]:
@@ -437,19 +448,36 @@ def _check_unused_fields(protocol: Protocol) -> Iterator[FieldError]:
                     f"is given, but key_map is {block.key_map!r}; set it to 'fixed'",
                 ),
                 (
-                    block.agent is not None and not any(map(_has_agent, kinds)),
+                    block.agent is not None and not any(_has_table(kind, "agent") for kind in kinds),
                     f"{path}.agent",
-                    f"{none} 'takeover' or 'rating'",
+                    f"{none} {_name_kinds_with('agent')}",
                 ),
-                (block.team is not None and "team" not in kinds, f"{path}.team", f"{none} 'team'"),
+                (
+                    block.team is not None and not any(_has_table(kind, "team") for kind in kinds),
+                    f"{path}.team",
+                    f"{none} {_name_kinds_with('team')}",
+                ),
             ]
         )
 
 
-def _has_agent(kind: str) -> bool:
-    """Whether a kind of block has one; what is no kind of block is a complaint of its own."""
-    try:
-        plan = find_kind(kind).plan
-    except ProtocolError:
-        return True
-    return not issubclass(plan, PlayPlan) or issubclass(plan, AgentPlayPlan)
+def is_played_alone(kind: str) -> bool:
+    """Tell whether only the participant acts in blocks of a kind; one that is not installed is an error of its own."""
+    installed = find_installed_kind(kind)
+    return installed is None or installed.is_played_alone
+
+
+def _can_page_compute(kind: str) -> bool:
+    installed = find_installed_kind(kind)
+    return installed is None or installed.is_plain_play
+
+
+def _has_table(kind: str, table: str) -> bool:
+    """Tell whether blocks of a kind have a table of that name; what is no kind of block is an error of its own."""
+    installed = find_installed_kind(kind)
+    return installed is None or not issubclass(installed.plan, PlayPlan) or table in installed.plan_fields
+
+
+def _name_kinds_with(table: str) -> str:
+    kinds = list_kinds(lambda kind: issubclass(kind.plan, PlayPlan) and table in kind.plan_fields)
+    return " or ".join(map(repr, kinds))

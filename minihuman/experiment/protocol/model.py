@@ -21,6 +21,7 @@ from minihuman.experiment.plan.session_plan import (
     SpareKeyPolicy,
 )
 from minihuman.experiment.protocol import specs
+from minihuman.experiment.protocol.design_spec import StudyDesignSpec
 from minihuman.experiment.protocol.specs import (
     ActivitySpec,
     GroupOverrides,
@@ -90,8 +91,13 @@ class BlockSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     palette: Palette = "classic"
     motion_ms: float = 0.0  # the view moves from one step's picture to the next for so long; 0: it changes at once
     record_observations: bool = False  # the log holds what was observed, beside its hash
+    record_info: tuple[str, ...] = ()  # keys of the world's info that become columns of steps
+    success: str | None = None  # what success is: "info:KEY", "return >= 195", "reward > 0", "terminated", "none"
+    success_at: Literal["end", "any"] = "end"  # whether the last step decides, or any step is enough
     instructions: str = ""
-    feedback: str | dict[Literal["goal", "timeout", "failure"], str] = ""  # after each episode, or by its outcome
+    feedback: str | dict[Literal["goal", "timeout", "failure", "ended"], str] = (
+        ""  # after each episode, or by its outcome
+    )
     feedback_ms: float = 0.0  # the feedback goes by itself after so long; 0: by Enter
     rest_text: str = ""  # after the block, when another follows
     fixed_keys: dict[str, str] = {}  # key_map = "fixed": physical key -> action
@@ -127,9 +133,15 @@ class ExclusionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     reason: str
     level: Literal["episode", "participant"]
-    measure: str  # a column of the report's episode or participant table
+    measure: str  # a column of the report's episode or participant table, or "label:NAME" of a trial
     below: float | None = None  # leaves out values less than this
     above: float | None = None  # leaves out values greater than this
+    where: dict[str, str | int | float | bool] = {}  # only trials whose labels have these levels
+
+    @property
+    def measured_label(self) -> str:
+        """The label of a trial that is measured; "" for another measure."""
+        return self.measure.removeprefix("label:") if self.measure.startswith("label:") else ""
 
 
 class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -150,6 +162,7 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     files: dict[str, bytes] = {}  # what the file names beside itself; not a field of the file
     about: specs.AboutSpec = specs.AboutSpec()
     analysis: specs.AnalysisSpec = specs.AnalysisSpec()
+    design: StudyDesignSpec = StudyDesignSpec()
     allocation: specs.AllocationSpec = specs.AllocationSpec()
     devices: tuple[specs.DeviceSpec, ...] = ()
     web: specs.WebSpec = specs.WebSpec()

@@ -17,11 +17,18 @@ from typing import Any
 
 import msgspec
 
+from minihuman.activities.trials.plan import StimuliSpec
 from minihuman.errors import ProtocolError
 from minihuman.experiment.keys import BUTTON_NAMES, KEY_NAMES_TEXT, PAD_AXES, RESERVED_KEYS
 from minihuman.experiment.protocol import specs, strata
 from minihuman.experiment.protocol.aliases import use_current_names
-from minihuman.experiment.protocol.consistency import check_carried_key_maps, check_design, check_newer_design_rules
+from minihuman.experiment.protocol.consistency import (
+    check_carried_key_maps,
+    check_design,
+    check_newer_design_rules,
+    is_played_alone,
+)
+from minihuman.experiment.protocol.design_spec import check_study_design
 from minihuman.experiment.protocol.model import (
     BlockSpec as BlockSpec,
     ExclusionSpec as ExclusionSpec,
@@ -121,6 +128,7 @@ def _check_values(protocol: Protocol) -> list[FieldError]:
             tuple(block.name for block in protocol.blocks),
             practice=tuple(block.name for block in protocol.blocks if not block.analysed),
         ),
+        *_check_study_design(protocol),
         *strata.check_allocation(protocol),
         *specs.check_devices(protocol.devices),
         *specs.check_web(protocol.web),
@@ -141,6 +149,17 @@ def _check_newer_rules(protocol: Protocol) -> list[FieldError]:
         *_check_allocation_size(protocol),
         *check_newer_design_rules(protocol),
     ]
+
+
+def _check_study_design(protocol: Protocol) -> list[FieldError]:
+    return list(
+        check_study_design(
+            protocol.design,
+            compared_blocks=() if protocol.analysis.condition_label else protocol.analysis.conditions,
+            options_by_block={block.name: block.options for block in protocol.blocks},
+            has_groups=len(protocol.groups) > 1,
+        )
+    )
 
 
 def _check_study(study: StudySpec) -> list[FieldError]:
@@ -240,6 +259,7 @@ def _check_block(block: BlockSpec, protocol: Protocol) -> list[FieldError]:
                 "stimuli",
                 "needs a file or rows, and not both",
             ),
+            *_check_order(stimuli),
         ]
     )
     if isinstance(block.seeds, tuple):
@@ -262,6 +282,8 @@ def _check_unused_block_fields(block: BlockSpec, keys: KeysSpec) -> list[FieldEr
     on_key, real_time = block.pace == "on_key", block.pace == "real_time"
     deadline = block.response_deadline_ms
     kind = f"is for blocks that are played, not for kind {block.kind!r}; remove it"
+    binds_devices = bool(block.axes or block.spot)
+    is_for_agents = binds_devices and not is_played_alone(block.kind)
     return select_errors(
         [
             (
@@ -294,8 +316,8 @@ def _check_unused_block_fields(block: BlockSpec, keys: KeysSpec) -> list[FieldEr
                 "stimulus_onset",
                 "is for 'real_time'; in 'on_key' every picture is an onset; remove it",
             ),
-            (block.axes and block.kind not in ("play", "trials"), "axes", kind),
-            (block.spot and block.kind not in ("play", "trials"), "spot", kind),
+            (block.axes and is_for_agents, "axes", kind),
+            (block.spot and is_for_agents, "spot", kind),
             (
                 block.axes and block.hold != "repeat",
                 "axes",
@@ -313,6 +335,24 @@ def _check_unused_block_fields(block: BlockSpec, keys: KeysSpec) -> list[FieldEr
             (real_time and block.auto_repeat, "auto_repeat", "is for 'on_key'; in 'real_time' a tick decides"),
         ]
     )
+
+
+def _check_order(stimuli: StimuliSpec | None) -> list[tuple[object, str, str]]:
+    """The rules of the order of a table of stimuli."""
+    if stimuli is None:
+        return []
+    is_ordered = bool(stimuli.balanced_by or stimuli.max_run)
+    return [
+        (
+            is_ordered and stimuli.order == "fixed",
+            "stimuli.order",
+            "is 'fixed', but balanced_by and max_run draw one; use 'shuffled'",
+        ),
+        *(
+            (most < 1, "stimuli.max_run", f"has {column} = {most}; use 1 or more")
+            for column, most in stimuli.max_run.items()
+        ),
+    ]
 
 
 def _check_placeholders(text: str) -> None:

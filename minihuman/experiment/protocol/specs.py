@@ -283,8 +283,14 @@ class AnalysisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     secondary_measures: tuple[str, ...] = ()  # corrected together, for how many there are
     equivalence_margin: float | None = None  # groups whose primary measures differ by less than this are alike
     block: str = ""  # that groups are compared on; "": the last that all of them play
-    conditions: tuple[str, ...] = ()  # blocks that are compared with each other within a participant
+    conditions: tuple[str, ...] = ()  # that are compared within a participant: blocks, or the levels of "label:NAME"
     covariates: tuple[str, ...] = ()  # that the primary measure is also compared adjusted for
+
+    @property
+    def condition_label(self) -> str:
+        """The label of trials whose levels are the conditions; "" where they are blocks."""
+        (name,) = self.conditions if len(self.conditions) == 1 else ("",)
+        return name.removeprefix("label:") if name.startswith("label:") else ""
 
     def find_plugin_measures(self) -> tuple[str, ...]:
         """The named measures that are no column of the table of blocks, each once."""
@@ -318,11 +324,12 @@ def check_analysis(
             *(
                 (name not in blocks, "conditions", f"has {name!r}, which is not a block; {played}")
                 for name in conditions
+                if not analysis.condition_label
             ),
             (
-                len(conditions) == 1 or len(set(conditions)) < len(conditions),
+                not analysis.condition_label and (len(conditions) == 1 or len(set(conditions)) < len(conditions)),
                 "conditions",
-                "compares blocks with each other; name two or more, each once",
+                "compares blocks with each other; name two or more, each once, or one label as 'label:NAME'",
             ),
             (analysis.covariates and not primary, "covariates", "adjust the primary measure; name one"),
             (
@@ -511,7 +518,8 @@ class WebSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     open_access: bool = False  # who comes without a link and from no platform gets a slot, too
     recruitment_platforms: tuple[RecruitmentPlatform, ...] = ()  # that people may come from; () asks for links
     max_concurrent_sessions: int = 200  # seats
-    max_unconsented_per_address: int = 20  # of people without a link; raise it for a lab behind one address
+    max_unconsented_per_address: int = 20  # of people without a link who played nothing; raise it for a lab
+    require_signed_arrival: bool = False  # who comes from a platform needs a signature; see web/arrival_signature.py
     completion_codes: CompletionCodesSpec = CompletionCodesSpec()
     redirect: str = ""  # where the page leads at the end; {code} and {id}, the platform's id, are filled in
 

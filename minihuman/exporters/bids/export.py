@@ -12,17 +12,17 @@ from minihuman import __version__
 from minihuman.dataset.annotations import annotations_path
 from minihuman.dataset.included_episodes import IncludedEpisodes
 from minihuman.dataset.selection import SelectedSession
-from minihuman.dataset.sessions import StudySessions
-from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
-from minihuman.dataset.table_files import write_tables
+from minihuman.dataset.tables import select
 from minihuman.errors import ExportError
+from minihuman.experiment.machine.events import ActivityEvent
 from minihuman.experiment.protocol.specs import AboutSpec
 from minihuman.exporters.bids.files import (
     EVENT_COLUMNS,
     Phenotype,
     build_events,
     describe_event_columns,
+    describe_label_columns,
     make_label,
     make_subject_label,
     write_json,
@@ -34,7 +34,8 @@ from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.study_metadata import get_plan_devices, get_plan_study_facts, read_participants
 from minihuman.figures.path_figures import session_paths
 from minihuman.figures.style import save_png
-from minihuman.log.model.session_log import EpisodeLog
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
+from minihuman.log.paths import list_log_files
 
 BIDS_VERSION = "1.11.0"
 HED_VERSION = "8.3.0"
@@ -74,25 +75,35 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """
     dataset: _Dataset | None = None
     for counted in chosen.counted():
-        dataset = dataset or _Dataset(out, counted)
+        dataset = dataset or _Dataset(out, counted, with_messages=chosen.with_messages)
         dataset.add(counted)
     if dataset is None:
         return ExportResult((), 0, 0)
-    again = StudySessions(
-        chosen.sessions.source, chosen.sessions.selection
-    )  # the account of the first pass is the card's
-    with StudyStore(again, with_shortest=False) as store:
-        write_tables(store.tables, out / _DERIVATIVES / "tables", kinds=("csv",), without=COLUMNS_NEEDING_WORLD)
+    with select(chosen.sessions.source, chosen.sessions.selection) as tables:  # the first pass gave the card's account
+        tables.write(out / _DERIVATIVES / "tables", kinds=("csv",), without=COLUMNS_NEEDING_WORLD)
     paths = dataset.finish(chosen.sessions.source)
-    return ExportResult((*paths, out / _DERIVATIVES), dataset.episodes, dataset.steps, sessions=dataset.sessions)
+    return ExportResult(
+        (*paths, out / _DERIVATIVES),
+        dataset.episodes,
+        dataset.steps,
+        left_out=dataset.describe_excluded_logs(),
+        sessions=dataset.sessions,
+    )
+
+
+def _holds_messages(log: SessionLog) -> bool:
+    """Say whether a log holds what its participant wrote to others."""
+    return any(isinstance(event, ActivityEvent) and event.words_to_others for event in log.part_events)
 
 
 class _Dataset:
     """A dataset while it is written."""
 
-    def __init__(self, out: Path, first: SelectedSession) -> None:
+    def __init__(self, out: Path, first: SelectedSession, *, with_messages: bool) -> None:
         plan = first.log.plan
         self.episodes = self.steps = self.sessions = 0
+        self._with_messages = with_messages
+        self._excluded_logs = 0
         self._out, self._study = out, plan.study
         self._about: AboutSpec = get_plan_study_facts(plan)
         self._task = make_label(plan.study)
@@ -108,6 +119,7 @@ class _Dataset:
         self._people: dict[str, dict[str, Any]] = {}
         self._sessions: defaultdict[str, list[dict[str, str]]] = defaultdict(list)
         self._phenotype = Phenotype()
+        self._label_columns: dict[str, Any] = {}
         self._station = first.log.facts
 
     def add(self, counted: SelectedSession) -> None:
@@ -129,7 +141,9 @@ class _Dataset:
             theirs = [episode for episode in asked if episode.segment == segment.number]
             rows = build_events(segment, theirs, counting)
             events = folder / "beh" / f"{stem}_run-{segment.number}_events.tsv"
-            written = [write_tsv(events, list(EVENT_COLUMNS), rows)]
+            labels = describe_label_columns(theirs)
+            self._label_columns |= labels
+            written = [write_tsv(events, [*EVENT_COLUMNS, *labels], rows)]
             written += write_motion(stem, folder / "motion", segment.number, self._task_facts, segment, theirs)
             written += write_physio(stem, folder / "beh", segment.number, self._task_facts, segment, devices)
             at = segment.started_at.removesuffix("Z")[:26]  # microseconds are the finest that BIDS has
@@ -150,6 +164,16 @@ class _Dataset:
         )
         self._count(counted.episodes)
 
+    def describe_excluded_logs(self) -> tuple[str, ...]:
+        """Say how many logs are not in the dataset, and why."""
+        if not self._excluded_logs:
+            return ()
+        line = (
+            f"{self._excluded_logs} logs with messages between participants are not in sourcedata, as a log cannot be "
+            "edited; export again with --with-messages if the participants agreed to publish what they wrote"
+        )
+        return (line,)
+
     def finish(self, source: Path) -> tuple[Path, ...]:
         """Write what describes them all."""
         out = self._out
@@ -159,7 +183,10 @@ class _Dataset:
             "OperatingSystem": self._station.get("system", ""),
         }
         presented = {"StimulusPresentation": {name: said for name, said in stimuli.items() if said}}
-        write_json(out / f"task-{self._task}_events.json", self._task_facts | presented | describe_event_columns())
+        write_json(
+            out / f"task-{self._task}_events.json",
+            self._task_facts | presented | describe_event_columns() | self._label_columns,
+        )
         for who, sessions in self._sessions.items():
             write_tsv(out / who / f"{who}_sessions.tsv", ["session_id", "acq_time"], sessions)
         meaning = {"Description": "When the session began, UTC."}
@@ -198,11 +225,14 @@ class _Dataset:
         return (described, people, *answered, *(out / who for who in self._people), out / "sourcedata")
 
     def _keep_log(self, counted: SelectedSession, folder: Path) -> None:
-        """Copy the log itself, and the marks beside it, as they are."""
+        """Copy the log and the annotations beside it as they are; a log with words to others only where asked."""
         target = self._out / folder
         target.mkdir(parents=True, exist_ok=True)
         path = counted.log.path
-        logs = sorted(path.glob("*.mcap*")) if path.is_dir() else [path]
+        logs = list_log_files(path, "*.mcap*") if path.is_dir() else [path]
+        if not self._with_messages and _holds_messages(counted.log):
+            logs = []
+            self._excluded_logs += 1
         for file in (*logs, annotations_path(path)):
             if file.is_file():
                 shutil.copyfile(file, target / file.name)

@@ -19,6 +19,8 @@ import numpy as np
 
 from minihuman import __version__
 from minihuman.activities.questions.plan import QuestionsPlan
+from minihuman.activities.trials.stimulus_table import name_label_column
+from minihuman.dataset.info_columns import LABELS
 from minihuman.dataset.measures import response_ms
 from minihuman.dataset.table_columns import table_key_name
 from minihuman.errors import ExportError
@@ -120,6 +122,17 @@ def describe_event_columns() -> dict[str, Any]:
     return described
 
 
+def list_labels(episode: EpisodeLog) -> dict[str, Any]:
+    """The labels of an episode's stimulus, by the columns that they have in the events."""
+    return {name_label_column(key): label for key, label in episode.plan.labels.items()}
+
+
+def describe_label_columns(episodes: Sequence[EpisodeLog]) -> dict[str, Any]:
+    """What the columns of labels mean."""
+    keys = dict.fromkeys(key for episode in episodes for key in episode.plan.labels)
+    return {name_label_column(key): {"Description": LABELS.meaning.format(key)} for key in keys}
+
+
 def build_events(segment: Segment, episodes: Sequence[EpisodeLog], counting: frozenset[tuple[int, int]]) -> list[_Row]:
     """A segment's rows in order of time; ``counting`` are the (number, attempt) of the episodes that count."""
     rows = [
@@ -137,7 +150,7 @@ def _pauses(segment: Segment) -> Iterator[_Row]:
 
 
 def _episode(episode: EpisodeLog, segment: Segment, counting: frozenset[tuple[int, int]]) -> Iterator[_Row]:
-    place = _place(episode)
+    place = _place(episode) | list_labels(episode)
     yield _row(
         "episode",
         int(episode.t_ns[0]),

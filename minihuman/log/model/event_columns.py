@@ -184,4 +184,6 @@ def _column(name: str, values: list[Any]) -> Any:
             return np.array([NO_ACTION if value is None else value for value in values], np.int64)
         case "down":
             return np.array(values, np.bool_)
+        case "picture_hash":
+            return np.array(values, np.uint64)
     return np.array(values, np.int64)

@@ -7,7 +7,8 @@ where a segment lies in the session follows from the wall clock at its start, an
 one ended.
 """
 
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from minihuman.activities.team.events import (
     InputLate,
     JointStepped,
     PictureCorrected,
+    SeatSeen,
     SeatsReadied,
     SeatTaken,
     TeamEnded,
@@ -60,6 +62,7 @@ from minihuman.log.model.teaching_events import (
     gather_comparisons,
     gather_corrections,
 )
+from minihuman.worlds.outcomes import parse_outcome_rule
 from minihuman.worlds.pose import Pose
 
 PartEvent = (
@@ -159,6 +162,7 @@ class TeamRecord:
     late: int  # inputs of this seat that came too late
     takeovers: int  # how often an agent took a person's seat
     corrected: int  # pictures of the own action that the others' changed
+    sightings: tuple[SeatSeen, ...] = ()  # of people's seats that were not seen as before
 
     @property
     def partner_seats(self) -> tuple[int, ...]:
@@ -179,6 +183,20 @@ class TeamRecord:
     def persons(self) -> tuple[int, ...]:
         """The seats of people."""
         return tuple(seat for seat, kind in enumerate(self.seats) if kind == PERSON)
+
+    @property
+    def steps_by_source(self) -> tuple[dict[str, int], ...]:
+        """By seat, how many joint steps each source acted in."""
+        by_seat = zip(*self.sources, strict=True) if self.sources else ((),) * len(self.seats)
+        return tuple(dict(sorted(Counter(sources).items())) for sources in by_seat)
+
+    @property
+    def absent_share(self) -> float | None:
+        """The share of joint steps in which a person's seat idled for want of an input, or an agent acted in it."""
+        if not self.sources:
+            return None
+        absent = sum(any(sources[seat] != "person" for seat in self.persons) for sources in self.sources)
+        return absent / len(self.sources)
 
     def find_difference(self, seed: int) -> str:
         """What contradicts the digest of the joint actions; "" where nothing does."""
@@ -220,6 +238,7 @@ def gather_team(
         late=sum(isinstance(event, InputLate) for event in events),
         takeovers=sum(event.by == "agent" for event in taken),
         corrected=sum(isinstance(event, PictureCorrected) for event in events),
+        sightings=tuple(event for event in events if isinstance(event, SeatSeen)),
     )
 
 
@@ -251,6 +270,8 @@ class EpisodeLog:
     onsets: NDArray[np.bool_] | None = None  # (n + 1,) whose picture shows a stimulus onset; None: no step's
     team: TeamRecord | None = None  # who sat where and what all bodies did; None where one body played
     action_vectors: NDArray[np.float64] | None = None  # (n, d) where actions are vectors; ``actions`` names them then
+    successes: NDArray[np.float64] | None = None  # (n,) what the world said of success, NaN: nothing; None: not asked
+    infos: Sequence[Mapping[str, Any]] | None = None  # (n,) the keys of its ``info`` that the plan keeps; None: none
 
     def __post_init__(self) -> None:
         """Refuse lengths that do not belong together."""
@@ -308,6 +329,17 @@ class EpisodeLog:
     def outcome_word(self) -> str:
         """The outcome, or "cut_off" where the log broke off before there was one: the word in every table."""
         return self.outcome or CUT_OFF
+
+    @property
+    def success(self) -> bool | None:
+        """Whether the goal was reached; None where no rule tells."""
+        if self.outcome == "ended":
+            return None
+        if self.outcome in ("goal", "timeout", "failure"):
+            return self.outcome == "goal"
+        rule = parse_outcome_rule(self.plan.outcome_rule)  # broken off: no success where success is known at all
+        was_said = self.successes is not None and not np.isnan(self.successes).all()
+        return False if not rule.may_be_unknown or was_said else None
 
     @property
     def return_(self) -> float:

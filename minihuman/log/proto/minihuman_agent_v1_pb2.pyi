@@ -353,6 +353,22 @@ class SeatTaken(_message.Message):
     by: str
     def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., seat: _Optional[int] = ..., by: _Optional[str] = ...) -> None: ...
 
+class SeatSeen(_message.Message):
+    __slots__ = ("t_ns", "episode", "step", "seat", "state", "for_ms")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    STEP_FIELD_NUMBER: _ClassVar[int]
+    SEAT_FIELD_NUMBER: _ClassVar[int]
+    STATE_FIELD_NUMBER: _ClassVar[int]
+    FOR_MS_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    episode: int
+    step: int
+    seat: int
+    state: str
+    for_ms: int
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., seat: _Optional[int] = ..., state: _Optional[str] = ..., for_ms: _Optional[int] = ...) -> None: ...
+
 class TeamEnded(_message.Message):
     __slots__ = ("t_ns", "part", "reason")
     T_NS_FIELD_NUMBER: _ClassVar[int]

@@ -42,7 +42,7 @@ class KeyMap(_message.Message):
     def __init__(self, keys: _Optional[_Iterable[_Union[Binding, _Mapping]]] = ..., spare_keys: _Optional[_Iterable[str]] = ..., spare: _Optional[str] = ..., seed: _Optional[int] = ...) -> None: ...
 
 class EpisodePlan(_message.Message):
-    __slots__ = ("episode", "block", "block_name", "episode_in_block", "episodes_in_block", "world", "options_json", "seed", "actions", "key_map", "show_keys", "pace", "step_period_ms", "noop", "auto_repeat", "max_steps", "view", "palette", "record_observations", "onset_at_reset", "hold", "response_deadline_ms")
+    __slots__ = ("episode", "block", "block_name", "episode_in_block", "episodes_in_block", "world", "options_json", "seed", "actions", "key_map", "show_keys", "pace", "step_period_ms", "noop", "auto_repeat", "max_steps", "view", "palette", "record_observations", "onset_at_reset", "hold", "response_deadline_ms", "outcome_rule", "record_info", "labels_json")
     EPISODE_FIELD_NUMBER: _ClassVar[int]
     BLOCK_FIELD_NUMBER: _ClassVar[int]
     BLOCK_NAME_FIELD_NUMBER: _ClassVar[int]
@@ -65,6 +65,9 @@ class EpisodePlan(_message.Message):
     ONSET_AT_RESET_FIELD_NUMBER: _ClassVar[int]
     HOLD_FIELD_NUMBER: _ClassVar[int]
     RESPONSE_DEADLINE_MS_FIELD_NUMBER: _ClassVar[int]
+    OUTCOME_RULE_FIELD_NUMBER: _ClassVar[int]
+    RECORD_INFO_FIELD_NUMBER: _ClassVar[int]
+    LABELS_JSON_FIELD_NUMBER: _ClassVar[int]
     episode: int
     block: int
     block_name: str
@@ -87,7 +90,10 @@ class EpisodePlan(_message.Message):
     onset_at_reset: bool
     hold: str
     response_deadline_ms: float
-    def __init__(self, episode: _Optional[int] = ..., block: _Optional[int] = ..., block_name: _Optional[str] = ..., episode_in_block: _Optional[int] = ..., episodes_in_block: _Optional[int] = ..., world: _Optional[str] = ..., options_json: _Optional[str] = ..., seed: _Optional[int] = ..., actions: _Optional[_Iterable[str]] = ..., key_map: _Optional[_Union[KeyMap, _Mapping]] = ..., show_keys: bool = ..., pace: _Optional[str] = ..., step_period_ms: _Optional[float] = ..., noop: _Optional[str] = ..., auto_repeat: bool = ..., max_steps: _Optional[int] = ..., view: _Optional[str] = ..., palette: _Optional[str] = ..., record_observations: bool = ..., onset_at_reset: bool = ..., hold: _Optional[str] = ..., response_deadline_ms: _Optional[float] = ...) -> None: ...
+    outcome_rule: str
+    record_info: _containers.RepeatedScalarFieldContainer[str]
+    labels_json: str
+    def __init__(self, episode: _Optional[int] = ..., block: _Optional[int] = ..., block_name: _Optional[str] = ..., episode_in_block: _Optional[int] = ..., episodes_in_block: _Optional[int] = ..., world: _Optional[str] = ..., options_json: _Optional[str] = ..., seed: _Optional[int] = ..., actions: _Optional[_Iterable[str]] = ..., key_map: _Optional[_Union[KeyMap, _Mapping]] = ..., show_keys: bool = ..., pace: _Optional[str] = ..., step_period_ms: _Optional[float] = ..., noop: _Optional[str] = ..., auto_repeat: bool = ..., max_steps: _Optional[int] = ..., view: _Optional[str] = ..., palette: _Optional[str] = ..., record_observations: bool = ..., onset_at_reset: bool = ..., hold: _Optional[str] = ..., response_deadline_ms: _Optional[float] = ..., outcome_rule: _Optional[str] = ..., record_info: _Optional[_Iterable[str]] = ..., labels_json: _Optional[str] = ...) -> None: ...
 
 class BlockText(_message.Message):
     __slots__ = ("instruction", "feedback", "rest", "rest_s")
@@ -110,7 +116,7 @@ class Fact(_message.Message):
     def __init__(self, name: _Optional[str] = ..., value: _Optional[str] = ...) -> None: ...
 
 class SessionPlan(_message.Message):
-    __slots__ = ("t_ns", "study", "study_version", "protocol_toml", "protocol_sha256", "participant", "session", "study_seed", "allocation_sha256", "overridden", "consent_text", "consent_sha256", "key_pool", "keyboard_check", "texts", "closing_text", "episodes", "first_episode", "segment", "facts", "parts", "words_json", "language", "standing_json", "bonus_json", "fonts", "files")
+    __slots__ = ("t_ns", "study", "study_version", "protocol_toml", "protocol_sha256", "participant", "session", "study_seed", "allocation_sha256", "overridden", "consent_text", "consent_sha256", "key_pool", "keyboard_check", "texts", "closing_text", "episodes", "first_episode", "segment", "facts", "parts", "words_json", "language", "standing_json", "bonus_json", "fonts", "files", "outcome_rules")
     T_NS_FIELD_NUMBER: _ClassVar[int]
     STUDY_FIELD_NUMBER: _ClassVar[int]
     STUDY_VERSION_FIELD_NUMBER: _ClassVar[int]
@@ -138,6 +144,7 @@ class SessionPlan(_message.Message):
     BONUS_JSON_FIELD_NUMBER: _ClassVar[int]
     FONTS_FIELD_NUMBER: _ClassVar[int]
     FILES_FIELD_NUMBER: _ClassVar[int]
+    OUTCOME_RULES_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     study: str
     study_version: str
@@ -165,7 +172,8 @@ class SessionPlan(_message.Message):
     bonus_json: str
     fonts: _containers.RepeatedScalarFieldContainer[str]
     files: _containers.RepeatedCompositeFieldContainer[ProtocolFile]
-    def __init__(self, t_ns: _Optional[int] = ..., study: _Optional[str] = ..., study_version: _Optional[str] = ..., protocol_toml: _Optional[bytes] = ..., protocol_sha256: _Optional[str] = ..., participant: _Optional[_Union[Participant, _Mapping]] = ..., session: _Optional[int] = ..., study_seed: _Optional[int] = ..., allocation_sha256: _Optional[str] = ..., overridden: bool = ..., consent_text: _Optional[str] = ..., consent_sha256: _Optional[str] = ..., key_pool: _Optional[_Iterable[str]] = ..., keyboard_check: bool = ..., texts: _Optional[_Iterable[_Union[BlockText, _Mapping]]] = ..., closing_text: _Optional[str] = ..., episodes: _Optional[_Iterable[_Union[EpisodePlan, _Mapping]]] = ..., first_episode: _Optional[int] = ..., segment: _Optional[int] = ..., facts: _Optional[_Iterable[_Union[Fact, _Mapping]]] = ..., parts: _Optional[_Iterable[_Union[Part, _Mapping]]] = ..., words_json: _Optional[str] = ..., language: _Optional[str] = ..., standing_json: _Optional[str] = ..., bonus_json: _Optional[str] = ..., fonts: _Optional[_Iterable[str]] = ..., files: _Optional[_Iterable[_Union[ProtocolFile, _Mapping]]] = ...) -> None: ...
+    outcome_rules: int
+    def __init__(self, t_ns: _Optional[int] = ..., study: _Optional[str] = ..., study_version: _Optional[str] = ..., protocol_toml: _Optional[bytes] = ..., protocol_sha256: _Optional[str] = ..., participant: _Optional[_Union[Participant, _Mapping]] = ..., session: _Optional[int] = ..., study_seed: _Optional[int] = ..., allocation_sha256: _Optional[str] = ..., overridden: bool = ..., consent_text: _Optional[str] = ..., consent_sha256: _Optional[str] = ..., key_pool: _Optional[_Iterable[str]] = ..., keyboard_check: bool = ..., texts: _Optional[_Iterable[_Union[BlockText, _Mapping]]] = ..., closing_text: _Optional[str] = ..., episodes: _Optional[_Iterable[_Union[EpisodePlan, _Mapping]]] = ..., first_episode: _Optional[int] = ..., segment: _Optional[int] = ..., facts: _Optional[_Iterable[_Union[Fact, _Mapping]]] = ..., parts: _Optional[_Iterable[_Union[Part, _Mapping]]] = ..., words_json: _Optional[str] = ..., language: _Optional[str] = ..., standing_json: _Optional[str] = ..., bonus_json: _Optional[str] = ..., fonts: _Optional[_Iterable[str]] = ..., files: _Optional[_Iterable[_Union[ProtocolFile, _Mapping]]] = ..., outcome_rules: _Optional[int] = ...) -> None: ...
 
 class ProtocolFile(_message.Message):
     __slots__ = ("name", "content")
@@ -320,7 +328,7 @@ class KeyEvent(_message.Message):
     def __init__(self, t_ns: _Optional[int] = ..., key: _Optional[str] = ..., symbol: _Optional[str] = ..., down: bool = ..., action: _Optional[int] = ..., verdict: _Optional[str] = ..., phase: _Optional[str] = ..., waited_ns: _Optional[int] = ...) -> None: ...
 
 class Step(_message.Message):
-    __slots__ = ("t_ns", "episode", "step", "action", "key", "key_t_ns", "reward", "episode_return", "terminated", "truncated", "pose", "rt_ms", "state_hash", "observation_hash", "onset", "action_vector")
+    __slots__ = ("t_ns", "episode", "step", "action", "key", "key_t_ns", "reward", "episode_return", "terminated", "truncated", "pose", "rt_ms", "state_hash", "observation_hash", "onset", "action_vector", "success", "info_json")
     T_NS_FIELD_NUMBER: _ClassVar[int]
     EPISODE_FIELD_NUMBER: _ClassVar[int]
     STEP_FIELD_NUMBER: _ClassVar[int]
@@ -337,6 +345,8 @@ class Step(_message.Message):
     OBSERVATION_HASH_FIELD_NUMBER: _ClassVar[int]
     ONSET_FIELD_NUMBER: _ClassVar[int]
     ACTION_VECTOR_FIELD_NUMBER: _ClassVar[int]
+    SUCCESS_FIELD_NUMBER: _ClassVar[int]
+    INFO_JSON_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     episode: int
     step: int
@@ -353,7 +363,9 @@ class Step(_message.Message):
     observation_hash: int
     onset: bool
     action_vector: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., action: _Optional[int] = ..., key: _Optional[str] = ..., key_t_ns: _Optional[int] = ..., reward: _Optional[float] = ..., episode_return: _Optional[float] = ..., terminated: bool = ..., truncated: bool = ..., pose: _Optional[_Union[Pose, _Mapping]] = ..., rt_ms: _Optional[float] = ..., state_hash: _Optional[int] = ..., observation_hash: _Optional[int] = ..., onset: bool = ..., action_vector: _Optional[_Iterable[float]] = ...) -> None: ...
+    success: bool
+    info_json: str
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., action: _Optional[int] = ..., key: _Optional[str] = ..., key_t_ns: _Optional[int] = ..., reward: _Optional[float] = ..., episode_return: _Optional[float] = ..., terminated: bool = ..., truncated: bool = ..., pose: _Optional[_Union[Pose, _Mapping]] = ..., rt_ms: _Optional[float] = ..., state_hash: _Optional[int] = ..., observation_hash: _Optional[int] = ..., onset: bool = ..., action_vector: _Optional[_Iterable[float]] = ..., success: bool = ..., info_json: _Optional[str] = ...) -> None: ...
 
 class Observation(_message.Message):
     __slots__ = ("t_ns", "episode", "step", "png", "msgpack")
@@ -370,18 +382,20 @@ class Observation(_message.Message):
     def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., png: _Optional[bytes] = ..., msgpack: _Optional[bytes] = ...) -> None: ...
 
 class FrameShown(_message.Message):
-    __slots__ = ("t_ns", "episode", "step", "submit_ns", "flip_ns")
+    __slots__ = ("t_ns", "episode", "step", "submit_ns", "flip_ns", "picture_hash")
     T_NS_FIELD_NUMBER: _ClassVar[int]
     EPISODE_FIELD_NUMBER: _ClassVar[int]
     STEP_FIELD_NUMBER: _ClassVar[int]
     SUBMIT_NS_FIELD_NUMBER: _ClassVar[int]
     FLIP_NS_FIELD_NUMBER: _ClassVar[int]
+    PICTURE_HASH_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     episode: int
     step: int
     submit_ns: int
     flip_ns: int
-    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., submit_ns: _Optional[int] = ..., flip_ns: _Optional[int] = ...) -> None: ...
+    picture_hash: int
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., submit_ns: _Optional[int] = ..., flip_ns: _Optional[int] = ..., picture_hash: _Optional[int] = ...) -> None: ...
 
 class Sample(_message.Message):
     __slots__ = ("t_ns", "device", "values", "text")

@@ -41,8 +41,10 @@ from minihuman.log.paths import PART_SUFFIX, list_sessions, raise_as_log_error
 from minihuman.log.proto import minihuman_v1_pb2 as v1
 from minihuman.log.read.protobuf_columns import BEYOND, FieldColumn, MessageColumns
 from minihuman.log.read.reader import LogReader
+from minihuman.log.read.world_statements import read_infos, read_successes
 from minihuman.log.salvage.records import TopicMessages
 from minihuman.log.salvage.summary_section import all_ended_cleanly
+from minihuman.storage.outside_names import require_name
 from minihuman.trust import find_logged_sources
 
 
@@ -363,6 +365,8 @@ class SessionAssembler:
                 **{name: column[its] for name, column in of_steps.items()},
                 step_keys=step_keys[its],
                 action_vectors=vectors[its][:, used] if used.any() else None,  # its actions are numbers
+                successes=read_successes(start.plan, rows.steps.column, its),
+                infos=read_infos(start.plan, rows.steps.column, its),
                 keys=rows.key_events[rows.keys.between(span.begin, span.end)],
                 frames=rows.frame_events[rows.frames.between(span.begin, nexts[number])],  # the last one stays
                 outcome=span.outcome,
@@ -548,6 +552,8 @@ def list_session_files(path: Path) -> list[Path]:
 
 def _session(path: Path, gathered: SessionAssembler, readings: list[LogReader]) -> SessionLog:
     first = gathered.started[0]
+    require_name(first.plan.study, "the study")  # a log from elsewhere says so; exports name files by them
+    require_name(first.plan.participant.id, "the participant")
     starts = [facts for reading in readings for facts in reading.starts]
     ends = [facts for reading in readings for facts in reading.ends]
     segments, episodes = gathered.session(starts, ends)

@@ -24,7 +24,14 @@ from pathlib import Path
 from minihuman.errors import LogError
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.log.record.live_log import AppendBlock
-from minihuman.operating_system import lock_descriptor, open_file, read_at, sync_file, sync_file_system
+from minihuman.operating_system import (
+    lock_descriptor,
+    make_private_folder,
+    open_file,
+    read_at,
+    sync_file,
+    sync_file_system,
+)
 from minihuman.storage.durable_files import sync_folder
 from minihuman.storage.locks import is_file_at
 from minihuman.storage.system import current_system
@@ -131,7 +138,7 @@ class LiveFile:
             return
         try:
             with self._whole:
-                self._part.parent.mkdir(parents=True, exist_ok=True)
+                make_private_folder(self._part.parent)
                 again = open_file(self._part, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND)
                 try:
                     copied = self._copy_to(again)

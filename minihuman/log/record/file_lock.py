@@ -24,7 +24,7 @@ def create_live_file(where: SegmentPath) -> int:
     disk = current_system().disk
     while True:
         try:
-            where.part.parent.mkdir(parents=True, exist_ok=True)
+            disk.make_folder(where.part.parent)
             fd = disk.open(where.part, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_APPEND)
         except FileExistsError:
             raise _running_error(where) from None

@@ -32,6 +32,7 @@ from minihuman.log.record.live_log import LIBRARY_NAME
 from minihuman.log.salvage.records import LogMessage
 from minihuman.log.salvage.scan import LogScanner, MissingMessages
 from minihuman.storage.durable_files import sync_folder, write_durably
+from minihuman.storage.outside_names import is_system_companion
 from minihuman.storage.system import current_system
 
 UNNUMBERED = 0  # the sequence of a preview
@@ -395,7 +396,7 @@ def repair_log(log: Path) -> FinalizedLog:
         with raise_as_log_error(log):
             read_segment_starts(log)
     except NewerLogError:
-        if _is_whole(log):  # else the version, too, may be damaged
+        if is_whole_log(log):  # else the version, too, may be damaged
             raise
     except LogError:
         pass
@@ -405,10 +406,14 @@ def repair_log(log: Path) -> FinalizedLog:
         return _repaired(log)
 
 
-def _is_whole(log: Path) -> bool:
+def is_whole_log(log: Path) -> bool:
+    """Say whether a finished log can be read from its start to its end, with every checksum right."""
     scan = LogScanner(log)
-    for _ in scan.records():
-        pass
+    try:
+        for _ in scan.records():
+            pass
+    except LogError:
+        return False
     return not scan.unfinished_reason
 
 
@@ -468,7 +473,7 @@ def find_leftovers(folder: Path) -> list[Path]:
     return [
         part
         for part in sorted(folder.rglob(f"*{PART_SUFFIX}"))
-        if not is_companion_file(part) and not is_being_recorded(part)
+        if not is_companion_file(part) and not is_system_companion(part.name) and not is_being_recorded(part)
     ]
 
 

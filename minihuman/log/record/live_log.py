@@ -25,7 +25,8 @@ from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan
 from minihuman.experiment.replay import MACHINE_VERSION
 from minihuman.log import integrity
 from minihuman.log.codec import encode_event, event_cause_ns, find_topic, list_activity_topics
-from minihuman.log.names import FACTS_METADATA, PROFILE, SCHEMA_VERSION, SEGMENT_METADATA
+from minihuman.log.names import FACTS_METADATA, PROFILE, SEGMENT_METADATA
+from minihuman.log.segment_schema import find_schema_version
 from minihuman.log.topics import TOPICS, Topic, schema_bytes
 from minihuman.plugins import DISTRIBUTION
 
@@ -235,7 +236,7 @@ def build_segment_metadata(plan: SessionPlan, started_ns: int) -> dict[str, str]
     """Build a segment's metadata; ``started_ns`` is the wall clock at its time 0."""
     started = datetime.fromtimestamp(started_ns // 1_000_000_000, UTC)
     return {
-        "schema_version": str(SCHEMA_VERSION),
+        "schema_version": str(find_schema_version(plan)),
         "session_rules": str(MACHINE_VERSION),
         "segment": str(plan.segment),
         "started_at": f"{started:%Y-%m-%dT%H:%M:%S}.{started_ns % 1_000_000_000:09d}Z",

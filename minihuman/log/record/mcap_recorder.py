@@ -18,7 +18,7 @@ from minihuman.errors import DataLossError, LogError
 from minihuman.experiment.machine.events import Event, SessionEnded, SessionStarted
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.log.codec import select_decoder
-from minihuman.log.names import SCHEMA_VERSION, SEGMENT_METADATA, STEP
+from minihuman.log.names import SEGMENT_METADATA, STEP
 from minihuman.log.paths import SegmentPath
 from minihuman.log.record.disk import FileWriter, LiveFile, RecorderSettings
 from minihuman.log.record.file_lock import create_live_file, open_leftover
@@ -27,6 +27,7 @@ from minihuman.log.record.live_log import LiveLogEncoder
 from minihuman.log.record.recorder import Recorder
 from minihuman.log.salvage.records import LogMessage
 from minihuman.log.salvage.scan import LogScanner
+from minihuman.log.segment_schema import find_schema_version
 from minihuman.log.topics import RARE_TOPICS
 from minihuman.storage.durable_files import write_again
 from minihuman.storage.system import current_system
@@ -107,7 +108,7 @@ def _read(part: Path, fd: int) -> LeftoverSegment:
     rare = tuple(topic.name for topic in RARE_TOPICS if topic.name in found)
     numbered = LiveLogEncoder.resume(events[0].plan, started_ns=0, messages=0, steps=0, rare=rare).channels
     same = numbered == found
-    if start["schema_version"] != str(SCHEMA_VERSION) or not same:
+    if start["schema_version"] != str(find_schema_version(events[0].plan)) or not same:
         raise LogError(f"{part} was written by another version of minihuman; run: minihuman recover {part}")
     return LeftoverSegment(part, fd, int(start["started_unix_ns"]), tuple(events), messages, steps, scan.crc, rare)
 

@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from minihuman.log.paths import PART_SUFFIX, study_folder
+from minihuman.log.paths import PART_SUFFIX, list_log_files, study_folder
 from minihuman.log.record.finalization import (
     UNFINISHED_SUFFIX,
     FinalizedLog,
@@ -31,6 +31,7 @@ from minihuman.storage.lease import (
     LeaseTable,
     LogPiece,
 )
+from minihuman.storage.outside_names import require_name
 from minihuman.storage.system import current_system, monotonic_s
 
 SAFETY_MARGIN_S = 2.0  # before the lease runs out: from here on nothing is acknowledged
@@ -124,8 +125,11 @@ class SessionLeases:
         """
         if not lease.grant.copied:
             return
-        copies = self._table.read_files(lease.session)
-        for part in folder.glob(f"*{PART_SUFFIX}"):
+        copies = {
+            require_name(name, f"a file of {lease.session} in the database"): copy
+            for name, copy in self._table.read_files(lease.session).items()
+        }
+        for part in list_log_files(folder, f"*{PART_SUFFIX}"):
             if part.name not in copies:
                 put_aside(part, SUPERSEDED)
         for name, copy in copies.items():

@@ -2,10 +2,9 @@
 
 import json
 import secrets
-import sys
 from collections.abc import Callable
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from importlib.resources import files
 from pathlib import Path
 from threading import Lock
@@ -17,6 +16,14 @@ from minihuman.admin.enrolment_log import now_text
 from minihuman.admin.recruitment import Recruitment
 from minihuman.admin.status import format_status
 from minihuman.errors import LogError
+from minihuman.runtime.http_guard import (
+    LOCAL_HOSTS,
+    GuardedHandler,
+    GuardedServer,
+    is_named,
+    is_own_request,
+    read_length,
+)
 from minihuman.runtime.session_loop import CommandRequest, send_command
 from minihuman.runtime.watch.running_sessions import IdleWorker, RunningSessions, ThrottledCall
 
@@ -33,13 +40,6 @@ _HEADERS = {
 
 class _RecruitmentSwitch(msgspec.Struct, frozen=True):
     open: bool
-
-
-class _Server(ThreadingHTTPServer):
-    def handle_error(self, request: object, client_address: object) -> None:
-        """Say nothing of a browser that has gone before it was answered; print what else failed."""
-        if not isinstance(sys.exception(), ConnectionError):
-            super().handle_error(request, client_address)  # type: ignore[arg-type] # as it was called
 
 
 class DashboardServer:
@@ -62,7 +62,7 @@ class DashboardServer:
         self._aside = IdleWorker()  # the participants come first
         word = secrets.token_urlsafe(16)
         try:
-            self._server = _Server((ADDRESS, port), _handler(f"/{word}/", self._answer))
+            self._server = GuardedServer((ADDRESS, port), _handler(f"/{word}/", self._answer))
         except OSError as error:
             raise LogError(f"port {port} is not available ({error.strerror}); choose another with --port") from error
         self.url = f"http://{ADDRESS}:{self._server.server_port}/{word}/"
@@ -128,31 +128,36 @@ AnswerRequest = Callable[[str, dict[str, list[str]], bytes | None], tuple[str, b
 
 
 def _handler(prefix: str, answer: AnswerRequest) -> type[BaseHTTPRequestHandler]:
-    class Handler(BaseHTTPRequestHandler):
+    class Handler(GuardedHandler):
         """Hands requests below the prefix on; the rest is not there."""
 
-        def do_GET(self) -> None:
+        def do_GET(self) -> None:  # noqa: N802 - the library's name
             """Look."""
             self._respond(None)
 
-        def do_POST(self) -> None:
+        def do_POST(self) -> None:  # noqa: N802 - the library's name
             """Ask."""
-            length = int(self.headers.get("Content-Length", 0))
-            self._respond(self.rfile.read(length) if length <= _LONGEST else b"")
-
-        def log_message(self, format: str, *arguments: object) -> None:
-            """Say nothing on the terminal."""
+            length = read_length(self.headers.get("Content-Length", ""), _LONGEST)
+            is_json = self.headers.get_content_type() == "application/json"
+            if length is None or not is_json or not is_own_request({k.lower(): v for k, v in self.headers.items()}):
+                self.close_connection = True  # a body may follow that is not read
+                self._send(HTTPStatus.BAD_REQUEST, "text/plain", b"this is not a request of the page")
+                return
+            self._respond(self.rfile.read(length))
 
         def _respond(self, body: bytes | None) -> None:
             url = urlsplit(self.path)
             found = None
-            if url.path.startswith(prefix):
+            if url.path.startswith(prefix) and is_named(self.headers.get("Host", ""), LOCAL_HOSTS):
                 try:
                     found = answer(url.path.removeprefix(prefix), parse_qs(url.query), body)
                 except msgspec.DecodeError:
                     found = None
             kind, content = found or ("text/plain", b"there is nothing here")
-            self.send_response(HTTPStatus.OK if found else HTTPStatus.NOT_FOUND)
+            self._send(HTTPStatus.OK if found else HTTPStatus.NOT_FOUND, kind, content)
+
+        def _send(self, status: HTTPStatus, kind: str, content: bytes) -> None:
+            self.send_response(status)
             self.send_header("Content-Type", kind)
             self.send_header("Content-Length", str(len(content)))
             for header in _HEADERS.items():

@@ -10,8 +10,11 @@ function make(tag, words, kind) {
   if (kind) one.className = kind;
   return one;
 }
+const post = (path, values) => fetch(path, {
+  method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(values),
+});
 async function ask(session, what, text) {
-  await fetch(`ask?session=${encodeURIComponent(session)}`, { method: "POST", body: JSON.stringify({ what, text }) });
+  await post(`ask?session=${encodeURIComponent(session)}`, { what, text });
   look();
 }
 function card(name) {
@@ -63,7 +66,7 @@ function recruiting(now) {
   if (!now) return;
   box.querySelector("span").textContent = `Recruitment is ${now.open ? "open" : "closed"}: ${now.came} came, ${now.reading} of them have not agreed yet; ${now.links} links.`;
   button.textContent = now.open ? "Close recruitment" : "Open recruitment";
-  button.onclick = async () => { await fetch("recruit", { method: "POST", body: JSON.stringify({ open: !now.open }) }); look(); };
+  button.onclick = async () => { await post("recruit", { open: !now.open }); look(); };
 }
 function fill(box, name, one) {
   const put = (where, words) => { box.querySelector(where).textContent = words; };

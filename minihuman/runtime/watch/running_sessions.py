@@ -137,7 +137,7 @@ class LiveSession:
                 self.acted_ns = event.t_ns
             case events.KeyPressed(down=True):
                 self.acted_ns = event.t_ns
-                self.presses += event.verdict != "repeat"
+                self.presses += event.verdict not in events.UNPRESSED_VERDICTS
                 self.keys.append(event)
             case events.Paused():
                 self.paused = event.reason

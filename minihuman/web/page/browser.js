@@ -2,10 +2,10 @@
 
 import { findGamepad } from "./gamepad.js";
 
-/** @import { Facts } from "./messages" */
+/** @import { BrowserFacts } from "./messages" */
 /** @typedef {{ brands: { brand: string, version: string }[], platform: string }} UserAgentData */
 
-/** @returns {Promise<Facts>} */
+/** @returns {Promise<BrowserFacts>} */
 export async function collectBrowserFacts() {
   const { userAgentData } = /** @type {Navigator & { userAgentData?: UserAgentData }} */ (navigator);
   const known = userAgentData?.brands?.find(({ brand }) => !/not/i.test(brand));

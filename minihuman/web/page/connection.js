@@ -4,7 +4,7 @@
 import { collectBrowserFacts } from "./browser.js";
 import { IncomingStream } from "./stream.js";
 
-/** @import { Control, Numbered, Pong, Refusal, Texts, Welcome } from "./messages" */
+/** @import { Pong, Refusal, ServerMessage, Texts, UnnumberedMessage, Welcome } from "./messages" */
 /** @import { Outbox } from "./stream.js" */
 /** @import { Picture } from "./pictures.js" */
 /** @typedef {{ token: string, platform: Texts, made: boolean }} Link */
@@ -14,14 +14,14 @@ import { IncomingStream } from "./stream.js";
  * @property {(m: Welcome) => void} welcome before anything is sent
  * @property {() => void} reset the server knows nothing of what it sent before
  * @property {(fresh: boolean) => void} resume everything is sent
- * @property {(m: Numbered) => void} message
+ * @property {(m: ServerMessage) => void} message
  * @property {(picture: Picture) => void} picture
  * @property {(through: number) => void} acknowledged
  * @property {(text: string) => void} status
  * @property {(why: string, refusal: Refusal | null) => void} leave
  */
 
-const VERSION = 6;
+const VERSION = 7;
 const MIN_RETRY_MS = 200;
 const MAX_RETRY_MS = 3000;
 const SILENCE_MS = 20_000; // of a socket that has brought nothing: the line may be dead since the laptop slept
@@ -152,6 +152,9 @@ export class Connection {
     }, { once: true });
   }
 
+  /** Say that the page is closed, or left for another one that may come back to it. @param {boolean} left */
+  bidFarewell(left) { if (this.welcomed) this.#send({ t: "bye", left }); }
+
   /** End it for good, from this side. */
   close() {
     this.finished = true;
@@ -176,7 +179,7 @@ export class Connection {
     }
   }
 
-  /** @param {Control | { t: "n", n: number, m: Numbered }} message */
+  /** @param {UnnumberedMessage | { t: "n", n: number, m: ServerMessage }} message */
   #take(message) {
     if ("n" in message) {
       if (this.#incoming.take(message.n)) this.listener.message(message.m);
@@ -212,14 +215,14 @@ export class Connection {
     this.#retryMs = MIN_RETRY_MS;
     this.listener.status("");
     this.listener.resume(fresh);
-    this.latency.restart();
+    this.latency.restart(m.sign_ms);
   }
 }
 
 const MAX_SILENCE_MS = 8000;
 const REPORT_PERIOD_MS = 10000;
-const PING_PERIOD_MS = 2500;
-const BATCH_PATIENCE_MS = 2000; // a ping waits so long for messages to go with
+// Of the longest time in which the page sends nothing: a ping is due, and goes with messages; later it goes alone.
+const DUE_SHARE = 0.55, ALONE_SHARE = 0.95;
 
 /** Round-trip times: the fastest of the latest eight goes into the log now and then. */
 class Latency {
@@ -228,10 +231,11 @@ class Latency {
   #pingedMs = 0; // when the last one was sent that has no answer
   #reportedMs = -Infinity;
   #reports = 0;
+  #signMs = 0;
   #nextMs = 0; // from then on it is time for another
   /** @type {ReturnType<typeof setTimeout> | undefined} */ #timer;
   least = Infinity; // ns, of all round trips on this socket
-  /** @type {(message: import("./messages").Input) => void} */ report = () => {};
+  /** @type {(message: import("./messages").PageMessage) => void} */ report = () => {};
 
   /** @param {Outbox} outbox @param {{ isOpen(): boolean, send(text: string): void, close(): void }} socket */
   constructor(outbox, socket) {
@@ -239,7 +243,9 @@ class Latency {
     this.socket = socket;
   }
 
-  restart() {
+  /** @param {number} signMs the longest time in which the page sends nothing */
+  restart(signMs) {
+    this.#signMs = signMs;
     clearTimeout(this.#timer);
     this.#samples = [];
     this.least = Infinity;
@@ -256,9 +262,9 @@ class Latency {
   #takePing() {
     const now = performance.now();
     this.#pingedMs ||= now;
-    this.#nextMs = now + PING_PERIOD_MS;
+    this.#nextMs = now + DUE_SHARE * this.#signMs;
     clearTimeout(this.#timer);
-    this.#timer = setTimeout(() => this.#ping(), ++this.#pings < 4 ? 60 : PING_PERIOD_MS + BATCH_PATIENCE_MS);
+    this.#timer = setTimeout(() => this.#ping(), ++this.#pings < 4 ? 60 : ALONE_SHARE * this.#signMs);
     return JSON.stringify({ t: "ping", sent: this.outbox.now() });
   }
 

@@ -36,7 +36,7 @@ export const prose = (attributes, text) => (text ? el("p", attributes, text.repl
 export const capOf = (cap, above, pressed = false) => el("span", { class: pressed ? "cap pressed" : "cap" },
   above ? el("small", { text: above }) : null, el("span", { text: cap }));
 
-/** @param {import("./messages").Button[]} buttons */
+/** @param {import("./messages").ButtonValues[]} buttons */
 export const buttonsOf = (buttons) => el("div", { class: "buttons" }, buttons.map((button) =>
   el("button", { type: "button", tabindex: "-1", "data-target": button.name, disabled: !button.enabled, text: button.label })));
 

@@ -7,7 +7,7 @@ import { isFlat } from "./pictures.js";
 import { UNTIMED } from "./stream.js";
 
 /** @import { EpisodeComputer } from "./computed.js" */
-/** @import { Agent, Ahead, Input, Now, PlayScreen, Rules, StateCorrection, Texts } from "./messages" */
+/** @import { AgentControl, EpisodeRules, EpisodeState, LookAheadUpdate, PageMessage, PlayValues, StateCorrection, Texts } from "./messages" */
 /** @import { FlipReporter, ImageCache, Picture } from "./pictures.js" */
 /** @import { Outbox } from "./stream.js" */
 /** @typedef {number | null | undefined} Action null: none; undefined: one that is not known */
@@ -15,14 +15,14 @@ import { UNTIMED } from "./stream.js";
 /** @typedef {{ picture: number, edges: Edges }} Scene */
 /** @typedef {{ picture: number, edges: Map<Action, [scene: number, ends: boolean]> }} SentScene */
 /** @typedef {{ has(name: number): boolean, get(name: number): Scene | undefined }} Scenes */
-/** @typedef {{ rules: Rules | null, scenes: Map<number, SentScene> | ComputedScenes }} Graph an episode's, sent or computed */
+/** @typedef {{ rules: EpisodeRules | null, scenes: Map<number, SentScene> | ComputedScenes }} Graph an episode's, sent or computed */
 /** @typedef {{ n: number, action: Action, who?: string }} Press a step that message n stands for */
 /** @typedef {{ step: number, scene: number, who?: string, action?: number, limit?: number | null }} Confirmed */
 /** @typedef {{ step: number, scene: number, who?: string, ended: boolean, known: boolean }} Predicted */
 /**
  * @typedef {object} PlayState
  * @property {number} number
- * @property {Rules} rules
+ * @property {EpisodeRules} rules
  * @property {Confirmed | null} confirmed
  * @property {Press[]} trail what the server has not heard of
  * @property {number[]} asked the messages that it makes a step at and has not told of
@@ -31,7 +31,7 @@ import { UNTIMED } from "./stream.js";
  * @property {number | null} nextTick
  * @property {Action} queued
  * @property {string} drawn
- * @property {Agent | undefined} agent
+ * @property {AgentControl | undefined} agent
  * @property {number | null} agentDue
  * @property {number | null} flipped
  */
@@ -79,7 +79,7 @@ export function trailOf({ rules, confirmed, trail }) {
 export class EpisodePlayer {
   /** @type {Play | null} */ play = null;
   /** @type {Map<number, Graph>} */ #graphs = new Map();
-  /** @type {Map<number, Agent>} the agent beside the person, by episode; of the latest */ #agents = new Map();
+  /** @type {Map<number, AgentControl>} the agent beside the person, by episode; of the latest */ #agents = new Map();
   #ratedAt = -Infinity;
   /** @type {{ play: Play, step: number, saved: any } | null} the scene that was drawn last */ #seen = null;
   /** @type {EpisodeComputer | null} */ computer = null;
@@ -125,7 +125,7 @@ export class EpisodePlayer {
 
   // ---- what the server says
 
-  /** @param {Rules} m */
+  /** @param {EpisodeRules} m */
   learnRules(m) {
     for (const number of [...this.#graphs.keys()]) if (number < m.episode) this.#graphs.delete(number);
     const graph = this.#graphOf(m.episode);
@@ -134,7 +134,7 @@ export class EpisodePlayer {
     this.#agents.clear(); // whether one plays is told when it begins
   }
 
-  /** @param {Ahead} m */
+  /** @param {LookAheadUpdate} m */
   learnScenes(m) {
     const { scenes } = this.#graphOf(m.episode);
     if (!(scenes instanceof Map)) return;
@@ -176,14 +176,14 @@ export class EpisodePlayer {
     return true;
   }
 
-  /** @param {Agent} m */
+  /** @param {AgentControl} m */
   learnAgent(m) {
     this.#agents.clear();
     this.#agents.set(m.episode, m);
     if (this.play?.number === m.episode) this.play.agent = m;
   }
 
-  /** @param {Now} m */
+  /** @param {EpisodeState} m */
   confirm(m) {
     if (m.step < 0) return;
     const { rules } = this.#graphOf(m.episode);
@@ -213,26 +213,41 @@ export class EpisodePlayer {
   }
 
   // What was pressed and is not in what the server says, before a reload too, is still to come.
-  /** @param {number} number @param {Rules} rules @param {number} through */
+  /** @param {number} number @param {EpisodeRules} rules @param {number} through */
   #begin(number, rules, through) {
     /** @type {Play} */
     const play = {
       number, rules, confirmed: null, trail: [], asked: [], pace: 0, step: -1, scene: -1, ended: false, known: false, frozen: 0,
       nextTick: null, queued: null, drawn: "", agent: this.#agents.get(number), who: "", agentDue: null, flipped: null,
     };
-    for (const { n, at, what } of this.outbox.list()) {
-      if (n <= through || at <= this.taken()) continue;
-      const key = what.t === "key" && what.down ? what : null;
-      if (play.agent) { // whose steps lay between, nobody knows any more
-        if (!UNTIMED.has(what.t)) play.frozen = n;
-      } else if (what.t === "focus" || (what.t === "tick" && rules.real_time) || (key && RESERVED.has(key.key))) {
-        play.frozen = n;
-      } else if (key && !rules.real_time && rules.team !== "ticks" && !play.frozen && (!key.repeat || rules.auto_repeat)) {
-        const action = rules.actions[key.key];
-        if (action !== undefined) play.trail.push({ n, action });
-      }
-    }
+    for (const message of this.outbox.list()) if (message.n > through && message.at > this.taken()) this.#learnSent(play, message);
     return this.play = play;
+  }
+
+  // What was sent before the page knew of the episode: what it did there, if that is known.
+  /** @param {Play} play @param {import("./stream.js").Message} message */
+  #learnSent(play, { n, at, what }) {
+    const { rules } = play;
+    const key = what.t === "key" && what.down && !what.cause ? what : null; // a press with another cause does nothing
+    const isStepUnknown = rules.real_time && (what.t === "tick" || (TELLS_TIME.has(what.t) && this.#isTickDue(play, at)));
+    if (isStepUnknown) this.#takeTick(play, at);
+    if (play.agent) { // whose steps lay between, nobody knows any more
+      if (!UNTIMED.has(what.t)) play.frozen = n;
+    } else if (what.t === "focus" || isStepUnknown || (key && RESERVED.has(key.key))) {
+      Object.assign(play, { frozen: n, queued: null });
+    }
+    if (what.t === "focus") play.nextTick = null;
+    if (what.t === "shown" && what.episode === play.number && rules.real_time) play.nextTick ??= what.flip + rules.period;
+    if (key && !play.agent && rules.team !== "ticks") this.#learnPress(play, n, key);
+  }
+
+  // Where time makes the steps, a press waits for the next one.
+  /** @param {Play} play @param {number} n @param {import("./messages").KeyMessage} press */
+  #learnPress(play, n, { key, repeat }) {
+    const { rules } = play, action = rules.actions[key];
+    if (action === undefined) return;
+    if (rules.real_time) { if (!repeat) play.queued = action; }
+    else if (!play.frozen && (!repeat || rules.auto_repeat)) play.trail.push({ n, action });
   }
 
   // ---- the picture
@@ -341,7 +356,7 @@ export class EpisodePlayer {
 
   // Word of a step's picture goes with what is said next, if that is soon, and where the page computes, so do its keys:
   // nobody waits for them before an episode's end.
-  /** @param {Input} what */
+  /** @param {PageMessage} what */
   canWait(what) {
     const play = this.play;
     if (!play || play.ended || play.agent) return false;
@@ -353,8 +368,15 @@ export class EpisodePlayer {
   /** @param {number} n @param {number} at @param {string} kind @param {number | null} due when the screen ends by the clock */
   passTime(n, at, kind, due) {
     const play = this.play;
-    if (!play || play.frozen || play.ended) return;
-    if (this.#isTickDue(play, at) && TELLS_TIME.has(kind)) {
+    if (!play || play.ended) return;
+    const isDue = this.#isTickDue(play, at) && TELLS_TIME.has(kind);
+    if (play.frozen) { // the session may be elsewhere; if it is not, it makes a step, and what waited for that is done
+      if (!isDue) return;
+      this.#takeTick(play, at);
+      play.trail.push({ n, action: undefined });
+      return;
+    }
+    if (isDue) {
       if (due !== null && at >= due && this.#computed(play)) return this.freeze(n); // the session ends the episode
       if (!this.#computed(play)) play.asked.push(n);
       const action = this.#takeTick(play, at);
@@ -402,6 +424,7 @@ export class EpisodePlayer {
 
   /** @param {ComputedScenes} scenes @param {Play} play @param {Action} action */
   #stepOf(scenes, play, action) {
+    if (!play.known) return undefined; // the scene is one before
     const edge = scenes.get(play.scene)?.edges.get(action);
     return edge && { digest: scenes.get(edge[0])?.digest, ends: edge[1] };
   }
@@ -512,8 +535,8 @@ const FRAMES = ["agent", "person", "good", "bad"];
 const MARKS = { good: "✓", bad: "✗", neutral: "–" };
 
 // A cell that somebody of a team marked, in a picture of the whole world.
-/** @param {number} x @param {number} z @param {boolean} isOwn @param {import("./messages").TeamMessages["bounds"]} bounds */
-function drawCell(x, z, isOwn, [left, top, right, bottom]) {
+/** @param {number} x @param {number} z @param {boolean} isOwn @param {import("./messages").PlayMessages["bounds"]} bounds */
+function drawCell(x, z, isOwn, [left = 0, top = 0, right = 1, bottom = 1]) {
   const width = 100 / (right - left), height = 100 / (bottom - top);
   return el("div", { class: isOwn ? "cell own" : "cell", style: {
     left: `${(x - 0.5 - left) * width}%`, top: `${(z - 0.5 - top) * height}%`, width: `${width}%`, height: `${height}%`,
@@ -544,7 +567,7 @@ export class EpisodeView {
     this.reportAgain = reportAgain;
   }
 
-  /** @param {PlayScreen} s */
+  /** @param {PlayValues} s */
   draw(s) {
     this.canvas ??= el("canvas", { role: "img" });
     this.#share = s.messages ? 0.52 : 0.74;
@@ -558,7 +581,7 @@ export class EpisodeView {
     return [
       words("h1", "", s.mission) ?? el("h1"),
       el("div", { class: s.controller ? "picture framed" : "picture" }, this.canvas, this.#frames, this.#press,
-        s.messages?.cells.map(([x, z, isOwn]) => drawCell(x, z, isOwn, s.messages?.bounds ?? [0, 0, 1, 1])),
+        s.messages?.cells.map(([x, z, isOwn]) => drawCell(x, z, isOwn, s.messages?.bounds ?? [])),
         s.mark ? el("div", { class: `mark ${s.mark}` }, el("span", { text: `${MARKS[s.mark]} ${s.score_text}` })) : null),
       s.controller ? el("p", { class: "steers", role: "status" }, this.#lines) : null,
       s.legend.length ? el("ul", { class: "legend" }, s.legend.map(([cap, above, action]) =>

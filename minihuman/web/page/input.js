@@ -3,6 +3,9 @@
 const REPEAT_DELAY_MS = 500;
 const REPEAT_PERIOD_MS = 33;
 const LEFT_TO_BROWSER = new Set(["F5", "F11"]);
+const MODIFIERS = /^(Control|Alt|Meta|OS|Shift)(Left|Right)$|^(CapsLock|NumLock)$/;
+
+/** @typedef {"finger" | "held_before_focus" | "shortcut"} PressCause as minihuman/experiment/machine/inputs.py has it */
 
 /**
  * @typedef {object} KeyListener
@@ -12,14 +15,16 @@ const LEFT_TO_BROWSER = new Set(["F5", "F11"]);
  * @property {() => boolean} isScrollable whether arrows up and down are the browser's
  * @property {() => number} now
  * @property {(ms: number) => number} timeOf
- * @property {(key: string, symbol: string, stamp: number, isTrusted: boolean, isRepeat: boolean) => void} press
- * @property {(key: string, stamp: number, isTrusted: boolean) => void} release
+ * @property {(key: string, symbol: string, stamp: number, isTrusted: boolean, isRepeat: boolean, cause: PressCause) => void} press
+ * @property {(key: string, stamp: number, isTrusted: boolean, cause: "finger" | "focus_loss") => void} release
  */
 
 /** Keys by their place on the keyboard, with a repetition of our own: the same on every system. */
 export class Keyboard {
   /** @type {Record<string, string>} the session's names */ codes = {};
   /** @type {Set<string>} */ #down = new Set();
+  /** @type {Set<string>} that are down and were not handed on: their releases are not either */ #passedOver = new Set();
+  /** @type {Set<string>} that were pressed since the focus came */ #seen = new Set();
   /** @type {ReturnType<typeof setTimeout> | undefined} */ #timer;
 
   /** @param {EventTarget} target @param {KeyListener} listener */
@@ -29,10 +34,14 @@ export class Keyboard {
     target.addEventListener("keyup", (event) => this.#release(/** @type {KeyboardEvent} */ (event)), { capture: true });
   }
 
-  /** Forget what is held down: the window that lost the focus is not told of keys that come up. */
-  clear() {
-    this.#down.clear();
+  /** The focus goes: keys that are down come up in another window, which alone is told. */
+  releaseAll() {
     clearTimeout(this.#timer);
+    this.#passedOver.clear();
+    this.#seen.clear();
+    const keys = [...this.#down];
+    this.#down.clear();
+    for (const key of keys) this.listener.release(key, this.listener.now(), true, "focus_loss");
   }
 
   /** @param {string} code */
@@ -40,67 +49,85 @@ export class Keyboard {
 
   /** @param {KeyboardEvent} event */
   #press(event) {
-    if (!this.listener.isActive()) return;
     const key = this.#nameOf(event.code);
+    if (!this.listener.isActive()) { this.#passedOver.add(key); return; }
     const isTyping = this.listener.isTyping();
-    const isShortcut = event.ctrlKey || event.metaKey || event.altKey;
+    const isChord = (event.ctrlKey || event.metaKey || event.altKey) && !event.getModifierState("AltGraph");
+    const isShortcut = isChord && !MODIFIERS.test(event.code);
     const composes = event.isComposing || (isTyping && event.keyCode === 229); // Safari: the Enter that ends it, too
     const isLetter = isTyping && event.key.length === 1;
     const scrolls = (event.code === "ArrowUp" || event.code === "ArrowDown") && this.listener.isScrollable();
-    if (!isShortcut && !scrolls && !LEFT_TO_BROWSER.has(event.code) && !isLetter && !composes) event.preventDefault();
-    if (event.repeat || composes || (isLetter && this.listener.isChatting())) return; // what is said is no key of the game's
-    this.press(key, event.key.length === 1 ? event.key : "", event.timeStamp, event.isTrusted);
+    if (!isChord && !scrolls && !LEFT_TO_BROWSER.has(event.code) && !isLetter && !composes) event.preventDefault();
+    if (composes || (isLetter && this.listener.isChatting())) { // what is said is no key of the game's
+      this.#passedOver.add(key);
+      return;
+    }
+    // A repeat of a key that nobody pressed here: it was down when the focus came.
+    if (event.repeat && (this.#down.has(key) || this.#passedOver.has(key))) return;
+    const cause = event.repeat ? "held_before_focus" : isShortcut ? "shortcut" : "finger";
+    this.press(key, event.key.length === 1 ? event.key : "", event.timeStamp, event.isTrusted, cause);
   }
 
-  /** A key went down, or a button that stands for it. @param {string} key @param {string} symbol @param {number} ms @param {boolean} isTrusted */
-  press(key, symbol, ms, isTrusted) {
+  /**
+   * A key went down, or a button that stands for it. @param {string} key @param {string} symbol @param {number} ms
+   * @param {boolean} isTrusted @param {PressCause} cause
+   */
+  press(key, symbol, ms, isTrusted, cause = "finger") {
     if (!this.listener.isActive() || this.#down.has(key)) return;
     this.#down.add(key);
-    this.listener.press(key, symbol, this.listener.timeOf(ms), isTrusted, false);
+    this.#seen.add(key);
+    this.listener.press(key, symbol, this.listener.timeOf(ms), isTrusted, false, cause);
     clearTimeout(this.#timer);
-    this.#timer = setTimeout(() => this.#repeat(key, symbol), REPEAT_DELAY_MS);
+    if (cause === "finger") this.#timer = setTimeout(() => this.#repeat(key, symbol), REPEAT_DELAY_MS);
   }
 
   /** It came up. @param {string} key @param {number} ms @param {boolean} isTrusted */
   release(key, ms, isTrusted) {
     if (!this.listener.isActive() || !this.#down.delete(key)) return;
     clearTimeout(this.#timer);
-    this.listener.release(key, this.listener.timeOf(ms), isTrusted);
+    this.listener.release(key, this.listener.timeOf(ms), isTrusted, "finger");
   }
 
   /** @param {string} key @param {string} symbol */
   #repeat(key, symbol) {
     if (!this.#down.has(key)) return;
     this.#timer = setTimeout(() => this.#repeat(key, symbol), REPEAT_PERIOD_MS);
-    this.listener.press(key, symbol, this.listener.now(), true, true);
+    this.listener.press(key, symbol, this.listener.now(), true, true, "finger");
   }
 
   /** @param {KeyboardEvent} event */
   #release(event) {
     const key = this.#nameOf(event.code);
-    if (!this.listener.isActive() || !this.#down.has(key)) return;
+    if (this.#passedOver.delete(key) || !this.listener.isActive()) return;
+    // Only its release is seen: it was down when the focus came.
+    if (!this.#down.has(key) && !this.#seen.has(key)) this.press(key, "", event.timeStamp, event.isTrusted, "held_before_focus");
     const up = event.key === "Meta" ? [...this.#down] : [key]; // a Mac says nothing of keys that come up beside Command
     for (const one of up) this.release(one, event.timeStamp, event.isTrusted);
   }
 }
 
-/** @typedef {{ what: "pressed" | "moved" | "released", target: string | undefined, along: number, x: number, y: number, ms: number }} Point */
+/**
+ * @typedef {{ what: "pressed" | "moved" | "released", target: string | undefined, along: number, x: number, y: number,
+ * ms: number, cause?: "held_before_focus" | "cancelled" }} Point
+ */
 
 /**
  * Hand on what the pointer does to elements that have a `data-target`. @param {HTMLElement} main
- * @param {{ isActive(): boolean, point(point: Point): void }} listener
+ * @param {{ isActive(): boolean, isBeforeFocus(ms: number): boolean, point(point: Point): void }} listener
+ * @returns {() => void} ends a press that is under way: the focus goes
  */
 export function listenToPointer(main, listener) {
   /** @type {HTMLElement | null} */ let pressed = null;
+  /** @type {MouseEvent | null} */ let last = null; // of that press
   const unit = (/** @type {number} */ value) => Math.min(1, Math.max(0, value));
 
-  /** @param {Point["what"]} what @param {MouseEvent} event @param {HTMLElement} element */
-  const point = (what, event, element) => {
+  /** @param {Point["what"]} what @param {MouseEvent} event @param {HTMLElement} element @param {Point["cause"]} [cause] */
+  const point = (what, event, element, cause) => {
     const box = element.getBoundingClientRect();
     const along = box.width ? unit((event.clientX - box.left) / box.width) : 0;
     const { direction } = getComputedStyle(element);
     listener.point({
-      what, ms: event.timeStamp, target: element.dataset.target, along: direction === "rtl" ? 1 - along : along,
+      what, cause, ms: event.timeStamp, target: element.dataset.target, along: direction === "rtl" ? 1 - along : along,
       ...(element.dataset.target === "picture" // where in the world's picture, not in the window
         ? { x: unit((event.clientX - box.left) / box.width), y: unit((event.clientY - box.top) / box.height) }
         : { x: unit(event.clientX / innerWidth), y: unit(event.clientY / innerHeight) }),
@@ -111,40 +138,45 @@ export function listenToPointer(main, listener) {
   /** @returns {HTMLElement | null} an answer draws the screen anew: what was pressed has another element then */
   const drawn = (/** @type {HTMLElement} */ element) =>
     (element.isConnected ? element : main.querySelector(`[data-target="${element.dataset.target}"]`));
-  const release = (/** @type {PointerEvent} */ event) => {
-    if (pressed) point("released", event, drawn(pressed) ?? pressed);
-    pressed = null;
+  /** @param {MouseEvent} event @param {Point["cause"]} [cause] */
+  const release = (event, cause) => {
+    if (pressed) point("released", event, drawn(pressed) ?? pressed, cause);
+    pressed = last = null;
   };
 
   addEventListener("pointerdown", (event) => {
     const element = targetOf(event);
     if (!element || pressed || event.button !== 0 || !listener.isActive()) return;
     pressed = element;
+    last = event;
     element.setPointerCapture?.(event.pointerId);
-    point("pressed", event, element);
+    // Pressed before the window had the focus: it is the click that brought it.
+    point("pressed", event, element, listener.isBeforeFocus(event.timeStamp) ? "held_before_focus" : undefined);
   });
   addEventListener("pointermove", (event) => {
     const element = pressed?.dataset.drag !== undefined ? drawn(pressed) : null;
+    if (pressed) last = event;
     if (element) point("moved", event, element);
   });
-  addEventListener("pointerup", release);
-  addEventListener("pointercancel", release);
+  addEventListener("pointerup", (event) => release(event));
+  addEventListener("pointercancel", (event) => release(event, "cancelled")); // the browser scrolls, say
   addEventListener("click", (event) => { // that no pointer made is a screen reader's
     const element = targetOf(event);
     if (!element || event.detail !== 0 || pressed || !listener.isActive()) return;
     point("pressed", event, element);
     point("released", event, element);
   });
+  return () => { if (last) release(last, "cancelled"); };
 }
 
 /**
- * Hand on whenever the page may have gained or lost the focus. @param {(hasFocus: boolean) => void} listener
+ * Hand on whenever the page may have gained or lost the focus, and when. @param {(hasFocus: boolean, ms: number) => void} listener
  * @returns {() => void} looks at once
  */
 export function listenToFocus(listener) {
-  const look = () => listener(document.hasFocus() && !document.hidden);
+  const look = (/** @type {Event} */ event) => listener(document.hasFocus() && !document.hidden, event.timeStamp);
   addEventListener("focus", look);
   addEventListener("blur", look);
   document.addEventListener("visibilitychange", look);
-  return look;
+  return () => listener(document.hasFocus() && !document.hidden, performance.now());
 }

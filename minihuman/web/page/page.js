@@ -14,7 +14,7 @@ import { ScreenView } from "./screens.js";
 import { MessageStore, openTabStorage, Outbox, randomBytes, UNTIMED } from "./stream.js";
 import { TouchKeys } from "./touch.js";
 
-/** @import { Input, Numbered, ScreenMessage } from "./messages" */
+/** @import { PageMessage, ScreenMessage, ServerMessage } from "./messages" */
 /** @import { Link } from "./connection.js" */
 /** @import { Point } from "./input.js" */
 
@@ -51,8 +51,12 @@ class Page {
     isScrollable: () => /^(page|text)$/.test(this.#screen?.screen.kind ?? ""),
     now: () => this.#outbox.now(),
     timeOf: (ms) => this.#outbox.timeOf(ms),
-    press: (key, symbol, stamp, trusted, isRepeat) => this.#press(key, symbol, stamp, trusted, isRepeat),
-    release: (key, stamp, isTrusted) => this.#send({ t: "key", key, down: false, stamp, trusted: isTrusted && undefined }),
+    press: (key, symbol, stamp, trusted, isRepeat, cause) => {
+      if (cause === "finger") this.#press(key, symbol, stamp, trusted, isRepeat);
+      else this.#prefetch.unknown(this.#send({ t: "key", key, down: true, stamp, symbol: symbol || undefined, trusted: trusted && undefined, cause }));
+    },
+    release: (key, stamp, isTrusted, cause) => this.#send(
+      { t: "key", key, down: false, stamp, trusted: isTrusted && undefined, cause: cause === "finger" ? undefined : cause }),
   });
   #touch = new TouchKeys(
     /** @type {HTMLElement} */ (document.getElementById("touch")), this.#keyboard,
@@ -90,7 +94,9 @@ class Page {
   });
   /** @type {boolean | null} as the session knows it; null: it may have been told otherwise, by this tab before or by another */
   #focused = true;
-  #lookAtFocus = listenToFocus((hasFocus) => this.#focus(hasFocus));
+  #focusedMs = -Infinity; // when the page got the focus, by the event's own time
+  #lookAtFocus = listenToFocus((hasFocus, ms) => this.#focus(hasFocus, ms));
+  /** @type {() => void} ends a press of the pointer's */ #cancelPointer;
   /** @type {number | null} when the session wants to be told the time */ #due = null;
   /** @type {number | null} */ #reportedDue = null;
   /** @type {number | null} when a timed screen that was there ends */ #endsAt = null;
@@ -99,11 +105,16 @@ class Page {
   constructor() {
     this.#connection.latency.report = (what) => this.#send(what);
     this.#keyboard.codes = this.#outbox.keys; // for what is pressed before the welcome, after the page was loaded again
-    listenToPointer(this.#main, { isActive: () => !this.#connection.finished, point: (point) => this.#point(point) });
+    this.#cancelPointer = listenToPointer(this.#main, {
+      isActive: () => !this.#connection.finished,
+      isBeforeFocus: (ms) => ms < this.#focusedMs,
+      point: (point) => this.#point(point),
+    });
     addEventListener("resize", () => {
       this.#player.view.fit();
       this.#films.fit();
     });
+    addEventListener("pagehide", (event) => this.#connection.bidFarewell(event.persisted));
     // Another link was put into the address: another person, of whom nothing that is kept here is true.
     addEventListener("hashchange", () => {
       this.#connection.close();
@@ -124,7 +135,7 @@ class Page {
 
   get #isListening() { return this.#outbox.hasTime && !this.#connection.finished; }
 
-  /** @param {Input} what @param {boolean} canWait @param {number} now @returns {number} the message's number */
+  /** @param {PageMessage} what @param {boolean} canWait @param {number} now @returns {number} the message's number */
   #send(what, canWait = this.#player.canWait(what), now = this.#outbox.nextTime()) {
     const made = what.t !== "tick" && !UNTIMED.has(what.t) && this.#outbox.hasTime ? this.#computeTick(now) : undefined;
     if (made) { // a step that the session makes first; by then the next may be due
@@ -145,7 +156,7 @@ class Page {
 
   // ---- what the server says
 
-  /** @param {Numbered} m */
+  /** @param {ServerMessage} m */
   #receive(m) {
     switch (m.t) {
       case "rules":
@@ -209,7 +220,7 @@ class Page {
     if (!to) return;
     const { last } = this.#outbox.state;
     const tick = to.after === null ? null : last + to.after;
-    this.#put({ id: 0, name: to.name, through: n, at: last, tick, screen: to.screen });
+    this.#put({ t: "screen", id: 0, name: to.name, through: n, at: last, tick, screen: to.screen });
     // Who steers is told when it has begun.
     if (to.episode >= 0) this.#player.enter(to.episode, to.scene, n, to.screen.kind === "play" && Boolean(to.screen.controller));
   }
@@ -292,17 +303,20 @@ class Page {
   /** @param {Point} point */
   #point({ ms, ...point }) {
     const n = this.#send({ t: "pointer", ...point, stamp: this.#outbox.timeOf(ms) });
-    if (this.#player.play) return; // the server alone knows what a click in the picture does
+    if (point.cause) this.#prefetch.unknown(n);
+    if (point.cause || this.#player.play) return; // the server alone knows what a click in the picture does
     if (point.what === "pressed") this.#advance(n, `point:${point.target}`, this.#outbox.state.last);
     else if (point.what === "moved") this.#prefetch.unknown(n);
   }
 
-  /** @param {boolean} focused */
-  #focus(focused) {
+  /** @param {boolean} focused @param {number} ms */
+  #focus(focused, ms) {
     if (focused === this.#focused || !this.#isListening) return;
+    if (focused && this.#focused === false) this.#focusedMs = ms;
     this.#focused = focused;
     if (!focused) {
-      this.#keyboard.clear();
+      this.#keyboard.releaseAll();
+      this.#cancelPointer();
       this.#flips.cancel();
     }
     const n = this.#send({ t: "focus", focused });

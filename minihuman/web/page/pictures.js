@@ -2,7 +2,8 @@
 
 import { el, fit, paint } from "./elements.js";
 
-/** @import { FilmSettings, Frame, Input, ScreenMessage } from "./messages" */
+/** @import { FilmFrame, PageMessage, ScreenMessage } from "./messages" */
+/** @import { FilmSettings } from "./page_tools" */
 /**
  * @typedef {{ number: number, encoding: number, width: number, height: number, bytes: Uint8Array<ArrayBuffer>,
  * tiles: (Picture | undefined)[], bitmap: Promise<ImageBitmap> | null, ready: ImageBitmap | null }} Picture
@@ -87,7 +88,7 @@ export class FlipReporter {
   /** @type {Shown & { submit: number } | null} */ #pending = null;
   /** @type {{ episode?: number, step?: number, flip: number } | null} the last report */ #last = null;
 
-  /** @param {() => number} now @param {(what: Input) => void} send */
+  /** @param {() => number} now @param {(what: PageMessage) => void} send */
   constructor(now, send) {
     this.now = now;
     this.#channel.port1.onmessage = () => {
@@ -130,7 +131,7 @@ export class FlipReporter {
 /** The films on the screen, side by side: they run by themselves, or keys go through them. */
 export class FilmViewer {
   /** @type {Film | null} */ #film = null;
-  /** @type {Frame[]} of one screen, which came before its films were opened: its module was still on its way */ #early = [];
+  /** @type {FilmFrame[]} of one screen, which came before its films were opened: its module was still on its way */ #early = [];
   /** @type {WeakMap<number[], Map<number, ((picture: Picture) => void)[]>>} */ #wanted = new WeakMap();
 
   /** @param {ImageCache} images @param {FlipReporter} flips @param {() => void} schedule */
@@ -161,7 +162,7 @@ export class FilmViewer {
     if (this.#film) this.#turn(this.#film, this.#film.settings.step);
   }
 
-  /** @param {Frame} frame */
+  /** @param {FilmFrame} frame */
   add(frame) {
     const { name, side, place, picture: number } = frame;
     if (this.#film?.message.name !== name) {

@@ -1,11 +1,11 @@
 // Where the page is outside of episodes: the server's screen, or one that an input leads to and the server sent before.
 // It touches no element and sends nothing; what the server says counts.
 
-/** @import { NextScreens, ScreenMessage } from "./messages" */
+/** @import { PrefetchedScreen, ScreenMessage } from "./messages" */
 /** @typedef {{ n: number, to: number }} Step an input that the server has not heard of, and where it led */
 
 export class ScreenPrefetch {
-  /** @type {Map<number, NextScreens["screens"][number]>} by name */ screens = new Map();
+  /** @type {Map<number, PrefetchedScreen>} by name */ screens = new Map();
   /** @type {Map<number, Map<string, number>>} name -> input -> name */ edges = new Map();
   /** @type {ScreenMessage | null} the server's screen */ serverScreen = null;
   /** @type {Step[]} */ trail = [];
@@ -17,7 +17,7 @@ export class ScreenPrefetch {
 
   get ahead() { return this.trail.length > 0; }
 
-  /** @param {NextScreens} m */
+  /** @param {import("./messages").ScreenPrefetch} m */
   learn(m) {
     for (const screen of m.screens) this.screens.set(screen.name, screen);
     for (const [from, input, to] of m.edges) {

@@ -2,7 +2,7 @@
 
 import { el, words } from "./elements.js";
 
-/** @import { AnswerWidget, OptionList, RatingMatrix, RatingScale, ScreenMessage, CanvasShape, ShapeCanvas, Slider, TextField } from "./messages" */
+/** @import { AnswerWidget, CanvasShape, OptionList, RatingMatrix, RatingScale, ScreenMessage, ShapeCanvas, Slider, TextField } from "./messages" */
 
 const MAX_LETTERS = 1000; // in a message
 
@@ -113,7 +113,7 @@ export class TextEntry {
   /** @returns {{ title: string, question: string, rtl: boolean, item: TextField } | null} */
   get #screen() {
     const s = this.current()?.screen;
-    if (s?.kind === "play" && s.messages?.entry) return { ...s, question: "chat", item: { form: "TextField", ...s.messages.entry } };
+    if (s?.kind === "play" && s.messages?.entry) return { ...s, title: "", question: "chat", item: s.messages.entry };
     return s?.kind === "question" && s.item.form === "TextField" ? { ...s, item: s.item } : null;
   }
   get isActive() { return this.#screen !== null; }

@@ -3,7 +3,8 @@
 import { buttonsOf, capOf, el, fit, flatten, paint, prose, words } from "./elements.js";
 import { drawWidget } from "./questions.js";
 
-/** @import { ActivityModule, ActivityScreen, BlankScreen, Over, PageScreen, PlayScreen, QuestionScreen, Refusal, ScreenMessage, TextScreen } from "./messages" */
+/** @import { ActivityValues, BlankValues, PageValues, PlayValues, QuestionValues, Refusal, ScreenMessage, SessionOver, TextValues } from "./messages" */
+/** @import { ActivityModule } from "./page_tools" */
 /** @import { EpisodeView } from "./episode.js" */
 /** @import { FilmViewer, FlipReporter, ImageCache } from "./pictures.js" */
 /** @import { TextEntry } from "./questions.js" */
@@ -27,7 +28,7 @@ export class ScreenView {
   }
 
   #draw = {
-    text: (/** @type {TextScreen} */ s, _ = null, check = s.keys.length ? this.page.touchTexts() : null) => [
+    text: (/** @type {TextValues} */ s, _ = null, check = s.keys.length ? this.page.touchTexts() : null) => [
       words("h1", "", check?.touch_check_title ?? s.title),
       prose({ class: "body short" }, check?.touch_check_body ?? s.body),
       s.keys.length ? el("ul", { class: "keyboard", style: { width: `${s.wide * 3}rem`, height: `${s.high * 3}rem` } },
@@ -38,14 +39,14 @@ export class ScreenView {
       words("p", "prompt", s.prompt),
       words("p", "progress", s.progress),
     ],
-    blank: (/** @type {BlankScreen} */ s) => [s.cross ? el("div", { class: "cross", role: "img", "aria-label": "+" }) : null],
-    play: (/** @type {PlayScreen} */ s) => [...this.parts.episode.draw(s), s.messages && el("div", { class: "chat" },
+    blank: (/** @type {BlankValues} */ s) => [s.cross ? el("div", { class: "cross", role: "img", "aria-label": "+" }) : null],
+    play: (/** @type {PlayValues} */ s) => [...this.parts.episode.draw(s), s.messages && el("div", { class: "chat" },
       el("div", { role: "log", class: "lines" }, s.messages.lines.map(([author, text]) => el("p", {}, el("b", { text: author }), ` ${text}`))),
-      s.messages.entry && el("div", { class: "entry" }, this.parts.entry.open({ form: "TextField", ...s.messages.entry })),
+      s.messages.entry && el("div", { class: "entry" }, this.parts.entry.open(s.messages.entry)),
       el("p", { class: "prompt", id: "ask", text: s.messages.hint }))],
-    activity: (/** @type {ActivityScreen} */ s, /** @type {ScreenMessage} */ m) =>
+    activity: (/** @type {ActivityValues} */ s, /** @type {ScreenMessage} */ m) =>
       this.#modules.get(s.module)?.draw(s, m, { el, words, prose, films: this.parts.films }),
-    page: (/** @type {PageScreen} */ s) => [
+    page: (/** @type {PageValues} */ s) => [
       words("h1", "", s.title),
       s.picture === null ? null : this.#drawExample(s, s.picture),
       prose({ class: s.body.length < 160 && !/^ *[-*] /m.test(s.body) && s.picture === null ? "body short" : "body" }, s.body),
@@ -53,7 +54,7 @@ export class ScreenView {
       words("p", "prompt", s.prompt),
       words("p", "progress", s.progress),
     ],
-    question: (/** @type {QuestionScreen} */ s) => [
+    question: (/** @type {QuestionValues} */ s) => [
       words("h1", "", s.title),
       prose({ class: "body", id: "ask" }, s.question),
       drawWidget(s.item, this.parts.entry),
@@ -80,7 +81,7 @@ export class ScreenView {
     if (current?.screen.kind === "activity" && current.screen.module === address) this.show(current);
   }
 
-  /** @param {PageScreen} s @param {number} number */
+  /** @param {PageValues} s @param {number} number */
   #drawExample(s, number) {
     const picture = this.parts.images.get(number);
     const canvas = el("canvas", { role: "img", "aria-label": s.marks.map((mark) => mark[2]).join(", ") || s.title });
@@ -154,7 +155,7 @@ export class ScreenView {
     ]));
   }
 
-  /** @param {Over} m @param {string} leaving */
+  /** @param {SessionOver} m @param {string} leaving */
   showEnd({ words: text, code, your_code, url, leave }, leaving) {
     const heading = this.main.querySelector("h1");
     this.main.className = "text";

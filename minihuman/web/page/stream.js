@@ -1,10 +1,10 @@
 // The two numbered streams between the page and the server, without a socket or an element of the document.
 
-/** @import { Input, Facts } from "./messages" */
-/** @typedef {{ n: number, at: number, what: Input }} Message */
+/** @import { BrowserFacts, PageMessage } from "./messages" */
+/** @typedef {{ n: number, at: number, what: PageMessage }} Message */
 /**
  * What a tab keeps over reloads, but for the stream's name.
- * @typedef {{ stream: string, next: number, segment: string, last: number, zero: number, facts: Facts | null, pin?: string,
+ * @typedef {{ stream: string, next: number, segment: string, last: number, zero: number, facts: BrowserFacts | null, pin?: string,
  * token?: string }} StreamState
  */
 
@@ -31,7 +31,7 @@ export function encodeMessage({ n, at, what }) {
   return JSON.stringify([kind, n, at / US, ...rest]);
 }
 
-/** @param {number} at @param {Input} what @returns {(string | number | boolean | undefined)[] | null} */
+/** @param {number} at @param {PageMessage} what @returns {(string | number | boolean | undefined)[] | null} */
 function shorten(at, what) {
   const ago = (/** @type {number} */ t) => (at - t) / US;
   if (at % US) return null;
@@ -39,7 +39,7 @@ function shorten(at, what) {
   if (what.t === "shown" && what.step !== undefined && what.screen === undefined && what.name === undefined) {
     return ["s", ago(what.flip), ago(what.submit), what.episode, what.step, what.node];
   }
-  if (what.t !== "key" || what.trusted === false) return null;
+  if (what.t !== "key" || what.trusted === false || what.cause) return null;
   return ["k", ago(what.stamp), what.key, what.down ? 1 : 0, what.digest, what.symbol, what.repeat];
 }
 
@@ -258,7 +258,7 @@ export class Outbox {
   }
 
   /**
-   * Number, keep and send a message; one that can wait goes with what follows in so many ms. @param {Input} what
+   * Number, keep and send a message; one that can wait goes with what follows in so many ms. @param {PageMessage} what
    * @param {number} at its time @returns {number} its number, or 0 while the session's time is unknown, or it is stopped
    */
   add(what, waitMs = 0, at = this.nextTime()) {

@@ -3,11 +3,12 @@
 
 import { el } from "./elements.js";
 
-/** @import { Screen } from "./messages" */
+/** @import { ScreenValues } from "./messages" */
 /** @import { Keyboard } from "./input.js" */
 
 const KEYS_OF = new Set(["play", "blank"]);
 const SWIPE_PX = 24;
+const ARROWS = new Set(["up", "left", "down", "right"]);
 const OWN_BUTTONS = new Set(["page", "question", "activity"]);
 
 export class TouchKeys {
@@ -33,7 +34,7 @@ export class TouchKeys {
     addEventListener("pointercancel", release);
   }
 
-  /** The buttons that a screen needs. @param {Screen} screen */
+  /** The buttons that a screen needs. @param {ScreenValues} screen */
   show(screen) {
     if (!this.isTouched) return;
     document.documentElement.classList.add("touched");
@@ -43,14 +44,17 @@ export class TouchKeys {
     const looks = JSON.stringify([names, [...labels]]);
     if (looks === this.#shown) return;
     this.#shown = looks;
-    const played = names.filter((name) => name !== "escape");
+    const arrows = names.filter((name) => ARROWS.has(name)), others = names.filter((name) => !ARROWS.has(name));
+    const played = others.filter((name) => name !== "escape");
     this.bar.dataset.columns = String(played.length > 4 ? 3 : played.length || 1);
-    this.bar.replaceChildren(...names.map((name) => this.#button(name, labels.get(this.caps[name]) ?? this.caps[name])));
+    const button = (/** @type {string} */ name) => this.#button(name, labels.get(this.caps[name]) ?? this.caps[name]);
+    const pad = arrows.length ? [el("div", { class: "arrows" }, arrows.map(button))] : []; // each where it points
+    this.bar.replaceChildren(...pad, ...others.map(button));
     this.bar.hidden = !names.length;
     this.resized();
   }
 
-  /** @param {Screen} screen @returns {string[]} */
+  /** @param {ScreenValues} screen @returns {string[]} */
   #namesFor(screen) {
     if (OWN_BUTTONS.has(screen.kind)) return [];
     const played = Object.keys(this.caps).filter((name) => name !== "enter" && name !== "escape");

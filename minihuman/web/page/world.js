@@ -1,6 +1,8 @@
 // Worlds in the page: the server's own rules and pictures, compiled to WebAssembly, on an episode's first state.
 // Knows no network and, but for `paint`, no document; `worlds/manifest.json` says what the modules' functions take.
 
+import { DIRECTION, HEIGHT, NUMBERS_REWARD, PHASE, PLAYING, WIDTH } from "./row.js";
+
 /** @typedef {Int32Array | BigInt64Array | BigUint64Array | Uint8Array | Uint32Array | Float64Array} Numbers */
 /** @typedef {{ name: string, kind: string, dimensions: number }} Argument */
 /** @typedef {{ arguments: Argument[], results: string[] }} Signature */
@@ -22,7 +24,6 @@ const TYPES = {
 };
 const WORD_BYTES = 8;
 const PAGE_BYTES = 65536;
-const DIRECTION = 4, WIDTH = 0, HEIGHT = 1, PHASE = 8, PLAYING = 1;
 
 /** An array in a module's memory, which may move when the memory grows. */
 export class Block {
@@ -45,6 +46,15 @@ export class Block {
   }
 }
 
+/** The file of a module for this browser. @param {ModuleEntry | undefined} entry @param {string} name */
+export function chooseModule(entry, name) {
+  if (!entry) throw new Error(`there is no module ${name}`);
+  const simd = WebAssembly.validate(SIMD_PROBE);
+  const file = entry.files.find((one) => one.simd && simd) ?? entry.files.find((one) => !one.simd);
+  if (!file) throw new Error(`there is no module ${name} for this browser`);
+  return file;
+}
+
 /** A module of kernels, with a memory of its own. */
 export class Kernels {
   /** @param {WebAssembly.Instance} instance @param {Record<string, Signature>} signatures */
@@ -61,7 +71,10 @@ export class Kernels {
   /** The same code with a memory of its own. */
   async again() {
     if (!this.module) throw new Error("these kernels were not compiled here");
-    return new Kernels(await WebAssembly.instantiate(this.module, {}), this.signatures);
+    const copy = new Kernels(await WebAssembly.instantiate(this.module, {}), this.signatures);
+    copy.module = this.module;
+    copy.sources = this.sources;
+    return copy;
   }
 
   /** @param {BufferSource} code @param {ModuleEntry} entry */
@@ -76,11 +89,8 @@ export class Kernels {
   static async load(folder, name) {
     /** @type {Manifest} */ const manifest = await (await fetch(`${folder}/manifest.json`)).json();
     const entry = manifest.modules[name];
-    if (!entry) throw new Error(`there is no module ${name}`);
-    const simd = WebAssembly.validate(SIMD_PROBE);
-    const file = entry.files.find((one) => one.simd && simd) ?? entry.files.find((one) => !one.simd);
-    if (!file) throw new Error(`there is no module ${name} for this browser`);
-    const kernels = await Kernels.compile(await (await fetch(`${folder}/${file.file}`)).arrayBuffer(), entry);
+    const { file } = chooseModule(entry, name);
+    const kernels = await Kernels.compile(await (await fetch(`${folder}/${file}`)).arrayBuffer(), entry);
     kernels.sources = manifest.sources;
     return kernels;
   }
@@ -160,11 +170,12 @@ export class GridWorld {
   }
 
   get playing() { return this.row.data[PHASE] === PLAYING; }
+  get direction() { return /** @type {number} */ (this.row.data[DIRECTION]); }
 
   /** The status, bit 0 for an end and bit 1 for the step limit; below 0 nothing was done. @param {number} action */
   step(action) {
     const status = this.stepped.call(action);
-    return { status, reward: status < 0 ? 0 : this.stepped.real(2), direction: /** @type {number} */ (this.row.data[DIRECTION]) };
+    return { status, reward: status < 0 ? 0 : this.stepped.real(2), direction: this.direction };
   }
 
   /**
@@ -239,7 +250,7 @@ export class Picture {
 /** @typedef {{ things: Float64Array, numbers: Float64Array, words: BigUint64Array }} FirstPersonSave */
 
 const COLUMNS = 9, ROOM_COLUMNS = 7, EDGE_COLUMNS = 4, PLACE_COLUMNS = 6, THING_COLUMNS = 15;
-const REWARD = 24, VIEW_SIZE = 40, MEMORY = 36, SPANS = 43;
+const VIEW_SIZE = 40, MEMORY = 36, SPANS = 43;
 
 /** A first-person world in an episode, without its pictures. The module's whole memory is its own. */
 export class FirstPersonWorld {
@@ -275,7 +286,7 @@ export class FirstPersonWorld {
   /** The status, bit 0 for an end and bit 1 for the step limit. @param {number} action */
   step(action) {
     const status = this.stepped.call(action) & 3;
-    return { status, reward: /** @type {number} */ (this.numbers.data[REWARD]) };
+    return { status, reward: /** @type {number} */ (this.numbers.data[NUMBERS_REWARD]) };
   }
 
   /** As `GridWorld.digest`. @param {number} reward @param {number} ends */

@@ -1,166 +1,54 @@
 """The web application: one page, one socket per browser, one task each; the sessions' own work is the session hosts'.
 
 What waits for the disk (connecting, finishing a log) runs in threads. Looking ahead runs between messages, for one host
-after the other, so that a key never waits longer than two milliseconds or one scene. The page's files are read at
-start: an update of the package does not change what a running server sends.
+after the other, so that a key never waits longer than two milliseconds or one scene.
 """
 
 import asyncio
 import contextlib
+import hmac
 import json
 import logging
+import os
 from collections import deque
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Coroutine, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.types import ASGIApp
+from starlette.websockets import WebSocket
 
 from minihuman.errors import MinihumanError
+from minihuman.experiment.machine.screen_texts import find_stop_code
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts
 from minihuman.storage.lease import RENEWAL_INTERVAL_S, TTL_S, LeaseLostError
 from minihuman.storage.system import monotonic_s
 from minihuman.web import messages
 from minihuman.web.arrivals import Arrivals
-from minihuman.web.connection import Connection, ConnectionFactory
-from minihuman.web.eligibility import build_completion, classify_ending, get_page_texts, get_session_code
-from minihuman.web.messages import (
-    HEADERS,
-    HELLO_TIMEOUT_S,
-    MAX_BACKLOG,
-    MAX_TARGET_BYTES,
-    MAX_WAITING,
-    PREFETCH_BACKLOG,
-    MessageError,
-    RateLimit,
-    is_same_origin,
+from minihuman.web.connection import Connection
+from minihuman.web.connection_factory import ConnectionFactory
+from minihuman.web.eligibility import (
+    Completion,
+    WebEnding,
+    build_completion,
+    classify_ending,
+    get_page_texts,
+    get_session_code,
 )
-from minihuman.web.page_modules import list_page_modules
+from minihuman.web.http_security import is_same_origin
+from minihuman.web.message_codec import decode_page_message, encode_unnumbered
+from minihuman.web.page_protocol import PageProtocol
+from minihuman.web.server.page_routes import PAGE_FOLDER, HeaderMiddleware, build_page_routes
+from minihuman.web.server.page_socket import PageSocket, SocketClosedError
+from minihuman.web.traffic_limits import HELLO_TIMEOUT_S, MAX_WAITING
+from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
 from minihuman.worlds.source_digest import kernels_digest
-
-_ENDS = (WebSocketDisconnect, RuntimeError)  # RuntimeError: something was sent after the end
-
-
-class SocketClosedError(Exception):
-    """The socket has ended, from either side."""
-
-
-class PageSocket:
-    """A socket to a page.
-
-    Raises:
-        SocketClosedError: from any method but `close`, once the socket has ended.
-    """
-
-    def __init__(self, socket: WebSocket) -> None:
-        self._socket = socket
-
-    async def accept(self) -> None:
-        """Take the call."""
-        try:
-            await self._socket.accept()
-        except _ENDS as error:
-            raise SocketClosedError from error
-
-    async def receive(self) -> str:
-        """The next message.
-
-        Raises:
-            MessageError: it is bytes, which no page sends.
-        """
-        try:
-            return await self._socket.receive_text()
-        except KeyError:
-            raise MessageError("a binary message arrived, but a page must send text; reload the page") from None
-        except _ENDS as error:
-            raise SocketClosedError from error
-
-    async def send(self, message: str | bytes) -> None:
-        """Send a message."""
-        try:
-            if isinstance(message, str):
-                await self._socket.send_text(message)
-            else:
-                await self._socket.send_bytes(message)
-        except _ENDS as error:
-            raise SocketClosedError from error
-
-    async def close(self, code: int, reason: str = "") -> None:
-        """End the socket, which may have ended already."""
-        with contextlib.suppress(*_ENDS):
-            await self._socket.close(code, reason[:100])
-
-
-_METHODS = ("GET", "HEAD", "POST")
-
-
-class HeaderMiddleware:
-    """An application whose every answer has the headers that keep its pages to themselves.
-
-    Args:
-        app: the application.
-        policy: a content security policy instead of the participants' page's.
-    """
-
-    def __init__(self, app: ASGIApp, *, policy: str = "") -> None:
-        self._app = app
-        headers = {**dict(HEADERS), "content-security-policy": policy} if policy else dict(HEADERS)
-        self._headers = [(name.encode(), value.encode()) for name, value in headers.items()]
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer, or refuse what no page of ours asks."""
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
-
-        async def guarded(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                message = {**message, "headers": self._with_ours(message.get("headers", ()))}
-            await send(message)
-
-        target = len(scope.get("raw_path") or b"") + len(scope.get("query_string", b""))
-        if scope["method"] not in _METHODS or target > MAX_TARGET_BYTES:
-            await guarded({"type": "http.response.start", "status": 400, "headers": [(b"content-length", b"0")]})
-            await send({"type": "http.response.body", "body": b""})
-            return
-        await self._app(scope, receive, guarded)
-
-    def _with_ours(self, headers: Sequence[tuple[bytes, bytes]]) -> list[tuple[bytes, bytes]]:
-        names = {name for name, _ in self._headers}
-        return [*((name, value) for name, value in headers if name.lower() not in names), *self._headers]
-
-
-_FOLDER = Path(__file__).parents[1] / "page"
-_TYPES = {
-    ".html": "text/html",
-    ".css": "text/css",
-    ".js": "text/javascript",
-    ".json": "application/json",
-    ".wasm": "application/wasm",
-}
-
-
-def build_page_routes() -> list[Route]:
-    """The page at the root, and what it loads below `/static`."""
-    files = [path for path in sorted(_FOLDER.rglob("*")) if path.suffix in _TYPES]
-    addresses = {path: f"/static/{path.relative_to(_FOLDER).as_posix()}" for path in files}
-    of_page = [_route("/" if path.name == "page.html" else addresses[path], path) for path in files]
-    return [*of_page, *(_route(address, path) for address, path in list_page_modules())]
-
-
-def _route(address: str, path: Path) -> Route:
-    content, kind = path.read_bytes(), _TYPES[path.suffix]
-
-    async def answer(_: Request) -> Response:
-        return Response(content, media_type=kind)
-
-    return Route(address, answer)
-
 
 LOG = logging.getLogger("minihuman")
 KEEP_FINISHED_S = 600.0  # a session that is over, for pages that come again
@@ -169,11 +57,38 @@ LEARNER_POLL_INTERVAL_S = 0.1
 COPY_INTERVAL_S = 0.05  # between copies of what leased sessions record
 LOOK_AHEAD_SLICE_S = 0.01  # of one connection, before its page gets what was found and others have a turn
 MAX_LOOP_BLOCK_S = 0.002  # before messages have a turn
-MAX_BATCH_BYTES = 65_536  # of messages that are sent as one
 # Codes of a closed socket after which the page does not come again by itself.
 ANOTHER, REFUSED, FOREIGN = 4001, 4003, 4004
+_VANISHED = ("connection_lost", "timed_out")
 CLOSE_BUSY = 4100  # the page tries again in a while
+METRICS_TOKEN_VARIABLE = "MINIHUMAN_METRICS_TOKEN"
 CLOSE_OLD = 4002  # and after this it is loaded anew: it is of another release than the server
+
+
+def classify_connection_ending(connection: Connection) -> WebEnding:
+    """What the end of a session is to its participant: broken if its log is not whole, or its page sent too much."""
+    if connection.recording.is_broken or connection.is_over_budget:
+        return "broken"
+    session = connection.host.session
+    return classify_ending(session.end_reason, agreed=connection.agreed, part_kind=session.part.part.kind)
+
+
+def build_session_over(connection: Connection, completion: Completion) -> messages.SessionOver:
+    """Build the last message to a page: what happened, what is saved, and a code.
+
+    That all is saved is said of a log that was closed whole; of any other, how many inputs it may lack.
+    """
+    session = connection.host.session
+    words = get_page_texts(session.plan.language)
+    text = words[completion.end]
+    code = completion.code
+    if completion.end == "broken":
+        unsaved = connection.count_unsaved()
+        text = words["broken_in_part"].replace("{unsaved}", str(unsaved)) if unsaved else text
+        stop_code = find_stop_code(session.end_reason, session.end_detail)
+        LOG.warning("a session stopped, code %s on its page: %s", stop_code, session.end_detail)
+        code = code or stop_code
+    return messages.SessionOver(completion.end, text, words["code"], code, words["leave"], completion.url)
 
 
 class WebServer:
@@ -183,13 +98,22 @@ class WebServer:
         arrivals: the study, and who comes.
         data: where sessions are kept.
         routes: of other pages that this server has.
+        worlds: runs worlds that are not ours in processes of their own; None: all run in this one.
     """
 
-    def __init__(self, arrivals: Arrivals, data: Path, *, routes: Sequence[BaseRoute] = ()) -> None:
+    def __init__(
+        self,
+        arrivals: Arrivals,
+        data: Path,
+        *,
+        routes: Sequence[BaseRoute] = (),
+        worlds: IsolatedWorlds | None = None,
+    ) -> None:
         self.connections: dict[str, Connection] = {}
         self._arrivals = arrivals
         self._web = arrivals.protocol.web
-        self._factory = ConnectionFactory(arrivals, data, self.connections)
+        self._factory = ConnectionFactory(arrivals, data, self.connections, worlds=worlds)
+        self._tasks: set[asyncio.Task[None]] = set()  # of sessions whose worlds may keep them waiting
         self._routes = routes
         self._silent: dict[PageSocket, None] = {}  # without a hello, the oldest first
         self._connecting = 0  # sockets with a hello, without an answer
@@ -211,7 +135,8 @@ class WebServer:
     @contextlib.asynccontextmanager
     async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:
         worlds = collect_world_facts(block.world for block in self._arrivals.protocol.blocks)
-        if json.loads((_FOLDER / "worlds/manifest.json").read_text(encoding="utf-8"))["sources"] != kernels_digest():
+        manifest = json.loads((PAGE_FOLDER / "worlds/manifest.json").read_text(encoding="utf-8"))
+        if manifest["sources"] != kernels_digest():
             LOG.warning("the page's modules are of other rules, so none computes: run `python -m kernel_build`")
         self._factory.facts = {"player": "human", **await asyncio.to_thread(collect_machine_facts), **worlds}
         works = (self._grow, self._look_after, self._poll, self._keep_leases, self._finish_ended)
@@ -219,20 +144,22 @@ class WebServer:
         try:
             yield
         finally:
-            for task in tasks:
+            for task in (*tasks, *self._tasks):
                 task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await asyncio.gather(*tasks, *self._tasks, return_exceptions=True)
             await asyncio.gather(*(asyncio.to_thread(connection.leave) for connection in self.connections.values()))
 
     async def _health(self, _: Request) -> Response:
         """Answer; a server whose loop is stuck does not."""
         return Response("ok\n", media_type="text/plain")
 
-    async def _metrics(self, _: Request) -> Response:
-        """What Prometheus reads; nothing that says who is there."""
+    async def _metrics(self, request: Request) -> Response:
+        """What Prometheus reads; nothing that says who is there. Closed to all who come through a proxy."""
+        if not _may_read_metrics(request):
+            return Response(status_code=404)
         gauges = {
-            "sessions": sum(not one.host.over for one in self.connections.values()),
-            "pages_connected": sum(one.here for one in self.connections.values()),
+            "sessions": sum(not connection.host.over for connection in self.connections.values()),
+            "pages_connected": sum(connection.presence.is_here for connection in self.connections.values()),
             "sockets_without_hello": len(self._silent),
         }
         lines = (f"# TYPE minihuman_{name} gauge\nminihuman_{name} {count}\n" for name, count in gauges.items())
@@ -259,7 +186,7 @@ class WebServer:
                 await page.close(CLOSE_BUSY)
                 return
             if isinstance(connection, messages.Refusal):
-                await page.send(messages.encode_unnumbered(connection))
+                await page.send(encode_unnumbered(connection))
                 await page.close(CLOSE_OLD if connection.reason == "old" else REFUSED)
                 return
             await self._serve(page, connection, hello)
@@ -276,7 +203,7 @@ class WebServer:
         """Wait for the hello, and connect its page."""
         self._silent[page] = None
         try:
-            hello = messages.decode_page_message(await asyncio.wait_for(page.receive(), HELLO_TIMEOUT_S))
+            hello = decode_page_message(await asyncio.wait_for(page.receive(), HELLO_TIMEOUT_S))
         finally:
             self._silent.pop(page, None)
         if not isinstance(hello, messages.Hello):
@@ -288,132 +215,92 @@ class WebServer:
             self._connecting -= 1
 
     async def _serve(self, page: PageSocket, connection: Connection, hello: messages.Hello) -> None:
-        welcome, after = connection.greet(hello)
-        number = connection.sockets
+        welcome, number, after = await connection.run(connection.greet, hello)
+        protocol = PageProtocol(connection, welcome, after, monotonic_s())
         connection.changed.set()
         self._want_more(connection)
-        writing = asyncio.create_task(self._write(page, connection, number, welcome, after))
-        allowance = RateLimit(monotonic_s())
+        writing = asyncio.create_task(self._write(page, connection, number, protocol))
+        code = 0
         try:
-            while connection.sockets == number:
-                texts = (await page.receive()).split("\n")  # several as one
-                now_s, sent, safe = monotonic_s(), connection.host.outgoing.last_number, connection.safe()
-                for place, text in enumerate(texts, 1):
-                    while not allowance.take(now_s):
-                        await asyncio.sleep(0.1)  # backpressure; a page that reconnects sends a lot at once
-                        now_s = monotonic_s()
-                    message = messages.decode_page_message(text)
-                    if isinstance(message, messages.NumberedMessage):
-                        connection.take(message, more=place < len(texts))
-                    elif isinstance(message, messages.Ping) and place < len(texts):
-                        connection.ping = message.sent, connection.now_ns()
-                    else:
-                        await self._answer(page, connection, message)
-                await self._finish_if_over(connection)
-                if connection.host.outgoing.kept > MAX_BACKLOG:
-                    connection.forget()
-                    raise messages.MessageError(
-                        f"more than {MAX_BACKLOG} messages have not been acknowledged; reload the page"
-                    )
-                grown = connection.host.outgoing.last_number != sent
-                if grown or connection.safe() != safe:
-                    connection.changed.set()
-                    await asyncio.sleep(0)  # the page hears of this before the next message is taken
-                if grown or isinstance(getattr(message, "what", None), messages.RoundTripMessage):
-                    self._want_more(connection)  # there is more to find
+            while connection.presence.is_newest(number):
+                await self._receive(page, connection, protocol, await page.receive())
+        except SocketClosedError as error:
+            code = error.code
+            raise
         finally:
             writing.cancel()
-            connection.seen_s = monotonic_s()
-            connection.gone(number)
+            connection.presence.close_socket(number, monotonic_s(), code)
             await asyncio.gather(writing, return_exceptions=True)
 
-    async def _answer(
-        self, page: PageSocket, connection: Connection, message: messages.Hello | messages.PageAck | messages.Ping
-    ) -> None:
-        match message:
-            case messages.PageAck():
-                was_behind = connection.host.outgoing.kept > PREFETCH_BACKLOG
-                connection.host.outgoing.acknowledge(message.n)
-                if was_behind:  # nothing was looked for ahead
-                    self._want_more(connection)
-            case messages.Ping():
-                received_ns = connection.now_ns()
-                await page.send(
-                    messages.encode_unnumbered(messages.Pong(message.sent, received_ns, connection.now_ns()))
-                )
-            case messages.Hello():
-                raise messages.MessageError(
-                    "a second hello arrived, but a page must send one per connection; reload the page"
-                )
+    async def _receive(self, page: PageSocket, connection: Connection, protocol: PageProtocol, text: str) -> None:
+        """Hand on the messages of a text, and see to what they led to."""
+        lines = text.split("\n")
+        now_s = monotonic_s()
+        protocol.begin_text()
+        for place, line in enumerate(lines, 1):
+            while not protocol.admits(now_s):
+                await asyncio.sleep(0.1)  # backpressure; a page that reconnects sends a lot at once
+                now_s = monotonic_s()
+            answer = await connection.run(partial(protocol.receive, line, more=place < len(lines)))
+            if answer is not None:
+                await page.send(answer)
+        await self._finish_if_over(connection)
+        effect = await connection.run(protocol.end_text)
+        if effect.has_answer:
+            connection.changed.set()
+            await asyncio.sleep(0)  # the page hears of this before the next message is taken
+        if effect.wants_more:
+            self._want_more(connection)
 
-    async def _write(
-        self, page: PageSocket, connection: Connection, number: int, welcome: messages.Welcome, after: int
-    ) -> None:
+    async def _write(self, page: PageSocket, connection: Connection, number: int, protocol: PageProtocol) -> None:
         """Send what there is to send, as long as this is the newest socket of its connection."""
-        await page.send(messages.encode_unnumbered(welcome))
-        sent, acked, outgoing = after, 0, connection.host.outgoing
+        await page.send(protocol.encode_welcome())
         while True:
             await connection.changed.wait()
             connection.changed.clear()
-            if connection.sockets != number or connection.host.outgoing is not outgoing:
+            if protocol.is_superseded or not connection.presence.is_newest(number):
                 connection.changed.set()  # for the newest
-                await page.close(connection.dismissed or ANOTHER)
+                await page.close(connection.presence.dismissal_code or ANOTHER)
                 return
-            if connection in self._growing and all(
-                isinstance(message, messages.EpisodeState) and message.tick is None and not message.who
-                for _, message in outgoing.after(sent)  # a page that went ahead loses nothing if these come later
-            ):
+            if connection in self._growing and not connection.is_busy and protocol.can_wait:
                 continue  # it goes with what is found ahead, in a moment
-            safe = connection.safe()  # asked first: a page that hears of a safe key has heard where it led
-            parts, size = [], 0
-            for last, message in outgoing.after(sent):
-                parts.append(messages.encode_numbered(last, message))
-                sent, size = last, size + len(parts[-1])
-                if size > MAX_BATCH_BYTES:
-                    await page.send(b"".join(parts))
-                    parts, size = [], 0
-            if safe > acked:
-                acked = safe
-                parts.append(messages.encode_text(messages.ServerAck(acked)))
-            if connection.ping is not None:
-                ping, connection.ping = connection.ping, None
-                parts.append(messages.encode_text(messages.Pong(*ping, connection.now_ns())))
-            if parts:
-                await page.send(b"".join(parts))
+            for batch in await connection.take_batches(protocol):
+                await page.send(batch)
 
     # Ends
 
     async def _finish_if_over(self, connection: Connection) -> None:
         """Finish the log of a session that is over, then tell the page; later if the enrolment log is unavailable."""
-        if not connection.host.over or connection.finishing:
+        recording = connection.recording
+        if not connection.host.over or recording.is_finishing:
             return
-        connection.finishing = True
+        recording.is_finishing = True
         try:
             await self._finish(connection)
         except LeaseLostError:
             await self._give_up(connection, CLOSE_BUSY)
         except OSError as error:
-            if not connection.delayed:
+            if not recording.is_delayed:
                 LOG.warning("a session is over, but its page is not told yet: %s", error)
-            connection.delayed = True
-            connection.finishing = False  # _look_after tries again
+            recording.is_delayed = True
+            recording.is_finishing = False  # _look_after tries again
 
     async def _finish(self, connection: Connection) -> None:
-        session, admission = connection.host.session, connection.admission
+        session = connection.host.session
+        admission = connection.admission
         await asyncio.to_thread(connection.finish)
-        end = classify_ending(session.end_reason, agreed=connection.agreed, part_kind=session.part.part.kind)
-        if connection.broken:
-            end = "broken"
+        end = classify_connection_ending(connection)
         if not connection.agreed:
             why = "declined" if end == "declined" else session.end_reason
             self._factory.isolate(connection)
             await asyncio.to_thread(self._arrivals.decline, admission, why)
+        elif session.end_reason in _VANISHED and connection.is_unproven:
+            await asyncio.to_thread(self._arrivals.release, admission, session.end_reason)
         person = await asyncio.to_thread(self._arrivals.id_on_platform, admission.participant)
-        code = get_session_code(self._arrivals.protocol, admission.session)
-        found = build_completion(self._web, end, session_code=code, person=person)
-        words = get_page_texts(session.plan.language)
-        connection.over = messages.SessionOver(end, words[end], words["code"], found.code, words["leave"], found.url)
-        connection.host.outgoing.add(connection.over)
+        session_code = get_session_code(self._arrivals.protocol, admission.session)
+        completion = build_completion(self._web, end, session_code=session_code, person=person)
+        connection.over = build_session_over(connection, completion)
+        await connection.run(connection.host.outgoing.add, connection.over)
         connection.changed.set()
 
     async def _look_after(self) -> None:
@@ -421,34 +308,54 @@ class WebServer:
         while True:
             await asyncio.sleep(CHECK_INTERVAL_S)
             for connection in tuple(self.connections.values()):
-                try:
-                    await self._look_after_one(connection)
-                except Exception:  # of one connection; the others go on
-                    LOG.exception("a connection could not be looked after")
+                await self._run_for(connection, self._look_after_safely(connection))
+
+    async def _run_for(self, connection: Connection, work: Coroutine[Any, Any, None]) -> None:
+        """Do something for a connection; where its worlds may keep it waiting, no other waits for that."""
+        if not connection.has_threads:
+            await work
+        elif connection.is_busy:
+            work.close()  # it comes again
+            connection.changed.set()  # what waited to go with it goes now
+        else:
+            task = asyncio.create_task(work)
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
+
+    async def _look_after_safely(self, connection: Connection) -> None:
+        try:
+            await self._look_after_one(connection)
+        except Exception:  # of one connection; the others go on
+            LOG.exception("a connection could not be looked after")
 
     async def _look_after_one(self, connection: Connection) -> None:
         now_s = monotonic_s()
-        gone_s = 0.0 if connection.here else now_s - connection.seen_s
+        absence_s = connection.presence.absence_s(now_s)
         if connection.ping is not None:  # there was nothing to acknowledge
             connection.changed.set()
         if not connection.host.over:
-            connection.read_inbox()
-        if not connection.host.over and gone_s > self._web.reconnect_timeout_s:
-            connection.stop("connection_lost", "the page did not come back")
-        if not connection.host.over and 0 < self._web.idle_timeout_s < now_s - connection.acted_s:
-            connection.stop("timed_out", f"nothing was pressed for {self._web.idle_timeout_s:g} s")
+            await connection.run(connection.read_inbox)
+        if not connection.host.over and absence_s > self._web.reconnect_timeout_s:
+            await connection.run(connection.stop, "connection_lost", "the page did not come back")
+        if not connection.host.over and 0 < self._web.idle_timeout_s < connection.presence.inactivity_s(now_s):
+            detail = f"nothing was pressed for {self._web.idle_timeout_s:g} s"
+            await connection.run(connection.stop, "timed_out", detail)
         await self._finish_if_over(connection)
-        if connection.over is not None and gone_s > KEEP_FINISHED_S:
-            del self.connections[connection.key]
-            connection.host.close()
+        if connection.over is not None and absence_s > KEEP_FINISHED_S:
+            self.connections.pop(connection.key, None)
+            await connection.run(connection.host.close)
 
     async def _poll(self) -> None:
         """See to learners that were asked for a policy."""
         while True:
             await asyncio.sleep(LEARNER_POLL_INTERVAL_S)
             for connection in tuple(self.connections.values()):
-                if connection.host.is_polled and connection.poll():
-                    self._want_more(connection)
+                if connection.host.is_polled:
+                    await self._run_for(connection, self._poll_one(connection))
+
+    async def _poll_one(self, connection: Connection) -> None:
+        if await connection.run(connection.poll):
+            self._want_more(connection)
 
     # Leases
 
@@ -468,35 +375,37 @@ class WebServer:
         leases = self._arrivals.leases
         if leases is None:
             return
-        renewed_s, is_away = -RENEWAL_INTERVAL_S, False
+        renewed_s = -RENEWAL_INTERVAL_S
+        is_away = False
         thread = ThreadPoolExecutor(1, "minihuman-leases")  # its own: those who arrive may wait for the database
         while True:
             await asyncio.sleep(COPY_INTERVAL_S)
             now_s = monotonic_s()
             due = now_s >= renewed_s + RENEWAL_INTERVAL_S
             recorded = self._factory.recorded
-            some = set(self.connections.values()) if due else recorded.intersection(self.connections.values())
+            connections = set(self.connections.values())
+            candidates = connections if due else connections & recorded
             recorded.clear()
-            held = [one for one in some if one.lease is not None and not one.lease.lost and not one.finished]
-            if not held:
+            leased = [connection for connection in candidates if _has_lease(connection)]
+            if not leased:
                 continue
             try:
                 await asyncio.get_running_loop().run_in_executor(
-                    thread, leases.renew, [one.lease for one in held if one.lease is not None]
+                    thread, leases.renew, [connection.lease for connection in leased if connection.lease is not None]
                 )
             except OSError as error:
                 if not is_away:
                     LOG.warning("leases are not renewed, and nothing is acknowledged: %s", error)
                 is_away = True
-                recorded.update(held)
+                recorded.update(leased)
                 await asyncio.sleep(CHECK_INTERVAL_S)
                 continue
             is_away = False
             renewed_s = now_s if due else renewed_s
-            for connection in held:
+            for connection in leased:
                 connection.changed.set()  # there is something to acknowledge
                 try:
-                    lease = None if connection.finishing else connection.lease
+                    lease = None if connection.recording.is_finishing else connection.lease
                     if lease is not None and (lease.lost or lease.wanted):
                         await self._give_up(connection, CLOSE_BUSY if lease.lost else ANOTHER)
                 except Exception:  # of one connection; the others go on
@@ -508,7 +417,7 @@ class WebServer:
             del self.connections[connection.key]
         connection.dismiss(code)
         await asyncio.to_thread(connection.leave)
-        connection.host.close()
+        await connection.run(connection.host.close)
 
     # Looking ahead
 
@@ -522,18 +431,35 @@ class WebServer:
             if not self._growing:
                 self._to_grow.clear()
                 await self._to_grow.wait()
-            connection, began_s = self._growing.popleft(), monotonic_s()
-            turn_s = began_s
-            while connection.here and connection.grow():
-                now_s = monotonic_s()
-                if now_s > began_s + LOOK_AHEAD_SLICE_S:
-                    self._want_more(connection)
-                    break
-                if now_s > turn_s + MAX_LOOP_BLOCK_S:
-                    await asyncio.sleep(0)
-                    turn_s = monotonic_s()
-            connection.send_prefetched()
-            await asyncio.sleep(0)
+            connection = self._growing.popleft()
+            await self._run_for(connection, self._grow_one(connection))
+
+    async def _grow_one(self, connection: Connection) -> None:
+        began_s = monotonic_s()
+        turn_s = began_s
+        while connection.presence.is_here and await connection.run(connection.grow):
+            now_s = monotonic_s()
+            if now_s > began_s + LOOK_AHEAD_SLICE_S:
+                self._want_more(connection)
+                break
+            if now_s > turn_s + MAX_LOOP_BLOCK_S:
+                await asyncio.sleep(0)
+                turn_s = monotonic_s()
+        await connection.run(connection.send_prefetched)
+        await asyncio.sleep(0)
+
+
+def _has_lease(connection: Connection) -> bool:
+    return connection.lease is not None and not connection.lease.lost and not connection.recording.is_finished
+
+
+def _may_read_metrics(request: Request) -> bool:
+    """Whether a request has the token for metrics, or comes from this machine and through no proxy."""
+    token = os.environ.get(METRICS_TOKEN_VARIABLE, "")
+    if token:
+        return hmac.compare_digest(request.headers.get("authorization", "").encode(), f"Bearer {token}".encode())
+    is_forwarded = "x-forwarded-for" in request.headers or "forwarded" in request.headers
+    return not is_forwarded and request.client is not None and request.client.host in ("127.0.0.1", "::1")
 
 
 async def _no_icon(_: Request) -> Response:

@@ -38,9 +38,11 @@ from minihuman.errors import MinihumanError
 from minihuman.experiment.machine.events import FINAL_END_REASONS
 from minihuman.log.paths import PART_SUFFIX, require_folder
 from minihuman.log.record.file_lock import is_being_recorded
+from minihuman.runtime.http_guard import is_own_request, read_length
 from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
-from minihuman.web.server.app import HeaderMiddleware
+from minihuman.web.server.page_routes import HeaderMiddleware
 from minihuman.web.server.process import HOST, open_listening_socket
+from minihuman.web.server.request_timeout import TimedHttpProtocol
 
 T = TypeVar("T")
 REPORTS_FOLDER = "reports"  # beside the data folder
@@ -196,6 +198,7 @@ class StartPage:
     def __init__(self, folder: Path, data: Path, temporary: Path) -> None:
         self._folder, self._data, self._temporary = folder, data, temporary
         self._token = secrets.token_urlsafe(16)
+        self._report_token = secrets.token_urlsafe(16)  # a report may run scripts, so its address starts no command
         self._processes: list[CommandProcess] = []
         environment = Environment(
             loader=PackageLoader("minihuman.web.server"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
@@ -210,6 +213,10 @@ class StartPage:
     def path(self) -> str:
         """The secret part of its address."""
         return f"/{self._token}/"
+
+    @property
+    def _reports_path(self) -> str:
+        return f"/{self._report_token}"
 
     def app(self) -> Starlette:
         """The application: it answers below its path, to this machine's name only."""
@@ -226,7 +233,7 @@ class StartPage:
         reports = Router([Route("/{path:path}", self._report)])
         return Starlette(
             routes=[
-                Mount(f"{self.path}reports", HeaderMiddleware(reports, policy=_REPORT_POLICY)),
+                Mount(self._reports_path, HeaderMiddleware(reports, policy=_REPORT_POLICY)),
                 Mount(self.path.rstrip("/"), HeaderMiddleware(pages, policy=_POLICY)),
             ],
             middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=[HOST])],
@@ -239,7 +246,9 @@ class StartPage:
                 process.stop()
 
     def _page(self, kind: str, **values: object) -> HTMLResponse:
-        return HTMLResponse(self._template.render(kind=kind, root=self.path, urlencode=urlencode, **values))
+        return HTMLResponse(
+            self._template.render(kind=kind, root=self.path, reports=self._reports_path, urlencode=urlencode, **values)
+        )
 
     def _home(self, _: Request) -> Response:
         return self._page(
@@ -273,7 +282,8 @@ class StartPage:
         return self._page("process", number=number, process=self._get(number))
 
     async def _start(self, request: Request) -> Response:
-        form = dict(parse_qsl((await request.body())[:_LONGEST_BYTES].decode(errors="replace")))
+        _require_own_form(request)
+        form = dict(parse_qsl((await request.body()).decode(errors="replace")))
         study = self._find(form["study"]) if form.get("study") else None
         try:
             words = ["doctor", "--windowed", f"--data={self._data}"]
@@ -285,6 +295,7 @@ class StartPage:
         return RedirectResponse(f"{self.path}process/{number}", 303)
 
     async def _stop(self, request: Request) -> Response:
+        _require_own_form(request)
         number = request.path_params["number"]
         await asyncio.to_thread(self._get(number).stop)
         return RedirectResponse(f"{self.path}process/{number}", 303)
@@ -326,6 +337,21 @@ class StartPage:
         return self._processes[number]
 
 
+def _require_own_form(request: Request) -> None:
+    """Refuse what no form of this page sends.
+
+    Raises:
+        HTTPException: if it comes from another page, is no form, or is too long.
+    """
+    if not is_own_request(request.headers):
+        raise HTTPException(403, "this form is of another page")
+    if read_length(request.headers.get("content-length", "0"), _LONGEST_BYTES) is None:
+        raise HTTPException(413, "this form is too long")
+    kind = request.headers.get("content-type", "application/x-www-form-urlencoded")
+    if kind.partition(";")[0].strip() != "application/x-www-form-urlencoded":
+        raise HTTPException(415, "this is no form")
+
+
 def run_desk(folder: Path, data: Path, *, port: int, say: Callable[[str], None]) -> None:
     """Serve the start page until SIGTERM or Ctrl-C; ``say`` gets its address.
 
@@ -341,5 +367,11 @@ def run_desk(folder: Path, data: Path, *, port: int, say: Callable[[str], None])
         suppress(KeyboardInterrupt),
     ):
         say(f"http://{HOST}:{taken.getsockname()[1]}{desk.path}")
-        config = uvicorn.Config(desk.app(), access_log=False, log_level="warning", timeout_graceful_shutdown=2)
+        config = uvicorn.Config(
+            desk.app(),
+            access_log=False,
+            http=TimedHttpProtocol,
+            log_level="warning",
+            timeout_graceful_shutdown=2,
+        )
         uvicorn.Server(config).run(sockets=[taken])

@@ -13,15 +13,22 @@ from pathlib import Path
 
 import uvicorn
 
+from minihuman.admin.local_copies import obey_withdrawals
 from minihuman.errors import LogError, MinihumanError, ProtocolError
 from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.log.record.session_leases import SessionLeases
-from minihuman.operating_system import claim_address, exit_when_terminated
+from minihuman.operating_system import claim_address, exit_when_terminated, make_private_folder, raise_file_limit
 from minihuman.storage.lease import open_lease_table
+from minihuman.storage.remote_store import RemoteStoreError
+from minihuman.web.arrival_signature import read_arrival_key
 from minihuman.web.arrivals import Arrivals, build_link, build_platform_link
-from minihuman.web.messages import MAX_MESSAGE_BYTES
+from minihuman.web.message_codec import MAX_MESSAGE_BYTES
 from minihuman.web.server.app import WebServer
+from minihuman.web.server.request_timeout import TimedHttpProtocol
+from minihuman.web.traffic_limits import count_handles
+from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
+from minihuman.worlds.isolation.process_pool import WorldLimits
 
 HOST = "127.0.0.1"
 _WAITING = 1024  # connections that the system keeps until they are looked at
@@ -64,15 +71,44 @@ def open_listening_socket(port: int, host: str = HOST) -> socket.socket:
     return taken
 
 
+def _require_handles(max_sessions: int) -> None:
+    needed = count_handles(max_sessions)
+    allowed = raise_file_limit(needed)
+    if allowed < needed:
+        raise ServeError(
+            f"max_concurrent_sessions is {max_sessions}, for which a server needs {needed} open files and sockets, but "
+            f"the system's hard limit is {allowed}; raise it (LimitNOFILE of a systemd unit, `ulimit -Hn`) or lower "
+            "max_concurrent_sessions"
+        )
+
+
 def run_server(
-    protocol: Protocol, data: Path, taken: socket.socket, *, links: int, say: Callable[[str], None], address: str = ""
+    protocol: Protocol,
+    data: Path,
+    taken: socket.socket,
+    *,
+    links: int,
+    say: Callable[[str], None],
+    address: str = "",
+    worlds: IsolatedWorlds | None = None,
 ) -> None:
     """Serve a study until SIGTERM or Ctrl-C; ``say`` gets each link, to ``address`` or this machine.
 
-    Sessions are left as they are, for the next server to resume.
+    Sessions are left as they are, for the next server to resume. ``worlds`` runs worlds that are not ours in processes
+    of their own, and is left open; None: all run in this one.
+
+    Raises:
+        ArrivalKeyError: if the study requires signed arrivals and there is no key.
+        ServeError: if the system lets this process have too few files open for the sessions of the study.
     """
+    _require_handles(protocol.web.max_concurrent_sessions)
+    try:
+        obey_withdrawals(data / protocol.study.name, ask_store=True, say=say)
+    except RemoteStoreError as error:  # people can take part all the same; `gather` asks again
+        say(str(error))
     table = open_lease_table(data / protocol.study.name)
-    arrivals = Arrivals(protocol, data, None if table is None else SessionLeases(table))
+    arrival_key = read_arrival_key() if protocol.web.require_signed_arrival else b""
+    arrivals = Arrivals(protocol, data, None if table is None else SessionLeases(table), arrival_key=arrival_key)
     address = f"{address.rstrip('/')}/" if address else f"http://{HOST}:{taken.getsockname()[1]}/"
     for token in arrivals.recruits.issue(links):
         say(build_link(address, token))
@@ -80,9 +116,10 @@ def run_server(
         say(address)
     for platform in protocol.web.recruitment_platforms:
         say(f"for {platform}: {build_platform_link(platform, address)}")
-    server = WebServer(arrivals, data)
+    server = WebServer(arrivals, data, worlds=worlds)
     config = uvicorn.Config(
         server.app(),
+        http=TimedHttpProtocol,
         ws="websockets-sansio",
         ws_max_size=MAX_MESSAGE_BYTES,
         ws_ping_interval=20.0,
@@ -100,17 +137,45 @@ _AGAIN_S = 1.0  # before one that died is started again
 
 
 def list_process_commands(
-    protocol: Path, study_dir: Path, *, port: int, workers: int, watch: bool, host: str = HOST
+    protocol: Path,
+    study_dir: Path,
+    *,
+    port: int,
+    workers: int,
+    watch: bool,
+    host: str = HOST,
+    options: Sequence[str] = (),
 ) -> Iterator[tuple[str, ...]]:
-    """The words of each process beside the first worker; each worker has a port of its own, one after the other."""
+    """The words of each process beside the first worker; each worker has a port of its own, one after the other.
+
+    ``options`` are other options of each worker.
+    """
     if watch:
-        study_dir.mkdir(parents=True, exist_ok=True)
+        make_private_folder(study_dir)
         yield "watch", str(study_dir)
     if workers > 1 and not port:
         raise LogError("--port is 0, but several workers need consecutive ports; set the first port with --port")
     for number in range(1, workers):
         data = str(study_dir.parent)
-        yield "serve", str(protocol), "--data", data, "--port", str(port + number), "--links", "0", "--host", host
+        yield (
+            "serve",
+            str(protocol),
+            "--data",
+            data,
+            "--port",
+            str(port + number),
+            "--links",
+            "0",
+            "--host",
+            host,
+            *options,
+        )
+
+
+def list_limit_options(limits: WorldLimits) -> tuple[str, ...]:
+    """The options of `minihuman serve` that set the limits of worlds in processes of their own."""
+    times = ("--world-step-timeout", f"{limits.step_s:g}", "--world-start-timeout", f"{limits.construction_s:g}")
+    return (*times, "--world-memory", str(limits.memory_mib))
 
 
 @contextmanager

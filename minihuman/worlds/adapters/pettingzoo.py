@@ -72,7 +72,7 @@ class TeamParallelEnv(_Base):  # type: ignore[misc]  # only known where PettingZ
             dict(zip(agents, done.rewards, strict=True)),
             dict.fromkeys(agents, done.terminated),
             dict.fromkeys(agents, done.truncated),
-            {agent: dict(done.info) for agent in agents},
+            {agent: {**done.info, **own} for agent, own in zip(agents, done.infos or ({},) * len(agents), strict=True)},
         )
 
     def _observations(self) -> AgentObservations:

@@ -76,7 +76,8 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
         joint[self.seat] = int(action)
         found = self.team.step(joint)
         self.joint, self.rewards, self.steps = None, found.rewards, self.steps + 1
-        return found.rewards[self.seat], found.terminated, found.truncated, dict(found.info)
+        own = found.infos[self.seat] if found.infos else {}
+        return found.rewards[self.seat], found.terminated, found.truncated, {**found.info, **own}
 
     def render(self) -> Any:
         """What this body's person sees."""

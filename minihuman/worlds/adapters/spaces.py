@@ -4,8 +4,12 @@ A Discrete space has its own actions; two held together are one where the enviro
 space are vectors: rest, and elements that each move one component away from it. Knows no keys and no time.
 """
 
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from enum import EnumMeta
+from functools import cache
+from importlib.resources import files
 from itertools import islice
 from typing import Any
 
@@ -44,8 +48,8 @@ class DiscreteActions:
 
     def __init__(self, names: Sequence[str], first: int, chords: Mapping[frozenset[int], int]) -> None:
         self.names = tuple(names)
-        self._first = first
-        self._chords = chords
+        self.first = first
+        self.chords = chords
 
     @property
     def numbers(self) -> range:
@@ -54,7 +58,7 @@ class DiscreteActions:
 
     def combine(self, held: Sequence[int]) -> tuple[int, ActionVector]:
         """The action of several that are held, the latest last: the environment's own chord, else the latest's."""
-        return self._chords.get(frozenset(held), held[-1]), ()
+        return self.chords.get(frozenset(held), held[-1]), ()
 
     def resolve(self, action: Action) -> tuple[int, ActionVector]:
         """An action's number and vector, which is ()."""
@@ -68,7 +72,7 @@ class DiscreteActions:
         """
         if isinstance(action, tuple) or not 0 <= action < len(self.names):
             raise WorldError(f"action {action!r} does not exist; actions are 0 to {len(self.names) - 1}")
-        return self._first + action
+        return self.first + action
 
 
 class VectorActions:
@@ -282,3 +286,49 @@ def find_chords(env: gymnasium.Env[Any, Any], count: int, first: int) -> dict[fr
         for keys, number in known.items()
         if len(keys) > 1 and all(key in alone for key in keys)
     }
+
+
+def build_actions(world_id: str, env: gymnasium.Env[Any, Any]) -> ActionInterface:
+    """Build the actions of an environment from its space, and name them.
+
+    Raises:
+        WorldError: if keys cannot do them, or not all of them have a name.
+    """
+    space, native = env.action_space, env.unwrapped
+    if not isinstance(space, gymnasium.spaces.Discrete):
+        try:
+            return VectorActions(space)
+        except WorldError as error:
+            raise WorldError(f"{world_id}: {error}") from error
+    count, first = int(space.n), int(space.start)
+    names = _action_names(native, count, first)
+    if len(names) != count:
+        raise WorldError(f"{world_id} names {len(names)} of its {count} actions; name each of them, in order")
+    return DiscreteActions(names, first, find_chords(native, count, first))
+
+
+def _action_names(env: Any, count: int, first: int) -> tuple[str, ...]:
+    """The world's own names, in order; numbers where it has none."""
+    names = getattr(env, "action_names", None)
+    if names is not None:
+        return tuple(str(name) for name in names)[:count]
+    kinds = getattr(env, "actions", getattr(env, "Actions", None))
+    if isinstance(kinds, EnumMeta):
+        numbered = [kind for kind in kinds if isinstance(kind.value, int)]  # type: ignore[var-annotated]
+        named = {int(kind.value): str(kind.name) for kind in numbered}
+        return tuple(named.get(first + action, str(action)) for action in range(count))
+    by_number = getattr(getattr(env, "action_type", None), "actions", None)  # highway-env's way
+    if isinstance(by_number, dict):
+        return tuple(str(by_number.get(first + action, action)).lower() for action in range(count))
+    meanings = getattr(env, "get_action_meanings", None)  # the Atari worlds' way
+    if callable(meanings):
+        return tuple(str(name).lower() for name in meanings())[:count]
+    if type(env).__module__.startswith("gymnasium.envs.") and type(env).__name__ in _load_names():
+        return tuple(_load_names()[type(env).__name__])
+    return tuple(str(action) for action in range(count))
+
+
+@cache
+def _load_names() -> dict[str, list[str]]:
+    """The names that Gymnasium's own environments do not have, by class."""
+    return tomllib.loads(files(__package__).joinpath("action_names.toml").read_text(encoding="utf-8"))

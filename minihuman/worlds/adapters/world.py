@@ -5,27 +5,32 @@ other world plays too, without pose and map. Knows no keys and no time. A world 
 """
 
 import copy
+import logging
 import math
-import tomllib
-from collections import deque
-from collections.abc import Iterable
-from dataclasses import dataclass
-from enum import EnumMeta
-from functools import cache
-from importlib.resources import files
-from typing import Any, Literal
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any, ClassVar, Literal, TypeVar
 
 import gymnasium
 import numpy as np
-from gymnasium import wrappers
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.trust import locate_world
+from minihuman.worlds.adapters.foreign_code import WorldCodeError, contain_errors
+from minihuman.worlds.adapters.returned_values import (
+    describe_value,
+    explain_unhashable,
+    read_onset,
+    read_picture,
+    read_reset,
+    read_step,
+)
 from minihuman.worlds.adapters.seat import SeatEnv, make_seat
-from minihuman.worlds.adapters.spaces import Action, ActionInterface, DiscreteActions, VectorActions, find_chords
+from minihuman.worlds.adapters.spaces import Action, build_actions
+from minihuman.worlds.adapters.transition import ResetResult, StepResult
 from minihuman.worlds.adapters.upstream import MinigridAdapter, MiniworldAdapter, is_minigrid_like, is_miniworld_like
 from minihuman.worlds.adapters.world_text import describe_observation, draw_text
+from minihuman.worlds.adapters.wrapper_state import WrapperState
 from minihuman.worlds.contract import (
     UNKNOWN_BOUNDS,
     NativeWorld,
@@ -39,25 +44,8 @@ from minihuman.worlds.pose import Map, Pose
 from minihuman.worlds.step_limit import elapsed_steps, set_elapsed_steps, step_limit_of
 from minihuman.worlds.team import PictureTiles
 
-
-@dataclass(frozen=True, slots=True)
-class ResetResult:
-    """What a reset gave."""
-
-    observation_hash: int
-    mission: str  # "" where the world states none
-    onset: bool = False  # info["onset"]: the first picture shows a stimulus onset
-
-
-@dataclass(frozen=True, slots=True)
-class StepResult:
-    """What a step gave."""
-
-    reward: float
-    terminated: bool
-    truncated: bool  # the environment's own limit; a session adds its plan's
-    observation_hash: int
-    onset: bool = False  # info["onset"]: the picture after the step shows a stimulus onset
+LOG = logging.getLogger("minihuman")
+T = TypeVar("T")
 
 
 class World:
@@ -72,15 +60,22 @@ class World:
         WorldError: if it cannot be made, is not trusted, has actions that keys cannot do, or cannot draw itself.
     """
 
+    has_portable_copies: ClassVar[bool] = True  # another world of its id and options can restore its copies
+
     def __init__(self, world_id: str, options: dict[str, Any] | None = None, *, trusted: bool = False) -> None:
         self.id = world_id
         self.options = options or {}
-        self._env = _make(world_id, self.options if trusted else locate_world(world_id, self.options))
-        native = self._env.unwrapped
-        self.drawn = isinstance(native, NativeWorld) and native.drawn  # see there
-        self.actions = _build_actions(world_id, self._env)
+        with contain_errors(world_id, "its code"):
+            self._env = _make(world_id, self.options if trusted else locate_world(world_id, self.options))
+            self.is_built_in = _is_built_in(self._env)  # its class and its wrappers are this package's
+            native = self._env.unwrapped
+            self.drawn = isinstance(native, NativeWorld) and native.drawn  # see there
+            self.reward_means_success = _has_own_rule(native)
+            _require_space(world_id, self._env, "action_space")
+            self.actions = build_actions(world_id, self._env)
+            _require_space(world_id, self._env, "observation_space")
+            self._wrappers = WrapperState(self._env)
         self.action_names = self.actions.names
-        self._wrappers = WrapperState(self._env)
         self._known: NativeWorld | None = None
         self._observation: Any = None
         self._has_advanced = False  # since the observation was made
@@ -103,6 +98,11 @@ class World:
         return isinstance(env, NativeWorld) and env.is_compiled and not self._wrappers.any
 
     @property
+    def knows_state(self) -> bool:
+        """Whether the environment reveals all its state; else hashes cover what is seen of it."""
+        return self._known is not None
+
+    @property
     def observation(self) -> Any:
         """The latest observation."""
         return self._observation
@@ -119,8 +119,13 @@ class World:
 
     @property
     def step_limit(self) -> int | None:
-        """The environment's own limit on an episode's steps; None where it has none."""
-        return step_limit_of(self._env)
+        """The environment's own limit on an episode's steps; None where it has none, or states no number."""
+        if self.is_built_in:
+            return step_limit_of(self._env)
+        own = self._call("max_steps", getattr, self._env.unwrapped, "max_steps", None)
+        registered = self._env.spec.max_episode_steps if self._env.spec else None
+        limits = [limit for limit in (own, registered) if isinstance(limit, int | float | np.number)]
+        return min((int(limit) for limit in limits if math.isfinite(limit)), default=None)
 
     def name_actions(self, chosen: Iterable[str]) -> None:
         """Call the actions by number where a plan does, as it may be older than their names; else by name."""
@@ -131,22 +136,60 @@ class World:
     def reset(self, seed: int) -> ResetResult:
         """Begin an episode from a seed, with wrappers as they were made."""
         self._wrappers.begin()
-        self._observation, info = self._env.reset(seed=seed)
-        self._known = _known(self._env.unwrapped)
+        self._observation, onset = self._call("reset()", self._reset_env, seed)
+        self._known = self._call("its code", _known, self._env.unwrapped)
         self._steps, self._has_advanced = 0, False
-        return ResetResult(self._observation_hash(), self._mission(), bool(info.get("onset")))
+        return ResetResult(self._observation_hash(), self._call("mission", self._mission), onset)
+
+    def _reset_env(self, seed: int) -> tuple[Any, bool]:
+        observation, info = read_reset(self._env.reset(seed=seed))
+        return observation, read_onset(info)
 
     def step(self, action: Action) -> StepResult:
         """Do an action: a number from 0 in the order of ``action_names``, or a vector where actions are vectors.
 
         Raises:
-            WorldError: if there is no such action.
+            WorldError: if there is no such action; or if a foreign world raises, or returns what no session can hold.
         """
-        self._observation, reward, terminated, truncated, info = self._env.step(self._action_value(action))
+        value = self._action_value(action)
+        info: Mapping[str, Any]
+        if self.is_built_in:  # without what reads foreign values: a fifth of a step of the grid
+            self._observation, reward, terminated, truncated, info = self._env.step(value)
+            onset = bool(info.get("onset"))
+        else:
+            stepped = self._call("step()", self._step_env, value)
+            self._observation, reward, terminated, truncated, onset, info = stepped
         self._has_advanced = False
         self._steps += 1
-        hashed = self._observation_hash()
-        return StepResult(float(reward), bool(terminated), bool(truncated), hashed, bool(info.get("onset")))
+        return StepResult(
+            float(reward),
+            bool(terminated),
+            bool(truncated),
+            self._observation_hash(),
+            onset,
+            info,
+            self.reward_means_success,
+        )
+
+    def _step_env(self, value: Any) -> tuple[Any, float, bool, bool, bool, Mapping[str, Any]]:
+        observation, reward, terminated, truncated, info = read_step(self._env.step(value))
+        return observation, reward, terminated, truncated, read_onset(info), info
+
+    def _call(self, name: str, function: Callable[..., T], *arguments: Any) -> T:
+        """Call what runs the world's code: a foreign world's errors are named, those of ours are bugs."""
+        if self.is_built_in:
+            return function(*arguments)
+        with contain_errors(self.id, name):
+            try:
+                return function(*arguments)
+            except WorldCodeError:
+                raise
+            except WorldError as error:
+                raise self._named(error) from error
+
+    def _named(self, error: WorldError) -> WorldError:
+        """The error with the world's id in front."""
+        return error if str(error).startswith(f"{self.id}: ") else WorldError(f"{self.id}: {error}")
 
     def advance(self, action: Action) -> tuple[bool, bool]:
         """Act without making an observation, where the world is native and no wrapper needs one.
@@ -161,23 +204,23 @@ class World:
         if not isinstance(env, NativeWorld) or self._wrappers.any:
             transition = self.step(action)
             return transition.terminated, transition.truncated
-        _, terminated, truncated = env.advance(self._action_value(action))
+        _, terminated, truncated = self._call("advance()", env.advance, self._action_value(action))
         self._has_advanced = True
         self._steps += 1
         return bool(terminated), bool(truncated)
 
     def pose(self) -> Pose | None:
         """Where the agent stands; None where that is unknown."""
-        pose = self._known.pose() if self._known else None
+        pose = self._call("pose()", self._known.pose) if self._known else None
         return None if pose is None or math.isnan(pose.x) else pose
 
     def subgoals(self) -> tuple[tuple[str, int], ...]:
         """The clauses of the episode's instruction, each with the step that did it; 0 for none yet."""
-        return self._known.subgoals() if isinstance(self._known, NativeWorld) else ()
+        return self._call("subgoals()", self._known.subgoals) if isinstance(self._known, NativeWorld) else ()
 
     def map(self) -> Map | None:
         """The floor plan; None where it is unknown."""
-        return self._known.map() if self._known and self.pose() is not None else None
+        return self._call("map()", self._known.map) if self._known and self.pose() is not None else None
 
     def state_hash(self) -> int:
         """A uint64 over everything that decides the future.
@@ -185,14 +228,25 @@ class World:
         Of a world that does not reveal its state it covers observation, random stream and steps.
         """
         if self._known:
-            return self._with_wrappers(self._known.state_hash())
-        random = self._env.unwrapped.np_random.bit_generator.state
+            return self._with_wrappers(self._call("state_hash()", self._known.state_hash))
+        random = self._call("np_random", self._random_state)
         seen = {"observation": self._observation_hash(), "random": random, "steps": self._steps}
         return self._with_wrappers(hash64(seen))
 
     def scene_hash(self) -> int:
         """The same without the number of steps taken, where the state is known."""
-        return self._with_wrappers(self._known.scene_hash()) if self._known else self.state_hash()
+        if not self._known:
+            return self.state_hash()
+        return self._with_wrappers(self._call("scene_hash()", self._known.scene_hash))
+
+    def _random_state(self) -> Any:
+        stream = self._env.unwrapped.np_random
+        if not isinstance(stream, np.random.Generator):
+            raise WorldError(
+                f"its np_random is a {type(stream).__name__}; call super().reset(seed=seed) in reset(), which makes it "
+                "a numpy.random.Generator"
+            )
+        return stream.bit_generator.state
 
     def shortest_path(self) -> tuple[str, ...] | None:
         """Names of actions that lead to success from here, turns counted; empty if there are none.
@@ -202,12 +256,12 @@ class World:
         Raises:
             WorldError: if planning would take too long.
         """
-        found = self._known.shortest_path() if self._known else None
+        found = self._call("shortest_path()", self._known.shortest_path) if self._known else None
         return None if found is None else tuple(self.action_names[action] for action in found)
 
     def path_length_bounds(self) -> PathLengthBounds:
         """Bounds on the steps that success takes from here."""
-        return self._known.path_length_bounds() if self._known else UNKNOWN_BOUNDS
+        return self._call("path_length_bounds()", self._known.path_length_bounds) if self._known else UNKNOWN_BOUNDS
 
     def frame(
         self,
@@ -224,17 +278,24 @@ class World:
         """
         if view == "text":
             return draw_text(self.text(), size_px)
+        return self._call("render()", self._draw, view, size_px, palette)
+
+    def _draw(self, view: View, size_px: tuple[int, int], palette: Palette) -> NDArray[np.uint8]:
         if self._known and not self._wrappers.redraw:
-            return self._known.picture(view=view, size_px=size_px, palette=palette)
-        if hasattr(self._env.unwrapped, "picture_size_px"):  # it draws at any size
+            return read_picture(self._known.picture(view=view, size_px=size_px, palette=palette))
+        return read_picture(self.render(size_px))
+
+    @property
+    def draws_itself(self) -> bool:
+        """Whether a participant sees what its own ``render`` returns."""
+        return self._known is None or self._wrappers.redraw
+
+    def render(self, size_px: tuple[int, int]) -> Any:
+        """What the environment itself draws, as it returns it; within ``size_px`` where it draws at any size."""
+        if hasattr(self._env.unwrapped, "picture_size_px"):
             self._env.unwrapped.picture_size_px = size_px
         picture: Any = self._env.render()
-        if not isinstance(picture, np.ndarray) or picture.ndim != 3 or picture.shape[2] != 3:
-            raise WorldError(
-                f"{self.id}: render() returned a {type(picture).__name__}; it must return a uint8 array of shape [H, "
-                "W, 3]"
-            )
-        return picture.astype(np.uint8, copy=False)
+        return picture
 
     def picture_tiles(
         self, view: View | Literal["text"], size_px: tuple[int, int], palette: Palette
@@ -243,7 +304,7 @@ class World:
         seat = self._env.unwrapped
         if not isinstance(seat, SeatEnv) or view == "text" or self._wrappers.redraw:
             return None
-        return seat.team.picture_tiles(seat.seat, *size_px, palette=palette)
+        return self._call("picture_tiles()", lambda: seat.team.picture_tiles(seat.seat, *size_px, palette=palette))
 
     def text(self) -> str:
         """What the agent of a grid world observes now, as a diagram and as sentences.
@@ -265,31 +326,39 @@ class World:
             WorldError: if the world cannot be copied.
         """
         if isinstance(self._env.unwrapped, NativeWorld):
-            inside = self._env.unwrapped.save()
+            inside = self._call("save()", self._env.unwrapped.save)
         else:
-            inside = self._known.save() if self._known else self._copy_foreign()
+            inside = self._copy_foreign()
         observed = self._copy_observation(self._observation), self._has_advanced
         return inside, elapsed_steps(self._env), self._wrappers.save(), observed, self._steps
 
     def _copy_foreign(self) -> dict[str, Any]:
         """A copy of all that a foreign environment keeps; much of what is written in C cannot be copied."""
         try:
-            return copy.deepcopy(vars(self._env.unwrapped))
-        except Exception as error:  # whatever its parts raise
-            raise WorldError(
-                f"{self.id} cannot be copied in the middle of an episode ({type(error).__name__}: {error})"
-            ) from error
+            return self._call("the copy of its attributes", self._known.save if self._known else self._copy_attributes)
+        except WorldCodeError as error:
+            reason = str(error).removeprefix(f"{self.id}: ")
+            raise WorldError(f"{self.id} cannot be copied in the middle of an episode ({reason})") from error
+
+    def _copy_attributes(self) -> dict[str, Any]:
+        return copy.deepcopy(vars(self._env.unwrapped))
 
     def restore(self, saved: Any) -> None:
         """Go back to a saved state; the copy is not consumed."""
         inside, limits, wrappers, observation, self._steps = saved
         self._observation, self._has_advanced = self._copy_observation(observation[0]), observation[1]
+        self._call("restore()", self._restore_inside, inside)
+        self._wrappers.restore(wrappers)
+        set_elapsed_steps(self._env, limits)
+
+    def _restore_inside(self, inside: Any) -> None:
         if self._known:
             self._known.restore(inside)
         else:
-            vars(self._env.unwrapped).update(copy.deepcopy(inside))
-        self._wrappers.restore(wrappers)
-        set_elapsed_steps(self._env, limits)
+            attributes = vars(self._env.unwrapped)
+            for name in attributes.keys() - inside.keys():  # they came after the copy
+                del attributes[name]
+            attributes.update(copy.deepcopy(inside))
 
     def _copy_observation(self, observation: Any) -> Any:
         """A copy, as a foreign world or a wrapper may use its arrays again; a native world makes others each time."""
@@ -297,7 +366,10 @@ class World:
 
     def close(self) -> None:
         """Close the environment."""
-        self._env.close()
+        try:
+            self._call("close()", self._env.close)
+        except WorldCodeError as error:  # its episodes are over, and what was recorded of them counts
+            LOG.warning("the world did not close: %s: %s", type(error.__cause__).__name__, error.__cause__)
 
     def _action_value(self, action: Action) -> Any:
         try:
@@ -312,8 +384,11 @@ class World:
     def _observation_hash(self) -> int:
         try:
             return hash64(self._observation)
-        except TypeError as error:
-            raise WorldError(f"{self.id}: the observation cannot be hashed: {error}") from error
+        except (TypeError, ValueError) as error:  # of text with half a character, a ValueError
+            reason = explain_unhashable(self._observation) or f"the observation cannot be hashed: {error}"
+            raise WorldError(f"{self.id}: {reason}") from error
+        except RecursionError as error:
+            raise WorldError(f"{self.id}: the observation contains itself; return a copy of its parts") from error
 
     def _mission(self) -> str:
         observed = self._observation.get("mission") if isinstance(self._observation, dict) else None
@@ -322,6 +397,22 @@ class World:
 
 
 answer_to_old_names(World)
+
+
+def _has_own_rule(native: Any) -> bool:
+    """Whether a world's author says, by the ``reward_and_done`` of our classes, which end earns a reward."""
+    inner = native.team if isinstance(native, SeatEnv) else vars(native).get("grid", native)  # seen from inside
+    return isinstance(native, NativeWorld) and hasattr(inner, "reward_and_done")
+
+
+def _is_built_in(env: gymnasium.Env[Any, Any]) -> bool:
+    """Tell whether a world and all wrappers around it are this package's own, or Gymnasium's wrappers."""
+    while isinstance(env, gymnasium.Wrapper):
+        if not type(env).__module__.startswith(("minihuman.", "gymnasium.wrappers.")):
+            return False
+        env = env.env
+    team = getattr(env, "team", env)  # of a seat
+    return type(env).__module__.startswith("minihuman.") and type(team).__module__.startswith("minihuman.")
 
 
 def _make(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
@@ -337,31 +428,46 @@ def _make(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
             f"{world_id}: {error}; install the package that provides this world, or trust the protocol's folder that "
             "has it: minihuman check PROTOCOL"
         ) from error
+    except gymnasium.error.InvalidMetadata as error:
+        raise WorldError(f"{world_id}: its metadata is no dict; set it to {{'render_modes': ['rgb_array']}}") from error
     except gymnasium.error.Error as error:
         raise WorldError(f"{world_id}: {error}") from error
     except WorldError as error:
         raise WorldError(f"{world_id}: {error}") from error
     except TypeError as error:
-        raise WorldError(f"{world_id}: the options {options!r} are invalid: {error}") from error
+        reason = f"the options {options!r} are invalid: {error}" if options else f"it cannot be created: {error}"
+        raise WorldError(f"{world_id}: {reason}") from error
     except Exception as error:  # a constructor may raise whatever it likes of an id or an option
         raise WorldError(
             f"{world_id} cannot be created with the options {options!r} ({type(error).__name__}: {error})"
         ) from error
-    if "rgb_array" not in env.metadata.get("render_modes", ()):
+    if "rgb_array" not in _render_modes(world_id, env):
         env.close()
         raise WorldError(f"{world_id} has no render mode 'rgb_array', which a session needs to show pictures; add it")
     return env
 
 
-def _build_actions(world_id: str, env: gymnasium.Env[Any, Any]) -> ActionInterface:
-    space, native = env.action_space, env.unwrapped
-    if not isinstance(space, gymnasium.spaces.Discrete):
-        try:
-            return VectorActions(space)
-        except WorldError as error:
-            raise WorldError(f"{world_id}: {error}") from error
-    count, first = int(space.n), int(space.start)
-    return DiscreteActions(_action_names(native, count, first), first, find_chords(native, count, first))
+def _render_modes(world_id: str, env: gymnasium.Env[Any, Any]) -> Collection[Any]:
+    """The render modes that an environment states."""
+    modes = env.metadata.get("render_modes", ()) if isinstance(env.metadata, Mapping) else None
+    if isinstance(modes, Collection):
+        return modes
+    raise WorldError(
+        f"{world_id}: its metadata lists no render modes; write metadata = {{'render_modes': ['rgb_array']}}"
+    )
+
+
+def _require_space(world_id: str, env: gymnasium.Env[Any, Any], name: str) -> None:
+    """Refuse an environment that does not say what it takes, or what it shows.
+
+    Raises:
+        WorldError: if the space of that name is none of Gymnasium's.
+    """
+    space = getattr(env, name, None)
+    if not isinstance(space, gymnasium.Space):
+        raise WorldError(
+            f"{world_id}: its {name} is {describe_value(space)}; set it to a space of Gymnasium's in __init__"
+        )
 
 
 def _known(env: Any) -> NativeWorld | None:
@@ -370,124 +476,3 @@ def _known(env: Any) -> NativeWorld | None:
     if is_minigrid_like(env):
         return MinigridAdapter(env)
     return MiniworldAdapter(env) if is_miniworld_like(env) else None
-
-
-def _action_names(env: Any, count: int, first: int) -> tuple[str, ...]:
-    """The world's own names, in order; numbers where it has none."""
-    names = getattr(env, "action_names", None)
-    if names is not None:
-        return tuple(str(name) for name in names)[:count]
-    kinds = getattr(env, "actions", getattr(env, "Actions", None))
-    if isinstance(kinds, EnumMeta):
-        named = {int(kind.value): str(kind.name) for kind in kinds}  # type: ignore[var-annotated]
-        return tuple(named.get(first + action, str(action)) for action in range(count))
-    by_number = getattr(getattr(env, "action_type", None), "actions", None)  # highway-env's way
-    if isinstance(by_number, dict):
-        return tuple(str(by_number.get(first + action, action)).lower() for action in range(count))
-    meanings = getattr(env, "get_action_meanings", None)  # the Atari worlds' way
-    if callable(meanings):
-        return tuple(str(name).lower() for name in meanings())[:count]
-    if type(env).__module__.startswith("gymnasium.envs.") and type(env).__name__ in _load_names():
-        return tuple(_load_names()[type(env).__name__])
-    return tuple(str(action) for action in range(count))
-
-
-@cache
-def _load_names() -> dict[str, list[str]]:
-    """The names that Gymnasium's own environments do not have, by class."""
-    return tomllib.loads(files(__package__).joinpath("action_names.toml").read_text(encoding="utf-8"))
-
-
-_HOUSEKEEPING = (
-    *(wrappers.OrderEnforcing, wrappers.PassiveEnvChecker, wrappers.TimeLimit, wrappers.RecordEpisodeStatistics),
-    *(wrappers.RecordVideo, wrappers.HumanRendering, wrappers.RenderCollection),
-)
-# what Gymnasium keeps on every wrapper
-_NOT_STATE = frozenset(
-    {"env", "_action_space", "_observation_space", "_metadata", "_cached_spec", "_saved_kwargs", "spec"}
-    | {"action_space", "observation_space", "metadata"}
-)
-_ABSENT = object()
-
-
-class WrapperState:
-    """What the wrappers around a world keep, from outside in, and whether they redraw the picture.
-
-    An episode begins with wrappers as they were made, so that nothing leaks from one to the next; what they change in
-    it counts as state: numbers, texts, arrays, tuples, lists, dicts, sets and deques of them, and random streams.
-    """
-
-    def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
-        self._each: list[Any] = []
-        while isinstance(env, gymnasium.Wrapper):
-            if not isinstance(env, _HOUSEKEEPING):
-                self._each.append(env)
-            env = env.env
-        self.any = bool(self._each)
-        self.redraw = any(type(each).render is not gymnasium.Wrapper.render for each in self._each)
-        self._made = [dict(_attributes(each)) for each in self._each]  # by reference, to know them again
-        self._digests = [{name: _digest(value) for name, value in made.items()} for made in self._made]
-        self._copies = self.save()
-
-    def begin(self) -> None:
-        """Bring the wrappers back to how they were made."""
-        if self.changes():
-            self.restore(self._copies)
-
-    def changes(self) -> list[Any]:
-        """The attributes that changed since the wrappers were made, to be hashed; empty if none did.
-
-        Raises:
-            WorldError: if a wrapper holds something that cannot be hashed.
-        """
-        found = []
-        for place, wrapper in enumerate(self._each):
-            made, digests = self._made[place], self._digests[place]
-            for name, value in _attributes(wrapper):
-                digest = _digest(value)
-                if digest is None and value is not made.get(name, _ABSENT):
-                    raise WorldError(
-                        f"{type(wrapper).__name__}.{name} is a {type(value).__name__}; a wrapper's state may hold only "
-                        "numbers, strings, arrays, tuples, lists and dicts"
-                    )
-                if digest is not None and digest != digests.get(name):
-                    found.append((place, name, _plain(value)))
-        return found
-
-    def save(self) -> list[dict[str, Any]]:
-        """A copy of all that they keep and that can change."""
-        return [
-            {name: copy.deepcopy(value) for name, value in _attributes(each) if _digest(value) is not None}
-            for each in self._each
-        ]
-
-    def restore(self, saved: list[dict[str, Any]]) -> None:
-        """Go back to a copy, which is not consumed."""
-        for wrapper, kept in zip(self._each, saved, strict=True):
-            for name, value in list(_attributes(wrapper)):
-                if name not in kept and _digest(value) is not None:
-                    delattr(wrapper, name)
-            vars(wrapper).update(copy.deepcopy(kept))
-
-
-def _attributes(wrapper: Any) -> list[tuple[str, Any]]:
-    return sorted((name, value) for name, value in vars(wrapper).items() if name not in _NOT_STATE)
-
-
-def _digest(value: Any) -> int | None:
-    try:
-        return hash64(_plain(value))
-    except TypeError:
-        return None
-
-
-def _plain(value: Any) -> Any:
-    match value:
-        case set() | frozenset():
-            return sorted(value)
-        case deque():
-            return list(value)
-        case np.random.Generator():
-            return value.bit_generator.state
-        case _:
-            return value

@@ -4,10 +4,10 @@ Each world of a batch is the world it would be alone. Also how Gymnasium makes t
 """
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from itertools import chain, pairwise
-from typing import Any
+from typing import Any, ClassVar, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -19,17 +19,27 @@ from minihuman.errors import WorldError
 from minihuman.worlds.first_person.batch_kernels import AFTER, EARNED, HEADING, OWN_SIZE, ROW_SIZE, act_together
 from minihuman.worlds.first_person.entities import LATEST_CHANGE
 from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.first_person.parameter_names import read_parameters
 from minihuman.worlds.first_person.render.drawing import RenderTarget, turn
 from minihuman.worlds.first_person.render.rasterisation import ROOM
 from minihuman.worlds.first_person.render.render_pool import RenderPool, addresses
 from minihuman.worlds.first_person.rules import MOVED, TERMINATED, TRUNCATED, TURN_LEFT, TURN_RIGHT
+from minihuman.worlds.first_person.state import FirstPersonSnapshot
 from minihuman.worlds.options import BatchSeeds, seeds_per_world
 from minihuman.worlds.shared_work import helper_threads
+from minihuman.worlds.vector_names import VectorNames
 
 Stepped = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
 
-class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArray[Any]]):
+class FirstPersonBatchSnapshot(NamedTuple):
+    """An exact copy of a batch's worlds in mid-episode; made by ``save`` and read by ``restore`` only."""
+
+    worlds: tuple[FirstPersonSnapshot, ...]
+    over: NDArray[np.bool_]
+
+
+class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArray[Any]], VectorNames):
     """A batch of ``num_envs`` worlds, all alike but for their seeds.
 
     Args:
@@ -38,6 +48,20 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         autoreset_mode: what happens after an episode's end, in Gymnasium's words: "NextStep", "SameStep", "Disabled".
         threads: how many pictures are drawn at once; None for one per core.
     """
+
+    readable: ClassVar[frozenset[str]] = frozenset(
+        {"action_names", "actions", "agent", "domain_rand", "entities", "light_ambient", "light_color", "light_pos"}
+        | {"max_episode_steps", "max_forward_step", "max_steps", "max_x", "max_z", "min_x", "min_z", "params"}
+        | {"render_mode", "rooms", "sky_color", "stage", "step_count", "wall_segs"}
+    )
+    methods: ClassVar[frozenset[str]] = frozenset(
+        {"depth", "get_visible_ents", "info", "intersect", "map", "move_agent", "near", "observe", "picture", "pose"}
+        | {"path_length_bounds", "render", "render_depth", "render_obs", "render_top_view", "save", "scene_hash"}
+        | {"see", "shortest_path", "state_hash", "subgoals", "targets", "turn_agent", "visible_entities"}
+    )
+    settable: ClassVar[frozenset[str]] = frozenset(
+        {"light_ambient", "light_color", "light_pos", "max_episode_steps", "max_steps", "sky_color", "step_count"}
+    )
 
     def __init__(
         self,
@@ -129,7 +153,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
                 continue
             if not stepped[i]:
                 rewards[i], ends[0][i], ends[1][i] = world.advance(int(given[i]))
-            world._over = bool(ends[0][i] or ends[1][i])
+            vars(world)["_over"] = bool(ends[0][i] or ends[1][i])
             if again and (ends[0][i] or ends[1][i]):
                 final[i] = world.observe(), world.info()
                 world.begin()
@@ -143,6 +167,35 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         if self.render_mode is None:
             return None
         return tuple(helper_threads(os.getpid()).map(lambda world: world.render(), self.worlds))
+
+    @property
+    def envs(self) -> list[FirstPersonEnv]:
+        """The worlds."""
+        return self.worlds
+
+    def is_readable(self, name: str) -> bool:
+        """Whether `get_attr` gives an attribute: one of the list, or one that the world's build() sets on itself."""
+        return name in self.readable or name in self.worlds[0].own_attributes()
+
+    def worlds_in_turn(self) -> Iterator[FirstPersonEnv]:
+        """Give each world in turn."""
+        return iter(self.worlds)
+
+    def save(self) -> FirstPersonBatchSnapshot:
+        """An exact copy of every world in mid-episode; it may be pickled, and restored into a batch as large."""
+        return FirstPersonBatchSnapshot(tuple(world.save() for world in self.worlds), self._over.copy())
+
+    def restore(self, saved: FirstPersonBatchSnapshot) -> None:
+        """Go back to a saved state; the copy is not consumed.
+
+        Raises:
+            WorldError: if it was saved by a batch of another size, or of another kind of world.
+        """
+        if not isinstance(saved, FirstPersonBatchSnapshot) or len(saved.worlds) != self.num_envs:
+            raise WorldError(f"this was not saved by a batch of {self.num_envs} such worlds; pass what save() returned")
+        for world, snapshot in zip(self.worlds, saved.worlds, strict=True):
+            world.restore(snapshot)
+        self._over = saved.over.copy()
 
     def _observed(self, changed: Sequence[int]) -> tuple[Any, dict[str, Any]]:
         """Observations and infos; ``changed`` are the worlds whose views no kernel has aimed."""
@@ -217,7 +270,7 @@ class JointStep:
         )
         for world, flat, agent, (x, y, z, heading), status in done:
             if status >= 0:
-                world.step_count += 1
+                vars(world)["step_count"] += 1
                 agent["pos"], agent["dir"] = (x, y, z), heading
                 if scored or status & _MORE:
                     flat.take(world, status)
@@ -252,7 +305,10 @@ _MOVED_LAYOUTS = {  # as data sets that were exported earlier name them
 def make_world(layout: str, **options: Any) -> FirstPersonEnv:
     """The world that a module of this package describes: ``make_world("layouts.mazes:Maze", num_rows=3)``."""
     module, _, name = _MOVED_LAYOUTS.get(layout, layout).partition(":")
+    if "params" in options:
+        options["parameters"] = read_parameters(options.pop("params"))
     world: FirstPersonEnv = getattr(import_module(f"minihuman.worlds.first_person.{module}"), name)(**options)
+    world._is_made = True
     return world
 
 

@@ -8,14 +8,16 @@ Knows no rules and draws nothing.
 
 import itertools
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.colours import RGB_BY_COLOUR, Rgb, check_colour, hex_colour
 from minihuman.worlds.first_person.parameters import Parameters
 from minihuman.worlds.trigonometry import cosine, sine
+from minihuman.worlds.upstream_names import WorldAttributeError, define_names, missing_name
 
 # Half the width (x), the height (y), half the depth (z).
 _EXTENTS: dict[str, tuple[float, float, float]] = {
@@ -69,6 +71,13 @@ Position = tuple[float, float, float]  # x, y, z in metres
 Length = float | np.float32  # metres; of a mesh in single precision, as Miniworld keeps it
 
 
+_INSTEAD = {
+    "str": "read text",
+    **dict.fromkeys(("render", "draw_bound", "scale", "texs", "tex"), "draw with env.unwrapped.picture()"),
+    "step": "only actions move things",
+}
+
+
 class Entity:
     """A thing with a place, a heading (``dir``, radians, 0 = +x, counter-clockwise), a radius and a height.
 
@@ -86,8 +95,9 @@ class Entity:
         self.pos: Position = (math.nan, math.nan, math.nan)  # not a number until it is placed
         self.dir: float = math.nan
 
-    def __setattr__(self, name: str, value: object) -> None:
-        object.__setattr__(self, name, value)
+    def __setattr__(self, name: str, value: Any) -> None:
+        is_array_of_place = name == "pos" and type(value) is np.ndarray
+        object.__setattr__(self, name, tuple(value.tolist()) if is_array_of_place else value)
         LATEST_CHANGE[0] = next(_changes)  # as `note_change`, but a call costs as much as all of this
 
     def randomise(self, parameters: Parameters, rng: np.random.Generator | None) -> None:
@@ -105,6 +115,25 @@ class Entity:
             return cosine(self.dir), -sine(self.dir)
         return math.cos(self.dir), -math.sin(self.dir)
 
+    # Miniworld's names.
+
+    @property
+    def dir_vec(self) -> NDArray[np.float64]:
+        """`forward` as Miniworld has it, float64[3]: x, 0, z."""
+        x, z = self.forward
+        return np.array((x, 0.0, z))
+
+    @property
+    def right_vec(self) -> NDArray[np.float64]:
+        """A step of length 1 to its right, float64[3]: x, 0, z."""
+        x, z = self.forward
+        return np.array((-z, 0.0, x))
+
+    @property
+    def is_static(self) -> bool:
+        """`static`."""
+        return self.static
+
     def state(self) -> tuple[object, ...]:
         """Everything that tells this thing from another: its kind, place and looks."""
         looks = tuple(getattr(self, name) for name in self.looks)
@@ -112,6 +141,13 @@ class Entity:
 
     def __repr__(self) -> str:
         return f"<{self.name} at {self.pos}>"
+
+
+def _refuse_name(thing: Entity, name: str) -> Any:
+    raise missing_name(thing, name, _INSTEAD)
+
+
+define_names(Entity, _INSTEAD, _refuse_name)
 
 
 class Box(Entity):
@@ -142,6 +178,20 @@ class Box(Entity):
     def colour(self) -> str:
         """The colour it has on a map, "#rrggbb"."""
         return hex_colour(self.rgb)
+
+    @property
+    def color(self) -> str:
+        """The name of its colour."""
+        return self.colour_name
+
+    @color.setter
+    def color(self, colour: str) -> None:
+        raise WorldAttributeError(f"color of {self!r} cannot be set; place another Box({colour!r}) in build()")
+
+    @property
+    def color_vec(self) -> NDArray[np.float64]:
+        """Its red, green and blue, 0 to 1, float64[3]."""
+        return np.array(self.rgb)
 
 
 class Mesh(Entity):
@@ -264,6 +314,21 @@ class Agent(Entity):
         self.cam_pitch = 0.0  # upwards
         self.cam_fov_y = 60.0  # how much is seen from top to bottom
         self.carrying: Entity | None = None
+
+    @property
+    def cam_pos(self) -> NDArray[np.float64]:
+        """Where its eye is, float64[3]: x, y, z."""
+        up = np.array((0.0, self.cam_height, 0.0))
+        eye: NDArray[np.float64] = np.array(self.pos) + self.dir_vec * self.cam_fwd_disp + up
+        return eye
+
+    @property
+    def cam_dir(self) -> NDArray[np.float64]:
+        """Where its eye looks, float64[3]: a step of length 1."""
+        pitch_rad = math.radians(self.cam_pitch)
+        upwards = np.array((0.0, math.sin(pitch_rad), 0.0))
+        ahead: NDArray[np.float64] = self.dir_vec * math.cos(pitch_rad) + upwards
+        return ahead
 
     def randomise(self, parameters: Parameters, rng: np.random.Generator | None) -> None:
         """Draw where the camera sits and how it looks."""

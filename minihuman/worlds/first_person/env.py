@@ -40,9 +40,10 @@ from minihuman.worlds.first_person.state import (
     save_state,
     state_hash,
 )
+from minihuman.worlds.human_window import ShowsItself
 from minihuman.worlds.options import MAX_PIXELS, check_bool, check_one_of, check_whole
 from minihuman.worlds.pose import Map, Pose
-from minihuman.worlds.step_limit import check_action, check_max_steps
+from minihuman.worlds.step_limit import check_action
 
 
 def near_goal(goal: Entity, *, forbidden: Room | None = None) -> TerminationRule:
@@ -81,13 +82,14 @@ def face(goal: Entity, *, reach_m: float, tolerance_m: float) -> TerminationRule
 
 _NOT_STATE = frozenset(
     {"action_names", "action_space", "observation_space", "max_steps", "parameters", "domain_rand", "render_mode"}
-    | {"view", "window_px", "spec", "trig", "_pictures", "_over", "_flat"}
+    | {"view", "window_px", "spec", "trig", "_pictures", "_over", "_flat", "_max_steps", "_domain_rand", "_is_made"}
+    | {"_window", "reward_range", "obs_disp_width"}
 )
 EntityT = TypeVar("EntityT", bound=Entity)
 FrameT = TypeVar("FrameT", ImageFrame, TextFrame)
 
 
-class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
+class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
     """Base of all first-person worlds.
 
     ``build`` says what stands where, ``termination_rule`` what a step earns and when the episode ends; a rule of one's
@@ -100,7 +102,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         actions: the names of the discrete actions, out of ``rules.ACTIONS``.
         obs_width: width of an observation in pixels.
         obs_height: height of an observation in pixels.
-        render_mode: "rgb_array" or None.
+        render_mode: "rgb_array", "human" for a window that shows every reset and step, or None.
         window_width: width of what ``render`` draws, pixels.
         window_height: height of what ``render`` draws, pixels.
         view: what ``render`` draws: the "agent"'s eyes or the world from the "top".
@@ -113,7 +115,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         look: how pictures are drawn: "classic", or "display" for people's eyes: sharper, steadier, with depth.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012 (Gymnasium's own way to declare it)
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 30}  # noqa: RUF012 (Gymnasium's own way to declare it)
     drawn = True
     assets: ClassVar[str | Path | None] = None  # a world's own textures and meshes
     motions: ClassVar[Mapping[str, str]] = {}  # which of rules.ACTIONS an action does, where its name does not say
@@ -140,29 +142,28 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         for name, pixels in (*sizes, ("window_width", window_width), ("window_height", window_height)):
             check_whole(name, pixels, 1, MAX_PIXELS)
         check_one_of("view", view, ("agent", "top"))
-        check_one_of("render_mode", render_mode, (None, "rgb_array"))
+        check_one_of("render_mode", render_mode, (None, "rgb_array", "human"))
         check_one_of("trig", trig, (0, 1))
-        check_bool("domain_rand", domain_rand)
         check_bool("contact_shadows", contact_shadows)
         check_one_of("look", look, ("classic", "display"))
         if not actions:
             raise WorldError(f"the list of actions is empty; give one or more of {', '.join(rules.ACTIONS)}")
         if unknown := set(actions) - set(rules.ACTIONS):
             raise WorldError(f"unknown actions {', '.join(sorted(unknown))}; use {', '.join(rules.ACTIONS)}")
+        self._stage: WorldState | None = None
+        self._flat: FlatState | None = None
+        self.max_steps = max_steps
         self.action_names = tuple(actions)
         self.action_space = gymnasium.spaces.Discrete(len(actions))
         self.observation_space = gymnasium.spaces.Box(0, 255, (obs_height, obs_width, 3), np.uint8)
-        self.max_steps = None if max_steps is None else check_max_steps(max_steps)
         self.parameters = parameters if isinstance(parameters, Parameters) else DEFAULTS.fixed(**parameters)
         self.domain_rand = domain_rand
         self.render_mode = render_mode
         self.view = view
         self.window_px = (window_width, window_height)
         self.step_count = 0
-        self._stage: WorldState | None = None
         self.trig = trig  # from the next reset on
         self._over = False  # the episode has ended
-        self._flat: FlatState | None = None
         self._pictures = WorldRenderer(
             (obs_width, obs_height),
             str(assets or self.assets) if assets or self.assets else None,
@@ -306,10 +307,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         """Place the agent; ``where`` as in ``place_entity``."""
         return self.place_entity(self.agent, **where)
 
-    def near(self, a: Entity, b: Entity | None = None) -> bool:
-        """Is a thing within a step of touching another, or the agent?"""
-        return self.stage.near(a, b or self.agent)
-
     def success_reward(self) -> float:
         """1 at the start, falling to 0.8 at the last step; always 1 without a step limit."""
         if self.max_steps is None:
@@ -342,6 +339,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Build a new episode; the same seed builds the same one. There are no options."""
         self.begin(seed=seed)
+        self._show()
         return self.observe(), self.info()
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -351,6 +349,7 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
             WorldError: if the action is not one of the action space, or before the first reset.
         """
         reward, terminated, truncated = self.advance(action)
+        self._show()
         return self.observe(), reward, terminated, truncated, self.info()
 
     def begin(self, *, seed: int | None = None) -> None:
@@ -361,7 +360,11 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         self._stage = WorldState(self.np_random, self.parameters, randomised=self.domain_rand)
         if self.trig:
             self._stage.agent.trig = self.trig
-        self.build()
+        is_made = vars(self).pop("_is_made", False)
+        try:
+            self.build()
+        finally:
+            self._is_made = is_made
         _ = self._stage.floor  # closes the plan, or says that it has no room
         if self.agent not in self.entities:
             raise WorldError(f"{type(self).__name__}.build() placed no agent; call self.place_agent() at its end")
@@ -369,31 +372,40 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
 
     def advance(self, action: Any) -> tuple[float, bool, bool]:
         """A step without its observation: reward, terminated, truncated."""
-        self.check(action)
+        number = self.check(action)
         if self._over:
             raise WorldError(f"no episode is running in {type(self).__name__}; call reset() first")
-        self.step_count += 1
+        attributes = vars(self)  # setting one through the world costs as much as the rest of a move
+        attributes["step_count"] += 1
         flat = self.flat_state()
         if self.kernels_judge:
-            status = flat.step(self, action, rules.ACT | rules.JUDGE)
+            status = flat.step(self, number, rules.ACT | rules.JUDGE)
             reward, terminated, truncated = flat.reward, bool(status & rules.TERMINATED), bool(status & rules.TRUNCATED)
         else:
-            flat.step(self, action, rules.ACT)
-            reward, terminated = self.reward_and_done(self.action_names[action])
+            flat.step(self, number, rules.ACT)
+            reward, terminated = self.reward_and_done(self.action_names[number])
             truncated = self.max_steps is not None and self.step_count >= self.max_steps
-        self._over = terminated or truncated
+        attributes["_over"] = terminated or truncated
         return reward, terminated, truncated
 
-    def check(self, action: Any) -> None:
-        """Raise what ``step`` would raise for this action now; nothing changes."""
+    def check(self, action: Any) -> int:
+        """Return an action's number, or raise what ``step`` would raise for it now; nothing changes."""
         if self._stage is None:
             raise self._not_reset()
-        check_action(action, len(self.action_names))
+        return check_action(action, len(self.action_names))
 
     def render(self) -> NDArray[np.uint8] | None:
         """The view asked for at construction, uint8[window_height, window_width, 3]; None without a render mode."""
-        if self.render_mode is None:
+        if self.render_mode == "human":
+            self.show_in_window(self._rendered)
             return None
+        return None if self.render_mode is None else self._rendered()
+
+    def _show(self) -> None:
+        if self.render_mode == "human":
+            self.render()
+
+    def _rendered(self) -> NDArray[np.uint8]:
         return self.picture(view="full" if self.view == "top" else "partial", size_px=self.window_px)
 
     # NativeWorld.
@@ -451,14 +463,6 @@ class FirstPersonEnv(gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
         finally:
             for one, pos, heading in placed:
                 one.pos, one.dir = pos, heading
-
-    def depth(self, *, size_px: tuple[int, int] = (80, 60)) -> NDArray[np.float32]:
-        """How far away what the agent sees is, metres along its view, float32[H, W]."""
-        return self._pictures.depth(self.stage, size_px=size_px)
-
-    def visible_entities(self) -> list[Entity]:
-        """The things of which some part is in the agent's view, in the order they were placed."""
-        return self._pictures.visible(self.stage)
 
     def state_hash(self) -> int:
         """A uint64 over floor plan, things, step count, random stream and the world's own attributes."""

@@ -1,22 +1,56 @@
-"""Miniworld's names for what a first-person world is, to read: code written for Miniworld's worlds keeps running.
+"""Miniworld's names for what a first-person world is: code written for Miniworld's worlds keeps running.
 
-They are views of the present state; setting one changes nothing in the world. Positions are tuples, not arrays:
-``np.subtract(agent.pos, box.pos)``.
+They are views of the present state. What can be set writes into it; what cannot is refused, and so is a name of
+Miniworld's that has no meaning here, with what to use. Positions are tuples, not arrays: ``np.subtract(agent.pos,
+box.pos)``.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from functools import lru_cache
-from typing import Any, Literal
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from minihuman.worlds.contract import ReadOnlyName
-from minihuman.worlds.first_person.entities import Entity, Length
+from minihuman.errors import WorldError
+from minihuman.worlds.first_person.entities import Entity, Length, Position, note_change
+from minihuman.worlds.first_person.parameter_names import ParameterNames, read_parameters
+from minihuman.worlds.first_person.parameters import Parameters
 from minihuman.worlds.first_person.rooms import Room
+from minihuman.worlds.first_person.rules import ACTIONS
 from minihuman.worlds.first_person.state import WALL
+from minihuman.worlds.options import check_bool, check_number
+from minihuman.worlds.step_limit import check_max_steps
+from minihuman.worlds.upstream_names import (
+    UpstreamName,
+    define_names,
+    missing_name,
+    refuse_replaced_method,
+    refuse_unknown_attribute,
+    set_instead,
+)
+
+_BUILD = "write build() of a FirstPersonEnv of your own"
+_OPENGL = "nothing here is drawn by OpenGL"
+INSTEAD: Mapping[str, str] = MappingProxyType(
+    {
+        **dict.fromkeys(("_gen_world", "_gen_static_data"), _BUILD),
+        **dict.fromkeys(("shadow_window", "text_label", "_render_static", "_render_world", "_load_tex"), _OPENGL),
+        "Actions": "read actions",
+        "room_probs": "rooms are drawn by their area",
+        "find_facing_edges": "call connect_rooms() in build()",
+    }
+)
+
+
+class FrameSize(NamedTuple):
+    """What stands for a frame buffer of Miniworld's: how large the pictures are that are drawn into it."""
+
+    width: int
+    height: int
 
 
 @lru_cache
@@ -24,73 +58,286 @@ def _actions(names: tuple[str, ...]) -> type[IntEnum]:
     return IntEnum("Actions", names, start=0)  # type: ignore[return-value]  # mypy reads only written-out names
 
 
+def _colour_or_place(name: str, value: ArrayLike, low: float, high: float) -> tuple[float, float, float]:
+    first, second, third = np.asarray(value, np.float64).tolist()
+    for number in (first, second, third):
+        check_number(name, number, low, high)
+    return first, second, third
+
+
 class MiniworldCompat:
     """Mixed into every first-person world."""
 
-    @ReadOnlyName
-    def actions(self: Any) -> type[IntEnum]:
-        """The world's actions by name; those that it does not take are not among them."""
-        return _actions(self.action_names)
+    reward_range: tuple[float, float] = (-math.inf, math.inf)  # as Miniworld gives it: nothing reads it
+    obs_disp_width = 256  # of the small picture in Miniworld's window: nothing reads it
 
-    @ReadOnlyName
+    _is_made = False  # `make` is done with it: from then on only build() adds attributes
+    _stage: Any
+    _flat: Any
+    _window: Any
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if self._is_made:
+            refuse_unknown_attribute(self, name, INSTEAD)
+            refuse_replaced_method(self, name, vars(MiniworldCompat))
+        super().__setattr__(name, value)
+
+    @property
+    def max_steps(self) -> int | None:
+        """An episode is truncated after so many steps; None for never."""
+        return self._max_steps
+
+    @max_steps.setter
+    def max_steps(self, steps: int | None) -> None:
+        self._max_steps = None if steps is None else check_max_steps(steps)
+        self.forget_flat_state()
+
+    @property
+    def domain_rand(self) -> bool:
+        """Whether parameters are drawn from their ranges."""
+        return self._domain_rand
+
+    @domain_rand.setter
+    def domain_rand(self, is_drawn: bool) -> None:
+        self._domain_rand = check_bool("domain_rand", is_drawn)
+        if self._stage is not None:
+            self._stage.randomised = is_drawn
+            self.forget_flat_state()
+
+    @UpstreamName
+    def obs_disp_height(self: Any) -> float:
+        """The height of the small picture in Miniworld's window."""
+        frame = self.obs_fb
+        return float(frame.height * (self.obs_disp_width / frame.width))
+
+    @UpstreamName
+    def actions(self: Any) -> type[IntEnum]:
+        """The actions by name: Miniworld's eight where the world takes the first of them, otherwise the world's own."""
+        own = tuple(self.action_names)
+        return _actions(ACTIONS if own == ACTIONS[: len(own)] else own)
+
+    @set_instead("make the world with render_mode='human'")
+    def window(self: Any) -> Any:
+        """The window of ``render_mode="human"``; None while there is none."""
+        return self._window
+
+    @set_instead(_BUILD)
     def rooms(self: Any) -> list[Room]:
         """The rooms in the order they were added, passages between them included."""
         return list(self.stage.rooms)
 
-    @ReadOnlyName
+    @set_instead(_BUILD)
     def wall_segs(self: Any) -> NDArray[np.float64]:
         """Walls that stop a body, float64[n, 2, 3]: where each starts and ends, x, 0, z."""
         ends = self.stage.floor.walls.reshape(-1, 2, 2)
         return np.insert(ends, 1, 0.0, axis=2)
 
-    @ReadOnlyName
+    @set_instead(_BUILD)
     def min_x(self: Any) -> float:
         """Where the rooms begin along x, metres."""
         return float(self.stage.floor.bounds[0])
 
-    @ReadOnlyName
+    @set_instead(_BUILD)
     def min_z(self: Any) -> float:
         """Where the rooms begin along z, metres."""
         return float(self.stage.floor.bounds[1])
 
-    @ReadOnlyName
+    @set_instead(_BUILD)
     def max_x(self: Any) -> float:
         """Where the rooms end along x, metres."""
         return float(self.stage.floor.bounds[2])
 
-    @ReadOnlyName
+    @set_instead(_BUILD)
     def max_z(self: Any) -> float:
         """Where the rooms end along z, metres."""
         return float(self.stage.floor.bounds[3])
 
-    @ReadOnlyName
+    @UpstreamName
     def max_episode_steps(self: Any) -> float:
         """Steps after which an episode is truncated; infinity for never."""
         return math.inf if self.max_steps is None else float(self.max_steps)
 
-    @ReadOnlyName
+    @max_episode_steps.setter
+    def max_episode_steps(self: Any, steps: float) -> None:
+        self.max_steps = None if steps == math.inf else steps
+
+    @UpstreamName
     def max_forward_step(self: Any) -> float:
         """The longest step, metres."""
         return float(self.stage.reach)
 
+    @max_forward_step.setter
+    def max_forward_step(self: Any, metres: float) -> None:
+        self.stage.reach = float(check_number("max_forward_step", metres, 0.001, 1000))
+        self.forget_flat_state()
+
+    @UpstreamName
+    def params(self: Any) -> ParameterNames:
+        """The world's parameters; setting one counts from the next step on."""
+        return ParameterNames(self.parameters, self._take_parameters)
+
+    @params.setter
+    def params(self: Any, params: Any) -> None:
+        self._take_parameters(read_parameters(params))
+
+    @UpstreamName
+    def sky_color(self: Any) -> NDArray[np.float64]:
+        """The colour of the sky in this episode, float64[3], 0 to 1."""
+        return np.array(self.stage.sky_colour)
+
+    @sky_color.setter
+    def sky_color(self: Any, colour: ArrayLike) -> None:
+        self.stage.sky_colour = _colour_or_place("sky_color", colour, 0, 10)
+        self.forget_pictures()
+
+    @UpstreamName
+    def light_pos(self: Any) -> NDArray[np.float64]:
+        """Where the light of this episode comes from, float64[3], metres."""
+        return np.array(self.stage.light_pos)
+
+    @light_pos.setter
+    def light_pos(self: Any, place: ArrayLike) -> None:
+        self.stage.light_pos = _colour_or_place("light_pos", place, -1e6, 1e6)
+        self.forget_pictures()
+
+    @UpstreamName
+    def light_color(self: Any) -> NDArray[np.float64]:
+        """The colour of the light in this episode, float64[3], 0 to 1."""
+        return np.array(self.stage.light_colour)
+
+    @light_color.setter
+    def light_color(self: Any, colour: ArrayLike) -> None:
+        self.stage.light_colour = _colour_or_place("light_color", colour, 0, 10)
+        self.forget_pictures()
+
+    @UpstreamName
+    def light_ambient(self: Any) -> NDArray[np.float64]:
+        """The colour of the light that is everywhere, float64[3], 0 to 1."""
+        return np.array(self.stage.light_ambient)
+
+    @light_ambient.setter
+    def light_ambient(self: Any, colour: ArrayLike) -> None:
+        self.stage.light_ambient = _colour_or_place("light_ambient", colour, 0, 10)
+        self.forget_pictures()
+
+    @set_instead("give obs_width and obs_height when the world is made")
+    def obs_fb(self: Any) -> FrameSize:
+        """How large an observation is."""
+        return FrameSize(*self._pictures.size_px)
+
+    @set_instead("give window_width and window_height when the world is made")
+    def vis_fb(self: Any) -> FrameSize:
+        """How large the pictures are that `render` draws."""
+        return FrameSize(*self.window_px)
+
+    def move_agent(self: Any, fwd_dist: float, fwd_drift: float) -> bool:
+        """Move the agent, and what it carries, so many metres ahead and to the right; whether the way was free."""
+        agent = self.agent
+        x, _, z = np.add(agent.pos, agent.dir_vec * fwd_dist + agent.right_vec * fwd_drift).tolist()
+        place: Position = (x, agent.pos[1], z)
+        carried = agent.carrying
+        if self.intersect(agent, place, agent.radius) is not None:
+            return False
+        if carried is not None:
+            carried_place = self.stage.carrying_position(place, carried)
+            if self.intersect(carried, carried_place, carried.radius) is not None:
+                return False
+            carried.pos = carried_place
+        agent.pos = place
+        return True
+
+    def turn_agent(self: Any, turn_angle: float) -> bool:
+        """Turn the agent, and what it carries, so many degrees to the left; whether nothing was in the way."""
+        agent, heading = self.agent, self.agent.dir
+        carried = agent.carrying
+        agent.dir = heading + turn_angle * (math.pi / 180)
+        if carried is None:
+            return True
+        place = self.stage.carrying_position(agent.pos, carried)
+        if self.intersect(carried, place, carried.radius) is not None:
+            agent.dir = heading
+            return False
+        carried.pos, carried.dir = place, agent.dir
+        return True
+
     def intersect(self: Any, ent: Entity, pos: Sequence[float], radius: Length) -> Entity | Literal[True] | None:
         """What a thing of this radius would touch at a place (x, y, z): True for a wall, another thing, or None."""
-        found: Entity | str | None = self.stage.blocker(ent, float(pos[0]), float(pos[2]), radius)
-        return found if isinstance(found, Entity) else True if found == WALL else None
+        touched: Entity | str | None = self.stage.blocker(ent, float(pos[0]), float(pos[2]), radius)
+        if isinstance(touched, Entity):
+            return touched
+        return True if touched == WALL else None
 
-    def render_obs(self: Any) -> NDArray[np.uint8]:
-        """What the agent sees: `see`."""
-        return np.asarray(self.see())
+    def near(self: Any, a: Entity, b: Entity | None = None) -> bool:
+        """Is a thing within a step of touching another, or the agent?"""
+        return bool(self.stage.near(a, b or self.agent))
 
-    def render_top_view(self: Any) -> NDArray[np.uint8]:
-        """The world from above, of the size that `render` draws."""
-        return np.asarray(self.picture(view="full", size_px=self.window_px))
+    def depth(self: Any, *, size_px: tuple[int, int] = (80, 60)) -> NDArray[np.float32]:
+        """How far away what the agent sees is, metres along its view, float32[H, W]."""
+        return np.asarray(self._pictures.depth(self.stage, size_px=size_px))
 
-    def render_depth(self: Any) -> NDArray[np.float32]:
-        """How far away what the agent sees is, metres, float32[obs_height, obs_width, 1]: `depth`."""
-        height, width, _ = self.see().shape
-        return np.asarray(self.depth(size_px=(width, height)))[..., None]
+    def visible_entities(self: Any) -> list[Entity]:
+        """The things of which some part is in the agent's view, in the order they were placed."""
+        return list(self._pictures.visible(self.stage))
+
+    def own_attributes(self: Any) -> frozenset[str]:
+        """The names of what the world's build() sets on itself."""
+        return frozenset(name for name in self._state() if not name.startswith("_"))
+
+    def render_obs(self: Any, frame_buffer: FrameSize | None = None) -> NDArray[np.uint8]:
+        """What the agent sees: `see`, or a picture as large as `vis_fb` or another frame."""
+        if frame_buffer is None:
+            return np.asarray(self.see())
+        return np.asarray(self.picture(size_px=(frame_buffer.width, frame_buffer.height)))
+
+    def render_top_view(
+        self: Any, frame_buffer: FrameSize | None = None, render_agent: bool = True, return_scale: bool = False
+    ) -> NDArray[np.uint8]:
+        """The world from above, as large as an observation, or as `vis_fb` or another frame.
+
+        Raises:
+            WorldError: if the agent is not to be drawn, or Miniworld's scale is asked for.
+        """
+        if not render_agent or return_scale:
+            raise WorldError("render_top_view draws the agent and returns the picture alone; map() has the coordinates")
+        frame = self.obs_fb if frame_buffer is None else frame_buffer
+        return np.asarray(self.picture(view="full", size_px=(frame.width, frame.height)))
+
+    def render_depth(self: Any, frame_buffer: FrameSize | None = None) -> NDArray[np.float32]:
+        """How far away what the agent sees is, metres, float32[height, width, 1]: `depth`."""
+        frame = self.obs_fb if frame_buffer is None else frame_buffer
+        return np.asarray(self.depth(size_px=(frame.width, frame.height)))[..., None]
 
     def get_visible_ents(self: Any) -> set[Entity]:
         """The things of which some part is in the agent's view: `visible_entities`."""
         return set(self.visible_entities())
+
+    def _get_carry_pos(self: Any, agent_pos: Position, ent: Entity) -> NDArray[np.float64]:
+        """Where a carried thing floats when the agent stands at a place."""
+        return np.array(self.stage.carrying_position(agent_pos, ent))
+
+    def _reward(self: Any) -> float:
+        """What success would earn now."""
+        return float(self.success_reward())
+
+    def _take_parameters(self: Any, parameters: Parameters) -> None:
+        self.parameters = parameters
+        if self._stage is not None:
+            self._stage.parameters = parameters
+            self.forget_flat_state()
+
+    def forget_flat_state(self: Any) -> None:
+        """Have the next step read everything anew."""
+        self._flat = None
+        note_change()
+
+    def forget_pictures(self: Any) -> None:
+        """Have the next picture drawn of everything as it is then."""
+        self._pictures.forget()
+        note_change()
+
+
+def _refuse_name(world: Any, name: str) -> Any:
+    raise missing_name(world, name, INSTEAD)
+
+
+define_names(MiniworldCompat, INSTEAD, _refuse_name)

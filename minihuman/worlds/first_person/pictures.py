@@ -155,6 +155,11 @@ class WorldRenderer:
     def __reduce__(self) -> tuple[Any, ...]:
         return partial(WorldRenderer, shadows=self.shadows, display=self.display), (self.size_px, self.assets)
 
+    def forget(self) -> None:
+        """Keep nothing of what was drawn: the next picture is of everything as it is then."""
+        self._staged.clear()
+        self._easels.clear()
+
     def measure(self, entity: Entity) -> None:
         """Say how wide a thing is whose mesh is the folder's.
 

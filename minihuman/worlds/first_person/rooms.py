@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.entities import texture_variants
 from minihuman.worlds.first_person.parameters import running_sum
+from minihuman.worlds.first_person.room_names import RoomNames
 from minihuman.worlds.first_person.walls import wall_pieces
 from minihuman.worlds.hashing import hash64
 
@@ -156,7 +157,7 @@ class Portal(NamedTuple):
 
 
 @dataclass(slots=True, eq=False)
-class Room:
+class Room(RoomNames):
     """One room: a shape, how high its walls are, what covers them, and the portals cut so far."""
 
     outline: RoomOutline
@@ -229,6 +230,7 @@ class Room:
 
 
 _TOUCHING = 0.001  # metres: walls so close have no gap between them
+_OVERLAPPING = 0.05  # metres that rooms may reach into each other: Miniworld's own do, by 4 mm
 
 
 class OpeningLimits(NamedTuple):
@@ -398,11 +400,47 @@ def finish_floor_plan(rooms: list[Room], rng: np.random.Generator | None) -> Flo
     """Close a floor plan; with a stream to draw from, each room gets a picture of each of its textures by chance.
 
     Raises:
-        WorldError: if there is no room.
+        WorldError: if there is no room, or two overlap.
     """
     if not rooms:
         raise WorldError("the world has no rooms; add one before placing anything or ending build()")
+    _check_overlap(rooms)
     return floor_plan(tuple([_finished(room, rng) for room in rooms]))
+
+
+def _check_overlap(rooms: list[Room]) -> None:
+    """Refuse rooms that overlap: the walls of each would stand in the other, where they cannot be seen.
+
+    Raises:
+        WorldError: if two do.
+    """
+    low_x, high_x, low_z, high_z = (
+        np.array([getattr(room.outline, name) for room in rooms]) for name in ("min_x", "max_x", "min_z", "max_z")
+    )
+    across = np.minimum(high_x[:, None], high_x) - np.maximum(low_x[:, None], low_x)
+    down = np.minimum(high_z[:, None], high_z) - np.maximum(low_z[:, None], low_z)
+    near = np.triu((across > _OVERLAPPING) & (down > _OVERLAPPING), 1)  # what contains each overlaps
+    for first, second in np.argwhere(near).tolist():
+        a, b = rooms[first], rooms[second]
+        if _overlap(a.outline, b.outline):
+            raise WorldError(
+                f"{_describe_room(first, a)} and {_describe_room(second, b)} overlap; move them apart, or make them "
+                "one room with an outline of its own"
+            )
+
+
+def _overlap(a: RoomOutline, b: RoomOutline) -> bool:
+    """Tell whether two convex outlines share more than an edge: no edge of either has the other all outside it."""
+    return all(
+        max(nx * (x - edge.start[0]) + nz * (z - edge.start[1]) for x, z in other.corners) > _OVERLAPPING
+        for outline, other in ((a, b), (b, a))
+        for edge in outline.edges
+        for nx, nz in (edge.normal,)
+    )
+
+
+def _describe_room(number: int, room: Room) -> str:
+    return f"room {number} (x {room.min_x:g} to {room.max_x:g}, z {room.min_z:g} to {room.max_z:g})"
 
 
 @lru_cache(maxsize=_PLANS_KEPT)

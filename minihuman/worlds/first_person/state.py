@@ -124,7 +124,8 @@ class WorldState:
         self._floor = self.floor  # the plan closes before the heading is drawn
         entity.dir = uniform(self.rng, -math.pi, math.pi) if dir is None else dir
         entity.pos = pos
-        self.entities.append(entity)
+        if entity not in self.entities:  # placed again, it is moved
+            self.entities.append(entity)
 
     def blocker(self, entity: Entity, x: float, z: float, radius: Length) -> Entity | str | None:
         """What a thing of this radius would touch at this place: WALL, another thing, or nothing (None)."""

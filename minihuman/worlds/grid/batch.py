@@ -20,6 +20,7 @@ from minihuman.errors import WorldError
 from minihuman.worlds.grid.babyai.encoding import block_of, noted_of
 from minihuman.worlds.grid.babyai.instruction_space import InstructionSpace
 from minihuman.worlds.grid.babyai.verifier import act_unedited, hand_over
+from minihuman.worlds.grid.batch_names import MOST_OBJECTS, NARROW, GridBatchNames, RowMatrix
 from minihuman.worlds.grid.core.rewards import INSTRUCTED
 from minihuman.worlds.grid.core.rules import TERMINATED, TRUNCATED, act_inline
 from minihuman.worlds.grid.core.state import (
@@ -53,7 +54,6 @@ from minihuman.worlds.grid.core.view import (
     show_usual,
     spread_usual,
 )
-from minihuman.worlds.grid.engine import GridSnapshot
 from minihuman.worlds.grid.env import GridEnv
 from minihuman.worlds.grid.layout import Recipe
 from minihuman.worlds.kernels import inline, int64, kernel
@@ -67,15 +67,12 @@ NEXT_STEP, SAME_STEP, DISABLED = range(len(MODES))
 
 MANY, LEAD = 256, 8  # worlds: when to prefetch, and how far ahead
 LINE = 32  # numbers that a cache line holds
-NARROW = np.iinfo(np.int16).max
-MOST_OBJECTS = NARROW >> 9  # in a row of int16: a code's highest bits are an identity
 PART, MIN_SHARE = 64, 2048  # worlds: what a thread takes; with a smaller share for each, waking one saves little
 
-RowMatrix = NDArray[np.int16] | NDArray[np.int32]
 Observation = dict[str, Any]  # image uint8[n, size, size, 3], direction int64[n], mission: n strings
 
 
-class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
+class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArray[Any]], GridBatchNames):
     """A batch of ``num_envs`` worlds of a family, all alike but for their seeds.
 
     Args:
@@ -99,8 +96,6 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
             raise WorldError(f"num_envs is {num_envs!r}; use 1 or more")
         if threads is not None and threads < 1:
             raise WorldError(f"threads is {threads!r}; use 1 or more, or None for one per core")
-        if options.pop("view", "grid") != "grid":
-            raise WorldError("a batch has no first-person view; make it with vectorization_mode='sync'")
         self._world = GridEnv(family, **options)  # what all have in common: spaces, recipe, settings
         self._mode = MODES.index(AutoresetMode(autoreset_mode))
         self.metadata = {**self._world.metadata, "autoreset_mode": MODES[self._mode]}
@@ -118,6 +113,8 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         self._images = num_envs, *self._world.image_shape
         self._missions = (self._world.mission,) * num_envs
         self._seeds = [-1] * num_envs
+        self._recipes = [self._world.recipe] * num_envs  # of each world's episodes until it is reset without a mission
+        self._settings: dict[int, NDArray[np.int32]] = {}  # that were set by hand, by their place in a row
         self._over = np.zeros(num_envs, np.int64)  # the worlds that a step has left to be laid out anew
         self._helpers = max(min(threads or os.cpu_count() or 1, num_envs // MIN_SHARE), 1) - 1
 
@@ -146,7 +143,8 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         """Lay out new episodes, of all worlds or of those in ``options["reset_mask"]`` (bool[n]).
 
         World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without one it goes on drawing. ``options["mission"]``
-        is what is to be done in all of them until they are laid out again, as in `GridEnv.reset`.
+        is what is to be done in all of them, as in `GridEnv.reset`, in the episodes that autoreset begins too, until
+        they are reset without it.
         """
         seeds = seeds_per_world(seed, self.num_envs)
         mission = (options or {}).get("mission")
@@ -159,13 +157,14 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
                     f"reset_mask has dtype {mask.dtype} and shape {mask.shape}; use bool and ({self.num_envs},)"
                 )
         for i in np.flatnonzero(mask).tolist():
+            self._recipes[i] = recipe
             rng_state = self._rng_states[i]
             if seeds[i] is not None or not rng_state.any():
                 generator, self._seeds[i] = seeding.np_random(seeds[i])
                 read_rng_state(generator, rng_state)
         images = np.zeros(self._images, np.uint8)
         directions = np.zeros(self.num_envs, np.int64)
-        self._lay_out(recipe, np.flatnonzero(mask), images, directions)
+        self._lay_out(np.flatnonzero(mask), images, directions)
         observe_many(self._rows, ~mask & (self._rows[:, PHASE] != NEW), images, directions)
         return {"image": images, "direction": directions, "mission": self._missions}, {}
 
@@ -194,7 +193,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         if count > 0:
             if self._mode == SAME_STEP:
                 info = self._final(terminated | truncated, images, directions)
-            self._lay_out(self._world.recipe, self._over[:count], images, directions)
+            self._lay_out(self._over[:count], images, directions)
         return (
             {"image": images, "direction": directions, "mission": self._missions},
             rewards,
@@ -207,11 +206,7 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         """What each world renders; None without a render mode."""
         if self.render_mode is None:
             return None
-        rendered = []
-        for state, rng_state, mission in zip(self.states, self._rng_states, self._missions, strict=True):
-            self._world.restore(GridSnapshot(state.row, rng_state, mission, {}))
-            rendered.append(self._world.render())
-        return tuple(rendered)
+        return self.call("render")
 
     def _refusal(self, world: int, actions: NDArray[np.integer[Any]]) -> WorldError:
         phase, count = self._rows[world, PHASE], self._rows[world, ACTIONS]
@@ -229,15 +224,15 @@ class GridBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArr
         self._over[: counts.sum()] = np.concatenate(found) if found else 0
         return int(counts.sum())
 
-    def _lay_out(
-        self, recipe: Recipe, worlds: NDArray[np.int64], images: NDArray[np.uint8], directions: NDArray[np.int64]
-    ) -> None:
+    def _lay_out(self, worlds: NDArray[np.int64], images: NDArray[np.uint8], directions: NDArray[np.int64]) -> None:
         """Lay out new episodes of some worlds and observe them."""
         layout, space = self._layout, self._world.mission_space
         missions = list(self._missions) if space.varies else []
         for i in worlds.tolist():
             clear(layout)
-            recipe.lay_out(layout, self._rng_states[i])
+            for field, numbers in self._settings.items():
+                layout[field] = numbers[i]
+            self._recipes[i].lay_out(layout, self._rng_states[i])
             if not begin(layout, self._rows, i, images, directions):
                 self._rows = self._rows.astype(np.int32)
                 begin(layout, self._rows, i, images, directions)

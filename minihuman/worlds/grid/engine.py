@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from operator import index
 from types import MappingProxyType
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -37,10 +37,11 @@ from minihuman.worlds.grid.pictures.drawing import draw_grid
 from minihuman.worlds.grid.pictures.tiles import GRID_PALETTES, OBJECT_COLOURS, GridPalette, hex_colour
 from minihuman.worlds.grid.planner import path_length_bounds, shortest_path
 from minihuman.worlds.hashing import hash64
+from minihuman.worlds.human_window import ShowsItself
 from minihuman.worlds.options import MAX_CELLS, check_bool, check_one_of, check_whole
 from minihuman.worlds.pose import Map, Pose, Thing, wall_outlines
 from minihuman.worlds.rng import RngState, read_rng_state, write_rng_state
-from minihuman.worlds.step_limit import check_max_steps
+from minihuman.worlds.step_limit import action_number, check_max_steps
 
 
 def floor_plan(state: State, palette: GridPalette = "classic", kinds: Sequence[ObjectKind] = ()) -> Map:
@@ -78,7 +79,7 @@ def _hashed(saved: GridSnapshot) -> int:
     return hash64([saved.row, rng_state, saved.mission, saved.kept])
 
 
-class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld, abc.ABC):
+class GridEngine(ShowsItself, gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld, abc.ABC):
     """A grid world without a layout: `GridEnv` has those of the catalogue, `GridWorld` is for your own.
 
     Args:
@@ -89,12 +90,14 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         see_through_walls: Walls hide nothing.
         agent_view_size: Cells on a side of the agent's view, odd, 3 to 61.
         actions: How many of the seven actions there are.
-        render_mode: What `render` gives: None, the whole world as a picture ("rgb_array") or as `text` ("ansi").
+        render_mode: What `render` gives: None, the whole world as `text` ("ansi"), nothing but a window that shows it
+            ("human"), or, for any other word as in Minigrid, the whole world as a picture ("rgb_array").
         tile_size: Pixels on a side of a cell that `render` draws.
         palette: The colours of pictures: "classic", "colour-safe" for colour-blind eyes, or "minigrid": Minigrid's
             own tiles to the pixel, for participants too.
         highlight: Make the cells lighter that the agent sees, in what `render` draws.
         agent_pov: `render` draws what the agent sees instead of the whole world.
+        screen_size: Taken as Minigrid takes it; the window is as large as what `render` draws.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's name and type
@@ -115,20 +118,21 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         see_through_walls: bool = False,
         agent_view_size: int = 7,
         actions: int = 7,
-        render_mode: Literal["rgb_array", "ansi"] | None = None,
+        render_mode: str | None = None,
         tile_size: int = 32,
         palette: GridPalette = "classic",
         highlight: bool = True,
         agent_pov: bool = False,
+        screen_size: int | None = 640,
     ) -> None:
         check_whole("width", width, 3, MAX_CELLS)
         check_whole("height", height, 3, MAX_CELLS)
         check_bool("see_through_walls", see_through_walls)
         check_one_of("palette", palette, GRID_PALETTES)
         check_whole("tile_size", tile_size, 1, MOST_LINES // max(width, height))
-        if render_mode not in (None, *self.metadata["render_modes"]):
+        if not isinstance(render_mode, str | None):
             raise WorldError(f"render_mode is {render_mode!r}; use one of {', '.join(self.metadata['render_modes'])}")
-        self.action_names = ACTION_NAMES[:actions]
+        self.action_names = self._name_actions(actions)
         self.mission_space = MissionSpace(mission) if isinstance(mission, str) else mission
         self.mission = self.mission_space.first()
         self.action_space = spaces.Discrete(actions)  # type: ignore[assignment]  # its numbers are NumPy's
@@ -142,6 +146,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         )
         self.render_mode = render_mode
         self.tile_size = tile_size
+        self.screen_size = screen_size
         self.palette: GridPalette = palette
         self.highlight, self.agent_pov = check_bool("highlight", highlight), check_bool("agent_pov", agent_pov)
         self._instructed = isinstance(self.mission_space, InstructionSpace)
@@ -159,6 +164,23 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         self._draws = False  # whether a step draws random numbers
         clear(self._row)
 
+    def _name_actions(self, actions: int) -> tuple[str, ...]:
+        """The grid's own names, and one with its number for each further action.
+
+        Raises:
+            WorldError: if there are further actions, and no rules of its own that give them a meaning.
+        """
+        if actions > len(ACTION_NAMES) and not self._has_own_rules():
+            raise WorldError(
+                f"actions is {actions}, but {type(self).__name__} has the grid's {len(ACTION_NAMES)} alone; ask for "
+                f"{len(ACTION_NAMES)} or fewer, or write reward_and_done, which says what the others do"
+            )
+        return (*ACTION_NAMES[:actions], *(f"action_{number}" for number in range(len(ACTION_NAMES), actions)))
+
+    def _has_own_rules(self) -> bool:
+        """Whether a step has rules that the grid does not know."""
+        return any(getattr(type(self), name) is not getattr(GridEngine, name) for name in ("step", "advance"))
+
     @abc.abstractmethod
     def _lay_out(self) -> None:
         """Fill the cleared row, drawing from ``np_random``, and set the mission."""
@@ -172,6 +194,10 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
     def max_steps(self) -> int:
         """An episode is truncated after so many steps."""
         return self.state.max_steps
+
+    @max_steps.setter
+    def max_steps(self, steps: int) -> None:
+        self._row[fields.MAX_STEPS] = check_max_steps(steps)
 
     @property
     def np_random(self) -> np.random.Generator:
@@ -191,7 +217,8 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         """The random stream, for kernels to draw from."""
         if not self._stream_is_held:
             read_rng_state(self.np_random, self._rng_state)
-        self._stream_is_held = self._stream_is_ahead = True
+        if not self._stream_is_ahead:  # asked first, as setting an attribute of a world of the catalogue is checked
+            self._stream_is_held = self._stream_is_ahead = True
         return self._rng_state
 
     def _check_agent(self) -> None:
@@ -220,6 +247,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
             self._stream_is_held = self._stream_is_ahead = False
         super().reset(seed=seed)
         self.cell_marks = {}
+        self._close_object_views()
         clear(self._row)
         self._lay_out()
         if self._row[fields.FAILED]:
@@ -240,7 +268,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         try:
             number = index(action)
         except TypeError:
-            raise self._refusal(NO_SUCH_ACTION, action) from None
+            number = self._number_of(action)
         rng_state = self._stream() if self._draws else self._rng_state
         status, reward = (act_instructed if self._instructed else act)(self._row, number, rng_state)
         if status < 0:
@@ -252,7 +280,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
         try:
             number = index(action)
         except TypeError:
-            raise self._refusal(NO_SUCH_ACTION, action) from None
+            number = self._number_of(action)
         image = np.empty(self.image_shape, np.uint8)
         rng_state = self._stream() if self._draws else self._rng_state
         status, direction, reward = (step_instructed if self._instructed else step)(self._row, number, rng_state, image)
@@ -263,7 +291,14 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
             raise self._refusal(status, action)
         return observation, reward, status & TERMINATED != 0, status & TRUNCATED != 0, {}
 
-    def _refusal(self, status: int, action: int) -> WorldError:
+    def _number_of(self, action: Any) -> int:
+        """The number of an action that is no integer by its type, as `action_number` reads it."""
+        number = action_number(action)
+        if number is None:
+            raise self._refusal(NO_SUCH_ACTION, action)
+        return number
+
+    def _refusal(self, status: int, action: Any) -> WorldError:
         if status == NO_SUCH_ACTION:
             return WorldError(
                 f"action {action!r} does not exist in {self}; actions are 0 to {self._row[fields.ACTIONS] - 1}"
@@ -301,6 +336,12 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
             return None
         if self.render_mode == "ansi":
             return self.text()
+        if self.render_mode == "human":
+            self.show_in_window(self._rendered)
+            return None
+        return self._rendered()
+
+    def _rendered(self) -> NDArray[np.uint8]:
         view: View = "partial" if self.agent_pov else "full"
         return self.frame(view=view, tile_px=self.tile_size, lit=self.highlight)
 
@@ -379,6 +420,7 @@ class GridEngine(gymnasium.Env[dict[str, Any], int], MinigridCompat, NativeWorld
                 f"the saved state is {saved.row[fields.WIDTH]} x {saved.row[fields.HEIGHT]} cells and {self} is "
                 f"{self._row[fields.WIDTH]} x {self._row[fields.HEIGHT]}; restore it into a world of the same size"
             )
+        self._close_object_views()
         self._row[:] = saved.row
         self._draws = bool(self._row[fields.TASK] == DODGE)
         self._rng_state[:] = saved.rng_state

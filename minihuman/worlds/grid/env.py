@@ -5,7 +5,9 @@ Each family is a function from options, named as Minigrid names them, to a recip
 """
 
 import abc
+import sys
 from collections.abc import Callable, Mapping
+from inspect import signature
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal
 
@@ -14,11 +16,20 @@ from minihuman.worlds.grid.babyai.binding import instruct
 from minihuman.worlds.grid.core.cells import BALL, BOX, GREY_WALL, KEY, KINDS, RED_LAVA
 from minihuman.worlds.grid.core.state import FAILED, OVER, PHASE, PLAYING
 from minihuman.worlds.grid.engine import GridEngine
+from minihuman.worlds.grid.family_names import INSTEAD
 from minihuman.worlds.grid.layout import Layout, Recipe
 from minihuman.worlds.grid.layouts import room_grid, rooms, single_rooms
+from minihuman.worlds.grid.minigrid_compat import MinigridCompat
 from minihuman.worlds.grid.missions import COLOUR_WORDS, MissionSpace, kind_words
 from minihuman.worlds.grid.wfc.family import wfc
 from minihuman.worlds.options import MAX_CELLS, check_bool, check_cell, check_one_of, check_pair, check_whole
+from minihuman.worlds.upstream_names import (
+    WorldAttributeError,
+    define_names,
+    missing_name,
+    refuse_replaced_method,
+    refuse_unknown_attribute,
+)
 
 Place = tuple[int, int] | None  # column and row; None draws one
 Obstacle = Literal["lava", "wall"]
@@ -271,7 +282,33 @@ def _obstacle(name: str) -> int:
     return OBSTACLES[check_one_of("obstacle_type", name, tuple(OBSTACLES))]
 
 
-ENGINE_SETTINGS = frozenset({"agent_view_size", "render_mode", "tile_size", "palette", "highlight", "agent_pov"})
+ENGINE_SETTINGS = frozenset(
+    {"agent_view_size", "render_mode", "tile_size", "palette", "highlight", "agent_pov", "screen_size"}
+)
+_UPSTREAM_METHODS = vars(MinigridCompat)
+_SET_BY_RESETS = frozenset(  # not looked up further, as a short episode is mostly its reset
+    {"cell_marks", "mission", "_told", "_draws", "_stream_is_held", "_stream_is_ahead", "_views", "_np_random"}
+    | {"_np_random_seed"}
+)
+_OWN_NAMES = frozenset({"width", "height", "goal_pos", "agent_pos", "mission", "room_size", "num_rows", "num_cols"})
+
+
+def options_of(family: str | Callable[..., Recipe], options: Mapping[str, Any]) -> dict[str, Any]:
+    """What a family's function is given, with its defaults, by name; of an obstacle, Minigrid's class."""
+    if not isinstance(family, str):
+        return dict(options)
+    if family.startswith("level:"):
+        from minihuman.worlds.grid.babyai.levels import LEVELS  # compiled: only where a level is made
+
+        function: Callable[..., Any] = LEVELS[family].trace
+    else:
+        function = FAMILIES[family]
+    parameters = signature(function).parameters.values()
+    settings = {each.name: each.default for each in parameters if each.default is not each.empty} | dict(options)
+    if "obstacle_type" in settings:
+        name = settings["obstacle_type"]
+        settings["obstacle_type"] = getattr(sys.modules.get("minigrid.core.world_object"), name.capitalize(), name)
+    return settings
 
 
 class GridEnv(GridEngine):
@@ -306,6 +343,19 @@ class GridEnv(GridEngine):
             **settings,
         )
         self._told = self.recipe  # of this episode: with a mission set by hand, or as it is
+        settings = {**options_of(family, options), "fixed_max_steps": max_steps is not None}
+        if self.recipe.width == self.recipe.height:
+            settings.setdefault("size", self.recipe.width)
+        self._family_options = {name: setting for name, setting in settings.items() if name not in _OWN_NAMES}
+        self._is_made = True  # last: no `vars` here, which would slow every attribute of the world down
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name not in _SET_BY_RESETS and self._is_made:
+            if name in self._family_options:
+                raise WorldAttributeError(f"{name} of {self} cannot be set; give it when the world is made")
+            refuse_unknown_attribute(self, name, INSTEAD)
+            refuse_replaced_method(self, name, _UPSTREAM_METHODS)
+        super().__setattr__(name, value)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -327,6 +377,55 @@ class GridEnv(GridEngine):
             self.mission = self.mission_space.of(self._row)
 
 
+_LEVEL_OPTIONS = (
+    *(
+        "num_dists",
+        "doors_open",
+        "debug",
+        "select_by",
+        "strict",
+        "first_color",
+        "second_color",
+        "num_doors",
+        "num_objs",
+    ),
+    *("objs_per_room", "start_carrying", "distractors", "locked_room_prob", "implicit_unlock", "unblocking"),
+    *("locations", "instr_kinds", "action_kinds", "fixed_max_steps", "size"),
+)
+
+
+def _read_option(world: GridEnv, name: str) -> Any:
+    if name in world._family_options:
+        return world._family_options[name]
+    raise missing_name(world, name, INSTEAD)
+
+
+_OPTION_NAMES = {name for family in _FAMILIES for name in signature(family).parameters} | {*_LEVEL_OPTIONS}
+define_names(GridEnv, sorted(_OPTION_NAMES), _read_option, over=(*_LEVEL_OPTIONS, "obstacle_type"))
+
+
+class GridEnvOnScreen(GridEnv):
+    """A world of a family that shows itself at every reset and step, as Minigrid's do: ``render_mode="human"``."""
+
+    metadata: dict[str, Any] = {**GridEnv.metadata, "render_modes": ["human", *GridEnv.metadata["render_modes"]]}  # noqa: RUF012  # Gymnasium's name and type
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Lay out a new episode and show it."""
+        answer = super().reset(seed=seed, options=options)
+        self.render()
+        return answer
+
+    def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Act, and show what became of it."""
+        answer = super().step(action)
+        self.render()
+        return answer
+
+    shortest_path, path_length_bounds = GridEngine.shortest_path, GridEngine.path_length_bounds
+
+
 class GridWorld(GridEngine, abc.ABC):
     """A grid world laid out in plain Python; what an action does and what the agent sees is compiled.
 
@@ -336,11 +435,14 @@ class GridWorld(GridEngine, abc.ABC):
     own_steps: ClassVar[bool] = True  # of an instruction: judge each part by its own steps
     done_required: ClassVar[bool] = False  # a clause ends when "done" is said right after it was done
     _has_own_reward: ClassVar[bool] = False
+    _has_own_step_values: ClassVar[bool] = False  # a reward or an observation that kernels do not make
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Note whether the subclass has a reward of its own."""
+        """Note whether the subclass has a reward and an observation of its own."""
         super().__init_subclass__(**kwargs)
         cls._has_own_reward = cls.reward_and_done is not GridWorld.reward_and_done
+        looks_otherwise = any(getattr(cls, name) is not getattr(GridEngine, name) for name in ("observation", "look"))
+        cls._has_own_step_values = cls._has_own_reward or looks_otherwise
 
     @abc.abstractmethod
     def layout(self, grid: Layout) -> None:
@@ -358,6 +460,10 @@ class GridWorld(GridEngine, abc.ABC):
         """Whether kernels alone step and draw it: not with a `reward_and_done` of its own."""
         return not self._has_own_reward and self._is_plain(GridWorld)
 
+    def _has_own_rules(self) -> bool:
+        own_steps = any(getattr(type(self), name) is not getattr(GridWorld, name) for name in ("step", "advance"))
+        return self._has_own_reward or own_steps
+
     def _lay_out(self) -> None:
         grid = Layout(self._row, self.np_random, self.mission_space.first(), self.kinds)
         self.layout(grid)
@@ -368,7 +474,7 @@ class GridWorld(GridEngine, abc.ABC):
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Act. Raises WorldError before `reset`, after an episode's end, and for an action there is not."""
-        if not self._has_own_reward:
+        if not self._has_own_step_values:
             return super().step(action)
         reward, terminated, truncated = self.advance(action)
         return self.observation(), reward, terminated, truncated, {}
@@ -377,7 +483,7 @@ class GridWorld(GridEngine, abc.ABC):
         """A step without its observation: reward, terminated, truncated."""
         reward, terminated, truncated = super().advance(action)
         if self._has_own_reward:
-            reward, terminated = self.reward_and_done(int(action), reward, terminated)
+            reward, terminated = self.reward_and_done(self._number_of(action), reward, terminated)
             self._row[PHASE] = OVER if terminated or truncated else PLAYING
         return float(reward), bool(terminated), truncated
 

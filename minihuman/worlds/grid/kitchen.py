@@ -285,10 +285,10 @@ class Kitchen(TeamWorld):
         self._actions = np.zeros(self.bodies, np.int64)
         self._nothing = TeamStep((0.0,) * self.bodies, False, False)
 
-    def reset(self, seed: int) -> None:
+    def reset(self, seed: int | None = None) -> None:
         """Begin a new episode. Only a drawn layout depends on the seed."""
         if self._drawn:
-            self.layout = draw_layout(seed)
+            self.layout = draw_layout(self.choose_seed(seed))
             self._start = _start_row(self.layout, self.rules == "2019", self.max_steps)
         self.row[:] = self._start
         observe(self.row, self._flat_images)

@@ -1,245 +1,51 @@
 """Minigrid's names for what a grid world is: code written for Minigrid's worlds keeps running.
 
-They are views of the present state, made when they are asked for; there is no second state. `agent_pos`, `agent_dir`,
-`carrying`, `grid.set` and `put_obj` write into it; setting any other name changes nothing in the world.
+They are views of the present state, made when they are asked for; there is no second state. What can be set writes into
+it; what cannot is refused, and so is a name of Minigrid's that has no meaning here, with what to use.
 """
 
 import abc
-import builtins
 import hashlib
-import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Sequence
 from enum import IntEnum
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.colours import COLOURS
-from minihuman.worlds.contract import ReadOnlyName
-from minihuman.worlds.grid.core.cells import (
-    DOOR,
-    EMPTY,
-    GOAL,
-    GREY_WALL,
-    KINDS,
-    LOCKED,
-    OPEN,
-    STEPS,
-    UNSEEN,
-    colour_of,
-    colours_of,
-    identity_of,
-    kind_of,
-    kinds_of,
-    pack,
-    state_of,
-    states_of,
-)
+from minihuman.worlds.grid.core import rewards
+from minihuman.worlds.grid.core.cells import EMPTY, GOAL, KINDS, SORTED_COLOURS, STEPS, UNSEEN, kind_of
 from minihuman.worlds.grid.core.rules import ACTION_NAMES
-from minihuman.worlds.grid.core.state import (
-    CARRYING,
-    DIRECTION,
-    FAILED,
-    FIRST_OWN_KIND,
-    OBJECTS,
-    SEE_THROUGH,
-    State,
-    X,
-    Y,
-    contents_index,
-    make,
-    put,
-)
+from minihuman.worlds.grid.core.state import CARRYING, DIRECTION, SEE_THROUGH, STEP, TASK, State, X, Y
 from minihuman.worlds.grid.core.view import see_all, see_size
-from minihuman.worlds.grid.object_kinds import ObjectKind, kind_name
+from minihuman.worlds.grid.family_names import FAMILY_NAMES, read_family_name
+from minihuman.worlds.grid.object_kinds import ObjectKind
+from minihuman.worlds.grid.object_views import GridView, ObjectView, ObjectViews
 from minihuman.worlds.grid.pictures.drawing import draw_grid
+from minihuman.worlds.grid.room_views import RoomGridView, RoomView
+from minihuman.worlds.options import check_bool, check_one_of, check_whole
+from minihuman.worlds.step_limit import LARGEST_STEP_LIMIT
+from minihuman.worlds.upstream_names import UpstreamName, define_names, set_instead
 
 Actions = IntEnum("Actions", ACTION_NAMES, start=0)  # type: ignore[misc]  # mypy reads only names that are written out
 Place = tuple[int, int]  # column, row
-_OF_MINIGRID = "minigrid.core.world_object"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ObjectView:
-    """What lies in a cell or in the hand: ``type`` and ``color``, of a door ``is_open`` and ``is_locked``.
-
-    Where Minigrid is imported, it is an instance of Minigrid's class of its kind: ``isinstance(cell, Goal)``.
-    """
-
-    type: str
-    color: str
-    is_open: bool
-    is_locked: bool
-    cur_pos: Place | None  # None in the hand, in a box, and for the wall outside the grid
-    contains: "ObjectView | None"  # of a box
-    own: ObjectKind | None  # where it is of a kind of the world's own
-    code: int
-
-    @property  # type: ignore[misc]  # isinstance reads it, nothing writes it
-    def __class__(self) -> builtins.type:
-        return getattr(sys.modules.get(_OF_MINIGRID), self.type.capitalize(), ObjectView)
-
-    def __eq__(self, other: object) -> bool:
-        mine = self.code, self.cur_pos, self.contains
-        return builtins.type(other) is ObjectView and mine == (other.code, other.cur_pos, other.contains)
-
-    def __hash__(self) -> int:
-        return hash((self.code, self.cur_pos))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return ObjectView, tuple(getattr(self, name) for name in ObjectView.__slots__)
-
-    def can_pickup(self) -> bool:
-        """Whether it can be carried."""
-        return self.own.carried if self.own else self.type in ("key", "ball", "box")
-
-    def can_overlap(self) -> bool:
-        """Whether the agent can stand on it."""
-        return self.is_open or (self.own.stepped_on if self.own else self.type in ("floor", "goal", "lava"))
-
-    def see_behind(self) -> bool:
-        """Whether the agent sees what is behind it."""
-        return self.is_open or not (self.own.hides if self.own else self.type in ("wall", "door"))
-
-    def encode(self) -> tuple[int, int, int]:
-        """Kind, colour and state as numbers."""
-        return kind_of(self.code), colour_of(self.code), state_of(self.code)
-
-
-class GridView:
-    """The cells: ``grid.get(x, y)`` is an `ObjectView`, or None for an empty cell.
-
-    Args:
-        state: The world's.
-        kinds: The world's own kinds.
-        codes: Other cells than the world's, indexed [x, y].
-        places: Where each of them lies in the world, x * height + y; -1 outside it.
-    """
-
-    def __init__(
-        self,
-        state: State,
-        kinds: Sequence[ObjectKind] = (),
-        codes: NDArray[np.int32] | None = None,
-        places: NDArray[np.int64] | None = None,
-    ) -> None:
-        self._state, self._kinds = state, kinds
-        self.codes = state.cells if codes is None else codes
-        self.places = np.arange(state.cells.size).reshape(state.cells.shape) if places is None else places
-        self.width, self.height = self.codes.shape
-
-    @property
-    def grid(self) -> list[ObjectView | None]:
-        """Every cell, row by row."""
-        cells = zip(self.codes.T.ravel().tolist(), self.places.T.ravel().tolist(), strict=True)
-        return [None if code == EMPTY else self._view(code, place) for code, place in cells]
-
-    def get(self, i: int, j: int) -> ObjectView | None:
-        """What lies in a cell, column and row.
-
-        Raises:
-            IndexError: if there is no such cell.
-        """
-        self._check(i, j)
-        return self._view(int(self.codes[i, j]), int(self.places[i, j]))
-
-    def set(self, i: int, j: int, v: Any) -> None:
-        """Lay a thing into a cell of the world, one from this world or of Minigrid's classes; None empties it.
-
-        Raises:
-            IndexError: if there is no such cell.
-            WorldError: if this is not the world's grid but a copy or a part of it, or too many things were made.
-        """
-        self._check(i, j)
-        if not np.shares_memory(self.codes, self._state.row):
-            raise WorldError("this grid is a copy; set cells of env.unwrapped.grid instead")
-        put(self._state.row, i, j, self._code(v))
-
-    def slice(self, x: int, y: int, width: int, height: int) -> "GridView":
-        """A copy of a rectangle, from its top left cell; outside the grid is wall."""
-        codes, places = np.full((width, height), GREY_WALL, np.int32), np.full((width, height), -1, np.int64)
-        left, top = max(x, 0), max(y, 0)
-        right, bottom = max(min(x + width, self.width), left), max(min(y + height, self.height), top)
-        inside = slice(left - x, right - x), slice(top - y, bottom - y)
-        codes[inside] = self.codes[left:right, top:bottom]
-        places[inside] = self.places[left:right, top:bottom]
-        return GridView(self._state, self._kinds, codes, places)
-
-    def rotate_left(self) -> "GridView":
-        """A copy turned counter-clockwise."""
-        return GridView(self._state, self._kinds, np.rot90(self.codes, -1).copy(), np.rot90(self.places, -1))
-
-    def copy(self) -> "GridView":
-        """A copy of the cells as they are now."""
-        return self.slice(0, 0, self.width, self.height)
-
-    def encode(self, vis_mask: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
-        """Kind, colour and state of every cell, uint8[width, height, 3]; zeros where ``vis_mask`` is False."""
-        codes = self.codes
-        image = np.stack([kinds_of(codes), colours_of(codes), states_of(codes)], axis=-1).astype(np.uint8)
-        return image if vis_mask is None else image * vis_mask[..., None]
-
-    def __contains__(self, key: Any) -> bool:
-        """Whether a thing of a type, of a (colour, type), or this very thing lies in the grid."""
-        if type(key) is ObjectView:
-            return bool((self.codes == key.code).any())
-        colour, kind = key if isinstance(key, tuple) else (None, key)
-        return any(one is not None and one.type == kind and colour in (None, one.color) for one in self.grid)
-
-    def __eq__(self, other: object) -> bool:
-        """Whether another grid, ours or Minigrid's, looks the same."""
-        return hasattr(other, "encode") and np.array_equal(self.encode(), other.encode())
-
-    __hash__ = None  # type: ignore[assignment]  # it changes
-
-    def _check(self, i: int, j: int) -> None:
-        if not (0 <= i < self.width and 0 <= j < self.height):
-            raise IndexError(f"cell ({i}, {j}) is outside the grid of {self.width} x {self.height} cells")
-
-    def _view(self, code: int, place: int) -> ObjectView | None:
-        where = None if place < 0 else divmod(place, self._state.height)
-        return _object(code, where, self._state, self._kinds)
-
-    def _code(self, thing: Any) -> int:
-        row = self._state.row
-        if thing is None:
-            return EMPTY
-        if type(thing) is ObjectView:
-            place = self._state.find(identity_of(thing.code)) if identity_of(thing.code) else None
-            if place is not None:
-                put(row, *place, EMPTY)  # it cannot lie in two cells
-            return thing.code
-        kind, colour, state = thing.encode()
-        if not thing.can_pickup() and kind != DOOR:
-            return pack(kind, colour, state, 0)
-        code = int(make(row, kind, colour, state))
-        if code == EMPTY:
-            row[FAILED] = 0
-            raise WorldError(
-                f"{row[OBJECTS]} things were made in this episode, the maximum for this grid; reuse those that "
-                "grid.get returns"
-            )
-        if thing.contains is not None:
-            row[contents_index(row, identity_of(code))] = self._code(thing.contains)
-        return code
-
-
-@dataclass(frozen=True, slots=True)
-class RoomView:
-    """A room of a grid of equal rooms."""
-
-    top: Place  # its top left cell
-    size: Place
-    doors: tuple[ObjectView | None, ...]  # right, down, left, up
 
 
 class MinigridCompat(abc.ABC):
-    """Mixed into every grid world: reads its ``state``."""
+    """Mixed into every grid world: reads and writes its ``state``."""
 
     kinds: ClassVar[tuple[ObjectKind, ...]]
+    image_shape: tuple[int, int, int]
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """What every grid world has beside these names."""
+
+    _is_made = False  # a world of the catalogue is: from then on no attribute is added
+    _views: ObjectViews | None = None  # of the episode's things, once one was asked for
 
     @property
     @abc.abstractmethod
@@ -274,78 +80,123 @@ class MinigridCompat(abc.ABC):
     @property
     def carrying(self) -> ObjectView | None:
         """What is in the agent's hand; None for nothing."""
-        return _object(self.state.carrying, None, self.state, self.kinds)
+        return self.object_views().of(self.state.carrying, None)
 
     @carrying.setter
     def carrying(self, thing: Any) -> None:
-        self.state.row[CARRYING] = self.grid._code(thing)
+        self.state.row[CARRYING] = self.grid.code_for(thing)
 
-    @ReadOnlyName
+    @UpstreamName
     def actions(self) -> type[IntEnum]:
         """The seven actions by name; a world may take fewer."""
         return Actions
 
-    @ReadOnlyName
+    @set_instead("set agent_pos or agent_dir")
     def dir_vec(self) -> NDArray[np.int64]:
         """One step ahead, as (columns, rows)."""
         return np.array(STEPS[self.state.direction])
 
-    @ReadOnlyName
+    @set_instead("set agent_pos or agent_dir")
     def front_pos(self) -> NDArray[np.int64]:
         """The cell in front of the agent."""
         return np.add(self.state.position, STEPS[self.state.direction])
 
-    @ReadOnlyName
+    @set_instead("set agent_pos or agent_dir")
     def right_vec(self) -> NDArray[np.int64]:
         """One step to the right, as (columns, rows)."""
         right, down = STEPS[self.state.direction]
         return np.array((-down, right))
 
-    @ReadOnlyName
+    @UpstreamName
     def see_through_walls(self) -> bool:
         """Whether walls hide nothing."""
         return bool(self.state.row[SEE_THROUGH] & 1)
 
-    @ReadOnlyName
+    @see_through_walls.setter
+    def see_through_walls(self, seen: bool) -> None:
+        self.state.row[SEE_THROUGH] = int(self.state.row[SEE_THROUGH]) & ~1 | check_bool("see_through_walls", seen)
+
+    @set_instead("put a Goal into a cell with put_obj()")
     def goal_pos(self) -> Place | None:
         """The first goal's column and row, counted row by row; None without one."""
         goals = np.argwhere(self.state.kinds.T == GOAL)
         return (int(goals[0, 1]), int(goals[0, 0])) if len(goals) else None
 
-    @ReadOnlyName
+    @set_instead("put a Goal into a cell with put_obj()")
     def goal_position(self) -> Place | None:
         """`goal_pos`."""
         return self.goal_pos
 
-    @ReadOnlyName
+    @UpstreamName
     def step_count(self) -> int:
         """Steps taken in this episode."""
         return self.state.step
 
-    @ReadOnlyName
+    @step_count.setter
+    def step_count(self, steps: int) -> None:
+        self.state.row[STEP] = check_whole("step_count", steps, 0, LARGEST_STEP_LIMIT)
+
+    @set_instead("set step_count or max_steps")
     def steps_remaining(self) -> int:
         """Steps left before the episode is truncated."""
         return self.state.max_steps - self.state.step
 
-    @ReadOnlyName
+    @UpstreamName
+    def reward_range(self) -> tuple[int, int]:
+        """The least and the most that an episode earns, as Minigrid says; nothing reads it."""
+        return (-1 if self.state.row[TASK] == rewards.DODGE else 0), 1
+
+    @set_instead("give the size when the world is made")
     def width(self) -> int:
         """Columns."""
         return self.state.width
 
-    @ReadOnlyName
+    @set_instead("give the size when the world is made")
     def height(self) -> int:
         """Rows."""
         return self.state.height
 
-    @ReadOnlyName
+    @UpstreamName
     def agent_view_size(self) -> int:
         """Cells on a side of the agent's view."""
-        return int(self.image_shape[0])  # type: ignore[attr-defined]  # every grid world has one
+        return int(self.image_shape[0])
 
-    @ReadOnlyName
+    @agent_view_size.setter
+    def agent_view_size(self, size: int) -> None:
+        self.image_shape = see_size(size), size, 3
+
+    @set_instead("set its cells with grid.set(), one by one")
     def grid(self) -> GridView:
         """The cells."""
-        return GridView(self.state, self.kinds)
+        return GridView(self.object_views())
+
+    @set_instead("make the world with render_mode='human'")
+    def window(self) -> Any:
+        """The window of ``render_mode="human"``; None while there is none."""
+        return vars(self).get("_window")
+
+    @set_instead("make the world with render_mode='human'")
+    def clock(self) -> Any:
+        """`window`: what keeps its rate."""
+        return self.window
+
+    @set_instead("make the world with a tile_size")
+    def render_size(self) -> tuple[int, int] | None:
+        """The columns and rows of pixels that the window shows; None while there is none."""
+        tile_px = int(self.tile_size)
+        return None if self.window is None else (self.width * tile_px, self.height * tile_px)
+
+    def object_views(self) -> ObjectViews:
+        """Return the things of this episode."""
+        if self._views is None:
+            self._views = ObjectViews(self.state, self.kinds)
+        return self._views
+
+    def _close_object_views(self) -> None:
+        """Let the views of the episode that ends here show its last state."""
+        if self._views is not None:
+            self._views.freeze()
+            self._views = None
 
     def get_view_coords(self, i: int, j: int) -> Place:
         """Where a cell is in the agent's view, column and row of the image, inside the image or not."""
@@ -379,14 +230,14 @@ class MinigridCompat(abc.ABC):
         grid = self.grid.slice(left, top, size, size)
         for _ in range(self.state.direction + 1):
             grid = grid.rotate_left()
-        seen = self.look(size)[..., 0] != UNSEEN  # type: ignore[attr-defined]  # every grid world has it
+        seen = self.look(size)[..., 0] != UNSEEN
         codes = np.where(seen, grid.codes, EMPTY)
         codes[size // 2, size - 1], grid.places[size // 2, size - 1] = self.state.carrying, -1
-        return GridView(self.state, self.kinds, codes, grid.places), seen
+        return GridView(self.object_views(), codes, grid.places), seen
 
     def gen_obs(self) -> dict[str, Any]:
         """What the agent observes now."""
-        return dict(self.observation())  # type: ignore[attr-defined]
+        return dict(self.observation())
 
     def agent_sees(self, x: int, y: int) -> bool:
         """Whether the agent sees what lies in a cell; an empty one shows nothing."""
@@ -394,7 +245,7 @@ class MinigridCompat(abc.ABC):
         if place is None:
             return False
         lies = self.state.cells[x, y]
-        seen = self.look(int(self.agent_view_size))[place]  # type: ignore[attr-defined]
+        seen = self.look(int(self.agent_view_size))[place]
         return bool(lies != EMPTY and seen[0] == kind_of(int(lies)))
 
     def get_frame(self, highlight: bool = True, tile_size: int = 32, agent_pov: bool = False) -> NDArray[np.uint8]:
@@ -429,26 +280,141 @@ class MinigridCompat(abc.ABC):
         """Lay a thing into a cell: `GridView.set`."""
         self.grid.set(i, j, obj)
 
+    def place_obj(
+        self,
+        obj: Any,
+        top: Sequence[int] | None = None,
+        size: Sequence[int] | None = None,
+        reject_fn: Callable[[Any, Place], bool] | None = None,
+        max_tries: float = math.inf,
+    ) -> Place:
+        """Lay a thing into an empty cell of a rectangle, drawn from ``np_random`` as Minigrid draws it.
+
+        Raises:
+            RecursionError: if none was found in so many tries.
+        """
+        left, upper = (0, 0) if top is None else (max(top[0], 0), max(top[1], 0))
+        columns, rows = (self.width, self.height) if size is None else size
+        cells, rng = self.state.cells, self.np_random
+        tries = 0
+        while tries <= max_tries:
+            tries += 1
+            place = (
+                int(rng.integers(left, min(left + columns, self.width))),
+                int(rng.integers(upper, min(upper + rows, self.height))),
+            )
+            is_free = cells[place] == EMPTY and place != self.state.position
+            if is_free and not (reject_fn is not None and reject_fn(self, place)):
+                self.grid.set(*place, obj)
+                return place
+        raise RecursionError(f"no cell was free or accepted in {max_tries} tries; give place_obj a larger rectangle")
+
+    def place_agent(self, *where: Any, **named: Any) -> Place:
+        """Stand the agent into an empty cell, drawn from ``np_random`` as Minigrid draws it.
+
+        In a grid of equal rooms the arguments are ``i``, ``j`` and ``rand_dir``: a room's column and row, drawn without
+        them; elsewhere ``top``, ``size``, ``rand_dir`` and ``max_tries``.
+        """
+        return (self._place_agent_in_room if self._room_size else self._place_agent)(*where, **named)
+
+    def _place_agent(
+        self,
+        top: Sequence[int] | None = None,
+        size: Sequence[int] | None = None,
+        rand_dir: bool = True,
+        max_tries: float = math.inf,
+    ) -> Place:
+        self.state.row[[X, Y]] = -1
+        self.agent_pos = self.place_obj(None, top, size, max_tries=max_tries)
+        if rand_dir:
+            self.agent_dir = int(self.np_random.integers(0, 4))
+        return self.agent_pos
+
+    def _place_agent_in_room(self, i: int | None = None, j: int | None = None, rand_dir: bool = True) -> Place:
+        rooms, rng = self._rooms(), self.np_random
+        column = int(rng.integers(0, rooms.columns)) if i is None else i
+        room = rooms.room(column, int(rng.integers(0, rooms.rows)) if j is None else j)
+        while True:
+            self._place_agent(room.top, room.size, rand_dir, max_tries=1000)
+            ahead = self.grid.get(*self.front_pos)
+            if ahead is None or ahead.type == "wall":
+                return self.agent_pos
+
+    def place_in_room(self, i: int, j: int, obj: Any) -> tuple[ObjectView, Place]:
+        """Lay a thing into a room, not beside the agent, drawn from ``np_random`` as Minigrid draws it.
+
+        Raises:
+            RecursionError: if there is no room for it.
+        """
+        room, agent = self.get_room(i, j), self.state.position
+        place = self.place_obj(
+            obj, room.top, room.size, lambda _, at: abs(at[0] - agent[0]) + abs(at[1] - agent[1]) < 2, max_tries=1000
+        )
+        laid = self.grid.get(*place)
+        assert laid is not None
+        return laid, place
+
+    def add_object(self, i: int, j: int, kind: str | None = None, color: str | None = None) -> tuple[ObjectView, Place]:
+        """Lay a new key, ball or box into a room; its kind and colour are drawn where they are not given."""
+        rng = self.np_random
+        kind = ("key", "ball", "box")[int(rng.integers(0, 3))] if kind is None else kind
+        number = KINDS.index(check_one_of("kind", kind, ("key", "ball", "box")))
+        colour = SORTED_COLOURS[int(rng.integers(0, 6))] if color is None else COLOURS.index(color)
+        return self.place_in_room(i, j, self.object_views().make(number, colour))
+
+    def add_distractors(
+        self, i: int | None = None, j: int | None = None, num_distractors: int = 10, all_unique: bool = True
+    ) -> list[ObjectView]:
+        """Lay new keys, balls and boxes into a room or drawn ones; ``all_unique``: no two alike in the world."""
+        rooms, rng = self._rooms(), self.np_random
+        lying = {(cell.type, cell.color) for cell in self.grid.grid if cell is not None and cell.can_pickup()}
+        added: list[ObjectView] = []
+        while len(added) < num_distractors:
+            colour = COLOURS[SORTED_COLOURS[int(rng.integers(0, 6))]]
+            kind = ("key", "ball", "box")[int(rng.integers(0, 3))]
+            if all_unique and (kind, colour) in lying:
+                continue
+            column = int(rng.integers(0, rooms.columns)) if i is None else i
+            row = int(rng.integers(0, rooms.rows)) if j is None else j
+            added.append(self.add_object(column, row, kind, colour)[0])
+            lying.add((kind, colour))
+        return added
+
+    @property
+    def _room_size(self) -> int:
+        """Cells on a side of each room of a grid of equal rooms; 0 elsewhere."""
+        return int(getattr(vars(self).get("recipe"), "room_size", 0))
+
+    def _rooms(self) -> RoomGridView:
+        if not self._room_size:
+            raise WorldError(f"{self} is not a grid of equal rooms, so no cell has a room; compare columns and rows")
+        return RoomGridView(self.grid, self._room_size)
+
     def room_from_pos(self, x: int, y: int) -> RoomView:
         """The room of a cell, where the world is a grid of equal rooms.
 
         Raises:
             WorldError: if it is not.
         """
-        size = getattr(getattr(self, "recipe", None), "room_size", 0)
-        if not size:
-            raise WorldError(f"{self} is not a grid of equal rooms, so no cell has a room; compare columns and rows")
-        left, top = (min(at, count - 2) // (size - 1) * (size - 1) for at, count in ((x, self.width), (y, self.height)))
-        grid = self.grid.slice(left, top, size, size)
-        last, along = size - 1, range(size)
-        walls = [(last, k) for k in along], [(k, last) for k in along], [(0, k) for k in along], [(k, 0) for k in along]
-        lying = ([one for one in (grid.get(*cell) for cell in wall) if one is not None] for wall in walls)
-        doors = (next((one for one in wall if one.type == "door"), None) for wall in lying)
-        return RoomView((left, top), (size, size), tuple(doors))
+        rooms = self._rooms()
+        column, row = (min(at, count - 2) // (rooms.size - 1) for at, count in ((x, self.width), (y, self.height)))
+        return rooms.room(column, row)
+
+    def get_room(self, i: int, j: int) -> RoomView:
+        """The room in a column and a row of rooms, where the world is a grid of equal rooms.
+
+        Raises:
+            WorldError: if it is not, or has no such room.
+        """
+        return self._rooms().room(i, j)
+
+    def _reward(self) -> float:
+        """What success would earn now."""
+        return float(rewards.success_reward(self.state.row))
 
     def pprint_grid(self) -> str:
         """The grid in characters: `text`."""
-        return str(self.text())  # type: ignore[attr-defined]
+        return str(self.text())
 
     def full_image(self) -> NDArray[np.uint8]:
         """The whole grid with the agent in it, uint8[width, height, 3]."""
@@ -457,13 +423,4 @@ class MinigridCompat(abc.ABC):
         return image
 
 
-def _object(code: int, place: Place | None, state: State, kinds: Sequence[ObjectKind]) -> ObjectView | None:
-    if code == EMPTY:
-        return None
-    number, door = kind_of(code), state_of(code)
-    own = kinds[number - FIRST_OWN_KIND] if number >= FIRST_OWN_KIND else None
-    opens = own.opens if own else number == DOOR
-    inside = int(state.contents[identity_of(code) - 1]) if KINDS[number : number + 1] == ("box",) else 0
-    contains = _object(inside, None, state, kinds) if inside else None
-    name, colour = kind_name(number, kinds), COLOURS[colour_of(code)]
-    return ObjectView(name, colour, opens and door == OPEN, opens and door == LOCKED, place, contains, own, code)
+define_names(MinigridCompat, FAMILY_NAMES, read_family_name)

@@ -5,6 +5,7 @@ A subclass says `bodies` and writes `layout`, which places each of them. `core.b
 
 import abc
 from collections.abc import Sequence
+from copy import deepcopy
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -46,6 +47,7 @@ class TeamSnapshot(NamedTuple):
     row: Row
     rng_state: RngState
     mission: str
+    kept: dict[str, Any]
 
 
 class TeamGrid(TeamWorld, abc.ABC):
@@ -63,6 +65,7 @@ class TeamGrid(TeamWorld, abc.ABC):
 
     bodies: int = 2
     kinds: ClassVar[tuple[ObjectKind, ...]] = ()  # things of its own, at most five kinds
+    kept: ClassVar[tuple[str, ...]] = ()  # own attributes that change in an episode: saved and hashed with the state
     shared_reward: ClassVar[bool] = True  # each body earns what all earn together; otherwise its own
     action_names = TEAM_ACTION_NAMES
     idle_action = STAY
@@ -117,12 +120,13 @@ class TeamGrid(TeamWorld, abc.ABC):
         """The state, readable by name; its agent is body 0."""
         return State(self._row)
 
-    def reset(self, seed: int) -> None:
+    def reset(self, seed: int | None = None) -> None:
         """Lay out a new episode.
 
         Raises:
             WorldError: if the layout leaves a body out, or finds no place for something.
         """
+        seed = self.choose_seed(seed)
         self.np_random = np.random.default_rng(seed)
         clear(self._row)
         clear_bodies(self._row)
@@ -203,15 +207,17 @@ class TeamGrid(TeamWorld, abc.ABC):
         return floor_plan(self.state, kinds=self.kinds)
 
     def state_hash(self) -> int:
-        """A uint64 over layout, bodies, task, mission and random stream."""
+        """A uint64 over layout, bodies, task, mission, random stream and what is kept."""
         saved = self.save()
-        return hash64([saved.row, saved.rng_state[: 6 if saved.rng_state[4] else 4], saved.mission])
+        hashed = [saved.row, saved.rng_state[: 6 if saved.rng_state[4] else 4], saved.mission]
+        return hash64([*hashed, saved.kept] if self.kept else hashed)
 
     def save(self) -> TeamSnapshot:
         """An exact copy of the state in mid-episode."""
         rng_state = np.zeros(6, np.uint64)
         read_rng_state(self.np_random, rng_state)
-        return TeamSnapshot(self._row.copy(), rng_state, self.mission)
+        kept = {name: deepcopy(getattr(self, name)) for name in self.kept}
+        return TeamSnapshot(self._row.copy(), rng_state, self.mission, kept)
 
     def restore(self, saved: TeamSnapshot) -> None:
         """Go back to a saved state of a world of the same size and number of bodies."""
@@ -222,4 +228,6 @@ class TeamGrid(TeamWorld, abc.ABC):
         self._row[:] = saved.row
         write_rng_state(saved.rng_state, self.np_random)
         self.mission = saved.mission
+        for name in self.kept:
+            setattr(self, name, deepcopy(saved.kept[name]))
         self._look()

@@ -8,14 +8,16 @@ from functools import partial
 from typing import Any
 
 from minihuman.worlds.grid.engine import GridEngine
-from minihuman.worlds.grid.env import GridEnv
+from minihuman.worlds.grid.env import GridEnv, GridEnvOnScreen
 from minihuman.worlds.grid.layouts.drawn_level import DrawnLevel
 from minihuman.worlds.grid.layouts.go_to_obj import GoToObjGrid
 
 
 def make_grid_world(family: str, **options: Any) -> Any:
     """A world of a family or a level; ``view="first_person"`` shows it from inside, in 3D."""
-    return make_with_view(partial(GridEnv, family), **options)
+    seen_from_above = options.get("view", "grid") == "grid"
+    kind = GridEnvOnScreen if seen_from_above and options.get("render_mode") == "human" else GridEnv
+    return make_with_view(partial(kind, family), **options)
 
 
 def make_go_to_obj_world(**options: Any) -> Any:
@@ -42,5 +44,6 @@ def make_with_view(grid: Callable[..., GridEngine], *, view: str = "grid", **opt
     return view_first_person(grid(**options), view, **picture)
 
 
-for _make in (make_grid_world, make_go_to_obj_world, make_drawn_level):
+for _make in (make_go_to_obj_world, make_drawn_level):
     vars(_make)["metadata"] = GridEngine.metadata  # where Gymnasium looks which render modes it has to add
+vars(make_grid_world)["metadata"] = GridEnvOnScreen.metadata

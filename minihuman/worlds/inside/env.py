@@ -32,6 +32,7 @@ from minihuman.worlds.grid.core.state import FIRST_OWN_KIND, State
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.object_kinds import BlockShape, MeshShape, ObjectKind
 from minihuman.worlds.grid.pictures.tiles import colour_rgb
+from minihuman.worlds.human_window import ShowsItself
 from minihuman.worlds.options import MAX_PIXELS, check_whole
 from minihuman.worlds.pose import Pose
 
@@ -204,7 +205,7 @@ def _as_in_grid(name: str) -> Any:
     return answer
 
 
-class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
+class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld):
     """A grid world whose observation's "image" is what the agent would see, uint8[obs_height, obs_width, 3].
 
     Args:
@@ -246,16 +247,28 @@ class GridFromInside(gymnasium.Env[dict[str, Any], int], NativeWorld):
         """Lay out a new episode, the grid's own for that seed."""
         super().reset(seed=seed)
         observation, info = self.grid.reset(seed=seed, options=options)
-        return self._seen(observation), info
+        return self._shown(self._seen(observation)), info
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Act as in the grid."""
         observation, reward, terminated, truncated, info = self.grid.step(action)
-        return self._seen(observation), reward, terminated, truncated, info
+        return self._shown(self._seen(observation)), reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """What the agent sees, 800 x 600; None without a render mode."""
-        return None if self.render_mode is None else self.picture(size_px=(800, 600))
+        """What the agent sees, 800 x 600; None without a render mode, and where a window shows it."""
+        if self.render_mode == "human":
+            self.show_in_window(self._rendered)
+            return None
+        return None if self.render_mode is None else self._rendered()
+
+    def _rendered(self) -> NDArray[np.uint8]:
+        return self.picture(size_px=(800, 600))
+
+    def _shown(self, observation: dict[str, Any]) -> dict[str, Any]:
+        """The observation, once a window for people has shown it."""
+        if self.render_mode == "human":
+            self.render()
+        return observation
 
     pose, map, subgoals, advance = (_as_in_grid(name) for name in ("pose", "map", "subgoals", "advance"))
     state_hash, scene_hash = (_as_in_grid(name) for name in ("state_hash", "scene_hash"))

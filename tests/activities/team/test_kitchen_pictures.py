@@ -38,7 +38,7 @@ def until_shown(somebody: Somebody, right: np.ndarray) -> None:
 
 @pytest.mark.program
 def test_both_pages_show_the_kitchen_to_the_pixel_also_after_they_were_loaded_again(tmp_path: Path) -> None:
-    steps = count(20, 200)
+    steps = count(16, 200)
     fixed = ", ".join(f'{key} = "{action}"' for action, key in KEYS.items())
     path = team_study(
         tmp_path,

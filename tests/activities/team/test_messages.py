@@ -13,6 +13,7 @@ from minihuman.activities.team.messages import MESSAGE_LETTERS
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.admin.withdrawal import withdraw_participant
+from minihuman.api import export
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.events import Noted
 from minihuman.experiment.machine.inputs import TextInput
@@ -274,3 +275,29 @@ def test_without_either_nothing_is_written_or_shown(tmp_path: Path) -> None:
     two.wait(1)
     assert one.of(MessageShown) == []
     assert one.machine.screen.messages is None
+
+
+def test_messages_of_a_page_that_moves_its_clock_reach_the_partner_at_the_servers_interval(tmp_path: Path) -> None:
+    (one, two), clock, _ = talking(tmp_path)
+    for number in range(3):
+        one.wait(2001)  # by its own clock
+        write(one, f"word{number}")
+    two.wait(1)
+    assert len(two.of(MessageShown)) == 1
+    clock.s += 2.1
+    two.wait(1)
+    assert len(two.of(MessageShown)) == 2
+
+
+def test_a_bids_export_has_no_log_with_what_people_wrote_to_each_other_unless_asked(tmp_path: Path) -> None:
+    (one, two), _, _ = talking(tmp_path)
+    write(one, SECRET)
+    two.wait(1)
+    end(one, two)
+    exported = export("bids", tmp_path / "duet", tmp_path / "bids")
+    copied = [path.name for path in (tmp_path / "bids" / "sourcedata").rglob("*.mcap")]
+    assert len(copied) == 1  # the other's, which holds digests alone
+    assert any("1 logs with messages between participants are not in sourcedata" in note for note in exported.notes)
+    assert "--with-messages" in (tmp_path / "bids" / "README.md").read_text()
+    export("bids", tmp_path / "duet", tmp_path / "all", with_messages=True)
+    assert len(list((tmp_path / "all" / "sourcedata").rglob("*.mcap"))) == 2

@@ -21,7 +21,7 @@ from minihuman.log.read.session_reader import read_events
 from minihuman.runtime.machine import SessionClock
 from minihuman.runtime.shared_window import GAP_PX, SharedWindow, host_team
 from minihuman.runtime.simulated_session import simulate
-from minihuman.runtime.team_host import count_seats_at_machine
+from minihuman.runtime.team_seating import count_seats_at_machine
 from minihuman.worlds.adapters.world import World
 from tests.activities.team.study import PEOPLE, team_study
 

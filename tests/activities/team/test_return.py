@@ -1,20 +1,24 @@
 """Members who quit, come back, or sit before a page and press nothing: which steps each log holds, and who acted."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+import minihuman
 from minihuman.activities.team.events import JointStepped, SeatTaken, TeamEnded
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.agents.agent import RandomAgent
+from minihuman.dataset.selection import Selection
 from minihuman.experiment.machine.events import EpisodeEnded, KeyPressed
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.replay import compare_replay
 from minihuman.log.read.session_reader import read_log
-from minihuman.runtime.team_host import SeatAgent, TeamTable
+from minihuman.runtime.seat_agents import SeatAgent
+from minihuman.runtime.team_host import TeamTable
 from minihuman.worlds.adapters.world import World
 from tests.activities.team.machines import Clock, Seat, sit_down
 from tests.activities.team.study import PEOPLE, WITH_AGENT, team_study
@@ -342,3 +346,42 @@ def test_the_second_attempt_of_one_is_compared_with_the_first_of_the_other(tmp_p
     for seat in again:
         seat.stop_and_save()
     assert [good for _, good in verify_teams(tmp_path / "duet")] == [True]
+
+
+def test_tables_report_exclusions_and_verify_agree_on_who_played_while_a_partner_was_away(tmp_path: Path) -> None:
+    excluded = '[[exclusions]]\nlevel = "episode"\nmeasure = "absent_share"\nabove = 0.3\nreason = "partner away"\n'
+    team = f"{PEOPLE}\npartner_wait_s = 2"
+    path = team_study(tmp_path, block=TICKS, team=team, max_steps=40, episodes=2, more=excluded)
+    (one, two), clock, _ = sit_down(path, tmp_path)
+    one.to_play(two)
+    away = two.part.formed.seat
+    for episode in range(2):
+        while len(one.of(EpisodeEnded)) == episode:
+            one.press(key_of(one, "left"))
+            is_away = episode == 0 and len(one.joint) >= 5
+            if not is_away:
+                two.press(key_of(two, "left"))
+            ticks(clock, one, two, number=1)
+        if episode == 0:
+            one.to_play(two)
+    for seat in (one, two):
+        seat.wait(600)
+        seat.press("enter")
+        seat.stop_and_save()
+    agent_steps = sum(event.sources[away] == "agent" for event in one.of(JointStepped))
+    assert agent_steps > 12
+    assert all(good for _, good in verify_teams(tmp_path / "duet"))
+    study = minihuman.open_study(tmp_path / "duet", Selection(with_=("rules",)))
+    teams = study.table("teams")
+    assert set(teams["agent_steps"]) == {agent_steps, 0}
+    played_by = json.loads(teams["played_by"].iloc[0])
+    assert played_by[away] == {"agent": agent_steps, "person": 40 - agent_steps}
+    assert played_by[1 - away] == {"person": 40}
+    assert set(teams["absent_share"]) == {agent_steps / 40, 0.0}
+    assert set(study.table("absences")["state"]) == {"idle", "here"}
+    episodes = minihuman.open_study(tmp_path / "duet").table("episodes", with_excluded=True)
+    assert list(episodes.loc[episodes["absent_share"] > 0.3, "exclusion_reason"]) == ["partner away"] * 2
+    minihuman.report(tmp_path / "duet", tmp_path / "report")
+    page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+    assert '<h2 id="who-played">Who played</h2>' in page
+    assert "partner away" in page

@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from minihuman.activities.trials.plan import StimuliSpec
+from minihuman.activities.trials.stimulus_table import read_table
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.log import verify_session
 from minihuman.dataset.included_episodes import IncludedEpisode
@@ -22,7 +23,6 @@ from minihuman.experiment.machine.inputs import KeyDown, KeyUp, ScreenShown
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
-from minihuman.experiment.plan.trials import read_table
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.replay import compare_replay
 from minihuman.exporters.flat_observations import env_spec
@@ -150,7 +150,7 @@ def test_feedback_goes_by_itself_and_enter_does_not_shorten_it():
 
 def test_a_cell_is_a_number_only_where_it_is_written_as_one():
     table = b"text,correct,size\n007,left,0.25\n1_0,left,1\nnan,right,0.5\ninfinity,right,2\n12,left,-3\n"
-    rows = read_table(StimuliSpec(file="table.csv"), {"table.csv": table})
+    rows = [row.cells for row in read_table(StimuliSpec(file="table.csv"), {"table.csv": table})]
     assert [row["text"] for row in rows] == ["007", "1_0", "nan", "infinity", 12]
     assert [row["size"] for row in rows] == [0.25, 1, 0.5, 2, -3]
 

@@ -87,3 +87,19 @@ test("a late hello of its own that takes the session over does not send the page
   third.onclose({ code: 4001, reason: "" });
   assert.equal(left.length, 1);
 });
+
+
+test("a page lets the server hear of it as often as the server asks, and says farewell", async () => {
+  const connection = openConnection();
+  const [socket] = SilentSocket.made;
+  socket.open();
+  connection.welcomed = true;
+  connection.latency.restart(1000);
+  for (let pings = 0; pings < 4; pings++) wait(60); // at a start they come faster
+  const before = socket.sent.length;
+  connection.latency.receive({ t: "pong", sent: 0, received: 0, answered: 0 });
+  wait(999);
+  assert.ok(socket.sent.length > before);
+  connection.bidFarewell(true);
+  assert.deepEqual(JSON.parse(socket.sent.at(-1)), { t: "bye", left: true });
+});

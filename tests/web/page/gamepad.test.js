@@ -20,7 +20,7 @@ beforeEach(() => {
   Object.defineProperty(globalThis, "navigator", { configurable: true, value: { getGamepads: () => [null, pad] } });
   Object.defineProperty(globalThis, "performance", { configurable: true, value: { now: () => now } });
   const keyboard = {
-    press: (name, _symbol, ms) => heard.push(`press ${name} ${ms}`),
+    press: (name, _symbol, ms, _trusted, cause) => heard.push(`${cause === "finger" ? "press" : cause} ${name} ${ms}`),
     release: (name, ms) => heard.push(`release ${name} ${ms}`),
   };
   reader = new GamepadReader(keyboard, () => hasFocus, (what, ms) => {
@@ -45,15 +45,27 @@ test("a gamepad that is unplugged lets go of its buttons and sticks", () => {
   assert.deepEqual(heard, ["release pad_south 120", "pad_left_x 0 120", "release stick_left 120"]);
 });
 
-test("a stick that is still deflected when the focus comes back presses again", () => {
+test("what was deflected or pressed before the focus came is no press, and moves nothing until it was at rest", () => {
   pad.axes = [1, 0, 0, 0];
   read(110);
   hasFocus = false;
+  pad.buttons[0] = { pressed: true, value: 1 };
   read(120);
   hasFocus = true;
   heard = [];
   read(130);
-  assert.deepEqual(heard, ["press stick_right 130"]);
+  assert.deepEqual(heard, ["held_before_focus pad_south 130", "pad_left_x 0 130", "held_before_focus stick_right 130"]);
+  pad.axes = [0.6, 0, 0, 0];
+  heard = [];
+  read(140);
+  pad.axes = [0, 0, 0, 0];
+  pad.buttons[0] = { pressed: false, value: 0 };
+  read(150);
+  pad.axes = [1, 0, 0, 0];
+  read(160);
+  assert.deepEqual(heard, [
+    "release pad_south 150", "release stick_right 150", "pad_left_x 1 160", "press stick_right 160",
+  ]);
 });
 
 test("what changed is stamped by the gamepad's own time, but never before the last reading", () => {

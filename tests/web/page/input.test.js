@@ -21,8 +21,10 @@ beforeEach(() => {
     isScrollable: () => state.scrollable,
     now: () => 0,
     timeOf: (ms) => ms,
-    press: (key, symbol, _stamp, _trusted, isRepeat) => heard.push(`${isRepeat ? "repeat" : "press"} ${key} ${symbol}`.trim()),
-    release: (key) => heard.push(`release ${key}`),
+    press: (key, symbol, _stamp, _trusted, isRepeat, cause) => {
+      heard.push(`${isRepeat ? "repeat" : cause === "finger" ? "press" : cause} ${key} ${symbol}`.trim());
+    },
+    release: (key, _stamp, _trusted, cause) => heard.push(cause === "finger" ? `release ${key}` : `${cause} ${key}`),
   });
   keyboard.codes = { KeyA: "a", ArrowUp: "up", MetaLeft: "meta", Enter: "enter" };
   mock.timers.reset();
@@ -31,7 +33,7 @@ beforeEach(() => {
 
 /** Whether the browser keeps the key. */
 function send(type, code, key, fields = {}) {
-  const event = Object.assign(new Event(type, { cancelable: true }), { code, key, ...fields });
+  const event = Object.assign(new Event(type, { cancelable: true }), { code, key, getModifierState: () => false, ...fields });
   return target.dispatchEvent(event);
 }
 
@@ -58,12 +60,32 @@ test("a held key repeats after 500 ms, every 33 ms, until it comes up", () => {
   assert.deepEqual(heard, ["press a a", "repeat a a", "repeat a a", "repeat a a", "release a"]);
 });
 
-test("a window that loses the focus holds no key down", () => {
+test("a window that loses the focus holds no key down, and says that no finger left it", () => {
   send("keydown", "KeyA", "a");
-  keyboard.clear();
+  keyboard.releaseAll();
+  mock.timers.tick(1000);
+  assert.deepEqual(heard, ["press a a", "focus_loss a"]);
+});
+
+test("a key that was down before the focus is no press, and repeats nothing", () => {
+  send("keydown", "KeyA", "a", { repeat: true });
+  send("keydown", "KeyA", "a", { repeat: true });
   mock.timers.tick(1000);
   send("keyup", "KeyA", "a");
-  assert.deepEqual(heard, ["press a a"]);
+  send("keydown", "KeyA", "a");
+  assert.deepEqual(heard, ["held_before_focus a a", "release a", "press a a"]);
+});
+
+test("a key of which only the release is seen was down before the focus", () => {
+  send("keyup", "Enter", "Enter");
+  assert.deepEqual(heard, ["held_before_focus enter", "release enter"]);
+});
+
+test("a letter beside Ctrl, Alt or Meta is a shortcut, beside AltGr it is a key", () => {
+  send("keydown", "KeyA", "a", { ctrlKey: true });
+  send("keyup", "KeyA", "a");
+  send("keydown", "KeyA", "@", { ctrlKey: true, altKey: true, getModifierState: (name) => name === "AltGraph" });
+  assert.deepEqual(heard, ["shortcut a a", "release a", "press a @"]);
 });
 
 test("when Command comes up, so does every key beside it", () => {
@@ -94,5 +116,7 @@ test("keys of an input method are the input method's", () => {
 test("nothing is heard before the session's time is known, or after the end", () => {
   state.active = false;
   assert.equal(send("keydown", "KeyA", "a"), true);
+  state.active = true;
+  send("keyup", "KeyA", "a");
   assert.deepEqual(heard, []);
 });

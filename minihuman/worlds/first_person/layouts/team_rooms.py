@@ -110,9 +110,9 @@ class TeamRooms(TeamWorld):
         self._env = _SharedRooms(bodies, max_steps=max_steps, obs_width=obs_width, obs_height=obs_height)
         self.observation_space = spaces.Box(0, 255, (obs_height, obs_width, 3), np.uint8)
 
-    def reset(self, seed: int) -> None:
+    def reset(self, seed: int | None = None) -> None:
         """Begin a new episode."""
-        self._env.begin(seed=seed)
+        self._env.begin(seed=self.choose_seed(seed))
 
     def step(self, actions: Sequence[int]) -> TeamStep:
         """Make one joint step; bodies act one after the other, the first by the steps taken so far."""

@@ -1,0 +1,75 @@
+"""Build the npm package: `python js/build.py [FOLDER] [--pack]`; publishing it is a person's.
+
+The page's own modules, rules and tiles are packed as `minihuman pack` packs them; this folder adds what only other
+people's pages need. Types are written by TypeScript (`npm ci` in `tests/web/page`).
+"""
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+ROOT = HERE.parent
+TSC = ROOT / "tests/web/page/node_modules/typescript/bin/tsc"
+WORLDS = (  # that are in the package; `minihuman pack` packs others
+    *("MiniGrid-FourRooms-v0", "MiniGrid-Empty-8x8-v0", "MiniGrid-DoorKey-8x8-v0", "BabyAI-GoToLocal-v0"),
+)
+SEEDS = range(100)
+
+
+def build_package(folder: Path, *, with_types: bool = True) -> None:
+    """Write the package into a folder, which is emptied first.
+
+    Raises:
+        SystemExit: if TypeScript is wanted and not here.
+    """
+    from minihuman.web.world_pack import pack_worlds
+
+    shutil.rmtree(folder, ignore_errors=True)
+    pack_worlds(folder, SEEDS, WORLDS)
+    _drop_modules_without_simd(folder / "worlds")
+    for source in sorted((HERE / "src").iterdir()):
+        shutil.copy(source, folder)
+    shutil.copy(ROOT / "LICENSE", folder)
+    shutil.copy(HERE / "README.md", folder)
+    modules = sorted(path.name for path in folder.glob("*.js"))
+    package = json.loads((HERE / "package.json").read_text(encoding="utf-8"))
+    package["files"] = [*modules, "types", "worlds", "starts", "index.json", "atlas.z"]
+    (folder / "package.json").write_text(json.dumps(package, indent=2) + "\n", encoding="utf-8")
+    if with_types:
+        _write_types(folder, modules)
+
+
+def _drop_modules_without_simd(folder: Path) -> None:
+    """Leave out the modules for browsers from before 2023, where there are others: they are a third of the package."""
+    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    for module in manifest["modules"].values():
+        if any(file["simd"] for file in module["files"]):
+            for file in module["files"]:
+                if not file["simd"]:
+                    (folder / file["file"]).unlink()
+            module["files"] = [file for file in module["files"] if file["simd"]]
+    (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+
+
+def _write_types(folder: Path, modules: list[str]) -> None:
+    if not TSC.exists():
+        sys.exit(f"{TSC} does not exist; run: cd tests/web/page && npm ci")
+    options = ["--allowJs", "--checkJs", "--strict", "--declaration", "--emitDeclarationOnly", "--outDir", "types"]
+    target = ["--target", "es2023", "--lib", "es2023,dom,dom.iterable", "--module", "esnext"]
+    settings = [*options, *target, "--moduleResolution", "bundler"]
+    subprocess.run(["node", str(TSC), *settings, *modules], cwd=folder, check=True)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, nargs="?", default=HERE / "dist")
+    parser.add_argument("--pack", action="store_true", help="Run `npm pack` in it.")
+    given = parser.parse_args()
+    build_package(given.folder)
+    print(given.folder)
+    if given.pack:
+        subprocess.run(["npm", "pack"], cwd=given.folder, check=True)

@@ -1,0 +1,59 @@
+"""How a simulated person watches an agent play."""
+
+from minihuman.activities.agent_blocks.activity import AgentPlayActivity
+from minihuman.experiment.machine.activity import Activity
+from minihuman.experiment.machine.running_episode import NS_PER_MS, RunningEpisode
+from minihuman.experiment.machine.screens import PlayScreen, Screen
+from minihuman.simulation.part_simulation import (
+    PartSimulator,
+    SimulatedPerson,
+    ask_key,
+    check_press,
+    name_failures,
+)
+from minihuman.simulation.participant import KeyPress, SimulatedTeacher, WatchedStep
+
+
+def build_watched_step(part: AgentPlayActivity, play: RunningEpisode, t_ns: int) -> WatchedStep:
+    """What a teacher sees of a state."""
+    advised = part.advised
+    action = "" if advised is None else play.world.action_names[advised.action]
+    has_reached_goal = play.outcome == "goal"
+    return WatchedStep(
+        part.controller, play.steps, t_ns / NS_PER_MS, action, part.hand_back_key, *part.rating_keys, has_reached_goal
+    )
+
+
+class AgentBlockSimulator(PartSimulator):
+    """Looks once at each state; only a teacher intervenes, others play where no agent does."""
+
+    def __init__(self, person: SimulatedPerson) -> None:
+        super().__init__(person)
+        self._last_play: RunningEpisode | None = None
+        self._last_look = ("", -1)  # who steered, and which step it was
+
+    def act(self, part: Activity, screen: Screen) -> bool:
+        """Look at the state on the screen."""
+        if not isinstance(screen, PlayScreen) or not isinstance(part, AgentPlayActivity):
+            return False
+        play = part.play if part.playing else part.rated_episode
+        if play is None:
+            return True
+        self.person.begin_episode(play)
+        look = (part.controller, play.steps)
+        if self._last_play is play and self._last_look == look:
+            return True
+        self._last_play = play
+        self._last_look = look
+        press = self._decide(part, play)
+        if press is not None:
+            self.person.press_key(press.key, press.delay_ms, press.hold_ms)
+        return True
+
+    def _decide(self, part: AgentPlayActivity, play: RunningEpisode) -> KeyPress | None:
+        participant = self.person.participant
+        if isinstance(participant, SimulatedTeacher):
+            with name_failures():
+                press = participant.watch(play.world, build_watched_step(part, play, self.person.now_ns))
+            return None if press is None else check_press(press)
+        return ask_key(participant, play) if part.controller == "person" else None

@@ -1,0 +1,43 @@
+"""How a simulated person looks episodes through."""
+
+from minihuman.activities.correction.activity import CorrectionActivity
+from minihuman.activities.correction.plan import CorrectionPlan
+from minihuman.activities.correction.screens import FilmScreen
+from minihuman.experiment.machine.activity import Activity
+from minihuman.experiment.machine.screens import Screen
+from minihuman.simulation.part_simulation import READING_MS, PartSimulator, SimulatedPerson, name_failures
+from minihuman.simulation.participant import SimulatedTeacher
+
+STEPPING_MS = 200.0  # from one picture to the next, through an episode that is looked at
+
+
+class CorrectionSimulator(PartSimulator):
+    """Goes on; a teacher first goes to the step from which they show what should have been done, once an episode."""
+
+    def __init__(self, person: SimulatedPerson) -> None:
+        super().__init__(person)
+        self._last_review: tuple[int, int] | None = None  # part and episode
+
+    def act(self, part: Activity, screen: Screen) -> bool:
+        """Look at the episode on the screen."""
+        if not isinstance(screen, FilmScreen) or not isinstance(part, CorrectionActivity):
+            return False
+        if part.reviewed_episode is None:
+            return True
+        plan: CorrectionPlan = part.part.plan
+        episode, current_step = part.reviewed_episode
+        teacher = self.person.participant
+        step = None
+        if isinstance(teacher, SimulatedTeacher) and part.review_id != self._last_review:
+            with name_failures():
+                step = teacher.correct(episode)
+        self._last_review = part.review_id
+        if step is None:
+            self.person.press_key("enter")
+            return True
+        key = plan.forward if step > current_step else plan.back
+        n_presses = abs(step - current_step)
+        for number in range(n_presses):
+            self.person.press_key(key, READING_MS + number * STEPPING_MS)
+        self.person.press_key(plan.begin, 2 * READING_MS + n_presses * STEPPING_MS)
+        return True

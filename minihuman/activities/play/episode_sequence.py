@@ -1,0 +1,97 @@
+"""The sequence of a block's episodes: which comes next, what the last one was worth, and why no other follows."""
+
+from minihuman.activities.play.design import BlockDesign
+from minihuman.activities.play.plan import PlayPlan
+from minihuman.activities.play.tally import BlockTally
+from minihuman.experiment.machine.activity import PartEnding, SessionContext
+from minihuman.experiment.machine.events import EpisodesSkipped, Scored, SkipReason
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.plan.session_plan import EpisodePlan, PlannedPart
+
+
+class EpisodeSequence:
+    """The episodes of one block. Plays none.
+
+    Args:
+        number: the part's index in the plan.
+        part: its kind, name and plan.
+        context: the session, whose next episode it counts, and which takes the events.
+    """
+
+    def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
+        self._plan: PlayPlan = part.plan
+        self._number = number
+        self._part_name = part.name
+        self._context = context
+        self._tally = BlockTally(self._plan)
+        self._design = BlockDesign(self._plan.design, number, part.name, context) if self._plan.design else None
+
+    @property
+    def has_next(self) -> bool:
+        """Whether the block goes on."""
+        return self._tally.has_next(self._context.next_episode)
+
+    @property
+    def next_plan(self) -> EpisodePlan:
+        """The next episode, as a design wants it where the block has one."""
+        plan = self._context.plan.episodes[self._context.next_episode]
+        return plan if self._design is None else self._design.resolve(plan)
+
+    @property
+    def interval_ms(self) -> float:
+        """How long the screen is empty before the next episode."""
+        intervals_ms = self._plan.trial.intervals_ms if self._plan.trial else ()
+        place = self._context.next_episode - self._plan.first
+        if place < len(intervals_ms):  # after the last episode there is none
+            return intervals_ms[place]
+        return self._plan.interval_ms
+
+    @property
+    def last_points(self) -> float:
+        """What the last episode was worth."""
+        return self._tally.scored
+
+    def resume(self) -> None:
+        """Count what an earlier segment played, if the session goes on in this block."""
+        standing = self._context.plan.standing
+        if self._number == standing.part and self._context.next_episode == self._context.plan.first_episode:
+            self._tally.outcomes += standing.outcomes
+            if self._design is not None:
+                self._design.history += standing.history or ()
+
+    def add_episode(self, play: RunningEpisode) -> None:
+        """Count an episode that is over, and go on to the next."""
+        context = self._context
+        points = self._tally.add_episode(play)
+        if points is not None:
+            context.points += points
+            context.emit(Scored(context.now_ns, play.plan.episode, points, context.points))
+        context.next_episode += 1
+        context.completed += 1
+        if self._design is not None:
+            self._design.add_episode(play)
+
+    def decide(self, *, time_is_up: bool) -> None:
+        """Settle whether another episode follows, and which."""
+        self._tally.decide(time_is_up=time_is_up)
+        if self._design is None:
+            return
+        was_completed_before = not self.has_next and not self._design.history
+        if not was_completed_before and self._design.decide(goes_on=self.has_next):
+            self.stop("design")
+
+    def stop(self, reason: SkipReason) -> None:
+        """Let no other episode follow."""
+        self._tally.skip = reason
+
+    def end(self) -> PartEnding:
+        """Skip the episodes that are not played, and return how the block ended."""
+        context = self._context
+        past = self._plan.first + self._plan.count
+        skip = self._tally.skip
+        if skip is not None and context.next_episode < past:
+            context.emit(EpisodesSkipped(context.now_ns, context.next_episode, past - context.next_episode, skip))
+            context.next_episode = past
+        if self._tally.failed:
+            return PartEnding("failed", reason="screened_out", detail=f"{self._part_name}: criterion not reached")
+        return PartEnding()

@@ -1,0 +1,70 @@
+"""What keys do on the screens around an episode: turn pages, go on, or nothing. Decides; it emits and moves nothing."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from minihuman.activities.pages.page_reader import BACK_KEYS, FORWARD_KEYS, PageReader
+from minihuman.activities.play.clocks import PhaseTimer
+from minihuman.experiment.machine.activity import ENTER_KEYS
+from minihuman.experiment.machine.events import KeyVerdict
+from minihuman.experiment.machine.inputs import KeyDown
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.transitions import Phase
+
+_TEXT_PHASES = (Phase.READY, Phase.FEEDBACK)
+
+
+@dataclass(frozen=True, slots=True)
+class TextKeyEffect:
+    """What a key does."""
+
+    verdict: KeyVerdict
+    turns: int = 0  # pages, forward above 0
+    goes_on: bool = False
+
+
+class TextKeys:
+    """The keys of a block's texts.
+
+    Args:
+        reader: the instruction's pages.
+        timer: the time of the present phase.
+    """
+
+    def __init__(self, reader: PageReader, timer: PhaseTimer) -> None:
+        self._reader = reader
+        self._timer = timer
+
+    def judge(
+        self, press: KeyDown, phase: StrEnum, *, now_ns: int, flip_ns: int | None, play: RunningEpisode | None
+    ) -> TextKeyEffect:
+        """Return what a key does.
+
+        Args:
+            press: the key.
+            phase: where the block is.
+            now_ns: the session's time.
+            flip_ns: when the present text reached the display; None: not yet.
+            play: the last or next episode, whose keys mean something to the participant.
+        """
+        is_enter = press.key in ENTER_KEYS
+        if phase is Phase.INSTRUCTIONS and press.key in (*FORWARD_KEYS, *BACK_KEYS):
+            return self._judge_page_key(press.key)
+        if phase is Phase.READY and is_enter and flip_ns is not None and press.t_ns < flip_ns:
+            return TextKeyEffect("not_playing")  # meant for the screen before: this one is not on the display yet
+        if is_enter and self._waits_for_enter(phase, now_ns):
+            return TextKeyEffect("accepted", goes_on=True)
+        has_action = play is not None and play.action_of(press.key) is not None
+        return TextKeyEffect("not_playing" if is_enter or has_action else "unmapped")
+
+    def _judge_page_key(self, key: str) -> TextKeyEffect:
+        turns = 1 if key in FORWARD_KEYS else -1
+        is_page = self._reader.page + turns in range(self._reader.pages)
+        is_last_enter = turns > 0 and key in ENTER_KEYS
+        return TextKeyEffect("accepted" if is_page or is_last_enter else "unmapped", turns=turns)
+
+    def _waits_for_enter(self, phase: StrEnum, now_ns: int) -> bool:
+        """Tell whether a phase goes on with Enter now."""
+        if phase is Phase.REST:
+            return not self._timer.left_s(now_ns)
+        return phase in _TEXT_PHASES and not self._timer.ends(phase)

@@ -1,0 +1,40 @@
+"""How a simulated person compares clips."""
+
+from typing import get_args
+
+from minihuman.activities.preferences.activity import PreferencesActivity
+from minihuman.activities.preferences.events import PairAnswer
+from minihuman.activities.preferences.plan import PreferencesPlan
+from minihuman.activities.preferences.screens import PairScreen
+from minihuman.experiment.machine.activity import Activity
+from minihuman.experiment.machine.screens import Screen
+from minihuman.simulation.part_simulation import READING_MS, PartSimulator, SimulatedPerson, name_failures
+from minihuman.simulation.participant import SimulatedTeacher
+
+
+class PreferencesSimulator(PartSimulator):
+    """Watches a pair to its end, then chooses a side; a participant who is no teacher answers at random."""
+
+    def __init__(self, person: SimulatedPerson) -> None:
+        super().__init__(person)
+        self._last_pair: tuple[int, int] | None = None  # part and pair that were compared last
+
+    def act(self, part: Activity, screen: Screen) -> bool:
+        """Compare the pair on the screen, once."""
+        if not isinstance(screen, PairScreen) or not isinstance(part, PreferencesActivity):
+            return False
+        if part.pair is None or self._last_pair == part.pair_id:
+            return True
+        self._last_pair = part.pair_id
+        plan: PreferencesPlan = part.part.plan
+        teacher = self.person.participant
+        delay_ms = READING_MS
+        if isinstance(teacher, SimulatedTeacher):
+            with name_failures():
+                answer, delay_ms = teacher.prefer(*part.pair)
+                key = str(getattr(plan, answer))
+        else:
+            key = str(getattr(plan, get_args(PairAnswer)[self.person.choose(2)]))
+        film_ms = (part.length + 1) * plan.step_ms
+        self.person.press_key(key, film_ms + delay_ms)
+        return True

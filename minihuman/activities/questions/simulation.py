@@ -1,0 +1,24 @@
+"""How a simulated person answers questions."""
+
+from minihuman.activities.questions.activity import QuestionsActivity
+from minihuman.activities.questions.question import Click
+from minihuman.experiment.machine.activity import Activity
+from minihuman.experiment.machine.screens import QuestionScreen, Screen
+from minihuman.simulation.part_simulation import PartSimulator
+
+
+class QuestionsSimulator(PartSimulator):
+    """Answers as the question's kind says; nothing is known of what these people think, but most attend."""
+
+    def act(self, part: Activity, screen: Screen) -> bool:
+        """Answer the question on the screen, or leave it when it is answered."""
+        if not isinstance(screen, QuestionScreen) or not isinstance(part, QuestionsActivity):
+            return False
+        match part.draft.simulate(self.person.choose, self.person.attends):
+            case Click(target, along):
+                self.person.point(target, along)
+            case str() as text:
+                self.person.type_text(text)
+            case None:
+                self.person.press_key("tab")
+        return True

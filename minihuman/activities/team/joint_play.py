@@ -1,0 +1,243 @@
+"""The play of one team in a block: lifts the barrier before each episode, and closes the joint actions. No I/O.
+
+It is given what its seats ask and the time, and answers; what a seat's agent chooses it asks for. It puts together who
+is present (`TeamPresence`), which inputs are there (`OpenStep`), how long they have been waited for (`StepClock`) and
+when they were due (`TickSchedule`).
+"""
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from minihuman.activities.team.events import ActionSource
+from minihuman.activities.team.joint_step import JointAction, OpenStep, StepDue
+from minihuman.activities.team.message_events import MessageGiven
+from minihuman.activities.team.message_exchange import MessageExchange
+from minihuman.activities.team.plan import TeamPlan
+from minihuman.activities.team.presence import TeamPresence
+from minihuman.activities.team.requests import (
+    JointRequest,
+    JointTaken,
+    ReadyRequest,
+    SeatSighted,
+    SeatsReady,
+    TeamLost,
+)
+from minihuman.activities.team.step_clock import MS_PER_S, Delay, StepClock
+from minihuman.activities.team.tick_schedule import TickSchedule
+
+
+@dataclass(slots=True)
+class ReadyBarrier:
+    """The seats that are ready for an episode."""
+
+    since_s: float  # when the first one was
+    seats: set[int] = field(default_factory=set)
+
+
+@dataclass(slots=True)
+class TeamHistory:
+    """What the logs of a team say of a block that a process before this one led."""
+
+    steps: dict[int, list[JointAction]] = field(default_factory=dict)  # by episode
+    has_ended: bool = False  # a partner left, and the block ended for it
+    finished: set[int] = field(default_factory=set)  # seats whose session is over for good
+
+
+class JointPlay:
+    """One team in one block.
+
+    Args:
+        kinds: by seat, "person" or an agent.
+        rules: the protocol's ``[blocks.team]``.
+    """
+
+    def __init__(self, kinds: tuple[str, ...], rules: TeamPlan) -> None:
+        self._rules = rules
+        self._steps: dict[int, list[JointAction]] = {}  # that are closed, by episode
+        self._barriers: dict[int, ReadyBarrier] = {}  # by episode
+        self._open_step = OpenStep(len(kinds))
+        self._clock = StepClock(rules.late_ms, rules.thinking_limit_s)
+        self._schedules: dict[int, TickSchedule] = {}  # by episode
+        self._concerned: set[int] = set()  # seats whose next answer may be another than their last
+        self._has_declined = False  # somebody left before the first step
+        self.presence = TeamPresence(kinds, rules)
+        self.messages = MessageExchange()
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it never played and never will: its people go back to the lobby."""
+        return self._has_declined and not self._has_played
+
+    @property
+    def _has_played(self) -> bool:
+        return any(self._steps.values())
+
+    def pop_concerned(self) -> set[int]:
+        """Return the seats whose next answer may be another than their last, since this was asked last."""
+        seats = self._concerned
+        self._concerned = set()
+        return seats
+
+    def restore(self, history: TeamHistory) -> None:
+        """Go on from what logs say."""
+        self._steps = history.steps
+        self.presence.has_ended = history.has_ended
+        latest = self._steps[max(self._steps)][-1:] if self._steps else ()
+        for joint_action in latest:
+            absent = {seat for seat in self.presence.persons if joint_action.sources[seat] == "agent"}
+            self.presence.restore(absent)
+        if history.finished:
+            self._hand_over(history.finished)
+
+    def list_steps(self, episode: int) -> Sequence[JointAction]:
+        """The steps of an episode that are closed."""
+        return self._steps.setdefault(episode, [])
+
+    def learn_steps(
+        self, episode: int, actions: Sequence[tuple[int, ...]], sources: Sequence[tuple[ActionSource, ...]]
+    ) -> None:
+        """Learn of steps that were closed before this process began, from a session that has made them."""
+        steps = self._steps.setdefault(episode, [])
+        n_known = len(steps)
+        steps += [JointAction(*pair) for pair in zip(actions[n_known:], sources[n_known:], strict=True)]
+
+    # What seats ask
+
+    def answer_ready(self, want: ReadyRequest, now_s: float) -> SeatsReady | TeamLost | None:
+        """Tell a seat that is ready whether the episode may begin; None as long as partners are waited for."""
+        seat = want.team.seat
+        episode = want.plan.episode
+        if self.is_over:
+            return TeamLost(0, "declined")
+        if self.presence.has_ended:
+            return TeamLost(0, "partner_left")
+        if self.presence.is_shut_out(seat):
+            return TeamLost(0, "replaced")
+        barrier = self._barriers.setdefault(episode, ReadyBarrier(now_s))
+        if seat not in barrier.seats or not self.presence.has_acted(seat):
+            self.presence.note_input(seat, now_s)
+        barrier.seats.add(seat)
+        if self.presence.has_returned(seat):
+            self.presence.take_back(seat)
+        self.presence.begin_wait({seat}, now_s)
+        if not self._steps.get(episode):
+            if not self._replace_missing(barrier, seat, now_s):
+                return TeamLost(0, "partner_left")
+            if self.presence.present - barrier.seats:
+                return None
+        self._schedules.setdefault(episode, TickSchedule(now_s))
+        self._concern_others(seat)
+        return SeatsReady(0, episode)
+
+    def find_news(self, want: JointRequest, now_s: float, *, is_real_time: bool) -> SeatSighted | None:
+        """Tell a seat of another, or of itself, that is seen otherwise than it knows."""
+        news = self.presence.find_news(want.states, now_s, is_real_time=is_real_time)
+        return None if news is None else SeatSighted(0, news.seat, news.state, round(news.for_s * MS_PER_S))
+
+    def answer_message(self, want: JointRequest, now_s: float) -> MessageGiven | None:
+        """Take a seat's messages, and return the next one of another that it has not received."""
+        if self.messages.send(want.sent, now_s):
+            self._concern_others(want.team.seat)
+        message = self.messages.find_next(want.team.seat, want.received, now_s)
+        return None if message is None else MessageGiven(0, message)
+
+    def submit(self, want: JointRequest, now_s: float, *, is_real_time: bool) -> JointTaken | TeamLost | StepDue | None:
+        """Take a seat's input for a step; None as long as others are waited for.
+
+        Args:
+            want: the step, and the input.
+            now_s: the time.
+            is_real_time: whether time makes the steps: no tick waits for an input that is late.
+
+        Returns:
+            The joint action of a step that is closed; or what to ask of agents, to `close` the step with.
+        """
+        seat = want.team.seat
+        episode = want.plan.episode
+        if want.is_key and not self._open_step.has_submitted(seat, episode, want.step):
+            self.presence.note_input(seat, now_s, is_held=want.is_held)
+        schedule = self._schedules.setdefault(episode, TickSchedule(now_s))
+        if want.action is not None:
+            schedule.record_input(seat, want.step, now_s)
+        if want.action is not None and self.presence.is_shut_out(seat):
+            return TeamLost(0, "replaced")
+        is_back = want.is_key and self.presence.may_act(seat) and self.presence.has_returned(seat)
+        steps = self.list_steps(episode)
+        if want.step <= len(steps):
+            if is_back:  # too late for this step, in time for the next one
+                self.presence.take_back(seat)
+            return JointTaken(0, episode, want.step, *steps[want.step - 1])
+        if self.presence.has_ended:
+            return TeamLost(0, "partner_left")
+        self._open_step.open(episode, want.step)
+        overdue = self.presence.find_overdue(seat, now_s, is_real_time=is_real_time)
+        if not self._hand_over(overdue, now_s):
+            return TeamLost(0, "partner_left")
+        self._open_step.withdraw_idle(overdue)
+        if want.action is not None and (is_back or seat in self.presence.present):
+            if not self._open_step.has_input:
+                self._clock.open(now_s)
+            self.presence.take_back(seat)
+            self._open_step.submit(seat, want.action, is_key=want.is_key)
+        return self._judge_open_step(want, now_s, is_real_time=is_real_time)
+
+    def close(self, due: StepDue, seat: int, chosen: Mapping[int, int], idle_action: int) -> JointTaken:
+        """Close a step for good.
+
+        Args:
+            due: the step.
+            seat: that asked, and is answered at once.
+            chosen: the agents' actions, by seat.
+            idle_action: of a seat whose input is late.
+        """
+        joint_action = due.close(chosen, idle_action)
+        self._steps[due.episode].append(joint_action)
+        self._concern_others(seat)
+        return JointTaken(0, due.episode, due.step, *joint_action)
+
+    def leave(self, seat: int) -> None:
+        """Take note that the session of a seat is over."""
+        if self._rules.pairing not in ("same", "fixed") and not self._has_played:
+            self._has_declined = True
+        self._hand_over({seat})
+        self._concerned |= self.presence.persons
+
+    # How a step closes
+
+    def _judge_open_step(self, want: JointRequest, now_s: float, *, is_real_time: bool) -> StepDue | TeamLost | None:
+        if not self._open_step.has_input:
+            return None
+        missing = self.presence.present - self._open_step.seats
+        delay = self._find_delay(want, missing, now_s) if missing else "in_time"
+        if is_real_time and delay != "in_time":
+            return self._open_step.find_due(missing)
+        if delay == "overdue":
+            if not self._hand_over(self.presence.find_thinkers(missing, now_s), now_s):
+                return TeamLost(0, "partner_left")
+            missing = self.presence.present - self._open_step.seats
+        return None if missing else self._open_step.find_due(frozenset())
+
+    def _find_delay(self, want: JointRequest, missing: Collection[int], now_s: float) -> Delay:
+        """Find how late the missing inputs are by the server's clock, whatever the others' pages say of the time."""
+        period_s = want.plan.step_period_ms / MS_PER_S
+        due_s = self._schedules[want.plan.episode].find_due_s(missing, want.step, self._clock.opened_s, period_s)
+        return self._clock.find_delay(now_s, due_s)
+
+    def _replace_missing(self, barrier: ReadyBarrier, asking: int, now_s: float) -> bool:
+        """Give the seats of those to the stand-in who are gone, or not ready for too long; False if the block ends."""
+        missing = self.presence.present - barrier.seats
+        replaced = missing & set(self.presence.find_overdue(asking, now_s, is_real_time=False))
+        if now_s - barrier.since_s >= self._rules.thinking_limit_s:
+            replaced |= set(self.presence.find_thinkers(missing, now_s))
+        return self._hand_over(replaced, now_s)
+
+    def _hand_over(self, seats: Collection[int], now_s: float = -math.inf) -> bool:
+        """Give seats to the stand-in; False where the block ends instead."""
+        if not seats or self.presence.hand_over(seats, now_s):
+            return True
+        self._concerned |= self.presence.persons
+        return False
+
+    def _concern_others(self, seat: int) -> None:
+        self._concerned |= self.presence.persons - {seat}

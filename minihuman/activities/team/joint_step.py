@@ -1,0 +1,98 @@
+"""Joint steps: the inputs of the step that is open, and what has to be asked of agents before it closes. No clock.
+
+A closed step never reopens, and of two inputs of a seat for one step the first counts.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from minihuman.activities.team.events import ActionSource
+
+
+class JointAction(NamedTuple):
+    """What every body does in a step, and who decided it."""
+
+    actions: tuple[int, ...]  # by seat
+    sources: tuple[ActionSource, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StepDue:
+    """A step that can be closed as soon as its agents have chosen."""
+
+    episode: int
+    step: int  # 1 for the first
+    inputs: Mapping[int, int]  # of people, by seat
+    late: frozenset[int]  # seats whose input did not come in time
+    agents: tuple[int, ...]  # seats in which an agent acts
+
+    def close(self, chosen: Mapping[int, int], idle_action: int) -> JointAction:
+        """Return the joint action.
+
+        Args:
+            chosen: the agents' actions, by seat.
+            idle_action: of who is late.
+        """
+        actions: dict[int, tuple[int, ActionSource]] = {
+            **{seat: (action, "person") for seat, action in self.inputs.items()},
+            **dict.fromkeys(self.late, (idle_action, "late")),
+            **{seat: (chosen[seat], "agent") for seat in self.agents},
+        }
+        by_seat = [actions[seat] for seat in sorted(actions)]
+        return JointAction(tuple(action for action, _ in by_seat), tuple(source for _, source in by_seat))
+
+
+class OpenStep:
+    """The step that is open.
+
+    Args:
+        n_seats: of the team, agents counted.
+    """
+
+    def __init__(self, n_seats: int) -> None:
+        self._n_seats = n_seats
+        self._place = (-1, 0)  # episode and step
+        self._inputs: dict[int, int] = {}  # by seat
+        self._idle: set[int] = set()  # seats whose input no key gave
+
+    @property
+    def has_input(self) -> bool:
+        """Whether anybody has acted."""
+        return bool(self._inputs)
+
+    @property
+    def seats(self) -> frozenset[int]:
+        """The seats that have acted."""
+        return frozenset(self._inputs)
+
+    def has_submitted(self, seat: int, episode: int, step: int) -> bool:
+        """Tell whether a seat's input for a step is here."""
+        return self._place == (episode, step) and seat in self._inputs
+
+    def open(self, episode: int, step: int) -> None:
+        """Open a step, unless it is open."""
+        if self._place != (episode, step):
+            self._place = (episode, step)
+            self._inputs = {}
+            self._idle = set()
+
+    def submit(self, seat: int, action: int, *, is_key: bool = True) -> None:
+        """Take a seat's input; its first one counts."""
+        if seat in self._inputs:
+            return
+        self._inputs[seat] = action
+        if not is_key:
+            self._idle.add(seat)
+
+    def withdraw_idle(self, seats: Iterable[int]) -> None:
+        """Forget the inputs that no key gave of seats that are an agent's now, so that it acts in this step already."""
+        for seat in self._idle & set(seats):
+            del self._inputs[seat]
+        self._idle -= set(seats)
+
+    def find_due(self, late: frozenset[int]) -> StepDue:
+        """Return the step as it is to be closed now, the agents acting where no input came and none is late."""
+        episode, step = self._place
+        agents = tuple(seat for seat in range(self._n_seats) if seat not in self._inputs and seat not in late)
+        return StepDue(episode, step, dict(self._inputs), late, agents)

@@ -1,0 +1,59 @@
+"""The report's section on teams: how much of the episodes people, idle bodies and agents played."""
+
+import json
+from collections import Counter
+from collections.abc import Iterable
+
+import pandas as pd
+
+from minihuman.activities.team.plan import PERSON
+from minihuman.reporting.activity_sections import CaptionedTable, ReportSection, SectionSource
+from minihuman.reporting.template import Table
+
+_CAPTION = (
+    "Who acted in the seats of people, in included episodes; each episode of a team counts once. Idle: no input had "
+    "come, and the body stood still. Agent: a program had the seat of a person who was away. Absent: share of joint "
+    "steps in which a person's seat idled or an agent had it."
+)
+_ABSENT_ENOUGH = 0.1  # of the joint steps: such an episode is counted by itself
+
+
+def build_section(source: SectionSource) -> ReportSection | None:
+    """Build the section on who played included episodes; None where no team did."""
+    teams = source.table("teams")
+    if teams.empty:
+        return None
+    rows = [_describe_block(block, played) for block, played in teams.groupby("block", sort=False)]
+    heads = ("block", "team episodes", "person", "idle", "agent", "mean absent", f"absent over {_ABSENT_ENOUGH:.0%}")
+    found = [row for row in rows if row is not None]
+    return ReportSection("Who played", [CaptionedTable(Table(heads, found), _CAPTION)]) if found else None
+
+
+def _describe_block(block: object, episodes: pd.DataFrame) -> tuple[str, ...] | None:
+    once = episodes.drop_duplicates(["team", "session", "episode", "digest"])
+    steps: Counter[str] = Counter()
+    for kinds, played_by in zip(once["seats"], once["played_by"], strict=True):
+        steps.update(_sum_steps(json.loads(kinds), json.loads(played_by)))
+    if not steps:
+        return None
+    shares = once["absent_share"].dropna()
+    n_absent = int((shares > _ABSENT_ENOUGH).sum())
+    counts = [_format_share(steps[source], steps.total()) for source in ("person", "late", "agent")]
+    return (str(block), str(len(once)), *counts, _format_percent(float(shares.mean())), str(n_absent))
+
+
+def _sum_steps(kinds: Iterable[str], played_by: Iterable[dict[str, int]]) -> Counter[str]:
+    """Sum the steps of the seats of people by who acted in them."""
+    steps: Counter[str] = Counter()
+    for kind, sources in zip(kinds, played_by, strict=True):
+        if kind == PERSON:
+            steps.update(sources)
+    return steps
+
+
+def _format_share(count: int, total: int) -> str:
+    return f"{count} ({_format_percent(count / total)})"
+
+
+def _format_percent(share: float) -> str:
+    return f"{100 * share:.1f} %"

@@ -1,0 +1,265 @@
+"""The report's section on trials: accuracy, response times, detection, what conditions differ in, and learning."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from minihuman.activities.trials.trial_measures import (
+    ALL,
+    ANTICIPATION_MS,
+    COMPARED,
+    MEASURES,
+    average_sessions,
+    find_quantiles,
+    mark_trimmed,
+    measure_conditions,
+    measure_quarters,
+    read_labels,
+)
+from minihuman.figures.figure_data import draw_figure_files
+from minihuman.reporting.activity_sections import CaptionedTable, ReportSection, SectionSource
+from minihuman.reporting.template import (
+    ReportFigure,
+    Table,
+    format_difference,
+    format_mean_sd,
+    format_number,
+    format_p_value,
+    format_pair,
+)
+from minihuman.statistics.comparison import compare_groups
+from minihuman.statistics.paired import compare_conditions
+from minihuman.worlds.catalogue import TRIAL_WORLDS
+
+_QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)
+_LIMITS: dict[str, tuple[float, float]] = {"accuracy": (0.0, 1.0)}
+_SHOWN = ("accuracy", "response_median_ms", "response_mean_ms", "omissions")
+_DETECTION = ("hit_rate", "false_alarm_rate", "d_prime", "criterion")
+_HEADS = {
+    "accuracy": "accuracy",
+    "response_median_ms": "RT median (ms)",
+    "response_mean_ms": "RT mean (ms)",
+    "omissions": "omissions",
+    "hit_rate": "hits",
+    "false_alarm_rate": "false alarms",
+    "d_prime": "d'",
+    "criterion": "c",
+}
+
+
+def build_section(source: SectionSource) -> ReportSection | None:
+    """Build the section on trials; None where there were none."""
+    trials = source.table("trials")
+    if trials.empty:
+        return None
+    trials = source.keep_analysed(source.keep_included(trials))
+    measured = measure_conditions(trials)
+    if measured.empty:
+        return None
+    people = average_sessions(measured)
+    tables = (
+        *_tabulate_conditions(people),
+        *_tabulate_detection(people),
+        *_tabulate_differences(people),
+        *_tabulate_group_differences(people),
+        *_tabulate_quarters(average_sessions(measure_quarters(trials))),
+        *_tabulate_quantiles(trials),
+    )
+    return ReportSection(
+        "Trials",
+        tables,
+        figures=_draw_conditions(people, source),
+        measure_tables={"trial_measures": measured[measured["label"].eq("")], "trial_levels": measured},
+        blocks=frozenset(trials.loc[trials["world"].isin(TRIAL_WORLDS), "block"]),
+        is_leading=True,
+    )
+
+
+def _name_level(label: str, level: str) -> str:
+    return "all trials" if not label else f"{label} = {level}"
+
+
+def _iterate_levels(people: pd.DataFrame) -> Iterator[tuple[str, str, str, str, pd.DataFrame]]:
+    keys = ["block", "group", "label", "level"]
+    for (block, group, label, level), rows in people.groupby(keys, sort=False):
+        yield str(block), str(group), str(label), str(level), rows
+
+
+def _format_over_people(rows: pd.DataFrame, measure: str) -> str:
+    values = rows[measure].dropna()
+    return format_mean_sd(float(values.mean()), float(values.std())) if len(values) else "n/a"
+
+
+def _tabulate(people: pd.DataFrame, measures: Sequence[str], caption: str) -> list[CaptionedTable]:
+    shown = [measure for measure in measures if people[measure].notna().any()]
+    if not shown:
+        return []
+    rows = [
+        (
+            block, group, _name_level(label, level), str(len(part)), format_number(float(part["trials"].mean()), 1),
+            *(_format_over_people(part, measure) for measure in shown),
+        )
+        for block, group, label, level, part in _iterate_levels(people)
+    ]  # fmt: skip
+    heads = ("block", "group", "trials of", "n", "trials each", *(_HEADS[measure] for measure in shown))
+    return [CaptionedTable(Table(heads, rows, words=3), caption)]
+
+
+def _tabulate_conditions(people: pd.DataFrame) -> list[CaptionedTable]:
+    caption = (
+        "Trials by block, group and level of each label: mean (standard deviation) over the n participants. RT: from "
+        "the onset of the stimulus to the key press, of correct responses. Median: of all of them. Mean: without those "
+        f"before {ANTICIPATION_MS:g} ms and those further than 3 scaled median absolute deviations from the "
+        "participant's median in the block (Leys et al., 2013). Omissions: no response where one was correct. Practice "
+        "is not included."
+    )
+    return _tabulate(people, _SHOWN, caption)
+
+
+def _tabulate_detection(people: pd.DataFrame) -> list[CaptionedTable]:
+    told = people[people["d_prime"].notna()]
+    caption = (
+        "Signal detection, where to withhold the response is correct in some trials: hits, responses where one is "
+        "correct; false alarms, responses where none is. d' and criterion c of the equal-variance normal model "
+        "(Macmillan and Creelman, 2005), for every participant with the log-linear correction: 0.5 added to each count "
+        "and 1 to the trials (Hautus, 1995). Mean (standard deviation) over participants."
+    )
+    return _tabulate(told, _DETECTION, caption) if len(told) else []
+
+
+def _tabulate_differences(people: pd.DataFrame) -> list[CaptionedTable]:
+    """Differences between the levels of each label, within participants: the congruency effect for instance."""
+    rows = []
+    for block, labels in people[people["label"].ne("")].groupby("block", sort=False):
+        for label, part in labels.groupby("label", sort=False):
+            values = {
+                measure: part.pivot_table(measure, "participant", "level").dropna(axis="columns", how="all")
+                for measure in (*COMPARED, "d_prime", "criterion")
+                if part[measure].notna().any()
+            }
+            rows += [
+                (
+                    str(block), str(label), MEASURES[one.measure], format_pair(one.first, one.second), str(one.n),
+                    format_difference(one.difference, one.interval, is_log=False, sign="+"), format_p_value(one.p),
+                    format_p_value(one.p_holm),
+                )
+                for one in compare_conditions(values)
+            ]  # fmt: skip
+    heads = ("block", "label", "measure", "levels", "n", "difference (95 %)", "p", "p (Holm)")
+    caption = (
+        "Levels of each label compared within participants, over those who have both. Difference, 95 % interval and p: "
+        "paired permutation test; p (Holm) is corrected over the comparisons of one label in one block."
+    )
+    return [CaptionedTable(Table(heads, rows, words=4), caption)] if rows else []
+
+
+def compute_effects(people: pd.DataFrame, measure: str) -> pd.DataFrame:
+    """Compute what every two levels of every label differ in, for each participant: the first minus the second."""
+    rows = []
+    labelled = people[people["label"].ne("")]
+    for (block, label), part in labelled.groupby(["block", "label"], sort=False):
+        table = part.pivot_table(measure, ["participant", "group"], "level")
+        for place, first in enumerate(table.columns):
+            for second in table.columns[place + 1 :]:
+                effect = (table[first] - table[second]).dropna().rename("effect").reset_index()
+                rows.append(
+                    effect.assign(block=str(block), label=str(label), levels=format_pair(str(first), str(second)))
+                )
+    return pd.concat(rows) if rows else pd.DataFrame(columns=["participant", "group", "effect", "block", "label"])
+
+
+def _tabulate_group_differences(people: pd.DataFrame) -> list[CaptionedTable]:
+    """Groups compared on all trials, and on the differences between levels: the interaction of group and label."""
+    overall = people[people["label"].eq("")]
+    if overall["group"].nunique() < 2:
+        return []
+    rows = []
+    for block, part in overall.groupby("block", sort=False):
+        measures = [name for name in (*COMPARED, "d_prime", "criterion") if part[name].notna().any()]
+        rows += _format_group_comparisons(str(block), "all trials", part, measures)
+    for measure in COMPARED:
+        effects = compute_effects(people, measure)
+        for (name, label, levels), part in effects.groupby(["block", "label", "levels"], sort=False):
+            of_effect = part.rename(columns={"effect": measure})
+            rows += _format_group_comparisons(str(name), f"{label}: {levels}", of_effect, [measure])
+    heads = ("block", "trials", "measure", "groups", "n", "difference (95 %)", "p", "p (Holm)")
+    caption = (
+        "Groups compared, on all trials and on the differences between levels (the interaction of group and label): "
+        "two-sided permutation test of Welch's t; p (Holm) is corrected over the comparisons of one block and kind."
+    )
+    return [CaptionedTable(Table(heads, rows, words=4), caption)] if rows else []
+
+
+def _format_group_comparisons(
+    block: str, trials: str, rows: pd.DataFrame, measures: Sequence[str]
+) -> list[tuple[str, ...]]:
+    if rows["group"].nunique() < 2:
+        return []
+    return [
+        (
+            block, trials, MEASURES[one.measure], format_pair(one.first, one.second), f"{one.n[0]}, {one.n[1]}",
+            format_difference(one.difference, one.interval, is_log=False, sign="+"), format_p_value(one.p),
+            format_p_value(one.p_holm),
+        )
+        for one in compare_groups(rows, measures)
+    ]  # fmt: skip
+
+
+def _tabulate_quarters(people: pd.DataFrame) -> list[CaptionedTable]:
+    caption = (
+        "Learning over trials: each quarter of a block, mean (standard deviation) over participants, measured as above."
+    )
+    return _tabulate(people, _SHOWN[:3], caption)
+
+
+def _tabulate_quantiles(trials: pd.DataFrame) -> list[CaptionedTable]:
+    """The distribution of correct response times."""
+    rows = []
+    for block, part in trials.groupby("block", sort=False):
+        levels_by_label = {"": pd.Series(ALL, part.index), **read_labels(part)}
+        for label, levels in levels_by_label.items():
+            for level, quantiles in find_quantiles(part, levels, _QUANTILES).iterrows():
+                times = (format_number(float(quantile), 0) for quantile in quantiles)
+                rows.append((str(block), _name_level(label, str(level)), *times))
+    trimmed = trials[mark_trimmed(trials)]
+    is_correct = trials["is_correct"].eq(True) & trials["response_ms"].notna()
+    share = 1 - len(trimmed) / max(1, int(is_correct.sum()))
+    caption = (
+        "The distribution of correct response times (ms): quantiles of each participant, then their mean (Ratcliff, "
+        f"1979). The trimmed means above leave out {format_number(100 * share, 1)} % of them."
+    )
+    return [CaptionedTable(Table(("block", "trials of", *map(str, _QUANTILES)), rows, words=2), caption)]
+
+
+def _draw_conditions(people: pd.DataFrame, source: SectionSource) -> Iterator[ReportFigure]:
+    """Draw, for each label of each block, every participant at every level."""
+    for (block, label), part in people[people["label"].ne("")].groupby(["block", "label"], sort=False):
+        levels = sorted(part["level"].unique())
+        measures = [name for name in COMPARED if part[name].notna().any()]
+        if len(levels) < 2 or not measures:
+            continue
+        panels = [(MEASURES[name], _collect_values(part, name, levels), _LIMITS.get(name)) for name in measures]
+        stem = source.figures / f"{block}_trials_{_make_file_name(str(label))}"
+        png, _ = draw_figure_files(
+            stem, "trial_figures.condition_figure", panels, levels, label=str(label), title=f"Block {block}: {label}"
+        )
+        caption = f"Trials of block {block} by {label}: every participant (thin), means and their 95 % intervals."
+        yield ReportFigure(str(block), png, caption)
+
+
+def _collect_values(part: pd.DataFrame, measure: str, levels: Sequence[str]) -> list[tuple[str, NDArray[np.float64]]]:
+    return [
+        (
+            str(group),
+            rows.pivot_table(measure, "participant", "level").reindex(columns=list(levels)).to_numpy(np.float64),
+        )
+        for group, rows in part.groupby("group", sort=False)
+        if not math.isnan(rows[measure].mean())
+    ]
+
+
+def _make_file_name(label: str) -> str:
+    return "".join(character if character.isalnum() else "_" for character in label)

@@ -1,0 +1,196 @@
+"""A table of stimuli: CSV as spreadsheets write it, which columns are labels, and where in it a trial comes from.
+
+A row of a table is one trial. Its columns are options of the world (what is shown, what is right), or labels, which
+say what kind of trial it is and which the world never sees.
+"""
+
+import csv
+import inspect
+import io
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+import msgspec
+
+from minihuman.activities.trials.plan import StimuliSpec
+from minihuman.errors import ProtocolError
+from minihuman.worlds.catalogue import TRIAL_WORLDS
+
+IMAGE, COUNT = "image", "times"  # columns with a meaning of their own: a PNG beside the protocol, how often a row comes
+_SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
+_DECIMAL_COMMA = re.compile(r"-?\d+,\d+")
+_TEXT_OPTIONS = frozenset({"text", "left", "right"})  # "3,5" is shown there as it is written
+
+Row = dict[str, Any]
+
+
+class TableRow(msgspec.Struct, frozen=True):
+    """A row as it is written, and where."""
+
+    place: str  # "words.csv:3", "rows[2]"
+    cells: Row
+
+
+def read_table(spec: StimuliSpec, files: Mapping[str, bytes]) -> list[TableRow]:
+    """Read a table's rows as they are written.
+
+    Raises:
+        ProtocolError: if the file is missing or is no table; with the row.
+    """
+    if not spec.file:
+        return [TableRow(f"rows[{number}]", dict(cells)) for number, cells in enumerate(spec.rows)]
+    if spec.file not in files:
+        raise ProtocolError(f"the stimulus file {spec.file!r} is not in the protocol's folder; copy it there")
+    return list(_read_csv(files[spec.file], spec.file))
+
+
+def list_images(rows: Sequence[TableRow]) -> list[str]:
+    """List the files that a table's rows name."""
+    return list(dict.fromkeys(str(row.cells[IMAGE]) for row in rows if row.cells.get(IMAGE)))
+
+
+def is_label(column: str, world: str, labels: Sequence[str]) -> bool:
+    """Say whether a column is a label: the protocol names it as one, or the world has no option of that name.
+
+    Of a world that is not this package's only the protocol can say it.
+    """
+    if column in (IMAGE, COUNT):
+        return False
+    options = find_option_names(world)
+    return column in labels or (options is not None and not options.has(column))
+
+
+class OptionNames(msgspec.Struct, frozen=True):
+    """The options that a world takes: by name, and by the beginning of the name."""
+
+    names: tuple[str, ...]
+    prefix: str = ""
+
+    def has(self, name: str) -> bool:
+        """Say whether there is such an option."""
+        return name in self.names or bool(self.prefix and name.startswith(self.prefix))
+
+
+@cache
+def find_option_names(world: str) -> OptionNames | None:
+    """Find the options of a trial of ours; None for another world, which may take anything."""
+    if world not in TRIAL_WORLDS:
+        return None
+    module, _, name = TRIAL_WORLDS[world].partition(":")
+    world_class = getattr(import_module(module), name)
+    parameters = inspect.signature(world_class).parameters.values()
+    names = tuple(one.name for one in parameters if one.kind is one.KEYWORD_ONLY)
+    takes_more = any(one.kind is one.VAR_KEYWORD for one in parameters)
+    return OptionNames(names, world_class.option_prefix if takes_more else "")
+
+
+def name_label_column(label: str) -> str:
+    """Name a label's column in tables: in letters, digits and underscores, as every format takes them."""
+    return f"label_{re.sub(r'[^a-zA-Z0-9]+', '_', label).strip('_')}"
+
+
+def clean_label(cell: Any) -> Any:
+    """Return a label without the spaces around it, which nobody sees in a spreadsheet."""
+    return cell.strip() if isinstance(cell, str) else cell
+
+
+def _read_csv(content: bytes, name: str) -> Iterator[TableRow]:
+    text = _decode(content, name)
+    first_line, _, rest = text.partition("\n")
+    states_separator = re.fullmatch(r"sep=(.)\r?", first_line, re.IGNORECASE)  # by which Excel is told it
+    skipped = 0
+    if states_separator:
+        text = rest
+        skipped = 1
+    separator = states_separator[1] if states_separator else _find_separator(text, name)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
+    try:
+        header = next(reader, [])
+        columns = _check_header(header, name, 1 + skipped)
+        before = reader.line_num
+        for cells in reader:
+            place = f"{name}:{before + 1 + skipped}"
+            before = reader.line_num
+            if cells:
+                yield TableRow(place, _read_row(cells, columns, place, separator))
+    except csv.Error as error:
+        raise ProtocolError(
+            f"{name}:{reader.line_num + skipped}: this row is not CSV ({error}); save the table as 'CSV UTF-8'"
+        ) from error
+
+
+def _decode(content: bytes, name: str) -> str:
+    """Decode a table: UTF-8 with or without a byte-order mark, or UTF-16 with one."""
+    encoding = "utf-16" if content.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
+    try:
+        text = content.decode(encoding)
+    except UnicodeDecodeError as error:
+        row = content.count(b"\n", 0, error.start) + 1
+        raise ProtocolError(
+            f"{name}:{row}: this row is not in UTF-8 (byte 0x{content[error.start]:02X}, "
+            f"{content[error.start : error.start + 1].decode('cp1252', 'replace')!r} in Windows' own encoding); save "
+            "the table as 'CSV UTF-8'"
+        ) from error
+    if "\0" in text:
+        row = text.count("\n", 0, text.index("\0")) + 1
+        raise ProtocolError(f"{name}:{row}: this row holds a zero byte; save the table as 'CSV UTF-8'")
+    return text
+
+
+def _find_separator(text: str, name: str) -> str:
+    """Find the separator of cells: the one that the header has outside quotes; a comma where it has one column."""
+    header = re.sub(r'"[^"]*"', "", text.partition("\n")[0])
+    counts = {separator: header.count(separator) for separator in _SEPARATORS}
+    most = max(counts.values())
+    used = [separator for separator, count in counts.items() if count == most]
+    if most and len(used) > 1:
+        both = " and ".join(_SEPARATORS[separator] for separator in used)
+        raise ProtocolError(f"{name}:1: the header has {both}; use one of them between cells")
+    return used[0]
+
+
+def _check_header(header: Sequence[str], name: str, row: int) -> list[str]:
+    """Return the columns' names, without the empty ones that a spreadsheet leaves at the end."""
+    columns = list(header)
+    while columns and not columns[-1].strip():
+        columns.pop()
+    for number, column in enumerate(columns, 1):
+        if not column.strip():
+            raise ProtocolError(f"{name}:{row}: column {number} has no name; give it one, or delete it")
+        if column in columns[: number - 1]:
+            raise ProtocolError(f"{name}:{row}: column {number} is {column!r} again; rename or delete it")
+    if not columns:
+        raise ProtocolError(f"{name}:{row}: there is no header; begin with a row of the columns' names")
+    return columns
+
+
+def _read_row(cells: Sequence[str], columns: Sequence[str], place: str, separator: str) -> Row:
+    surplus = cells[len(columns) :]
+    if len(cells) < len(columns) or any(cell.strip() for cell in surplus):
+        raise ProtocolError(
+            f"{place}: this row has more or fewer cells than the header ({len(cells)}, not {len(columns)}); give it "
+            "one cell per column"
+        )
+    return {
+        column: _read_cell(cell, decimal_comma=separator != "," and column not in _TEXT_OPTIONS)
+        for column, cell in zip(columns, cells, strict=False)
+        if cell != ""
+    }
+
+
+def _read_cell(cell: str, *, decimal_comma: bool) -> str | int | float:
+    """A cell as a number where it is written as one and no other way: "007", "1_0" and "nan" are texts."""
+    if decimal_comma and _DECIMAL_COMMA.fullmatch(cell):
+        return float(cell.replace(",", "."))
+    for kind in (int, float):
+        try:
+            number = kind(cell)
+        except ValueError:
+            continue
+        if str(number) == cell and math.isfinite(number):
+            return number
+    return cell

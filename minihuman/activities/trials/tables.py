@@ -1,0 +1,36 @@
+"""The table of trials: what was shown and responded, of episodes in a trial's world or with labels."""
+
+import json
+import math
+
+from minihuman.activities.play.tables import PLAY_TABLES
+from minihuman.activities.trials.columns import TRIAL_COLUMNS
+from minihuman.dataset.activity_tables import ActivityTable, TableRow
+from minihuman.dataset.measures import response_ms
+from minihuman.experiment.stimuli import NO_RESPONSE
+from minihuman.log.model.session_log import EpisodeLog
+from minihuman.worlds.catalogue import TRIAL_WORLDS
+
+
+def _build_trial_row(episode: EpisodeLog) -> TableRow | None:
+    plan = episode.plan
+    if plan.world not in TRIAL_WORLDS and not plan.labels:
+        return None
+    correct = str(plan.options.get("correct", ""))
+    response = episode.start.action_names[episode.actions[-1]] if len(episode.actions) else ""
+    times_ms = response_ms(episode)
+    first_ms = float(times_ms[0]) if len(times_ms) else math.nan
+    is_made = response not in ("", NO_RESPONSE) and not math.isnan(first_ms)
+    return {
+        "trial": plan.episode_in_block + 1,
+        "stimulus": json.dumps(plan.options, sort_keys=True, ensure_ascii=False),
+        "labels": json.dumps(plan.labels, sort_keys=True, ensure_ascii=False) if plan.labels else "",
+        "correct": correct,
+        "response": response,
+        "is_correct": response == correct if correct and response else None,
+        "response_ms": first_ms if is_made else None,
+        "reward": episode.return_,
+    }
+
+
+TRIAL_TABLES = (*PLAY_TABLES, ActivityTable("trials", TRIAL_COLUMNS, episode_row=_build_trial_row))

@@ -1,0 +1,134 @@
+"""Measures of trials: accuracy, response times of correct responses, and detection, per participant and condition."""
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pandas as pd
+
+from minihuman.experiment.stimuli import NO_RESPONSE
+from minihuman.statistics.signal_detection import measure_detection
+
+ANTICIPATION_MS = 150.0  # a response before it cannot follow from the stimulus
+_OUTLIER_MADS = 3.0
+_MAD_TO_SD = 1.4826  # of a normal distribution
+ALL = "all"  # the level of all trials together
+
+MEASURES = {  # of a participant in a condition, with what they are called
+    "accuracy": "accuracy (share of trials)",
+    "response_mean_ms": "response time, mean of correct, trimmed (ms)",
+    "response_median_ms": "response time, median of correct (ms)",
+    "omissions": "omissions (share of trials with a correct response)",
+    "hit_rate": "hits (share of signal trials)",
+    "false_alarm_rate": "false alarms (share of noise trials)",
+    "d_prime": "sensitivity d'",
+    "criterion": "criterion c",
+}
+COMPARED = ("accuracy", "response_mean_ms")  # between the levels of a label
+_PERSON = ["participant", "session", "group", "block"]
+
+
+def read_labels(trials: pd.DataFrame) -> dict[str, "pd.Series[str]"]:
+    """Read the level of each label that each trial has, as a text; "" where it has none."""
+    labels = trials["labels"].map(lambda text: json.loads(text) if isinstance(text, str) and text else {})
+    names = dict.fromkeys(name for of_trial in labels for name in of_trial)
+    return {name: labels.map(lambda of_trial, name=name: str(of_trial.get(name, ""))) for name in names}
+
+
+def mark_trimmed(trials: pd.DataFrame) -> "pd.Series[bool]":
+    """Mark the correct responses whose times count in a trimmed mean.
+
+    Left out are those before 150 ms, and those further than 3 scaled median absolute deviations from the participant's
+    median in the block (Leys, Ley, Klein, Bernard and Licata, 2013, Journal of Experimental Social Psychology 49).
+    """
+    times = trials["response_ms"].where(trials["is_correct"].eq(True))
+    times = times.where(times >= ANTICIPATION_MS)
+    by_person = times.groupby([trials[name] for name in _PERSON])
+    medians = by_person.transform("median")
+    deviations = (times - medians).abs()
+    spread = _MAD_TO_SD * deviations.groupby([trials[name] for name in _PERSON]).transform("median")
+    is_near = (deviations <= _OUTLIER_MADS * spread) | spread.eq(0)
+    return times.notna() & is_near
+
+
+def measure_conditions(trials: pd.DataFrame) -> pd.DataFrame:
+    """Measure each participant in each block: all trials, and those of each level of each label.
+
+    Args:
+        trials: the included rows of the table of trials.
+
+    Returns:
+        A row per participant, session, block, label and level, with the number of trials and ``MEASURES``; ``label`` is
+        "" and ``level`` "all" of all trials together.
+    """
+    trials = trials.assign(is_trimmed=mark_trimmed(trials))
+    rows = list(_measure_level(trials, "", pd.Series(ALL, trials.index)))
+    for label, levels in read_labels(trials).items():
+        rows += _measure_level(trials, label, levels)
+    return pd.DataFrame(rows, columns=[*_PERSON, "label", "level", "trials", *MEASURES])
+
+
+def _measure_level(trials: pd.DataFrame, label: str, levels: "pd.Series[str]") -> Iterator[dict[str, object]]:
+    told = levels[levels != ""].rename("level")
+    for key, part in trials.loc[told.index].groupby([*_PERSON, told], sort=False):
+        *person, level = key
+        yield dict(zip(_PERSON, person, strict=True)) | {"label": label, "level": level} | measure_trials(part)
+
+
+def measure_trials(trials: pd.DataFrame) -> dict[str, float]:
+    """Measure some trials of one participant.
+
+    Signal trials are those with a correct response, noise trials those in which to withhold one is correct.
+    """
+    known = trials[trials["correct"].notna() & trials["correct"].ne("") & trials["is_correct"].notna()]
+    is_correct = known["is_correct"].astype(bool)
+    is_made = known["response"].ne(NO_RESPONSE)
+    is_signal = known["correct"].ne(NO_RESPONSE)
+    detection = measure_detection(
+        int((is_signal & is_made).sum()),
+        int((is_signal & ~is_made).sum()),
+        int((~is_signal & is_made).sum()),
+        int((~is_signal & ~is_made).sum()),
+    )
+    is_detection_task = bool((~is_signal).any())
+    times = trials["response_ms"]
+    correct_times = times[trials["is_correct"].eq(True)] if len(known) else times
+    trimmed = times[trials["is_trimmed"]]
+    return {
+        "trials": len(trials),
+        "accuracy": float(is_correct.mean()) if len(known) else math.nan,
+        "response_mean_ms": float(trimmed.mean()) if len(trimmed) else math.nan,
+        "response_median_ms": float(correct_times.median()),
+        "omissions": float((~is_made)[is_signal].mean()) if is_signal.any() else math.nan,
+        "hit_rate": detection.hit_rate if is_detection_task else math.nan,
+        "false_alarm_rate": detection.false_alarm_rate,
+        "d_prime": detection.d_prime,
+        "criterion": detection.criterion,
+    }
+
+
+def average_sessions(measured: pd.DataFrame) -> pd.DataFrame:
+    """A row per participant, block, label and level: the mean over sessions."""
+    keys = ["participant", "group", "block", "label", "level"]
+    return measured.groupby(keys, sort=False)[["trials", *MEASURES]].mean().reset_index()
+
+
+def measure_quarters(trials: pd.DataFrame) -> pd.DataFrame:
+    """Measure each participant in each quarter of each block: ``level`` is 1 to 4."""
+    trials = trials.assign(is_trimmed=mark_trimmed(trials))
+    length = trials.groupby("block")["trial"].transform("max")
+    quarters = pd.Series(np.ceil(4 * trials["trial"] / length), trials.index).astype(int).astype(str)
+    rows = list(_measure_level(trials, "quarter", quarters))
+    return pd.DataFrame(rows, columns=[*_PERSON, "label", "level", "trials", *MEASURES])
+
+
+def find_quantiles(trials: pd.DataFrame, levels: "pd.Series[str]", shares: Sequence[float]) -> pd.DataFrame:
+    """Find quantiles of the correct response times, the mean over participants of each one's, by level (Vincentiles).
+
+    Source: Ratcliff (1979), Psychological Bulletin 86, 446-461.
+    """
+    times = trials["response_ms"].where(trials["is_correct"].eq(True) | trials["is_correct"].isna())
+    by_person = times[levels != ""].groupby([trials["participant"], levels.rename("level")], sort=False)
+    quantiles = by_person.quantile(np.array(shares)).unstack()
+    return quantiles.groupby("level", sort=False).mean()

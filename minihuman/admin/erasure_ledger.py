@@ -1,0 +1,194 @@
+"""The erasure ledger: which machines hold a study's data, who withdrew, and which machine has erased whom.
+
+It is in the study's database, else in the store that ``logs.url`` names; a study with neither is on one machine and has
+none. Machines only ever add to it, so that they need no order: each entry is written once and never changed. What a
+store says of it is copied to the data folder, where commands that ask no store find it.
+"""
+
+import re
+import tempfile
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import msgspec
+
+from minihuman.dataset.withdrawn_codes import LEDGER_FILE_NAME, LedgerEntry, read_local_ledger, read_withdrawn_codes
+from minihuman.storage.file_journal import FileJournal
+from minihuman.storage.journal import Journal
+from minihuman.storage.machine_identity import read_machine_id
+from minihuman.storage.remote_store import RemoteStore, RemoteStoreConflictError, open_remote_store
+from minihuman.storage.study_journals import find_database_url, open_journal
+
+STORE_FOLDER = "withdrawals"  # below the study, in the store of logs
+_ALL = "all"  # in a name in the store, where an entry names no participant or no machine
+_NAME = re.compile(r"(holds|withdrawn|erased|lost)/((?:sub|model)-[0-9]{2,6}|all)/([0-9a-f]{16}|all)", re.ASCII)
+SHOWN_DIGITS = 8  # of a machine's number
+
+
+class ErasureLedger:
+    """The ledger of one study, as a machine of it reads and writes it.
+
+    Args:
+        study_dir: the study's folder in the data folder.
+        ask_store: read and write the entries in the store, too; where the ledger is in a database this does nothing.
+        may_be_new: as in ``open_store_url``.
+
+    Raises:
+        RemoteStoreError: if the store is a folder that is not there.
+    """
+
+    def __init__(self, study_dir: Path, *, ask_store: bool, may_be_new: bool = False) -> None:
+        self._study_dir = study_dir.absolute()
+        self._data = self._study_dir.parent
+        self._study = self._study_dir.name
+        self._in_database = bool(find_database_url(self._study_dir))
+        asks = ask_store and not self._in_database
+        self._store = open_remote_store(self._data, may_be_new=may_be_new) if asks else None
+
+    @property
+    def is_shared(self) -> bool:
+        """Whether other machines can read what is written here."""
+        return self._in_database or self._store is not None
+
+    @property
+    def machine(self) -> str:
+        """This machine's number."""
+        return read_machine_id(self._data)
+
+    def read(self) -> frozenset[LedgerEntry]:
+        """Read all entries.
+
+        Raises:
+            OSError: if the database cannot be asked, or a file cannot be read.
+            RemoteStoreError: if the store cannot be reached.
+        """
+        if self._in_database:
+            return frozenset(self._shared_journal().read())
+        local = frozenset(read_local_ledger(self._data, self._study))
+        if self._store is None:
+            return local
+        stored = frozenset(_list_stored_entries(self._store, self._study))
+        self._write_locally(stored - local)
+        return local | stored
+
+    def add(self, *entries: LedgerEntry) -> None:
+        """Add entries that are not in it yet, for every machine.
+
+        Raises:
+            OSError: if they cannot be written.
+            RemoteStoreError: if the store cannot be reached.
+        """
+        known = self.read() if entries else frozenset()
+        new = [entry for entry in dict.fromkeys(entries) if entry not in known]
+        if not new:
+            return
+        if self._in_database:
+            with self._shared_journal().hold() as journal:
+                journal.append(*(entry for entry in new if entry not in journal.lines))
+            return
+        self._write_locally(new)
+        if self._store is not None:
+            _store_entries(self._store, self._study, new)
+
+    def _write_locally(self, entries: Iterable[LedgerEntry]) -> None:
+        lines = sorted(entries, key=lambda entry: (entry.fact, entry.code, entry.machine))
+        if lines:
+            path = self._data / LEDGER_FILE_NAME
+            with FileJournal(path, _decode_local, mode=0o600).hold() as journal:
+                journal.append(*(msgspec.structs.replace(entry, study=self._study) for entry in lines))
+
+    def _shared_journal(self) -> Journal[LedgerEntry]:
+        return open_journal(self._study_dir, LEDGER_FILE_NAME, _decode_shared)
+
+
+def _decode_local(line: bytes, number: int) -> LedgerEntry | None:
+    try:
+        return msgspec.json.decode(line, type=LedgerEntry)
+    except msgspec.DecodeError:  # half a line, of a crash
+        return None
+
+
+def _decode_shared(line: bytes, number: int) -> LedgerEntry | None:
+    entry = _decode_local(line, number)
+    return None if entry is None or not _NAME.fullmatch(_name(entry)) else entry
+
+
+def _name(entry: LedgerEntry) -> str:
+    return f"{entry.fact}/{entry.code or _ALL}/{entry.machine or _ALL}"
+
+
+def _list_stored_entries(store: RemoteStore, study: str) -> Iterable[LedgerEntry]:
+    prefix = f"{study}/{STORE_FOLDER}/"
+    for name in store.names(prefix):
+        match = _NAME.fullmatch(name.removeprefix(prefix))
+        if match is not None:
+            code, machine = ("" if part == _ALL else part for part in match.group(2, 3))
+            yield LedgerEntry(match[1], code, machine)
+
+
+def _store_entries(store: RemoteStore, study: str, entries: Iterable[LedgerEntry]) -> None:
+    with tempfile.TemporaryDirectory(prefix="minihuman-") as folder:
+        path = Path(folder, "entry")
+        path.write_text("An entry of minihuman's erasure ledger; its name says all.\n", encoding="utf-8", newline="\n")
+        for entry in entries:
+            try:
+                store.put(f"{study}/{STORE_FOLDER}/{_name(entry)}", path)
+            except RemoteStoreConflictError:  # another machine has just written the same entry
+                continue
+
+
+def find_pending_machines(study_dir: Path) -> tuple[str, ...]:
+    """Name each machine that has not erased its copy of a participant who withdrew, a line each.
+
+    Where the ledger is in a store, this is as of the last ``minihuman gather`` here.
+
+    Raises:
+        OSError: if the ledger is in a database that cannot be asked.
+    """
+    entries = ErasureLedger(study_dir, ask_store=False).read()
+    if not entries:
+        return ()
+    pending = _list_pending(entries, read_withdrawn_codes(study_dir))
+    return tuple(_describe_pending(study_dir, machine, codes) for machine, codes in pending.items())
+
+
+def _list_pending(entries: frozenset[LedgerEntry], withdrawn: frozenset[str]) -> dict[str, list[str]]:
+    """List the machines that have not erased all who withdrew, and whom each has not."""
+    lost = {entry.machine for entry in entries if entry.fact == "lost"}
+    machines = sorted({entry.machine for entry in entries if entry.fact == "holds"} - lost)
+    erased = {(entry.machine, entry.code) for entry in entries if entry.fact == "erased"}
+    left = {machine: [code for code in sorted(withdrawn) if (machine, code) not in erased] for machine in machines}
+    return {machine: codes for machine, codes in left.items() if codes}
+
+
+def _describe_pending(study_dir: Path, machine: str, codes: list[str]) -> str:
+    number = machine[:SHOWN_DIGITS]
+    return (
+        f"machine {number} has not erased {', '.join(codes)} yet; run `minihuman gather` there or, if that machine no "
+        f"longer exists, `minihuman gather {study_dir} --lost-machine {number}` here"
+    )
+
+
+def declare_machine_lost(study_dir: Path, digits: str, *, say: Callable[[str], None] = lambda line: None) -> None:
+    """Wait no longer for a machine that no longer exists, or whose copy was deleted by hand.
+
+    Args:
+        study_dir: the study's folder.
+        digits: the first digits of the machine's number, as ``status`` shows them.
+        say: called with a line about what was done.
+
+    Raises:
+        AllocationError: if no machine, or more than one, has such a number.
+    """
+    from minihuman.errors import AllocationError
+
+    ledger = ErasureLedger(study_dir, ask_store=True)
+    machines = {entry.machine for entry in ledger.read() if entry.fact == "holds" and entry.machine.startswith(digits)}
+    if len(machines) != 1:
+        raise AllocationError(
+            f"{len(machines)} machines of {study_dir.name} have a number that begins with {digits!r}; "
+            "`minihuman status` shows the numbers"
+        )
+    (machine,) = machines
+    ledger.add(LedgerEntry("lost", "", machine))
+    say(f"machine {machine[:SHOWN_DIGITS]} is lost: a withdrawal no longer waits for it")

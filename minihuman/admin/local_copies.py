@@ -1,0 +1,138 @@
+"""Erase what a machine has of participants who withdrew, wherever they did, when the machine next hears of it.
+
+What erases is imported when there is somebody to erase: `status` starts quickly.
+"""
+
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from minihuman.admin.enrolment_entries import ParticipantWithdrawn, open_enrolment_log
+from minihuman.admin.erasure_ledger import ErasureLedger
+from minihuman.admin.unfinished_withdrawals import find_mark
+from minihuman.dataset.withdrawn_codes import LedgerEntry, read_withdrawn_codes
+from minihuman.errors import AllocationError, MinihumanError
+from minihuman.log.paths import PART_SUFFIX
+from minihuman.log.record.file_lock import is_being_recorded
+from minihuman.storage.erasure import erase
+from minihuman.storage.lease import open_lease_table
+from minihuman.storage.study_journals import find_database_url
+
+Listener = Callable[[str], None]
+
+
+def obey_withdrawals(study_dir: Path, *, ask_store: bool = False, say: Listener = lambda line: None) -> None:
+    """Erase this machine's copies of participants who withdrew, and note for all machines that it has done so.
+
+    Args:
+        study_dir: the study's folder. Where there is none yet, the machine is noted with ``ask_store``, as a command
+            that brings data is about to make it; else nothing is done.
+        ask_store: look for withdrawals in the remote store, too, and erase there what came after them.
+        say: called with a line about what was erased, what could not be, and what is out of reach.
+
+    Raises:
+        OSError: if the enrolment log or the ledger cannot be read or written.
+        RemoteStoreError: if the store cannot be reached.
+    """
+    study_dir = study_dir.absolute()
+    if not (study_dir.parent if ask_store else study_dir).is_dir():
+        return
+    ledger = ErasureLedger(study_dir, ask_store=ask_store, may_be_new=True)
+    entries = ledger.read() if ledger.is_shared else frozenset()
+    own = [LedgerEntry("holds", "", ledger.machine)] if ledger.is_shared else []
+    withdrawn = read_withdrawn_codes(study_dir) | {entry.code for entry in entries if entry.fact == "withdrawn"}
+    for code in sorted(withdrawn):
+        is_erased = not ledger.is_shared or LedgerEntry("erased", code, ledger.machine) in entries
+        if is_erased and not (study_dir / code).exists():
+            continue
+        if _erase_copy(study_dir, code, ask_store=ask_store, say=say):
+            own += [LedgerEntry("withdrawn", code), LedgerEntry("erased", code, ledger.machine)] if own else []
+    ledger.add(*own)
+
+
+def record_erasure(study_dir: Path, code: str) -> None:
+    """Tell every machine that a participant has withdrawn, and that this one has erased them.
+
+    Raises:
+        OSError: if the ledger cannot be written.
+        RemoteStoreError: if the store cannot be reached.
+    """
+    ledger = ErasureLedger(study_dir, ask_store=True)
+    if ledger.is_shared:
+        machine = ledger.machine
+        ledger.add(
+            LedgerEntry("holds", "", machine), LedgerEntry("withdrawn", code), LedgerEntry("erased", code, machine)
+        )
+
+
+def erase_local_copy(study_dir: Path, code: str) -> list[Exception]:
+    """Erase a participant's logs, the caches that may hold their rows, and how they came; return what went wrong."""
+    from minihuman.dataset.caches import list_caches
+
+    errors: list[Exception] = [*erase(study_dir / code)]
+    for cache in list_caches(study_dir):  # free pages remember
+        errors += erase(cache)
+    for forget in (_forget_arrival, _forget_leases):
+        try:
+            forget(study_dir, code)
+        except (OSError, MinihumanError) as error:
+            errors.append(error)
+    return errors
+
+
+def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -> bool:
+    """Erase one participant here, and say so; False where something is left."""
+    from minihuman.admin.recorded_outputs import note_withdrawal
+    from minihuman.admin.remote_logs import delete_remote_logs
+    from minihuman.dataset.remote_tables import delete_remote_tables
+
+    if any(is_being_recorded(part) for part in (study_dir / code).rglob(f"*{PART_SUFFIX}")):
+        say(f"{code} has withdrawn, but a session of theirs is running here; it is erased once it has ended")
+        return False
+    has_data = (study_dir / code).exists()
+    _record_departure(study_dir, code)
+    errors = erase_local_copy(study_dir, code)
+    for erase_elsewhere in (delete_remote_logs, delete_remote_tables) if ask_store else ():
+        try:
+            erase_elsewhere(study_dir, code)
+        except (OSError, MinihumanError) as error:
+            errors.append(error)
+    try:
+        for line in note_withdrawal(study_dir, code):
+            say(line)
+    except (OSError, MinihumanError) as error:
+        errors.append(error)
+    if ask_store and not errors:  # else the stores may still hold what an interrupted withdrawal left
+        errors += erase(find_mark(study_dir, code))
+    for reason in dict.fromkeys(map(str, errors)):
+        say(f"{code} has withdrawn, but not all of their data could be erased: {reason}; run the command again")
+    if has_data and not errors:
+        say(f"{code} has withdrawn: their data were erased on this machine")
+    return not errors
+
+
+def _record_departure(study_dir: Path, code: str) -> None:
+    """Free the slot in this machine's own enrolment log, where the participant has one."""
+    from minihuman.admin.enrolment_log import now_text, record_departure
+
+    journal = open_enrolment_log(study_dir)
+    if find_database_url(study_dir) or not journal.begun:
+        return
+    known = {line.withdrawn for line in journal.read() if isinstance(line, ParticipantWithdrawn)}
+    if code not in known:
+        with suppress(AllocationError):  # no slot here
+            record_departure(
+                study_dir, ParticipantWithdrawn(code, now_text(), "erased", "withdrawn on another machine")
+            )
+
+
+def _forget_arrival(study_dir: Path, code: str) -> None:
+    from minihuman.admin.recruitment import Recruitment
+
+    Recruitment(study_dir).forget(code)
+
+
+def _forget_leases(study_dir: Path, code: str) -> None:
+    leases = open_lease_table(study_dir)
+    if leases is not None:
+        leases.forget(f"{study_dir.absolute().name}/{code}/")

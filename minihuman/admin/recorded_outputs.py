@@ -1,0 +1,100 @@
+"""Remembers where exports, reports and tables of a study were written, so that a withdrawal can name them.
+
+The list is in the data folder, for all its studies. What was moved, copied or published since cannot be found by it.
+"""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import msgspec
+
+from minihuman.dataset.table_catalogue import TablePartition
+from minihuman.storage.durable_files import write_atomically
+from minihuman.storage.file_journal import FileJournal
+from minihuman.storage.remote_store import FolderStore
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME, find_database_url
+
+OUTPUTS_FILE_NAME = "outputs.jsonl"
+NOTICE_FILE_NAME = "WITHDRAWN.md"
+TABLES = "tables"  # the kind of a folder that `minihuman gather --tables` filled
+
+
+class RecordedOutput(msgspec.Struct, frozen=True):
+    """One output."""
+
+    study: str
+    kind: str  # "report", "export csv", "tables"
+    path: str  # absolute
+
+
+def record_output(study_dir: Path, kind: str, out: Path) -> str:
+    """Remember an output of a study that has an enrolment log; only there somebody can withdraw.
+
+    Returns:
+        Why a withdrawal will not find it; "" if it will.
+    """
+    study_dir = study_dir.absolute()
+    if not (study_dir / ENROLMENT_FILE_NAME).is_file() and not find_database_url(study_dir):
+        return ""
+    output = RecordedOutput(study_dir.name, kind, str(out.absolute()))
+    try:
+        with _open(study_dir.parent).hold() as journal:
+            if output not in journal.lines:
+                journal.append(output)
+    except OSError as error:  # a copy to read from
+        return f"{study_dir.parent} cannot be written ({error.strerror}), so a later withdrawal will not name {out}"
+    return ""
+
+
+def list_outputs(study_dir: Path) -> Iterator[RecordedOutput]:
+    """Yield the outputs of a study that are still where they were written."""
+    study_dir = study_dir.absolute()
+    for output in _open(study_dir.parent).read():
+        if output.study == study_dir.name and Path(output.path).is_dir():
+            yield output
+
+
+def note_withdrawal(study_dir: Path, code: str) -> list[str]:
+    """Erase a participant from folders of tables, and write into each other output that they withdrew.
+
+    Returns:
+        A line for each output that still holds their data.
+
+    Raises:
+        OSError: if a notice cannot be written.
+        RemoteStoreError: if tables cannot be removed.
+    """
+    lines: list[str] = []
+    for output in list_outputs(study_dir):
+        folder = Path(output.path)
+        if output.kind == TABLES:
+            _erase_tables(folder, output.study, code)
+            continue
+        notice = folder / NOTICE_FILE_NAME
+        known = notice.read_text(encoding="utf-8") if notice.is_file() else _NOTICE
+        if code not in known:
+            write_atomically(f"{known}- {code}\n", notice)
+        lines.append(f"{folder} ({output.kind}) was made before {code} withdrew; make it again, or delete it")
+    return lines
+
+
+_NOTICE = "Since this was made, these participants withdrew from the study. Make it again, or delete it:\n\n"
+
+
+def _erase_tables(folder: Path, study: str, code: str) -> None:
+    store = FolderStore(folder)
+    partitions = map(TablePartition.parse, store.names(""))
+    owner = (study, code)
+    names = [found.name for found in partitions if found and (found.study, found.participant) == owner]
+    store.erase(code, names)
+
+
+def _open(data: Path) -> FileJournal[RecordedOutput]:
+    return FileJournal(data / OUTPUTS_FILE_NAME, _decode, mode=0o600)
+
+
+def _decode(line: bytes, number: int) -> RecordedOutput | None:
+    with suppress(msgspec.DecodeError):  # half a line, of a crash
+        return msgspec.json.decode(line, type=RecordedOutput)
+    return None

@@ -1,0 +1,150 @@
+"""Verify the pictures that a log says were shown: draw them again at the same steps, and compare their hashes.
+
+Hashes are taken of worlds that are not ours, where nothing else says what was seen. Pictures have a verdict of their
+own: equal, different, not comparable (what draws them is of another version, or another system), or not recorded.
+"""
+
+import platform
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from itertools import groupby
+from typing import Literal
+
+import numpy as np
+
+from minihuman.errors import WorldError
+from minihuman.experiment.machine.activity import WorldFactory
+from minihuman.log.model.session_log import EpisodeLog, SessionLog
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.contract import PICTURES_VERSION
+from minihuman.worlds.picture_hash import hash_picture
+
+PictureVerdict = Literal["equal", "different", "not comparable", "not recorded"]
+_VERSION = "version_"  # before a package's name, in facts
+_NOT_COMPARED = ("version_minihuman", "version_mcap")  # which draw nothing of what is hashed
+
+
+@dataclass(frozen=True, slots=True)
+class PictureVerification:
+    """What drawing the shown pictures again gave.
+
+    Attributes:
+        verdict: of them all.
+        pictures: how many were drawn again and are equal.
+        detail: the first that differs, and why some are not comparable.
+    """
+
+    verdict: PictureVerdict
+    pictures: int = 0
+    detail: str = ""
+
+    def __str__(self) -> str:
+        match self.verdict:
+            case "equal":
+                return f"pictures equal: {self.pictures} that were shown, drawn again"
+            case "not recorded":
+                return "pictures not recorded: the log has no hashes of what was shown"
+        return f"pictures {self.verdict}: {self.detail}"
+
+
+def verify_pictures(log: SessionLog, make_world: WorldFactory = World) -> PictureVerification | None:
+    """Draw the pictures again that were shown of worlds that are not ours; None where nobody saw such an episode.
+
+    The verdict covers the episodes up to the first that differs.
+
+    Raises:
+        WorldError: if a world of the log cannot be made here.
+    """
+    if log.facts.get("window") == "simulated":
+        return None
+    facts = {segment.number: segment.facts for segment in log.segments}
+    verdict: PictureVerdict | None = None
+    pictures = 0
+    for (world_id, options), group in groupby(
+        log.episodes, lambda episode: (episode.plan.world, episode.world_options)
+    ):
+        with closing(make_world(world_id, options)) as world:
+            if world.is_built_in:
+                continue
+            for episode in group:
+                shown = find_shown_pictures(episode)
+                if not shown:
+                    verdict = verdict or "not recorded"
+                    continue
+                recorded = facts[episode.segment]
+                difference = _find_difference(episode, shown, world, _find_picture_size(recorded))
+                if difference:
+                    return _judge_difference(recorded, episode, difference, pictures)
+                pictures += len(shown)
+                verdict = "equal"
+    return None if verdict is None else PictureVerification(verdict, pictures)
+
+
+def find_shown_pictures(episode: EpisodeLog) -> dict[int, int]:
+    """Find the hashes of an episode's shown pictures, by step; none where they were not recorded."""
+    steps = np.asarray(episode.frames.column("step"))
+    hashes = np.asarray(episode.frames.column("picture_hash"))
+    return {int(step): int(picture) for step, picture in zip(steps, hashes, strict=True) if picture}
+
+
+def _find_picture_size(recorded: Mapping[str, str]) -> tuple[int, int]:
+    """Return the largest picture that a segment asked for, width and height."""
+    width, _, height = recorded.get("picture_px", "640 x 480").partition(" x ")
+    return int(width), int(height)
+
+
+def _find_difference(episode: EpisodeLog, shown: Mapping[int, int], world: World, size_px: tuple[int, int]) -> str:
+    """Play an episode again, and return the first picture that differs; "" if none does."""
+    try:
+        return next(_differences(episode, shown, world, size_px), "")
+    except WorldError as error:
+        return f"{episode.name}: {error}"
+
+
+def _differences(
+    episode: EpisodeLog, shown: Mapping[int, int], world: World, size_px: tuple[int, int]
+) -> Iterator[str]:
+    plan = episode.plan
+    world.reset(plan.seed)
+    for step in range(len(episode.actions) + 1):
+        if step:
+            world.step(episode.actions_taken[step - 1])
+        if step in shown and hash_picture(world.frame(plan.view, size_px, plan.palette)) != shown[step]:
+            yield f"{episode.name} step {step}: the picture that was shown is not the one that is drawn now"
+
+
+def _judge_difference(
+    recorded: Mapping[str, str], episode: EpisodeLog, difference: str, pictures: int
+) -> PictureVerification:
+    changed = [
+        f"{name.removeprefix(_VERSION)} {recorded[name]}, here {_find_fact(name)}"
+        for name in recorded
+        if _draws(name) and recorded[name].split(" ")[0] != _find_fact(name)
+    ]
+    if changed:
+        return PictureVerification("not comparable", pictures, f"they were drawn with {'; '.join(changed)}")
+    return PictureVerification("different", pictures, difference)
+
+
+def _draws(fact: str) -> bool:
+    """Whether what a fact says may change pictures."""
+    return fact in _STATION_FACTS or (fact.startswith(_VERSION) and fact not in _NOT_COMPARED)
+
+
+def _find_fact(name: str) -> str:
+    """Return what a fact is here, but for the release of the system."""
+    if name in _STATION_FACTS:
+        return _STATION_FACTS[name]()
+    try:
+        return version(name.removeprefix(_VERSION))
+    except PackageNotFoundError:
+        return "none"
+
+
+_STATION_FACTS: dict[str, Callable[[], str]] = {
+    "pictures": lambda: str(PICTURES_VERSION),
+    "system": platform.system,
+    "machine": platform.machine,
+}

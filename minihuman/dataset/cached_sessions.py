@@ -1,0 +1,132 @@
+"""What the table cache holds of a log besides its rows: what counts of it, and the files that it was read from."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+
+from minihuman.dataset.annotations import annotations_path
+from minihuman.dataset.caches import describe_file, is_same_content
+from minihuman.dataset.log_files import SkippedLog, list_readable_logs
+from minihuman.dataset.recording_quality import PlanOutline, RecordingQuality
+from minihuman.dataset.selection import SelectionSummary, find_practice_blocks
+from minihuman.dataset.sessions import SessionRows
+from minihuman.log.salvage.summary_section import read_first_metadata
+
+
+class CachedSession(msgspec.Struct, frozen=True):
+    """What is known of a log whose rows are cached: where it is, what counts of it, or why it cannot be read."""
+
+    path: str  # "" in the file, which names no folder outside the study
+    problem: str = ""
+    study: str = ""
+    blocks: int = 0  # that have an episode that counts
+    outline: PlanOutline | None = None  # of the session's plan; None, as the quality, of one that is not asked for
+    quality: RecordingQuality | None = None
+    account: tuple[int, int, tuple[tuple[str, str, int], ...], tuple[tuple[str, int], ...]] = (0, 0, (), ())
+    practice: tuple[str, ...] = ()  # the blocks that its protocol does not analyse
+    excluded: tuple[tuple[str, str, str], ...] = ()  # the participant, where a rule excludes them: reason, study, code
+
+    def to_summary(self) -> SelectionSummary:
+        """The account of this log alone."""
+        sessions, episodes, versions, excluded_episodes = self.account
+        account = SelectionSummary(sessions=sessions, episodes=episodes)
+        account.versions.update({(study, version): count for study, version, count in versions})
+        account.excluded_episodes.update(dict(excluded_episodes))
+        account.excluded_participants.update(self.excluded)
+        return account
+
+
+class ListedLog(NamedTuple):
+    """What a log's files say before it is read."""
+
+    path: Path
+    fingerprint: str
+    metadata: dict[str, str]  # its first
+
+
+class KnownLog(NamedTuple):
+    """What the file says of a log."""
+
+    number: int
+    fingerprint: str
+    with_shortest: bool
+    metadata: bytes  # its first, as MessagePack
+
+
+def build_cached_session(one: SessionRows) -> CachedSession:
+    """Build what the cache holds of a session; its path is left to the cache's key."""
+    account = one.account
+    versions = tuple((*whose, count) for whose, count in account.versions.items())
+    wanted = one.rows.count("participants") > 0
+    return CachedSession(
+        path="",
+        study=one.plan.study,
+        blocks=len({facts["block"] for facts in one.facts}),
+        practice=tuple(sorted(find_practice_blocks(one.plan))),
+        outline=PlanOutline.of(one.plan) if wanted else None,
+        quality=one.quality if wanted else None,
+        account=(account.sessions, account.episodes, versions, tuple(account.excluded_episodes.items())),
+        excluded=tuple(sorted(account.excluded_participants)),
+    )
+
+
+def list_logs(source: Path, known: Mapping[str, KnownLog]) -> tuple[dict[str, ListedLog], list[SkippedLog]]:
+    """List the logs to be read, by key, and those to be skipped.
+
+    The key is a log's path as seen from the study's folder. Of a log that is as the cache knows it, the metadata are
+    taken from there.
+
+    Raises:
+        LogError: if there is no such file or folder.
+    """
+    folder = source if source.is_dir() else source.parent
+    key_start = len(os.fspath(folder / "_")) - 1
+    fingerprints: dict[str, str] = {}
+    metadata: dict[str, dict[str, str]] = {}
+    participant_fingerprints: dict[str, str] = {}
+
+    def read_metadata(log: Path, first: Path) -> dict[str, str]:
+        key = os.fspath(log)[key_start:]
+        cached = known.get(key)
+        fingerprints[key] = _fingerprint_log(
+            os.fspath(first), cached.fingerprint if cached else "", participant_fingerprints
+        )
+        if cached and is_same_content(fingerprints[key], cached.fingerprint):
+            metadata[key] = msgspec.msgpack.decode(cached.metadata)
+        else:
+            metadata[key] = read_first_metadata(first)
+        return metadata[key]
+
+    paths, skipped = list_readable_logs(source, read_metadata)
+    logs = {os.fspath(path)[key_start:]: path for path in paths}
+    return {key: ListedLog(path, fingerprints[key], metadata[key]) for key, path in logs.items()}, skipped
+
+
+def _fingerprint_log(first: str, known: str, of_participant: dict[str, str]) -> str:
+    """Of a log, by the file that it begins in, of the marks beside it, and of the participant's other sessions.
+
+    A rule that excludes a participant may be broken in any of their sessions, so each one's rows depend on all.
+    """
+    folder = os.path.dirname(first)
+    if not os.path.basename(folder).startswith("ses-"):
+        marks = os.path.basename(annotations_path(Path(first)))
+        return _describe_files(folder, marks.partition("_")[0], known)
+    participant = os.path.dirname(folder)
+    if participant not in of_participant:
+        folders = sorted(
+            entry.path for entry in os.scandir(participant or ".") if entry.name.startswith("ses-") and entry.is_dir()
+        )
+        of_participant[participant] = "\n".join(_describe_files(one, "", known) for one in folders)
+    return of_participant[participant]
+
+
+def _describe_files(folder: str, prefix: str, known: str) -> str:
+    """Describe a folder's files whose names begin so, a line each; ``known`` as in ``describe_file``."""
+    return "\n".join(
+        describe_file(entry.path, entry.stat(), name=f"{os.path.basename(folder)}/{entry.name}", known=known)
+        for entry in sorted(os.scandir(folder or "."), key=lambda entry: entry.name)
+        if entry.name.startswith(prefix) and entry.is_file()
+    )

@@ -1,0 +1,79 @@
+"""Columns of tables' files for what a study's JSON columns hold: of ``steps`` what it keeps of its worlds' ``info``, of
+``episodes`` and ``trials`` the labels of its stimuli; one column for each key.
+
+In the study's table itself it is one column of JSON, as every study has the same tables.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import duckdb
+import pyarrow as pa
+
+from minihuman.activities.trials.stimulus_table import name_label_column
+from minihuman.dataset.table_columns import TableColumn, TableColumnType
+
+
+@dataclass(frozen=True, slots=True)
+class JsonColumn:
+    """A column of JSON whose keys are columns of a table's files."""
+
+    name: str
+    meaning: str  # of one of them, with the key in it
+
+
+INFO = JsonColumn("info", "The world's info[{!r}] after the step; empty where it did not say.")
+LABELS = JsonColumn("labels", "The label {!r} of the trial's stimulus; empty where it has none.")
+LABELLED_TABLES = ("episodes", "trials")
+_JSON_COLUMNS = {"steps": INFO, **dict.fromkeys(LABELLED_TABLES, LABELS)}
+_KINDS: Mapping[frozenset[str], TableColumnType] = {  # by DuckDB's types of the values, beside NULL
+    frozenset({"BOOLEAN"}): "boolean",
+    frozenset({"BIGINT", "UBIGINT", "DOUBLE"}): "number",
+}
+_ARROW_TYPES = {"boolean": pa.bool_(), "number": pa.float64(), "text": pa.string()}
+
+
+def list_info_columns(connection: duckdb.DuckDBPyConnection, table: str) -> dict[str, TableColumn]:
+    """List the columns of a table's kept keys, by key: boolean or number where all values are, else text."""
+    column = _JSON_COLUMNS.get(table)
+    if column is None:
+        return {}
+    found = connection.execute(
+        f"SELECT key, list(DISTINCT json_type({column.name}, '$.\"' || key || '\"')) "
+        f"FROM (SELECT {column.name}, unnest(json_keys({column.name})) AS key FROM kept.{table} "
+        f"WHERE {column.name} <> '') GROUP BY key ORDER BY key"
+    ).fetchall()
+    name = name_label_column if column is LABELS else "info_{}".format
+    return {key: TableColumn(name(key), _find_kind(types), "", column.meaning.format(key)) for key, types in found}
+
+
+def _find_kind(types: Sequence[str]) -> TableColumnType:
+    said = {name for name in types if name != "NULL"}
+    return next((kind for names, kind in _KINDS.items() if said and said <= names), "text")
+
+
+def build_info_schema(columns: Mapping[str, TableColumn]) -> list[pa.Field]:
+    """Build the fields of these columns."""
+    return [pa.field(column.name, _ARROW_TYPES[column.kind]) for column in columns.values()]
+
+
+def add_info_columns(rows: pa.Table, table: str, columns: Mapping[str, TableColumn]) -> pa.Table:
+    """Add these columns to some rows of a table."""
+    if not columns:
+        return rows
+    texts = rows.column(_JSON_COLUMNS[table].name).to_pylist()
+    objects = [json.loads(text) if text else {} for text in texts]
+    for (key, column), field in zip(columns.items(), build_info_schema(columns), strict=True):
+        values = [_convert(content.get(key), column.kind) for content in objects]
+        rows = rows.append_column(field, pa.array(values, field.type))
+    return rows
+
+
+def _convert(value: Any, kind: str) -> Any:
+    if value is None or kind == "boolean":
+        return value
+    if kind == "number":
+        return float(value)
+    return value if isinstance(value, str) else json.dumps(value)

@@ -1,0 +1,132 @@
+"""Write sessions' rows into a file of tables: read logs, put their rows and digests in, and take stale ones out."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import islice
+from typing import Any
+
+import msgspec
+import pyarrow as pa
+
+from minihuman.dataset.cached_sessions import CachedSession, ListedLog, build_cached_session
+from minihuman.dataset.caches import transaction
+from minihuman.dataset.log_files import SkippedLog, infrequent_collection, map_logs, name_paths_from
+from minihuman.dataset.rows import SessionTables
+from minihuman.dataset.sessions import SessionRows, StudySessions, read_session_rows
+from minihuman.dataset.table_catalogue import TABLES
+from minihuman.dataset.table_database import LOG_COLUMNS, PLANNED_TABLES, TableDatabase
+from minihuman.errors import LogError
+
+SESSIONS_PER_COMMIT = 384  # what is left of a piece of the file is written once more then
+_SESSIONS_PER_UPDATE = 1_000
+_ROW_DIGESTS = pa.schema([("log", pa.int32()), ("row_digests", pa.list_(pa.uint64()))])
+_INCLUDED_SESSIONS = """
+    SELECT key, log, about, row_digests FROM kept.logs SEMI JOIN kept.participants p USING (log)
+    WHERE log IN (SELECT unnest(?))
+    AND log NOT IN (SELECT log FROM kept.participants WHERE exclusion_reason IS NOT NULL)
+"""
+
+
+class RowWriter:
+    """Writes rows and digests in one transaction: a session is whole in the file, or to be read again.
+
+    Args:
+        tables: the file.
+        sessions: of which study, and what counts.
+        with_shortest: whether the fewest possible steps are worked out, which takes the worlds themselves.
+    """
+
+    def __init__(self, tables: TableDatabase, sessions: StudySessions, *, with_shortest: bool) -> None:
+        self._tables = tables
+        self._sessions = sessions
+        self._with_shortest = with_shortest
+
+    def remove(self, numbers: Sequence[int]) -> None:
+        """Take sessions out, with what is known of their logs."""
+        if not numbers:
+            return
+        with transaction(self._tables.connection):
+            self._tables.remove(numbers)
+            self._tables.connection.execute("DELETE FROM kept.logs WHERE log IN (SELECT unnest(?))", (numbers,))
+
+    def plan_paths(self, unplanned: Mapping[str, int]) -> dict[str, int]:
+        """Fill in what takes the worlds, of sessions whose rows are whole without; give those that were filled in."""
+        filled: dict[str, int] = {}
+        waiting = iter(unplanned.values())
+        while numbers := list(islice(waiting, _SESSIONS_PER_UPDATE)):
+            rows = self._tables.connection.execute(_INCLUDED_SESSIONS, (numbers,)).fetchall()
+            if not rows:
+                continue
+            practice = {
+                number: msgspec.msgpack.decode(about, type=CachedSession).practice for _, number, about, _ in rows
+            }
+            with transaction(self._tables.connection):
+                self._tables.add_path_measures(list(practice), practice)
+                self._store_planned_digests({number: row_digests for _, number, _, row_digests in rows})
+            filled |= {key: number for key, number, _, _ in rows}
+        return filled
+
+    def _store_planned_digests(self, former: Mapping[int, Sequence[int]]) -> None:
+        """Store the digests of the tables that have changed beside the former ones of the others."""
+        digests = {name: self._tables.digest_rows(name) for name in PLANNED_TABLES}
+        stored = [
+            {
+                "log": number,
+                "row_digests": [
+                    digests[name].get(number, 0) if name in digests else old
+                    for name, old in zip(TABLES, row_digests, strict=True)
+                ],
+            }
+            for number, row_digests in former.items()
+        ]
+        new = pa.Table.from_pylist(stored, _ROW_DIGESTS)  # noqa: F841 - SQL reads it
+        self._tables.connection.execute(
+            "UPDATE kept.logs SET with_shortest = true, row_digests = new.row_digests, digest = NULL "
+            "FROM new WHERE logs.log = new.log"
+        )
+        self._digest_logs()
+
+    @infrequent_collection()
+    def read(self, logs: Mapping[str, ListedLog]) -> None:
+        """Read logs and keep their rows, some sessions at a time."""
+        ((last,),) = self._tables.connection.execute("SELECT coalesce(max(log), 0) FROM kept.logs").fetchall()
+        work = partial(read_session_rows, selection=self._sessions.selection, with_shortest=self._with_shortest)
+        paths = [log.path for log in logs.values()]
+        sessions = map_logs(paths, work, processes=self._sessions.processes, engine=self._sessions.engine)
+        numbered = iter(enumerate(zip(logs.items(), sessions, strict=True), last + 1))
+        for _ in range(0, len(logs), SESSIONS_PER_COMMIT):
+            with transaction(self._tables.connection):
+                self._insert(islice(numbered, SESSIONS_PER_COMMIT))
+
+    def _insert(self, sessions: Iterable[tuple[int, tuple[tuple[str, ListedLog], SessionRows | SkippedLog]]]) -> None:
+        """Keep some sessions' rows, or why a log of theirs cannot be read; memory holds few at a time."""
+        lines: dict[int, tuple[Any, ...]] = {}
+
+        def list_rows() -> Iterator[tuple[int, SessionTables]]:
+            for number, ((key, log), session) in sessions:
+                about, facts = self._describe(session)
+                encoded = msgspec.msgpack.encode(log.metadata), msgspec.msgpack.encode(about)
+                lines[number] = (key, log.fingerprint, self._with_shortest, *encoded, facts)
+                if not isinstance(session, SkippedLog):
+                    yield number, session.rows
+
+        digests = self._tables.insert(list_rows())
+        none = [0] * len(TABLES)
+        self._tables.connection.executemany(
+            "INSERT INTO kept.logs VALUES (?, ?, ?, ?, ?, ?, ?, ?, NULL)",
+            [(number, *line[:3], digests.get(number, none), *line[3:]) for number, line in lines.items()],
+        )
+        self._digest_logs()
+
+    def _describe(self, session: SessionRows | SkippedLog) -> tuple[CachedSession, bytes | None]:
+        """What the file says of a session, and of its episodes that count; None for those of an unreadable log."""
+        if not isinstance(session, SkippedLog):
+            return build_cached_session(session), msgspec.msgpack.encode(session.facts)
+        source = self._sessions.source
+        if not source.is_dir():
+            raise LogError(session.reason)
+        return CachedSession("", problem=name_paths_from(source, session.reason)), None
+
+    def _digest_logs(self) -> None:
+        """Digest the lines that were written."""
+        self._tables.connection.execute(f"UPDATE kept.logs SET digest = hash({LOG_COLUMNS}) WHERE digest IS NULL")

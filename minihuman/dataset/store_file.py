@@ -1,0 +1,105 @@
+"""The file that a study's tables lie in: its own cache where that can hold them, else one that goes away."""
+
+import tempfile
+from pathlib import Path
+
+import duckdb
+
+from minihuman.dataset.caches import IN_USE_ERRORS, TABLE_CACHE, remove_cache
+from minihuman.dataset.selection import Selection
+from minihuman.dataset.sessions import StudySessions
+from minihuman.dataset.table_database import CatalogueChangedError, StoreVersionError, TableDatabase
+from minihuman.errors import QueryError
+
+
+class StoreFile:
+    """Opens the file, and makes it anew where it holds something else.
+
+    Args:
+        sessions: of which study, and what counts; what is done without the study's own file is noted in their account.
+    """
+
+    def __init__(self, sessions: StudySessions) -> None:
+        self._sessions = sessions
+        self._own = sessions.source / TABLE_CACHE
+        self._temporary: tempfile.TemporaryDirectory[str] | None = None
+
+    @property
+    def is_temporary(self) -> bool:
+        """Whether the tables lie in a file that goes away, not in the study's own."""
+        return self._temporary is not None
+
+    def open_database(self, *, read_only: bool) -> TableDatabase:
+        """Open the study's own file if it can hold what is asked for, else one that goes away.
+
+        A file that is new or made by other software is opened for writing.
+        """
+        if not self._can_hold_selection():
+            return self.open_temporary()
+        for _ in ("as it is", "anew"):
+            try:
+                return self._open_own(read_only=read_only)
+            except (duckdb.IOException, *IN_USE_ERRORS, OSError) as error:  # in use, or a read-only folder
+                self.note_not_kept(error)
+                break
+            except StoreVersionError:
+                if read_only:
+                    return self.open_database(read_only=False)
+            except CatalogueChangedError:
+                self.note(f"{self._own} was changed by another program; its tables were made anew from the logs")
+            except duckdb.Error:  # cut off, or no such file
+                pass
+            try:
+                remove_cache(self._own)
+            except OSError as error:
+                self.note_not_kept(error)
+                break
+        return self.open_temporary()
+
+    def open_temporary(self) -> TableDatabase:
+        """Open a file that goes away.
+
+        Raises:
+            QueryError: if there is no room for it.
+        """
+        self._temporary = tempfile.TemporaryDirectory(prefix="minihuman-")
+        try:
+            return TableDatabase(Path(self._temporary.name) / TABLE_CACHE)
+        except duckdb.Error as error:
+            self._temporary.cleanup()
+            raise self.name_no_room(error) from error
+
+    def name_no_room(self, error: duckdb.Error) -> QueryError:
+        """Make the error that says that the tables lie nowhere."""
+        reason = str(error).splitlines()[0]
+        return QueryError(
+            f"{self._sessions.source}: its tables cannot be made, beside it or in {tempfile.gettempdir()}: {reason}"
+        )
+
+    def note_not_kept(self, error: Exception) -> None:
+        """Note why the study's own file is not used."""
+        reason = " ".join(str(error).split("\n")[0].split())
+        self.note(f"{self._own} cannot be used now ({reason}); the tables were made anew for this once")
+
+    def note_damage(self, count: int) -> None:
+        """Note that so many sessions' rows are not those that were written."""
+        sessions = "1 session" if count == 1 else f"{count} sessions"
+        self.note(f"{self._own} was changed by another program: the rows of {sessions} were made anew from the logs")
+
+    def note(self, line: str) -> None:
+        """Put a line into the account, for the terminal."""
+        self._sessions.account.notes.append(line)
+
+    def close(self) -> None:
+        """Remove the file that goes away."""
+        if self._temporary is not None:
+            self._temporary.cleanup()
+
+    def _can_hold_selection(self) -> bool:
+        is_default = self._sessions.selection == Selection()
+        return is_default and self._own.parent.is_dir() and not self._sessions.from_logs
+
+    def _open_own(self, *, read_only: bool) -> TableDatabase:
+        if not self._own.exists():
+            remove_cache(self._own)
+        return TableDatabase(self._own, read_only=read_only and self._own.exists())

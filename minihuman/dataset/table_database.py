@@ -1,0 +1,374 @@
+"""A DuckDB file with the tables of some sessions: their rows, the digests of these, and the answers to queries.
+
+It knows rows and sessions' numbers, and neither logs nor selections.
+"""
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from hashlib import blake2b
+from itertools import groupby, pairwise
+from pathlib import Path
+from typing import Any
+
+import duckdb
+import numpy as np
+import pyarrow as pa
+
+import minihuman
+from minihuman.dataset.activity_tables import list_table_sources
+from minihuman.dataset.caches import INDEX_SCHEMA, connect_cache, digest_files, digest_sources, transaction
+from minihuman.dataset.rows import RowBatch, SessionTables, arrow_columns, arrow_schema, as_int64
+from minihuman.dataset.session_measures import average_path_measures, compare_with_shortest_path, find_layout_bounds
+from minihuman.dataset.table_catalogue import TABLES, is_episode_table
+from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, use_current_columns
+from minihuman.dataset.table_queries import QUERY_SETTINGS, find_queried_tables
+from minihuman.errors import QueryError
+
+_ROWS = 100_000  # handed out at once
+_DIGEST_MODULUS = 2**64
+_ROWS_PER_INSERT = 50_000  # of a table; fewer are slower, more take more memory
+_READING = frozenset(f"StatementType.{name}" for name in ("SELECT", "EXPLAIN", "PRAGMA", "MULTI"))  # MULTI: PIVOT
+_MAKERS = ("dataset", "log/model")  # the packages whose code makes the rows, beside the modules of activities' tables
+LOG_COLUMNS = "log, key, fingerprint, with_shortest, row_digests, metadata, about, facts"  # digested with each log
+COUNTED_BY = ("episodes", "participants")  # the tables whose exclusion reasons say what counts in all others
+PLANNED_TABLES = {
+    "episodes": "row",
+    "blocks": "block",
+    "participants": "log",
+}  # tables with world columns, and their rows' key
+
+
+class StoreVersionError(Exception):
+    """A file holds tables of other columns, or made by other software."""
+
+
+class CatalogueChangedError(Exception):
+    """A file's tables, views or macros are not those that were laid out."""
+
+
+class TableDatabase(AbstractContextManager["TableDatabase", None]):
+    """The tables of some sessions, each under a number of its own. Use it in a ``with``.
+
+    Args:
+        path: the file.
+        read_only: leave the file as it is.
+
+    Raises:
+        StoreVersionError: if the file holds others.
+        CatalogueChangedError: if its tables, views or macros were changed.
+        duckdb.Error: if it cannot be opened or written, or is no such file.
+    """
+
+    def __init__(self, path: Path, *, read_only: bool = False) -> None:
+        """Open a file; a new one is given its tables."""
+        self.path = path
+        self.order: tuple[int, ...] | None = None  # of the sessions' numbers; None: as they were put in
+        self._is_placed = False  # whether the connection has the order as a table
+        self.checked: frozenset[str] = frozenset(TABLES)  # tables that may be read: their digests were compared
+        self.read_only = read_only
+        self.connection = connect_cache(path, read_only=read_only)
+        try:
+            there = self.connection.execute("SELECT 1 FROM duckdb_tables() WHERE table_name = 'made_by'").fetchall()
+            if not there:
+                if read_only:  # it has the session index alone
+                    raise StoreVersionError
+                self._lay_out()
+            else:
+                made_by = self.connection.execute("SELECT version, catalogue FROM kept.made_by").fetchall()
+                if [version for version, _ in made_by] != [software_digest()]:
+                    raise StoreVersionError
+                if made_by[0][1] != self._digest_catalogue():
+                    raise CatalogueChangedError
+        except BaseException:
+            self.connection.close()
+            raise
+
+    def insert(self, sessions: Iterable[tuple[int, SessionTables]]) -> dict[int, list[int]]:
+        """Put sessions' rows in, and give the digests of each session's rows, in the order of ``TABLES``."""
+        digests: dict[int, list[int]] = {}
+        waiting: dict[str, dict[int, RowBatch]] = {name: {} for name in TABLES}
+        for number, rows in sessions:
+            digests[number] = [0] * len(TABLES)
+            for name, its in waiting.items():
+                if rows.count(name):
+                    its[number] = rows.parts[name]
+                if sum(part.count for part in its.values()) >= _ROWS_PER_INSERT:
+                    self._insert(name, its, digests)
+        for name, its in waiting.items():
+            self._insert(name, its, digests)
+        return digests
+
+    def _insert(self, name: str, parts: dict[int, RowBatch], digests: Mapping[int, list[int]]) -> None:
+        """Put some sessions' rows of a table in, note their digests, and forget them."""
+        if not parts:
+            return
+        counts = [part.count for part in parts.values()]
+        numbers = np.repeat(list(parts), counts), np.concatenate([np.arange(count) for count in counts])
+        columns = [*map(as_int64, numbers), *arrow_columns(name, list(parts.values()))]
+        # no view, which would keep them in memory until the transaction ends
+        new = self.connection.from_arrow(pa.Table.from_arrays(columns, ["log", "row", *arrow_schema(name).names]))
+        for number, digest in new.aggregate(_row_digest(name), "log").fetchall():
+            digests[number][list(TABLES).index(name)] = digest
+        new.insert_into(f"kept.{name}")
+        parts.clear()
+
+    def add_path_measures(self, numbers: Sequence[int], practice: Mapping[int, Collection[str]]) -> None:
+        """Fill in the columns that take the worlds, from the rows alone.
+
+        Args:
+            numbers: of sessions that no rule excludes: others' rows do not tell which episodes count.
+            practice: each session's blocks that are not analysed.
+        """
+        found = self.connection.execute(
+            "SELECT log, e.row, e.block, steps, e.max_steps, outcome, exclusion_reason IS NULL AS counts, p.world, "
+            "options, p.seed FROM kept.episodes e JOIN kept.plan p USING (log, episode) "
+            "WHERE log IN (SELECT unnest(?)) ORDER BY log, e.row",
+            (list(numbers),),
+        )
+        names = [column[0] for column in found.description]
+        new: dict[str, list[dict[str, Any]]] = {name: [] for name in PLANNED_TABLES}
+        means: dict[str, dict[tuple[int, str], list[dict[str, Any]]]] = {"blocks": {}, "participants": {}}
+        for values in found.fetchall():
+            row = dict(zip(names, values, strict=True))
+            least = find_layout_bounds(row["world"], row["options"], row["seed"])
+            row |= compare_with_shortest_path(row, least)
+            new["episodes"].append(row)
+            log, block = row["log"], row["block"]
+            of_block = means["blocks"].setdefault((log, block), [])
+            of_session = means["participants"].setdefault((log, ""), [])
+            if row["counts"]:
+                of_block.append(row)
+                if block not in practice[log]:
+                    of_session.append(row)
+        for name, groups in means.items():
+            new[name] = [
+                {"log": log, "block": block, **average_path_measures(rows)} for (log, block), rows in groups.items()
+            ]
+        for name, key in PLANNED_TABLES.items():
+            if not new[name]:  # none of these sessions had an episode
+                continue
+            changed = [column for column in arrow_schema(name).names if column in COLUMNS_NEEDING_WORLD]
+            assigned = ", ".join(f'"{column}" = new."{column}"' for column in changed)
+            found_out = pa.Table.from_pylist(new[name]).select(list({"log", key}) + changed)  # noqa: F841 - SQL reads it
+            self.connection.execute(
+                f"UPDATE kept.{name} SET {assigned} FROM found_out AS new "
+                f"WHERE {name}.log = new.log AND {name}.{key} = new.{key}"
+            )
+
+    def remove(self, numbers: Sequence[int]) -> None:
+        """Take sessions' rows out."""
+        for name in TABLES:
+            self.connection.execute(f"DELETE FROM kept.{name} WHERE log IN (SELECT unnest(?))", (list(numbers),))
+
+    def digest_rows(self, name: str, *, without: frozenset[str] = frozenset()) -> dict[int, int]:
+        """The digest of each session's rows in a table, of those that have any, some columns excluded.
+
+        Any edit changes it. Equal rows have equal digests, whatever the session's number.
+        """
+        return digest_relation(self.connection.sql(f"FROM kept.{name}"), name, without=without)
+
+    def find_changed(self, name: str) -> set[int]:
+        """The sessions whose rows in a table are not those that were put in; those of no session among them."""
+        place = list(TABLES).index(name) + 1
+        found = self.connection.execute(
+            f"SELECT log FROM (SELECT {_row_digest(name)} FROM kept.{name} GROUP BY log) AS held "
+            "FULL JOIN (SELECT log, row_digests FROM kept.logs) AS stored USING (log) "
+            f"WHERE coalesce(held.digest, 0) IS DISTINCT FROM stored.row_digests[{place}]"
+        )
+        return {log for (log,) in found.fetchall()}
+
+    def _digest_catalogue(self) -> str:
+        """Digest the definitions of all tables, views and macros, any of which could stand for one of ours.
+
+        But for the session index, which is made anew whatever is in its schema.
+        """
+        found = self.connection.execute(
+            f"SELECT schema_name || table_name || sql FROM duckdb_tables() WHERE schema_name <> '{INDEX_SCHEMA}' "
+            "UNION ALL "
+            "SELECT schema_name || view_name || sql FROM duckdb_views() WHERE NOT internal UNION ALL "
+            "SELECT schema_name || function_name || macro_definition FROM duckdb_functions() WHERE NOT internal "
+            "ORDER BY 1"
+        ).fetchall()
+        return blake2b(repr(found).encode(), digest_size=16).hexdigest()
+
+    def put_in_order(self, numbers: Sequence[int]) -> None:
+        """Say in which order sessions are to be handed out."""
+        if list(numbers) == sorted(numbers):
+            self.order = None
+            return
+        self.order = tuple(numbers)
+        self._is_placed = False
+
+    def _place_sessions(self, numbers: Sequence[int]) -> None:
+        """Make the temporary table that gives each session's place in the order."""
+        self._is_placed = True
+        self.connection.execute("CREATE OR REPLACE TEMP TABLE placed (log INTEGER, place INTEGER)")
+        columns = (np.array(numbers), np.arange(len(numbers)))
+        placed = pa.Table.from_arrays([as_int64(column) for column in columns], ["log", "place"])
+        self.connection.from_arrow(placed).insert_into("placed")
+
+    def batches(
+        self, name: str, *, without: frozenset[str] = frozenset(), counting: bool = False
+    ) -> Iterator[pa.RecordBatch]:
+        """One table's rows, session by session, some columns excluded; only a few are in memory at a time.
+
+        All but the last batch have the same number of rows, whatever was put in and taken out before: equal rows make
+        equal files.
+
+        ``counting`` leaves out what does not count, and what belongs to an episode or a session that does not.
+        """
+        self._require_checked({name, *(COUNTED_BY if counting else ())})
+        wanted = arrow_schema(name, without=without)
+        columns = ", ".join(f'"{column}"' for column in wanted.names)
+        found = f"FROM kept.{name}"
+        if counting and "exclusion_reason" in arrow_schema(name).names:
+            found += f" SEMI JOIN (SELECT log, row FROM kept.{name} WHERE exclusion_reason IS NULL) USING (log, row)"
+        elif counting and is_episode_table(name):
+            theirs = "SELECT log, episode, attempt FROM kept.episodes WHERE exclusion_reason IS NULL"
+            found += f" SEMI JOIN ({theirs}) USING (log, episode, attempt)"
+        elif counting:
+            found += " SEMI JOIN (SELECT log FROM kept.participants WHERE exclusion_reason IS NULL) USING (log)"
+        if self.order is not None and not self._is_placed:
+            self._place_sessions(self.order)
+        if counting or self.order is not None:
+            order, place = ("JOIN placed USING (log)", "place") if self.order is not None else ("", "log")
+            found += f" {order} ORDER BY {place}, row"
+        for batch in _even(self.connection.sql(f"SELECT {columns} {found}").to_arrow_reader(_ROWS)):
+            yield _cast(batch, wanted)
+
+    def session_batches(
+        self, name: str, numbers: Sequence[int], *, without: frozenset[str] = frozenset()
+    ) -> Iterator[tuple[int, Iterator[pa.RecordBatch]]]:
+        """One table's rows of some sessions, session by session, some columns excluded; others are not read.
+
+        Use up a session's batches before the next session's. As in ``batches``, equal rows make equal batches.
+        """
+        self._require_checked({name})
+        wanted = arrow_schema(name, without=without)
+        columns = ", ".join(f'"{column}"' for column in wanted.names)
+        logs = ", ".join(map(str, numbers))
+        found = self.connection.sql(f"SELECT log, {columns} FROM kept.{name} WHERE log IN ({logs}) ORDER BY log, row")
+        parts = (part for batch in found.to_arrow_reader(_ROWS) for part in _split_sessions(batch))
+        for number, theirs in groupby(parts, key=lambda part: int(part.column(0)[0].as_py())):
+            yield number, (_cast(batch, wanted) for batch in _even(part.select(wanted.names) for part in theirs))
+
+    def table(self, name: str, columns: Sequence[str] | None = None, *, counting: bool = False) -> pa.Table:
+        """A table, or some columns of it; ``counting`` as in ``batches``."""
+        names = [column.name for column in TABLES[name]]
+        without = frozenset(names) - set(names if columns is None else columns)
+        table = pa.Table.from_batches(
+            self.batches(name, without=without, counting=counting), arrow_schema(name, without=without)
+        )
+        return table if columns is None else table.select(columns)
+
+    def count(self, name: str) -> int:
+        """How many rows a table has."""
+        self._require_checked({name})
+        counted = self.connection.execute(f"SELECT count(*) FROM kept.{name}").fetchall()
+        return int(counted[0][0])
+
+    def query(self, sql: str) -> pa.Table:
+        """Answer SQL about the tables, by present or earlier column names. It reads and writes no other file.
+
+        Raises:
+            QueryError: if it is no SQL, or asks for what is not there.
+        """
+        self._require_checked(find_queried_tables(sql))
+        self._connect_for_queries()
+        try:
+            if any(str(each.type) not in _READING for each in self.connection.extract_statements(sql)):
+                raise QueryError(f"{sql!r} is not a SELECT statement; use SELECT to read the study's tables")
+            try:
+                found = self.connection.sql(sql)
+            except duckdb.BinderException:
+                found = self.connection.sql(use_current_columns(sql))
+            if found is None:
+                raise QueryError(f"{sql!r} returns no rows; a query must be a SELECT over the study's tables")
+            return found.to_arrow_table()
+        except duckdb.PermissionException as error:
+            raise QueryError(f"{sql!r} uses a file; a query may only read the study's tables") from error
+        except duckdb.Error as error:
+            line = " ".join(str(error).split("\n\n")[0].split())
+            raise QueryError(f"the query failed: {line}; the tables are {', '.join(TABLES)}") from error
+
+    def _connect_for_queries(self) -> None:
+        """Connect anew, as one process cannot have the file open with two kinds of settings."""
+        self.connection.close()
+        self.connection = connect_cache(self.path, read_only=True, settings=QUERY_SETTINGS)
+        self._is_placed = False  # the temporary table went with the connection
+
+    def _require_checked(self, names: Collection[str]) -> None:
+        if unchecked := set(names) - self.checked:
+            raise AssertionError(f"the store was not opened for {', '.join(sorted(unchecked))}")
+
+    def close(self) -> None:
+        """Leave the file to others."""
+        self.connection.close()
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def _lay_out(self) -> None:
+        with transaction(self.connection):
+            self.connection.execute("CREATE SCHEMA kept")
+            for name in TABLES:
+                empty = self.connection.from_arrow(pa.Table.from_batches([], arrow_schema(name)))
+                empty.project("0::INTEGER AS log, 0::INTEGER AS row, *").to_table(f"kept.{name}")
+                self.connection.execute(f"ALTER TABLE kept.{name} ALTER log SET NOT NULL")
+                columns = ", ".join(f'"{column.name}"' for column in TABLES[name])
+                self.connection.execute(f"CREATE VIEW {name} AS SELECT {columns} FROM kept.{name}")
+            self.connection.execute(
+                "CREATE TABLE kept.logs (log INTEGER NOT NULL, key TEXT, fingerprint TEXT, with_shortest BOOLEAN, "
+                "row_digests UBIGINT[], metadata BLOB, about BLOB, facts BLOB, digest UBIGINT)"
+            )
+            self.connection.execute("CREATE TABLE kept.made_by (version TEXT, catalogue TEXT)")
+            made_by = (software_digest(), self._digest_catalogue())
+            self.connection.execute("INSERT INTO kept.made_by VALUES (?, ?)", made_by)
+
+
+def digest_relation(
+    rows: duckdb.DuckDBPyRelation, name: str, *, without: frozenset[str] = frozenset()
+) -> dict[int, int]:
+    """Digest a table's rows by session, as ``digest_rows`` does: each row has ``log``, its session, and ``row``."""
+    return dict(rows.aggregate(_row_digest(name, without=without), "log").fetchall())
+
+
+def _row_digest(name: str, *, without: frozenset[str] = frozenset()) -> str:
+    """The columns of a query that digests a table's rows by session."""
+    columns = ", ".join(f'"{column}"' for column in arrow_schema(name, without=without).names)
+    return f"log, (sum(hash(row::BIGINT, {columns})) % {_DIGEST_MODULUS})::UBIGINT AS digest"
+
+
+def _even(found: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
+    """The same rows in batches of ``_ROWS``: DuckDB's own follow where its file has gaps."""
+    waiting: list[pa.RecordBatch] = []
+    for batch in found:
+        waiting.append(batch)
+        if sum(map(len, waiting)) >= _ROWS:
+            whole = _one(waiting)
+            yield whole.slice(0, _ROWS)
+            waiting = [whole.slice(_ROWS)]
+    if any(map(len, waiting)):
+        yield _one(waiting)
+
+
+def _cast(batch: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
+    arrays = [array.cast(field.type) for array, field in zip(batch.columns, schema, strict=True)]
+    return pa.RecordBatch.from_arrays(arrays, schema=schema)
+
+
+def _split_sessions(batch: pa.RecordBatch) -> Iterator[pa.RecordBatch]:
+    """The same rows, one session each; the first column is the session's number."""
+    edges = [0, *(np.flatnonzero(np.diff(batch.column(0))) + 1).tolist(), len(batch)]
+    yield from (batch.slice(begin, end - begin) for begin, end in pairwise(edges) if begin < end)
+
+
+def _one(batches: list[pa.RecordBatch]) -> pa.RecordBatch:
+    [one] = pa.Table.from_batches(batches).combine_chunks().to_batches()
+    return one
+
+
+def software_digest() -> str:
+    """What makes the rows: other code makes others, so a file made by it is not gone on with."""
+    sources = f"{digest_sources(*_MAKERS)} {digest_files(list_table_sources())}"
+    return f"{minihuman.__version__} duckdb {duckdb.__version__} {sources}"

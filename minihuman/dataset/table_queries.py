@@ -1,0 +1,97 @@
+"""SQL over a study's tables: which tables a query reads, whether it takes the worlds, its answer, and that as text."""
+
+import io
+from collections.abc import Iterator
+from typing import Any
+
+import duckdb
+import msgspec
+import pyarrow as pa
+import pyarrow.csv
+
+from minihuman.dataset.caches import CACHE_SETTINGS
+from minihuman.dataset.table_catalogue import TABLES
+from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, use_current_columns
+
+QUERY_SETTINGS = {  # SQL reads the tables: no files, no network, no variables of this program
+    **CACHE_SETTINGS,
+    "threads": "2",
+    "enable_external_access": "false",
+    "python_enable_replacements": "false",
+    "lock_configuration": "true",
+}
+
+
+def find_queried_tables(sql: str) -> frozenset[str]:
+    """The tables that a query reads; all of them if the query alone does not tell."""
+    try:
+        with duckdb.connect(config=dict(QUERY_SETTINGS)) as parser:
+            names = frozenset(name.lower() for name in parser.get_table_names(sql))
+    except duckdb.Error:
+        return frozenset(TABLES)
+    is_computed = "query" in sql.lower()  # the functions query() and query_table() take names that are computed
+    return frozenset(TABLES) if is_computed else names & TABLES.keys()
+
+
+def needs_shortest_paths(sql: str) -> bool:
+    """Whether a query may read a column that takes the worlds themselves; True if the query alone does not tell."""
+    names = find_queried_tables(sql)
+    if not any(has_world_columns(name) for name in names):
+        return False
+    if "query" in sql.lower():  # a text that is a query
+        return True
+    try:
+        with duckdb.connect(config=dict(QUERY_SETTINGS)) as parser:
+            ((tree,),) = parser.execute("SELECT json_serialize_sql(?::VARCHAR)", (use_current_columns(sql),)).fetchall()
+    except duckdb.Error:
+        return True
+    nodes = list(_walk(msgspec.json.decode(tree)))
+    whole_rows = {str(node[key]).lower() for node in nodes for key in ("alias", "table_name") if node.get(key)}
+    return any(
+        node.get("error")
+        or node.get("class") in ("STAR", "POSITIONAL_REFERENCE")
+        or node.get("type") == "PIVOT"
+        or (
+            isinstance(parts := node.get("column_names"), list)
+            and (parts[-1].lower() in COLUMNS_NEEDING_WORLD or parts[-1].lower() in whole_rows)
+        )
+        for node in nodes
+    )
+
+
+def _walk(tree: Any) -> Iterator[dict[str, Any]]:
+    """Every object of a JSON document."""
+    if isinstance(tree, dict):
+        yield tree
+    for part in tree.values() if isinstance(tree, dict) else tree if isinstance(tree, list) else ():
+        yield from _walk(part)
+
+
+def has_world_columns(name: str) -> bool:
+    """Whether a table has columns that take the worlds themselves."""
+    return any(column.name in COLUMNS_NEEDING_WORLD for column in TABLES[name])
+
+
+MAX_SHOWN_ROWS = 100  # rows; more are for a file
+
+
+def format_result_csv(answer: pa.Table) -> str:
+    """Every row, under the columns' names."""
+    file = io.BytesIO()
+    pa.csv.write_csv(answer, file)
+    return file.getvalue().decode()
+
+
+def format_result_lines(answer: pa.Table) -> Iterator[str]:
+    """The first rows, in columns; what is missing is a dot."""
+    rows = [
+        ["." if one is None else f"{one:.6g}" if isinstance(one, float) else str(one) for one in row.values()]
+        for row in answer.slice(0, MAX_SHOWN_ROWS).to_pylist()
+    ]
+    widths = [max(map(len, column)) for column in zip(answer.column_names, *rows, strict=True)]
+    numbers = [pa.types.is_integer(kind) or pa.types.is_floating(kind) for kind in answer.schema.types]
+    for row in (answer.column_names, *rows):
+        cells = zip(row, widths, numbers, strict=True)
+        yield "  ".join(cell.rjust(width) if number else cell.ljust(width) for cell, width, number in cells).rstrip()
+    if answer.num_rows > MAX_SHOWN_ROWS:
+        yield f"({answer.num_rows} rows, {MAX_SHOWN_ROWS} of them shown; --csv prints all)"

@@ -1,0 +1,381 @@
+"""The X server's record of keys and of the mouse's main button: when they moved, and whether the window had the focus.
+
+The X server stamps each event as it comes, whatever this process is busy with. Its stamps are whole milliseconds of
+CLOCK_MONOTONIC, which we use too, if server and session run on the same machine; that is tested once, by having the
+server stamp something. Structures and masks as in X11/extensions/XInput2.h.
+"""
+
+import ctypes
+import select
+import time
+from collections import defaultdict, deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from minihuman.display.windows.keyboard import key_from_xkb, read_key_positions
+from minihuman.display.windows.window import Clock
+
+SERVER_TIME = "X server's event time, to 1 ms"
+ON_RECEIPT = "on receipt: late by as long as a picture takes to draw"
+
+_NS_PER_MS = 1_000_000
+_TICKS = 1 << 32  # the server's milliseconds start again there, every 50 days
+_OLDEST_MS = 60_000
+_EVENT_TIMEOUT_S = 0.002  # the server tells us and the toolkit at once
+_MAX_KEY_TIMES = 4096
+_MAX_PRESSES = 64  # of one key
+_FOCUS_IN, _FOCUS_OUT, _PROPERTY_NOTIFY, _MAPPING_NOTIFY, _GENERIC_EVENT = 9, 10, 28, 34, 35
+_ALT_GRAPH_KEYSYMS = (0xFE03, 0xFF7E)  # ISO_Level3_Shift, Mode_switch
+_FOCUS_DETAILS_OF_OTHERS = (2, 5, 6, 7)  # inside the window, by the pointer, of the root: the window's own stays
+_FOCUS_CHANGE_MASK = 1 << 21
+_RAW_PRESSES, _RAW_RELEASES = (13, 15), (14, 16)  # of a key, of a button
+MAIN_BUTTON = "main_button"  # the mouse's, among the keys whose times are recorded
+_ALL_MASTER_DEVICES = 1
+_KEY_REPEAT = 1 << 16
+_PROPERTY_CHANGE_MASK = 1 << 22
+
+
+class _Mask(ctypes.Structure):
+    _fields_ = (("device", ctypes.c_int), ("length", ctypes.c_int), ("bits", ctypes.POINTER(ctypes.c_ubyte)))
+
+
+_EVENT_HEAD = (
+    ("type", ctypes.c_int),
+    ("serial", ctypes.c_ulong),
+    ("sent", ctypes.c_int),
+    ("display", ctypes.c_void_p),
+)
+
+
+class _Cookie(ctypes.Structure):
+    _fields_ = (
+        *_EVENT_HEAD,
+        ("extension", ctypes.c_int),
+        ("kind", ctypes.c_int),
+        ("number", ctypes.c_uint),
+        ("data", ctypes.c_void_p),
+    )
+
+
+class _Raw(ctypes.Structure):
+    _fields_ = (
+        *_EVENT_HEAD,
+        ("extension", ctypes.c_int),
+        ("kind", ctypes.c_int),
+        ("time", ctypes.c_ulong),
+        ("device", ctypes.c_int),
+        ("source", ctypes.c_int),
+        ("detail", ctypes.c_int),
+        ("flags", ctypes.c_int),
+    )
+
+
+class _Focus(ctypes.Structure):
+    _fields_ = (
+        *_EVENT_HEAD,
+        ("window", ctypes.c_ulong),
+        ("mode", ctypes.c_int),
+        ("detail", ctypes.c_int),
+    )
+
+
+class _Property(ctypes.Structure):
+    _fields_ = (
+        *_EVENT_HEAD,
+        ("window", ctypes.c_ulong),
+        ("atom", ctypes.c_ulong),
+        ("time", ctypes.c_ulong),
+        ("state", ctypes.c_int),
+    )
+
+
+class _Event(ctypes.Union):
+    _fields_ = (
+        ("type", ctypes.c_int),
+        ("cookie", _Cookie),
+        ("property", _Property),
+        ("focus", _Focus),
+        ("pad", ctypes.c_long * 24),
+    )
+
+
+def convert_server_time(server_ms: int, clock: Clock) -> int:
+    """The session's time of an event that the server stamped: never too early, late by a millisecond at most.
+
+    A stamp that cannot be true (of the future, over a minute old) gives the time now.
+    """
+    now_ns, monotonic_ns = clock(), time.monotonic_ns()
+    age_ms = (monotonic_ns // _NS_PER_MS - server_ms) % _TICKS
+    if age_ms > _OLDEST_MS:
+        return now_ns
+    begun_ns = monotonic_ns - monotonic_ns % _NS_PER_MS - age_ms * _NS_PER_MS
+    return now_ns - max(0, monotonic_ns - begun_ns - _NS_PER_MS)
+
+
+class _Server:
+    """A connection of our own to the X server, whose clock is ours.
+
+    Raises:
+        OSError: if there is no such server, or its clock is another.
+    """
+
+    def __init__(self) -> None:
+        self._x = ctypes.CDLL("libX11.so.6")
+        self._declare()
+        self._display = ctypes.c_void_p(self._x.XOpenDisplay(None))
+        if not self._display:
+            raise OSError("no X server is available")
+        self._root = self._x.XDefaultRootWindow(self._display)
+        if not self._same_clock():
+            self.close()
+            raise OSError(
+                "the X server's clock is not this machine's, so it cannot time key presses; "
+                "use an X server on this machine"
+            )
+
+    def close(self) -> None:
+        """Hang up; a second call does nothing."""
+        if self._display:
+            self._x.XCloseDisplay(self._display)
+            self._display = ctypes.c_void_p()
+
+    def _declare(self) -> None:
+        display, window, event = ctypes.c_void_p, ctypes.c_ulong, ctypes.POINTER(_Event)
+        functions: tuple[tuple[Any, ...], ...] = (
+            ("XOpenDisplay", display, ctypes.c_char_p),
+            ("XCloseDisplay", ctypes.c_int, display),
+            ("XDefaultRootWindow", window, display),
+            ("XConnectionNumber", ctypes.c_int, display),
+            ("XPending", ctypes.c_int, display),
+            ("XNextEvent", ctypes.c_int, display, event),
+            ("XGetEventData", ctypes.c_int, display, ctypes.POINTER(_Cookie)),
+            ("XFreeEventData", None, display, ctypes.POINTER(_Cookie)),
+            ("XFlush", ctypes.c_int, display),
+            ("XInternAtom", ctypes.c_ulong, display, ctypes.c_char_p, ctypes.c_int),
+            ("XCreateSimpleWindow", window, display, window, *[ctypes.c_int] * 5, *[ctypes.c_ulong] * 2),
+            ("XSelectInput", ctypes.c_int, display, window, ctypes.c_long),
+            ("XChangeProperty", ctypes.c_int, display, window, *[ctypes.c_ulong] * 2, *[ctypes.c_int] * 2,
+             ctypes.c_char_p, ctypes.c_int),
+            ("XDestroyWindow", ctypes.c_int, display, window),
+            ("XRefreshKeyboardMapping", ctypes.c_int, event),
+            ("XkbKeycodeToKeysym", ctypes.c_ulong, display, ctypes.c_ubyte, ctypes.c_int, ctypes.c_int),
+            ("XQueryKeymap", ctypes.c_int, display, ctypes.POINTER(ctypes.c_ubyte)),
+            ("XGetInputFocus", ctypes.c_int, display, ctypes.POINTER(window), ctypes.POINTER(ctypes.c_int)),
+        )  # fmt: skip
+        for name, returns, *takes in functions:
+            function = self._x[name]  # a function object of our own: others in this process declare theirs
+            function.restype, function.argtypes = returns, takes
+            setattr(self._x, name, function)
+
+    def _same_clock(self) -> bool:
+        """Have the server stamp something, and see whether that is our time."""
+        window = self._x.XCreateSimpleWindow(self._display, self._root, 0, 0, 1, 1, 0, 0, 0)
+        self._x.XSelectInput(self._display, window, _PROPERTY_CHANGE_MASK)
+        atom = self._x.XInternAtom(self._display, b"MINIHUMAN_TIME", 0)
+        before_ms = time.monotonic_ns() // _NS_PER_MS
+        self._x.XChangeProperty(self._display, window, atom, atom, 8, 0, b"", 0)
+        event = _Event()
+        while event.type != _PROPERTY_NOTIFY:
+            self._x.XNextEvent(self._display, ctypes.byref(event))
+        after_ms = time.monotonic_ns() // _NS_PER_MS
+        self._x.XDestroyWindow(self._display, window)
+        return bool((event.property.time - before_ms) % _TICKS <= after_ms - before_ms)
+
+
+def has_shared_clock() -> bool:
+    """Whether there is an X server that stamps its events by our own clock."""
+    try:
+        _Server().close()
+    except OSError:
+        return False
+    return True
+
+
+@dataclass(slots=True)
+class _Move:
+    """A key, or the mouse's main button, went down or up."""
+
+    key: str
+    down: bool
+    server_ms: int
+    is_in_window: bool  # the window had the focus; False too of a press that was still down when the focus came
+
+
+class KeyMove(NamedTuple):
+    """When a key moved, and whether it did so in the window; None and True where the server says nothing of it."""
+
+    t_ns: int | None
+    is_in_window: bool
+
+
+class X11InputRecord(_Server):
+    """Records each event of a key or the mouse's main button, and whether the window had the focus then.
+
+    The server sends them, and the window's changes of focus, in the order in which they happened.
+
+    Args:
+        clock: the session's.
+        window: the X server's number of the window.
+
+    Raises:
+        OSError: if there is no such server, it does not speak XInput 2, or its clock is another than ours.
+    """
+
+    def __init__(self, clock: Clock, window: int) -> None:
+        super().__init__()
+        self._clock = clock
+        self._moves: deque[_Move] = deque(maxlen=_MAX_KEY_TIMES)  # that no window has received yet
+        self._presses: dict[str, deque[_Move]] = defaultdict(lambda: deque(maxlen=_MAX_PRESSES))
+        self._down: set[str] = set()
+        self._focused = False
+        self._focus_is_new = False
+        self._positions = read_key_positions(self._x, self._display)
+        self._socket_fd = self._x.XConnectionNumber(self._display)
+        try:
+            self._listen(ctypes.CDLL("libXi.so.6"))
+        except OSError:
+            self.close()
+            raise
+        self._watch(window)
+
+    def find_moves(self, keys: Sequence[tuple[str, bool]]) -> list[KeyMove]:
+        """When these keys moved (name, down), in the order a window received them.
+
+        Each is the latest such event before the next one's: what was typed elsewhere lies before, and is forgotten. A
+        press that the toolkit made up is none of them: then what is known of the key's last press counts.
+        """
+        self._read()
+        if keys and keys[-1] not in [(move.key, move.down) for move in self._moves]:
+            self._wait()
+        heard = list(self._moves)
+        places: list[int | None] = []
+        before = len(heard)
+        for wanted in reversed(keys):
+            place = next(
+                (place for place in range(before - 1, -1, -1) if (heard[place].key, heard[place].down) == wanted), None
+            )
+            before = before if place is None else place
+            places.append(place)
+        last = max((place for place in places if place is not None), default=-1)
+        self._moves = deque(heard[last + 1 :], maxlen=_MAX_KEY_TIMES)
+        return [
+            self._unheard(*wanted) if place is None else self._heard(heard[place])
+            for wanted, place in zip(keys, reversed(places), strict=True)
+        ]
+
+    def _heard(self, move: _Move) -> KeyMove:
+        return KeyMove(convert_server_time(move.server_ms, self._clock), move.is_in_window)
+
+    def _unheard(self, key: str, down: bool) -> KeyMove:
+        presses = self._presses.get(key)
+        return KeyMove(None, presses[-1].is_in_window if down and presses else True)
+
+    def is_press_in_window(self, key: str, server_ms: int) -> bool:
+        """Whether a press that a window received was made in it; a repeat is the press's that it repeats."""
+        self._read()
+        if not any(move.server_ms == server_ms for move in self._presses[key]):
+            self._wait()
+        moves = (move for move in reversed(self._presses[key]) if (server_ms - move.server_ms) % _TICKS < _TICKS // 2)
+        press = next(moves, None)
+        return press is None or press.is_in_window
+
+    @property
+    def is_focused(self) -> bool:
+        """Whether the window has the focus."""
+        self._read()
+        return self._focused
+
+    @property
+    def has_alt_graph(self) -> bool:
+        """Whether the right Alt key makes letters on the present layout, so that it is no modifier of a shortcut."""
+        self._read()
+        codes = {name: code for code, name in self._positions.items()}
+        # LVL3 is no key of a keyboard's: it says AltGr on every layout.
+        keycode = next((codes[name] for name in ("RALT", "ALGR", "LVL3") if name in codes), 0)
+        return self._x.XkbKeycodeToKeysym(self._display, keycode, 0, 0) in _ALT_GRAPH_KEYSYMS
+
+    def is_down(self, key: str) -> bool:
+        """Whether a key is down, in whichever window it was pressed."""
+        self._read()
+        return key in self._down
+
+    def find_held_keys(self) -> list[str]:
+        """The keys that were down when the window got the focus, and still are."""
+        self._read()
+        if not self._focus_is_new:
+            self._wait()
+        self._focus_is_new = False
+        return [key for key in sorted(self._down) if key != MAIN_BUTTON and not self._presses[key][-1].is_in_window]
+
+    def _listen(self, xi: Any) -> None:
+        display, window = ctypes.c_void_p, ctypes.c_ulong
+        xi.XIQueryVersion.argtypes = display, *[ctypes.POINTER(ctypes.c_int)] * 2
+        xi.XISelectEvents.argtypes = display, window, ctypes.POINTER(_Mask), ctypes.c_int
+        major, minor = ctypes.c_int(2), ctypes.c_int(2)
+        if xi.XIQueryVersion(self._display, ctypes.byref(major), ctypes.byref(minor)) != 0:
+            raise OSError("the X server does not support XInput 2")
+        bits = (ctypes.c_ubyte * 4)()
+        for kind in (*_RAW_PRESSES, *_RAW_RELEASES):
+            bits[kind // 8] |= 1 << kind % 8
+        mask = _Mask(_ALL_MASTER_DEVICES, len(bits), ctypes.cast(bits, ctypes.POINTER(ctypes.c_ubyte)))
+        xi.XISelectEvents(self._display, self._root, ctypes.byref(mask), 1)
+        self._x.XFlush(self._display)
+
+    def _watch(self, window: int) -> None:
+        """Hear of the window's focus from now on; what is down now was pressed before there was a window."""
+        self._x.XSelectInput(self._display, window, _FOCUS_CHANGE_MASK)
+        keys_down = (ctypes.c_ubyte * 32)()
+        self._x.XQueryKeymap(self._display, keys_down)
+        focus, revert_to = ctypes.c_ulong(), ctypes.c_int()
+        self._x.XGetInputFocus(self._display, ctypes.byref(focus), ctypes.byref(revert_to))
+        self._focused = focus.value == window
+        now_ms = time.monotonic_ns() // _NS_PER_MS % _TICKS
+        for keycode in range(8, 256):
+            if keys_down[keycode // 8] >> keycode % 8 & 1:
+                self._add_move(_Move(self._name_key(keycode), True, now_ms, is_in_window=False))
+
+    def _name_key(self, keycode: int) -> str:
+        return key_from_xkb(self._positions.get(keycode, ""), keycode)
+
+    def _wait(self) -> None:
+        """Give the server a moment: it tells the toolkit and us at once, but one of us first."""
+        select.select([self._socket_fd], [], [], _EVENT_TIMEOUT_S)
+        self._read()
+
+    def _read(self) -> None:
+        """Take in what has come."""
+        event = _Event()
+        while self._x.XPending(self._display):
+            self._x.XNextEvent(self._display, ctypes.byref(event))
+            if event.type in (_FOCUS_IN, _FOCUS_OUT):
+                self._change_focus(event.focus)
+                continue
+            if event.type == _MAPPING_NOTIFY:  # another layout
+                self._x.XRefreshKeyboardMapping(ctypes.byref(event))
+            cookie: Any = event.cookie
+            if event.type != _GENERIC_EVENT or not self._x.XGetEventData(self._display, ctypes.byref(cookie)):
+                continue
+            raw = ctypes.cast(cookie.data, ctypes.POINTER(_Raw)).contents
+            is_key = raw.kind in (_RAW_PRESSES[0], _RAW_RELEASES[0])
+            if raw.detail == 1 if not is_key else not raw.flags & _KEY_REPEAT:
+                key = self._name_key(raw.detail) if is_key else MAIN_BUTTON
+                self._add_move(_Move(key, raw.kind in _RAW_PRESSES, int(raw.time), self._focused))
+            self._x.XFreeEventData(self._display, ctypes.byref(cookie))
+
+    def _change_focus(self, event: "_Focus") -> None:
+        """Take a change of focus. While a window manager grabs the keyboard, what is typed is the manager's."""
+        if event.detail in _FOCUS_DETAILS_OF_OTHERS:
+            return
+        self._focused = self._focus_is_new = event.type == _FOCUS_IN
+        if self._focused:
+            for key in self._down:
+                self._presses[key][-1].is_in_window = False
+
+    def _add_move(self, move: _Move) -> None:
+        self._moves.append(move)
+        if move.down:
+            self._presses[move.key].append(move)
+            self._down.add(move.key)
+        else:
+            self._down.discard(move.key)

@@ -1,0 +1,79 @@
+"""Key maps of a session's blocks: fixed, drawn, or carried over, with what spare keys do."""
+
+from minihuman.errors import ProtocolError
+from minihuman.experiment.plan.allocation import AllocationSlot
+from minihuman.experiment.plan.random_streams import draw_permutation
+from minihuman.experiment.plan.session_plan import KeyMap, Participant
+from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
+
+
+class KeyMapPlanner:
+    """Plans the key maps of one participant's session, block by block.
+
+    Args:
+        protocol: the study.
+        participant: whose index the random streams have.
+        session: its number.
+        slot: of the allocation list, with the rows that are drawn for first sessions.
+    """
+
+    def __init__(self, protocol: Protocol, participant: Participant, session: int, slot: AllocationSlot) -> None:
+        self._protocol = protocol
+        self._participant = participant
+        self._session = session
+        self._slot = slot
+        self._pool = protocol.keys.pool
+        self._latest: tuple[BlockSpec, KeyMap] | None = None  # of the block before
+
+    def plan(self, block: BlockSpec, draw: int) -> KeyMap:
+        """Return the key map of the next block; ``draw`` says which draw is the block's.
+
+        Raises:
+            ProtocolError: if it would carry over a map for another number of actions.
+        """
+        match block.key_map:
+            case "fixed":
+                key_map = self._deal_spare_keys(block, draw, dict(block.fixed_keys))
+            case "constant":
+                key_map = self._map_row(block, draw, self._slot.kept)
+            case "carry_over" if self._latest is not None:
+                key_map = self._carry_over(block, draw, *self._latest)
+            case _:
+                key_map = self._draw(block, draw)
+        self._latest = (block, key_map)
+        return key_map
+
+    def _draw(self, block: BlockSpec, draw: int) -> KeyMap:
+        """Draw a block's keys: in the first session those of the allocation list, which balances them."""
+        if self._session == 1:
+            return self._map_row(block, draw, self._slot.positions[draw])
+        return self._map_row(block, draw, self._permute(len(self._pool), f"key-map-{draw}"))
+
+    def _map_row(self, block: BlockSpec, draw: int, row: tuple[int, ...]) -> KeyMap:
+        """Give a block's actions the keys whose places in the pool a row lists."""
+        keys = {self._pool[place]: action for place, action in zip(row, block.actions, strict=False)}
+        return self._deal_spare_keys(block, draw, keys)
+
+    def _carry_over(self, block: BlockSpec, draw: int, before: BlockSpec, key_map: KeyMap) -> KeyMap:
+        """The same keys, action for action by position in the two blocks' lists."""
+        if len(before.actions) != len(block.actions):  # only in a log: a new protocol is refused
+            counts = f"{len(block.actions)} actions for a key map with {len(before.actions)}"
+            raise ProtocolError(f"block {block.name!r} has {counts}; give the block its own key map")
+        renamed = dict(zip(before.actions, block.actions, strict=True))
+        keys = {key: renamed[action] for key, action in key_map.keys.items() if action in renamed}
+        return self._deal_spare_keys(block, draw, keys)
+
+    def _deal_spare_keys(self, block: BlockSpec, draw: int, keys: dict[str, str]) -> KeyMap:
+        """Add what spare keys do: distractors in turn over the spare keys, in random order."""
+        spare = tuple(key for key in self._pool if key not in keys)
+        if block.distractors:
+            order = self._permute(len(spare), f"distractors-{draw}")
+            dealt = {spare[place]: block.distractors[turn % len(block.distractors)] for turn, place in enumerate(order)}
+            keys = {**keys, **dealt}
+            spare = ()
+        seed = self._protocol.study.seed
+        return KeyMap(keys=keys, spare_keys=spare, spare=self._protocol.keys.spare_keys, seed=seed)
+
+    def _permute(self, count: int, purpose: str) -> tuple[int, ...]:
+        purpose = f"{purpose}-session-{self._session}"
+        return draw_permutation(count, seed=self._protocol.study.seed, purpose=purpose, index=self._participant.index)

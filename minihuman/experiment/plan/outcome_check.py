@@ -1,0 +1,164 @@
+"""Check what the ends of a protocol's episodes mean: who says so, and that nothing needs what is unknown."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import closing
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgspec
+
+from minihuman.errors import ProtocolError
+from minihuman.experiment.plan.designs import make_design, make_enrolment_design
+from minihuman.experiment.plan.part_plans import list_world_options
+from minihuman.experiment.plan.stated_outcomes import (
+    HOW_TO_STATE_A_RULE,
+    StatedRule,
+    find_outcome_rule,
+    is_of_catalogue,
+)
+from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
+from minihuman.experiment.protocol.specs import apply_overrides
+from minihuman.worlds.adapters.success import can_keep, find_info, has_info, read_success
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.outcomes import WORLD_RULE, parse_outcome_rule
+
+N_TRIED_STEPS = 100  # for what a world says in ``info``
+SUCCESS_MEASURES = frozenset(
+    {
+        *("success", "spl_mean", "steps_at_limit_mean"),
+        *("log_excess_steps_mean", "log_steps_ratio_mean", "excess_steps_mean"),
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class TriedWorld:
+    """What a world said in ``info`` in the steps that were tried."""
+
+    is_own: bool  # its author wrote with our classes which end earns a reward
+    values: Mapping[str, Any] = field(default_factory=dict)  # by key, the first of each
+
+    def says_success(self, rule: StatedRule) -> bool:
+        """Whether a rule has, or may have, what it asks for."""
+        parsed = parse_outcome_rule(rule.rule)
+        if not parsed.may_be_unknown:
+            return True
+        if not parsed.conditions:
+            return False
+        if parsed.info_key:
+            return not has_info(self.values, parsed.info_key) or read_success(self.values, parsed.info_key) is not None
+        return self.is_own or read_success(self.values) is not None
+
+
+def check_outcome_rules(protocol: Protocol, source: str) -> tuple[str, ...]:
+    """Refuse what needs success where no rule says what success is; describe the rules and what is kept of ``info``.
+
+    Raises:
+        ProtocolError: naming the block and what needs it, or a rule that the world cannot answer.
+    """
+    lines: list[str] = []
+    for block in _list_variants(protocol):
+        rule = find_outcome_rule(block)
+        tried = try_world_info(block)
+        if not tried.says_success(rule):
+            _require_no_need(protocol, block, rule, tried, source)
+        lines.append(f"outcome of block {block.name!r}: {_describe_rule(rule, tried)}")
+        lines += _describe_info(block, rule, tried)
+    return tuple(dict.fromkeys(lines))
+
+
+def _require_no_need(protocol: Protocol, block: BlockSpec, rule: StatedRule, tried: TriedWorld, source: str) -> None:
+    """Refuse a rule whose key is no yes or no, and whatever needs success that is not known."""
+    where, key = f"{source}: block {block.name!r}", parse_outcome_rule(rule.rule).info_key
+    if key:
+        content = _describe(find_info(tried.values, key))
+        raise ProtocolError(
+            f"{where}: success is info[{key!r}], which is {content}; name a key, or KEY.PART of a dictionary, that is "
+            "one yes or no"
+        )
+    if needs := list_success_needs(protocol, block):
+        raise ProtocolError(
+            f"{where}: {needs[0]} needs success, but no rule says what success is in {block.world}; "
+            f"{HOW_TO_STATE_A_RULE}"
+        )
+
+
+def _describe_rule(rule: StatedRule, tried: TriedWorld) -> str:
+    if rule.rule.startswith(WORLD_RULE) and tried.is_own:
+        return "success if terminated and reward > 0, as its reward_and_done says; info['is_success'] overrides it"
+    if rule.rule.startswith(WORLD_RULE) and not tried.says_success(rule):
+        return f"unknown: every end is 'ended', success is empty; {HOW_TO_STATE_A_RULE}"
+    return rule.describe()
+
+
+def _describe_info(block: BlockSpec, rule: StatedRule, tried: TriedWorld) -> Iterator[str]:
+    named = parse_outcome_rule(rule.rule).info_key
+    if named and not has_info(tried.values, named):
+        yield f"block {block.name!r}: info[{named!r}] was not there in {N_TRIED_STEPS} steps; {_list_keys(tried)}"
+    for key in block.record_info:
+        if not has_info(tried.values, key):
+            yield f"block {block.name!r}: record_info names {key!r}, which the world did not say; {_list_keys(tried)}"
+        elif not can_keep(content := find_info(tried.values, key)):
+            yield f"block {block.name!r}: info[{key!r}] is {_describe(content)}, of which a log keeps null"
+    left_out = [key for key in tried.values if key not in {name.partition(".")[0] for name in block.record_info}]
+    if left_out:
+        yield (
+            f"block {block.name!r}: not kept of the world's info: {', '.join(left_out)}; "
+            f"record_info = {msgspec.json.encode(left_out[:3]).decode()} keeps them"
+        )
+
+
+def _list_keys(tried: TriedWorld) -> str:
+    return f"info had {', '.join(tried.values)}" if tried.values else "info was empty"
+
+
+def _describe(content: Any) -> str:
+    shape = getattr(content, "shape", None)
+    if shape is not None:
+        return f"an array of shape {tuple(shape)}"
+    return f"a dictionary of {len(content)}" if isinstance(content, Mapping) else f"{content!r:.60}"
+
+
+def list_success_needs(protocol: Protocol, block: BlockSpec) -> list[str]:
+    """List what in a protocol needs to know success in a block."""
+    needs: list[str] = []
+    if block.stop_criterion is not None:
+        needs.append("stop_criterion")
+    if block.points is not None and block.points.needs_success:
+        needs.append("bonus, by its points," if protocol.bonus is not None else "points")
+    if block.design is not None and make_design(block.design).needs_success:
+        needs.append(f"design {block.design.name!r}")
+    for spec in (protocol.allocation.design, protocol.allocation.stopping):
+        design = None if spec is None else make_enrolment_design(spec)
+        if spec is not None and design is not None and design.outcome == "success":
+            needs += [f"allocation by {spec.name!r}"] if design.block in ("", block.name) else []
+    analysis = protocol.analysis
+    named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name in SUCCESS_MEASURES]
+    if named and block.analysed and analysis.block in ("", block.name):
+        needs.append(f"analysis of {named[0]!r}")
+    return needs
+
+
+def try_world_info(block: BlockSpec) -> TriedWorld:
+    """Play a block's world a little, every action of the block in turn, and collect what it says."""
+    values: dict[str, Any] = {}
+    if is_of_catalogue(block.world) and not block.record_info and block.success is None:
+        return TriedWorld(is_own=False)
+    with closing(World(block.world, list_world_options(block))) as world:
+        is_own = world.reward_means_success
+        world.name_actions(block.actions)
+        names = dict.fromkeys((*block.actions, *filter(None, (block.noop_action,))))
+        numbers = [world.action_names.index(name) for name in names]
+        world.reset(0)
+        for step in range(N_TRIED_STEPS):
+            transition = world.step(numbers[step // 3 % len(numbers)])
+            values = {**transition.info, **values}
+            if transition.terminated or transition.truncated:
+                world.reset(step + 1)
+    return TriedWorld(is_own, {key: content for key, content in values.items() if isinstance(key, str)})
+
+
+def _list_variants(protocol: Protocol) -> list[BlockSpec]:
+    """Every block as each group has it, each once."""
+    variants = [apply_overrides(block, group.name) for block in protocol.blocks for group in protocol.groups]
+    return [block for place, block in enumerate(variants) if block not in variants[:place]]

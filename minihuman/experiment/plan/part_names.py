@@ -1,0 +1,82 @@
+"""The names of a session's parts, in order: groups, orders and replacements resolved, default parts added."""
+
+from minihuman.errors import AllocationError
+from minihuman.experiment.plan.allocation import AllocationSlot
+from minihuman.experiment.protocol.protocol import Protocol
+
+CONSENT = "consent"
+KEYBOARD = "keyboard_check"
+DEBRIEF = "debrief"
+CLOSING = "closing"
+
+
+def list_part_names(protocol: Protocol, slot: AllocationSlot, group: str, session: int) -> list[str]:
+    """The names of a session's parts in order, keyboard check and closing included where they come by themselves.
+
+    Raises:
+        AllocationError: if the study has no such session.
+    """
+    if not protocol.lists_parts:  # a group lists blocks: what belongs around them comes by itself
+        parts = [
+            *([CONSENT] if protocol.study.consent else []),
+            *([KEYBOARD] if protocol.keys.keyboard_check else []),
+            *protocol.group(group).blocks,
+            *([CLOSING] if protocol.study.closing != "" else []),
+        ]
+        return _add_debrief(protocol, parts, group)
+    if protocol.sessions:
+        if session > len(protocol.sessions):
+            raise AllocationError(
+                f"study {protocol.study.name!r} has {len(protocol.sessions)} sessions, not {session}; "
+                "choose another number with --session, or add one to [[sessions]]"
+            )
+        listed = protocol.sessions[session - 1].parts
+    else:
+        listed = protocol.group(group).parts
+    instead = protocol.group(group).replace_parts
+    names: list[str] = []
+    for name in listed:
+        chosen = instead.get(name, name)
+        inside = _apply_order(protocol, slot, chosen)
+        names += [chosen] if inside is None else [instead.get(part, part) for part in inside]
+    return _add_debrief(protocol, _add_default_parts(protocol, [name for name in names if name], session), group)
+
+
+def _apply_order(protocol: Protocol, slot: AllocationSlot, name: str) -> list[str] | None:
+    """The parts that an order stands for, in the slot's order; None for the name of a part."""
+    for number, order in enumerate(protocol.orders):
+        if order.name == name:
+            return [part for place in slot.orders[number] for part in order.units[place]]
+    return None
+
+
+def _add_default_parts(protocol: Protocol, names: list[str], session: int) -> list[str]:
+    """Parts, with the consent of the first session, a keyboard check before the first block, and last words."""
+    blocks = {block.name for block in protocol.blocks}
+    if protocol.keys.keyboard_check and KEYBOARD not in names:
+        first = next((place for place, name in enumerate(names) if name in blocks), None)
+        if first is not None:
+            names = [*names[:first], KEYBOARD, *names[first:]]
+    if protocol.study.consent and session == 1 and not _has_page(protocol, names, "asks_consent"):
+        names = [CONSENT, *names]
+    if protocol.study.closing != "" and not _has_page(protocol, names, "closing"):
+        names = [*names, CLOSING]
+    return names
+
+
+def _add_debrief(protocol: Protocol, names: list[str], group: str) -> list[str]:
+    """Parts, with the page that tells what the partners were before the last words, where the protocol defers it."""
+    teams = [protocol.block_for(name, group).team for name in names if is_block(protocol, name)]
+    if DEBRIEF in names or not any(team and team.partner_disclosure == "debrief" for team in teams):
+        return names
+    at = len(names) - (names[-1] == CLOSING or _has_page(protocol, names[-1:], "closing"))
+    return [*names[:at], DEBRIEF, *names[at:]]
+
+
+def _has_page(protocol: Protocol, names: list[str], role: str) -> bool:
+    return any(page.name in names and getattr(page, role) for page in protocol.pages)
+
+
+def is_block(protocol: Protocol, name: str) -> bool:
+    """Tell whether a part is a block."""
+    return any(block.name == name for block in protocol.blocks)

@@ -1,0 +1,251 @@
+"""Plans of a session's parts: texts in pages, items in order, and each block as its kind has it."""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import msgspec
+
+from minihuman.activities.keyboard_check.plan import KeyboardCheckPlan
+from minihuman.activities.pages.plan import PagePlan
+from minihuman.activities.play.plan import ComputedBy, PlayPlan
+from minihuman.activities.questions.plan import QuestionsPlan
+from minihuman.activities.team.debrief import DebriefPlan
+from minihuman.display.text import PAGINATION_RULES, paginate_text
+from minihuman.errors import ProtocolError
+from minihuman.experiment.machine.activity import ActivityKind, find_kind
+from minihuman.experiment.machine.bindings import Bindings
+from minihuman.experiment.plan import trials
+from minihuman.experiment.plan.part_names import CLOSING, CONSENT, DEBRIEF, KEYBOARD, is_block
+from minihuman.experiment.plan.random_streams import draw_permutation
+from minihuman.experiment.plan.session_plan import EpisodePlan, Participant, PlannedPart
+from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
+from minihuman.experiment.protocol.specs import PageSpec, QuestionnaireSpec, apply_overrides, load_form
+from minihuman.experiment.words import ENGLISH, LANGUAGES, InterfaceWords, flatten_words, load_words
+from minihuman.worlds.catalogue import is_compiled_grid, is_first_person
+
+OUTCOMES = ("goal", "timeout", "failure", "abandoned", "ended")
+
+
+def list_changed_words(protocol: Protocol) -> dict[str, str]:
+    """The interface's words of a study, as far as they are not English's: none for most English studies."""
+    language = protocol.study.language
+    instead = flatten_words(protocol.words)
+    if protocol.study.theme != "dark":
+        instead["theme"] = protocol.study.theme  # so that it is in the log, with how else words are shown
+    return instead if language == ENGLISH or language not in LANGUAGES else {**load_words(language), **instead}
+
+
+def load_study_words(protocol: Protocol) -> InterfaceWords:
+    """The interface's words of a study."""
+    return InterfaceWords(protocol.study.language, list_changed_words(protocol), protocol.study.fonts)
+
+
+def find_consent_text(protocol: Protocol, group: str, names: Sequence[str]) -> str:
+    """The text that is agreed to in a session with these parts."""
+    texts = (protocol.page_for(name, group) for name in names)
+    agreed = next((page.text for page in texts if page and page.asks_consent), None)
+    return protocol.study.consent if agreed is None else agreed
+
+
+def plan_parts(
+    protocol: Protocol,
+    participant: Participant,
+    session: int,
+    names: Sequence[str],
+    blocks: Sequence[BlockSpec],
+    episodes: Sequence[EpisodePlan],
+) -> Iterator[PlannedPart]:
+    """A plan for each part of a session, in order."""
+    words = load_study_words(protocol)
+    group = participant.group
+    number = 0
+    for name in names:
+        page = protocol.page_for(name, group)
+        questionnaire = next((spec for spec in protocol.questions if spec.name == name), None)
+        if page is not None:
+            yield PlannedPart("page", name, _plan_page(protocol, page, words))
+        elif questionnaire is not None:
+            spec = apply_overrides(questionnaire, group)
+            yield PlannedPart("questions", name, _plan_questionnaire(protocol, participant, session, spec, names))
+        elif any(block.name == name for block in protocol.blocks):
+            kind = find_kind(blocks[number].kind)
+            play = _plan_block(kind, protocol, blocks, number, episodes, words)
+            purpose = f"{name}-session-{session}"
+            trial = trials.plan_rules(blocks[number], protocol.study.seed, purpose, participant.index)
+            bound = Bindings(blocks[number].axes, blocks[number].spot)
+            own = {
+                "trial": trial,
+                "bindings": msgspec.UNSET if bound == Bindings() else bound,
+                "design": blocks[number].design or msgspec.UNSET,
+            }
+            yield PlannedPart(kind.name, name, msgspec.structs.replace(play, **own))
+            number += 1
+        elif (other := next((other for other in protocol.activities if other.name == name), None)) is not None:
+            yield PlannedPart(other.kind, name, find_kind(other.kind).read(other.settings))
+        elif name == DEBRIEF:
+            yield PlannedPart("debrief", name, DebriefPlan())
+        elif name == KEYBOARD:
+            yield PlannedPart("keyboard_check", name, KeyboardCheckPlan(protocol.keys.pool))
+        else:
+            yield PlannedPart("page", name, _plan_page(protocol, _build_default_page(protocol, name, words), words))
+
+
+def _list_images(protocol: Protocol, page: PageSpec) -> tuple[str, ...]:
+    """The files of a page's pictures: a consent and last words without one have the study's logo."""
+    has_logo = protocol.study.logo and (page.asks_consent or page.closing) and page.example is None
+    return page.images or ((protocol.study.logo,) if has_logo else ())
+
+
+def _build_default_page(protocol: Protocol, name: str, words: InterfaceWords) -> PageSpec:
+    """The consent or the last words of ``[study]``."""
+    study = protocol.study
+    if name == CONSENT:
+        return PageSpec(CONSENT, study.consent, words["consent.title"], asks_consent=True)
+    assert name == CLOSING
+    return PageSpec(CLOSING, words["closing.text"] if study.closing is None else study.closing, closing=True)
+
+
+def _plan_page(protocol: Protocol, page: PageSpec, words: InterfaceWords) -> PagePlan:
+    title = page.title
+    if not title and (page.asks_consent or page.closing):
+        title = words["consent.title" if page.asks_consent else "closing.title"]
+    images = _list_images(protocol, page)
+    missing = [name for name in images if name not in protocol.files]
+    if missing:
+        raise ProtocolError(
+            f"page {page.name!r} uses the picture {missing[0]!r}, which is not in the protocol's folder; copy it there"
+        )
+    pages = paginate_text(page.text, pictures=len(images) or bool(page.example))
+    return PagePlan(
+        title=title,
+        pages=pages,
+        agree=page.asks_consent,
+        sha256=hashlib.sha256(page.text.encode()).hexdigest() if page.asks_consent else "",
+        closing=page.closing,
+        pictures=tuple(protocol.files[name] for name in images),
+        example=page.example,
+        pagination=_pagination_of(pages),
+    )
+
+
+def _pagination_of(pages: Sequence[str]) -> int | msgspec.UnsetType:
+    """Return the rules by which a text was divided; unset where there was nothing to divide."""
+    return PAGINATION_RULES if len(pages) > 1 else msgspec.UNSET
+
+
+def find_paged_text(protocol: Protocol, name: str, group: str) -> str | None:
+    """Return the whole text that a page or a block's instructions show in pages; None for an activity with its own."""
+    if any(activity.name == name for activity in protocol.activities):
+        return None
+    if is_block(protocol, name):
+        return protocol.block_for(name, group).instructions
+    page = protocol.page_for(name, group)
+    return (page or _build_default_page(protocol, name, load_study_words(protocol))).text
+
+
+def _plan_questionnaire(
+    protocol: Protocol, participant: Participant, session: int, spec: QuestionnaireSpec, names: Sequence[str]
+) -> QuestionsPlan:
+    title = spec.title
+    items = spec.items
+    if spec.form:
+        shipped = load_form(spec.form, protocol.study.language)
+        title = title or shipped.title
+        items = shipped.items
+    if spec.shuffle:
+        purpose = f"items-{spec.name}-session-{session}"
+        order = draw_permutation(len(items), seed=protocol.study.seed, purpose=purpose, index=participant.index)
+        items = tuple(items[place] for place in order)
+    back_to = protocol.group(participant.group).replace_parts.get(spec.return_to, spec.return_to)
+    if back_to and back_to not in names:
+        raise ProtocolError(
+            f"questions {spec.name!r} return to {back_to!r}, which is not in session {session}; add it to the session"
+        )
+    return QuestionsPlan(
+        title=title,
+        items=items,
+        tries=spec.max_attempts,
+        wrong=spec.wrong_answer_text,
+        back_to=names.index(back_to) if back_to else None,
+        failed=spec.on_failure,
+    )
+
+
+def _plan_block(
+    kind: ActivityKind,
+    protocol: Protocol,
+    blocks: Sequence[BlockSpec],
+    number: int,
+    episodes: Sequence[EpisodePlan],
+    words: InterfaceWords,
+) -> PlayPlan:
+    """A block's plan as its kind has it."""
+    play = _plan_play(protocol, blocks, number, episodes, words)
+    if kind.plan is PlayPlan:
+        return play
+    block = blocks[number]
+    tables = {
+        "agent": block.agent,
+        "team": block.team,
+        "seeds": "listed" if isinstance(block.seeds, tuple) else block.seeds,
+    }
+    own_fields = {name: table for name, table in tables.items() if name in kind.plan_fields and table is not None}
+    plan = kind.plan(**msgspec.structs.asdict(play) | own_fields)
+    assert isinstance(plan, PlayPlan)  # the protocol's check has seen to it
+    return plan
+
+
+def _plan_play(
+    protocol: Protocol,
+    blocks: Sequence[BlockSpec],
+    number: int,
+    episodes: Sequence[EpisodePlan],
+    words: InterfaceWords,
+) -> PlayPlan:
+    block = blocks[number]
+    count = len(blocks)
+    own_episodes = [episode for episode in episodes if episode.block == number]
+    last = number + 1 == count
+    title = words.fill("progress.part", part=number + 1, parts=count) if count > 1 else ""
+    feedback = dict.fromkeys(OUTCOMES, block.feedback) if isinstance(block.feedback, str) else dict(block.feedback)
+    instruction = paginate_text(block.instructions) if block.instructions else ()
+    return PlayPlan(
+        block=number,
+        blocks=count,
+        first=own_episodes[0].episode,
+        count=len(own_episodes),
+        title=block.title or title,
+        instruction=instruction,
+        feedback={outcome: text for outcome, text in feedback.items() if text},
+        rest="" if last else block.rest_text,
+        rest_s=0.0 if last else protocol.study.min_rest_s,
+        interval_ms=0.0 if isinstance(block.inter_trial_interval_ms, tuple) else block.inter_trial_interval_ms,
+        fixation_ms=block.fixation_ms,
+        hold_ms=block.final_frame_ms,
+        marks=block.show_outcome,
+        max_s=block.max_episode_s,
+        block_max_s=block.max_block_s,
+        until=block.stop_criterion,
+        points=block.points,
+        show_points=block.show_points,
+        mission=block.mission,
+        computed=_computed_by(block),
+        motion_ms=block.motion_ms or msgspec.UNSET,
+        pagination=_pagination_of(instruction),
+    )
+
+
+def _computed_by(block: BlockSpec) -> ComputedBy:
+    """The page, for an ordinary block in a world of ours; what the protocol says, if it does."""
+    # what held keys combine to, and what a design decides, the server knows
+    ordinary = find_kind(block.kind).is_plain_play and block.hold == "once" and block.design is None
+    is_grid = is_compiled_grid(block.world, block.options) and block.view != "text"
+    own = is_grid or (is_first_person(block.world) and block.view != "full")
+    return block.computed or ("page" if ordinary and own else "server")
+
+
+def list_world_options(block: BlockSpec) -> dict[str, Any]:
+    """A block's options for its world; what a page computes goes by the sine that is the same everywhere."""
+    portable = is_first_person(block.world) and _computed_by(block) == "page"
+    return ({"trig": 1} if portable else {}) | dict(block.options)

@@ -1,0 +1,30 @@
+"""Codes of participants: the slot that a code says, and how often it was taken."""
+
+import re
+
+from minihuman.errors import AllocationError
+
+_CODE = re.compile(r"(sub|model)-(?P<number>\d{2,6})")
+
+
+MAX_SLOTS = 100_000  # of an allocation list; codes from there on are of those who take a slot over
+
+
+def parse_participant_code(code: str) -> int:
+    """The slot that a participant's code says: 6 for "sub-07", and for "sub-100007", who took the slot over.
+
+    Raises:
+        AllocationError: if it is no such code.
+    """
+    match = _CODE.fullmatch(code)
+    if match is None or int(match["number"]) == 0:
+        raise AllocationError(f"{code!r} is not a participant code; use 'sub-' and a number from 01, never a name")
+    return (int(match["number"]) - 1) % MAX_SLOTS
+
+
+def format_participant_code(index: int, before: int = 0, *, prefix: str = "sub") -> str:
+    """The code of a slot's participant: "sub-07" for 6, "sub-100007" for the next after one who left it.
+
+    ``prefix`` is "model" for a language model in a participant's place.
+    """
+    return f"{prefix}-{before * MAX_SLOTS + index + 1:02d}"

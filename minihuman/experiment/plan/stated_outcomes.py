@@ -1,0 +1,98 @@
+"""Which outcome rule holds in a block, and who stated it: the block, our catalogue, the table, or the world itself."""
+
+from typing import Literal, NamedTuple
+
+from minihuman.experiment.protocol.model import BlockSpec
+from minihuman.worlds.adapters.outcome_table import find_table_entry
+from minihuman.worlds.outcomes import (
+    INFO_PREFIX,
+    LAST_REWARD,
+    NO_RULE,
+    OUTCOME_RULES,
+    WORLD_RULE,
+    add_any_step,
+    normalize_outcome_rule,
+    parse_outcome_rule,
+)
+
+HOW_TO_STATE_A_RULE = (
+    'state one in the block, such as success = "info:is_success", "return >= 195", "terminated" or '
+    '"terminated and reward > 0"'
+)
+
+
+class StatedRule(NamedTuple):
+    """A block's rule as a plan has it, who stated it, and where that is documented."""
+
+    rule: str
+    stated_by: Literal["block", "catalogue", "table", "world", "study"]
+    reason: str = ""
+    source: str = ""
+
+    @property
+    def is_unknown(self) -> bool:
+        """Whether success is never known."""
+        return not parse_outcome_rule(self.rule).conditions
+
+    def describe(self) -> str:
+        """Describe the rule in one line."""
+        words = describe_rule(self.rule)
+        match self.stated_by:
+            case "table":
+                return f"{words} ({self.reason}: {self.source})"
+            case "study":
+                return f"{words}, as before: this study began when every world's last reward said so"
+            case "world":
+                return f"{words}; without that the outcome is 'ended' and success is empty"
+            case _:
+                return f"{words} (stated by the {self.stated_by})"
+
+
+def describe_rule(rule: str) -> str:
+    """Describe a rule in words."""
+    text = rule.removesuffix(add_any_step("x")[1:])
+    suffix = rule[len(text) :]
+    if text == NO_RULE:
+        return "unknown: every end is 'ended', success is empty"
+    if text == WORLD_RULE:
+        return f"success where info['is_success'] or info['success'] says so{suffix}"
+    if text == LAST_REWARD:
+        return f"success if terminated and reward > 0{suffix}"
+    return f"success if {text.replace(INFO_PREFIX, 'info: ')}{suffix}"
+
+
+def find_outcome_rule(block: BlockSpec, *, outcome_rules: int = OUTCOME_RULES) -> StatedRule:
+    """Find a block's rule; ``outcome_rules`` is 0 for a study that began before there were any.
+
+    Raises:
+        ProtocolError: if what the block states is no rule.
+    """
+    stated = _find_stated(block, outcome_rules)
+    if block.success is None and block.success_at == "any" and stated.stated_by != "study":
+        return stated._replace(rule=add_any_step(stated.rule))
+    return stated
+
+
+def _find_stated(block: BlockSpec, outcome_rules: int) -> StatedRule:
+    if block.success is not None:
+        rule = normalize_outcome_rule(block.success, at_any_step=block.success_at == "any")
+        return StatedRule(rule, "block")
+    if not outcome_rules and not is_of_catalogue(block.world):
+        return StatedRule(LAST_REWARD, "study")
+    return find_world_rule(block.world)
+
+
+def find_world_rule(world_id: str) -> StatedRule:
+    """Find the rule of a world where no block states one."""
+    if is_of_catalogue(world_id):
+        return StatedRule(LAST_REWARD, "catalogue")
+    entry = find_table_entry(world_id)
+    if entry is not None:
+        return StatedRule(entry.rule, "table", entry.reason, entry.source)
+    return StatedRule(WORLD_RULE, "world")
+
+
+def is_of_catalogue(world_id: str) -> bool:
+    """Whether a world is one of ours, by its id."""
+    module, _, name = world_id.rpartition(":")
+    return module in ("", "minihuman") and name.startswith("minihuman/")

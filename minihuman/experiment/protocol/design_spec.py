@@ -1,0 +1,95 @@
+"""The table ``[design]`` of a protocol file: the study's question, its primary effect, conditions and contrasts."""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, Literal
+
+import msgspec
+
+from minihuman.experiment.protocol.validation_errors import FieldError
+
+PrimaryEffect = Literal["", "groups", "conditions", "interaction"]
+OPTION_PREFIX = "option:"
+_ROUNDING = 1e-9  # by so much may weights such as 1/3 miss a sum of 0
+
+
+class ContrastSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A weighted sum of conditions, a score for each participant."""
+
+    name: str
+    weights: dict[str, float]  # condition -> weight; they sum to 0
+
+
+class StudyDesignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What of the design does not follow from groups, blocks and sessions."""
+
+    question: str = ""  # in a sentence, as the report and the preregistration repeat it
+    primary_effect: PrimaryEffect = ""  # "": the interaction where there are groups and conditions
+    condition: str = ""  # "option:NAME": blocks with the same value of this option are one condition; "": every block
+    contrasts: tuple[ContrastSpec, ...] = ()
+
+
+def name_conditions(
+    condition: str, blocks: Iterable[str], options_by_block: Mapping[str, Mapping[str, Any]]
+) -> dict[str, str]:
+    """Map each block that is compared to its condition: its own name, or its value of an option.
+
+    A block without the option is left out.
+    """
+    if not condition:
+        return {block: block for block in blocks}
+    option = condition.removeprefix(OPTION_PREFIX)
+    return {
+        block: str(options_by_block[block][option]) for block in blocks if option in options_by_block.get(block, {})
+    }
+
+
+def check_study_design(
+    design: StudyDesignSpec,
+    *,
+    compared_blocks: tuple[str, ...],
+    options_by_block: Mapping[str, Mapping[str, Any]],
+    has_groups: bool,
+) -> Iterator[FieldError]:
+    """Yield every (path, complaint) about a design that the study does not have."""
+    needs_groups = design.primary_effect in ("groups", "interaction")
+    needs_conditions = design.primary_effect in ("conditions", "interaction") or design.contrasts or design.condition
+    if needs_groups and not has_groups:
+        yield "$.design.primary_effect", f"is {design.primary_effect!r}, but the study has one group; add another"
+    if needs_conditions and not compared_blocks:
+        yield "$.design", "is about conditions; name the blocks in [analysis] conditions"
+        return
+    yield from _check_condition(design.condition, compared_blocks, options_by_block)
+    conditions = set(name_conditions(design.condition, compared_blocks, options_by_block).values())
+    names = [contrast.name for contrast in design.contrasts]
+    for number, contrast in enumerate(design.contrasts):
+        path = f"$.design.contrasts[{number}]"
+        if not contrast.name.strip() or contrast.name in names[:number]:
+            yield f"{path}.name", f"is {contrast.name!r}; give each contrast its own name"
+        yield from _check_weights(f"{path}.weights", contrast.weights, conditions)
+
+
+def _check_condition(
+    condition: str, blocks: tuple[str, ...], options_by_block: Mapping[str, Mapping[str, Any]]
+) -> Iterator[FieldError]:
+    if not condition:
+        return
+    option = condition.removeprefix(OPTION_PREFIX)
+    if option == condition or not option:
+        yield "$.design.condition", f"is {condition!r}; write option:NAME, an option of the blocks that are compared"
+        return
+    without = [block for block in blocks if option not in options_by_block.get(block, {})]
+    if without:
+        yield "$.design.condition", f"is {condition!r}, which block {without[0]!r} does not set; add it to its options"
+    elif len(set(name_conditions(condition, blocks, options_by_block).values())) < 2:
+        yield "$.design.condition", f"is {condition!r}, which is the same in all blocks that are compared; name another"
+
+
+def _check_weights(path: str, weights: Mapping[str, float], conditions: set[str]) -> Iterator[FieldError]:
+    for name in weights:
+        if name not in conditions:
+            yield path, f"has {name!r}, which is not a condition; conditions: {', '.join(sorted(conditions))}"
+    if not all(map(math.isfinite, weights.values())) or not any(weights.values()):
+        yield path, "has no finite weight other than 0; weigh two conditions or more"
+    elif abs(math.fsum(weights.values())) > _ROUNDING:
+        yield path, f"sum to {math.fsum(weights.values()):g}; the weights of a contrast sum to 0"

@@ -1,0 +1,132 @@
+"""The design of a study as one value: its factors between and within participants, the effect that it asks about, and
+its contrasts.
+
+Derived from a protocol, and from nothing else: the report, its figures and scripts, power and preregistration are
+functions of it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+from minihuman.experiment.protocol.design_spec import PrimaryEffect, name_conditions
+from minihuman.experiment.protocol.model import Protocol
+from minihuman.experiment.protocol.strata import build_strata
+
+FactorName = Literal["group", "stratum", "condition", "session", "order"]
+
+
+@dataclass(frozen=True, slots=True)
+class Factor:
+    """A factor and its levels, in the order of comparison."""
+
+    name: FactorName
+    levels: tuple[str, ...]
+    is_within: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Contrast:
+    """A weighted sum of conditions, whose weights sum to 0."""
+
+    name: str
+    weights: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ExperimentDesign:
+    """What a study varies, and what it asks."""
+
+    factors: tuple[Factor, ...] = ()
+    question: str = ""  # in the protocol's words; "" where it has none
+    primary_effect: PrimaryEffect = ""  # "" where nothing is compared
+    condition_of_block: tuple[tuple[str, str], ...] = ()
+    contrasts: tuple[Contrast, ...] = ()  # those that the protocol states
+
+    def levels(self, name: FactorName) -> tuple[str, ...]:
+        """Return the levels of a factor; none where the design does not have it."""
+        return next((factor.levels for factor in self.factors if factor.name == name), ())
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """The levels compared within participants."""
+        return self.levels("condition")
+
+    @property
+    def is_mixed(self) -> bool:
+        """Whether groups and conditions are crossed."""
+        return bool(self.levels("group") and self.conditions)
+
+    @property
+    def tested_contrasts(self) -> tuple[Contrast, ...]:
+        """The stated contrasts, else every two conditions, the first minus the second."""
+        pairs = combinations(self.conditions, 2)
+        return self.contrasts or tuple(
+            Contrast(f"{first} \N{MINUS SIGN} {second}", ((first, 1.0), (second, -1.0))) for first, second in pairs
+        )
+
+
+def derive_design(protocol: Protocol) -> ExperimentDesign:
+    """Derive the design of a protocol's study."""
+    condition_of_block = name_conditions(
+        protocol.design.condition,
+        () if protocol.analysis.condition_label else protocol.analysis.conditions,  # levels of a label are in trials
+        {block.name: block.options for block in protocol.blocks},
+    )
+    found = (
+        _find_groups(protocol),
+        _find_strata(protocol),
+        _find_conditions(condition_of_block),
+        _find_sessions(protocol),
+        _find_orders(protocol, condition_of_block),
+    )
+    factors = tuple(factor for factor in found if factor is not None)
+    return ExperimentDesign(
+        factors=factors,
+        question=protocol.design.question.strip(),
+        primary_effect=protocol.design.primary_effect or _choose_effect({factor.name for factor in factors}),
+        condition_of_block=tuple(condition_of_block.items()),
+        contrasts=tuple(
+            Contrast(contrast.name, tuple(contrast.weights.items())) for contrast in protocol.design.contrasts
+        ),
+    )
+
+
+def _choose_effect(names: set[FactorName]) -> PrimaryEffect:
+    """The effect that a design is for: the interaction of a mixed one."""
+    if {"group", "condition"} <= names:
+        return "interaction"
+    if "condition" in names:
+        return "conditions"
+    return "groups" if "group" in names else ""
+
+
+def _find_groups(protocol: Protocol) -> Factor | None:
+    names = tuple(group.name for group in protocol.groups)
+    return Factor("group", names, is_within=False) if len(names) > 1 else None
+
+
+def _find_strata(protocol: Protocol) -> Factor | None:
+    strata = build_strata(protocol)
+    return Factor("stratum", strata.names, is_within=False) if strata is not None else None
+
+
+def _find_conditions(condition_of_block: Mapping[str, str]) -> Factor | None:
+    levels = tuple(dict.fromkeys(condition_of_block.values()))
+    return Factor("condition", levels, is_within=True) if len(levels) > 1 else None
+
+
+def _find_sessions(protocol: Protocol) -> Factor | None:
+    names = tuple(session.name for session in protocol.sessions)
+    return Factor("session", names, is_within=True) if len(names) > 1 else None
+
+
+def _find_orders(protocol: Protocol, condition_of_block: Mapping[str, str]) -> Factor | None:
+    """The orders in which conditions are played, by name, where participants have different ones."""
+    names = tuple(
+        order.name
+        for order in protocol.orders
+        if order.order != "fixed" and any(part in condition_of_block for unit in order.units for part in unit)
+    )
+    return Factor("order", names, is_within=False) if names else None

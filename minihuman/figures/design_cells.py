@@ -1,0 +1,112 @@
+"""The figure of a mixed design: every participant in every cell of groups and conditions, and the groups' differences
+in each contrast between conditions.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from minihuman.figures.estimation import draw_differences, spread_dots
+from minihuman.figures.figure_data import Difference
+from minihuman.figures.learning_curves import mean_and_band
+from minihuman.figures.style import PAGE_CM, SERIES, figure_style, label_panel, new_figure
+
+Values = NDArray[np.float64]
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+_LINES = ("-", "--", ":", "-.")
+_WIDTH = 0.8  # of a condition's place, shared by the groups
+
+
+def draw_cells(
+    ax: Axes,
+    groups: Mapping[str, Values],
+    conditions: Sequence[str],
+    *,
+    measure: str,
+    limits: tuple[float, float] | None = None,
+) -> Axes:
+    """Draw a dot per participant and cell, a thin line through a participant's dots, and each cell's mean.
+
+    Means have their 95 % interval (Student's), cut at ``limits``, and a line of the group's through them.
+
+    Args:
+        ax: where.
+        groups: of each, (participants, conditions); NaN where a participant has no value.
+        conditions: their names.
+        measure: what the values are.
+        limits: which the measure cannot leave.
+    """
+    width = _WIDTH / len(groups)
+    most = max(len(values) for values in groups.values())
+    size = 3.2 if most <= 30 else 2.2 if most <= 100 else 1.4
+    for number, (group, values) in enumerate(groups.items()):
+        colour = SERIES[number % len(SERIES)]
+        centre = (number - (len(groups) - 1) / 2) * width
+        places = np.arange(len(conditions), dtype=np.float64) + centre
+        at = np.full(values.shape, np.nan)
+        for column in range(len(conditions)):
+            known = ~np.isnan(values[:, column])
+            at[known, column] = places[column] + spread_dots(values[known, column], width=width / 3)
+        ax.plot(at.T, values.T, color=colour, lw=0.35, alpha=0.3, zorder=1)
+        ax.plot(
+            at.ravel(), values.ravel(), _MARKERS[number % len(_MARKERS)], ms=size, mfc=colour, mec="white", mew=0.3,
+            alpha=0.75, zorder=2, gid=f"participants: {group}",
+        )  # fmt: skip
+        _draw_means(ax, group, values, places, number, limits)
+    ax.set_xticks(range(len(conditions)), list(conditions))
+    ax.set(xlim=(-0.6, len(conditions) - 0.4), ylabel=measure)
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2, ncols=min(3, len(groups)))
+    return ax
+
+
+def _draw_means(
+    ax: Axes, group: str, values: Values, places: Values, number: int, limits: tuple[float, float] | None
+) -> None:
+    mean, low, high = mean_and_band(values)
+    if limits is not None:
+        low, high = np.clip(low, *limits), np.clip(high, *limits)
+    ax.plot(
+        places, mean, f"{_MARKERS[number % len(_MARKERS)]}{_LINES[number % len(_LINES)]}", color="black",
+        mfc=SERIES[number % len(SERIES)], mec="black", mew=0.9, ms=5.5, lw=1.1, zorder=4, gid=f"means: {group}",
+        label=f"{group} (n = {int((~np.isnan(values)).any(axis=1).sum())})",
+    )  # fmt: skip
+    for place, bottom, top in zip(places, low, high, strict=True):
+        if np.isfinite(bottom):
+            ax.plot([place, place], [bottom, top], color="black", lw=1.1, zorder=3, gid=f"interval: {group}")
+
+
+def cells_figure(
+    groups: Mapping[str, Values],
+    conditions: Sequence[str],
+    differences: Sequence[Difference],
+    *,
+    measure: str,
+    title: str = "",
+    level: str = "difference of contrast scores",
+    limits: tuple[float, float] | None = None,
+) -> Figure:
+    """Every cell with every participant, and the groups' differences in each contrast beside them, for a page's width.
+
+    Args:
+        groups: of each, (participants, conditions).
+        conditions: their names.
+        differences: ``first`` names the contrast, ``second`` the groups.
+        measure: what the values are.
+        title: of the figure.
+        level: what the differences are of.
+        limits: which the measure cannot leave.
+    """
+    with figure_style():
+        figure = new_figure(width_cm=PAGE_CM, height_cm=max(7.4, 3.0 + 0.9 * len(differences)))
+        figure.suptitle(title)
+        left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+        draw_cells(left, groups, conditions, measure=measure, limits=limits)
+        draw_differences(right, differences, level=level)
+        right.set_yticks(range(len(differences)), [f"{one.first}\n{one.second}" for one in differences])
+        right.set_title("interaction, 95 % interval", loc="left")
+        for place, ax in enumerate((left, right)):
+            label_panel(ax, place)
+    return figure

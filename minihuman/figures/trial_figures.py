@@ -1,0 +1,81 @@
+"""Figures of trials: every participant in every condition, joined by lines, with each condition's mean."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from minihuman.figures.style import MUTED, PAGE_CM, SERIES, figure_style, label_panel, new_figure
+
+Values = NDArray[np.float64]
+_GROUP_OFFSET = 0.16  # between the means of two groups in one condition, of the distance between conditions
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+
+
+def draw_conditions(
+    ax: Axes,
+    groups: Sequence[tuple[str, Values]],
+    conditions: Sequence[str],
+    *,
+    measure: str,
+    limits: tuple[float, float] | None = None,
+) -> Axes:
+    """Draw every participant as a thin line over the conditions, and each group's mean with its 95 % interval.
+
+    Args:
+        ax: where.
+        groups: each one's name and values, (participants, conditions); NaN where there is none.
+        conditions: their names.
+        measure: what the values are.
+        limits: which the measure cannot leave.
+    """
+    from minihuman.figures.learning_curves import mean_and_band
+
+    places = np.arange(len(conditions))
+    for number, (name, values) in enumerate(groups):
+        colour = SERIES[number % len(SERIES)]
+        shift = (number - (len(groups) - 1) / 2) * _GROUP_OFFSET
+        ax.plot(places + shift, values.T, color=colour, lw=0.5, alpha=0.35, marker=".", ms=2.5, gid=f"people: {name}")
+        means, lows, highs = mean_and_band(values)
+        if limits:
+            lows, highs = np.clip(lows, *limits), np.clip(highs, *limits)
+        errors = np.nan_to_num(np.stack([means - lows, highs - means]))
+        ax.errorbar(
+            places + shift, means, errors, color="black", mfc=colour, mec="black", marker=_MARKERS[number % 7], ms=5,
+            lw=1.2, capsize=2, zorder=3, label=f"{name} (n = {len(values)})",
+        )  # fmt: skip
+    ax.set_xticks(places, [str(condition) for condition in conditions])
+    ax.set(xlim=(-0.5, len(conditions) - 0.5), ylabel=measure)
+    if limits:
+        ax.axhline(limits[1], color=MUTED, lw=0.4)
+    return ax
+
+
+def condition_figure(
+    panels: Sequence[tuple[str, Sequence[tuple[str, Values]], tuple[float, float] | None]],
+    conditions: Sequence[str],
+    *,
+    label: str,
+    title: str,
+) -> Figure:
+    """Draw a panel per measure, for the width of a page.
+
+    Args:
+        panels: the measure's name, the groups' values and the limits of each.
+        conditions: the levels.
+        label: of the trials, whose levels the conditions are.
+        title: the block's and the label's.
+    """
+    with figure_style():
+        figure = new_figure(width_cm=PAGE_CM, height_cm=7.4)
+        figure.suptitle(title)
+        axes = np.atleast_1d(figure.subplots(1, len(panels)))
+        for place, (ax, (measure, groups, limits)) in enumerate(zip(axes, panels, strict=True)):
+            draw_conditions(ax, groups, conditions, measure=measure, limits=limits)
+            ax.set_xlabel(label)
+            label_panel(ax, place)
+            if len(groups) > 1 and not place:
+                ax.legend(loc="best")
+    return figure

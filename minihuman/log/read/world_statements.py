@@ -1,0 +1,29 @@
+"""Read what a world said at an episode's steps: of success, where its rule asks, and the keys of ``info`` kept."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.log.read.protobuf_columns import FieldColumn
+from minihuman.worlds.outcomes import parse_outcome_rule
+
+StepColumn = Callable[[str], FieldColumn]  # a field of all steps of a log, by its name
+
+
+def read_successes(plan: EpisodePlan, column: StepColumn, steps: slice) -> NDArray[np.float64] | None:
+    """Read what the world said of success, NaN where nothing; None where the outcome rule does not ask."""
+    if not parse_outcome_rule(plan.outcome_rule).asks_world:
+        return None
+    field = column("success")
+    return np.where(field.is_present[steps], field.values[steps], np.nan)
+
+
+def read_infos(plan: EpisodePlan, column: StepColumn, steps: slice) -> Sequence[Mapping[str, Any]] | None:
+    """Read the keys of ``info`` that the plan keeps; None where it keeps none."""
+    if not plan.record_info:
+        return None
+    return [msgspec.json.decode(text) for text in column("info_json").values[steps]]

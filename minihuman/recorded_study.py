@@ -1,0 +1,464 @@
+"""Recorded data as objects: ``Study``, ``Session`` and ``Episode``, as a notebook uses them.
+
+Data are read when they are asked for; a study's tables are cached beside it.
+"""
+
+import copy
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.dataset.log_files import list_participant_logs, list_readable_logs
+from minihuman.dataset.measures import playing_s
+from minihuman.dataset.selection import SelectedSession, Selection, SelectionSummary
+from minihuman.dataset.table_catalogue import TABLES
+from minihuman.dataset.table_queries import has_world_columns
+from minihuman.dataset.tables import answer_query, select
+from minihuman.errors import LogError, QueryError
+from minihuman.log.model.session_log import EpisodeLog as Recorded, Segment
+from minihuman.log.read.session_reader import read_log
+from minihuman.worlds.pose import Map
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+
+def read_table_frame(source: Path, selection: Selection, name: str, *, with_excluded: bool) -> "pd.DataFrame":
+    """Read one of a study's or session's tables: the included rows, or all.
+
+    Raises:
+        QueryError: if there is no such table.
+    """
+    if name not in TABLES:
+        raise QueryError(f"table {name!r} does not exist; the tables are {', '.join(TABLES)}")
+    with select(source, selection) as tables:
+        tables.require((name,), shortest_paths=has_world_columns(name), with_account=False)
+        return tables.frame(name, included=not with_excluded)
+
+
+def format_html_table(caption: str, heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Format a small table under a caption."""
+    from minihuman.reporting.template import CAPTIONED_TABLE, Table, render_template  # Jinja, which only notebooks need
+
+    its = Table(heads, [tuple(map(str, row)) for row in rows], words=0)
+    return render_template(CAPTIONED_TABLE, {"caption": caption, "its": its})
+
+
+def check_figure_name(name: str, names: Sequence[str]) -> None:
+    """Check that there is a figure of that name.
+
+    Raises:
+        ValueError: if not; it names those there are.
+    """
+    if name not in names:
+        raise ValueError(f"figure {name!r} does not exist; the figures are {', '.join(map(repr, names))}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReplayedStep:
+    """One replayed step: the observation, the action taken then, and its result."""
+
+    step: int  # 1 for the first
+    observation: Any  # before the action
+    action: str
+    reward: float
+    terminated: bool
+    truncated: bool
+
+
+class Episode:
+    """One played episode. Times are seconds of session time, since the session's first segment began."""
+
+    def __init__(self, recorded: Recorded, *, participant: str, exclusion: str) -> None:
+        self.recorded = recorded  # everything: hashes, key presses, pictures shown
+        self.participant = participant
+        self.exclusion = exclusion  # why it is excluded; "" if it is included
+
+    @property
+    def number(self) -> int:
+        """The number in the session, 1 for the first, as on the screen, in tables and in figures."""
+        return self.recorded.number
+
+    @property
+    def attempt(self) -> int:
+        """1, or more where an interrupted episode was restarted."""
+        return self.recorded.attempt
+
+    @property
+    def block(self) -> str:
+        """The block's name in the protocol."""
+        return self.recorded.plan.block_name
+
+    @property
+    def world(self) -> str:
+        """The world's Gymnasium id."""
+        return self.recorded.plan.world
+
+    @property
+    def seed(self) -> int:
+        """The seed of the layout."""
+        return self.recorded.plan.seed
+
+    @property
+    def mission(self) -> str:
+        """The mission as the participant read it."""
+        return self.recorded.start.mission
+
+    @property
+    def outcome(self) -> str:
+        """How it ended: goal, timeout, failure, ended, abandoned, agent_failed, or cut_off where the log stops."""
+        return self.recorded.outcome_word
+
+    @property
+    def reward(self) -> float:
+        """The sum of the rewards."""
+        return self.recorded.return_
+
+    @property
+    def steps(self) -> int:
+        """The number of steps."""
+        return len(self.recorded.actions)
+
+    @property
+    def playing_s(self) -> float:
+        """Seconds from the reset to the last step, without pauses."""
+        return playing_s(self.recorded)
+
+    @property
+    def path(self) -> NDArray[np.float64]:
+        """Where the agent was, (steps + 1, 4): x, y, z in cells or metres, heading in rad; NaN if unknown.
+
+        The ground plane is x and z, y points up; a heading of 0 is along +x and grows counter-clockwise from above.
+        """
+        return self.recorded.poses
+
+    @property
+    def times_s(self) -> NDArray[np.float64]:
+        """The times of the reset and of each step, (steps + 1,)."""
+        return np.asarray(self.recorded.t_ns / 1e9)
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """The action of each step, by name."""
+        names = self.recorded.start.action_names
+        return tuple(names[action] for action in self.recorded.actions)
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The key that caused each step; "" for a tick's no-op."""
+        return tuple(self.recorded.step_keys)
+
+    @property
+    def rewards(self) -> NDArray[np.float64]:
+        """The reward of each step."""
+        return self.recorded.rewards
+
+    @property
+    def reaction_ms(self) -> NDArray[np.float64]:
+        """The time from the flip of the picture to the key press that answers it, per step; NaN without a key."""
+        return self.recorded.rt_ms
+
+    @property
+    def map(self) -> Map | None:
+        """Walls and objects on the floor plan; None if the world has none."""
+        return self.recorded.start.map
+
+    def frames(self) -> list[NDArray[np.uint8]]:
+        """The pictures shown, steps + 1 of uint8[height, width, 3]: rendered again by the world and compared by hash.
+
+        Raises:
+            LogError: if the world now renders another picture, and the log holds none.
+            WorldError: if the world cannot be run here, and the log holds no pictures.
+        """
+        from minihuman.replay.frames import render_frames
+
+        return render_frames(self.recorded)
+
+    def play_back(self) -> Iterator[ReplayedStep]:
+        """Replay the episode in its world, step by step; each observation is compared by hash with the one recorded.
+
+        Raises:
+            LogError: at the first step whose observation differs.
+            WorldError: if the world cannot be made here.
+        """
+        from minihuman.worlds.adapters.world import World
+
+        one = self.recorded
+        with closing(World(one.plan.world, one.world_options)) as world:
+            found = world.reset(one.plan.seed).observation_hash
+            for place, action in enumerate(one.actions):
+                self._compare(found, place)
+                seen = copy.deepcopy(world.observation)  # as a world may use its arrays again
+                change = world.step(int(action))
+                found = change.observation_hash
+                ended = bool(one.terminated[place]), bool(one.truncated[place])
+                yield ReplayedStep(place + 1, seen, one.start.action_names[action], change.reward, *ended)
+            self._compare(found, self.steps)
+
+    def figure(self) -> "Figure":
+        """The path over the floor plan."""
+        from minihuman.figures.path_figures import paths_figure
+
+        return paths_figure([(self.world, [self.recorded])], across=1)
+
+    def _compare(self, found: int, step: int) -> None:
+        if found != int(self.recorded.observation_hashes[step]):
+            where = f"{self.participant}: {self.recorded.name} step {step}"
+            raise LogError(
+                f"{where}: the observation of {self.world} differs from the recorded one; run: minihuman verify"
+            )
+
+    def __repr__(self) -> str:
+        why = f", excluded: {self.exclusion}" if self.exclusion else ""
+        return f"<{self.recorded.name} of {self.participant}: {self.block}, {self.outcome}, {self.steps} steps{why}>"
+
+
+class Session:
+    """One participant's session and its included episodes."""
+
+    def __init__(self, counted: SelectedSession, selection: Selection) -> None:
+        self._counted = counted
+        self._selection = selection
+
+    @property
+    def path(self) -> Path:
+        """The log, or the folder with its segments."""
+        return self._counted.log.path
+
+    @property
+    def study(self) -> str:
+        """The study's name in the protocol."""
+        return self._counted.log.plan.study
+
+    @property
+    def participant(self) -> str:
+        """The participant's code."""
+        return self._counted.log.plan.participant.id
+
+    @property
+    def group(self) -> str:
+        """The group the participant was allocated to."""
+        return self._counted.log.plan.participant.group
+
+    @property
+    def number(self) -> int:
+        """The number among the participant's sessions, 1 for the first."""
+        return self._counted.log.plan.session
+
+    @property
+    def player(self) -> str:
+        """Who pressed the keys: human, or the name of a simulated participant."""
+        return self._counted.log.player
+
+    @property
+    def started_at(self) -> str:
+        """The wall clock when session time was 0, ISO 8601 UTC."""
+        return self._counted.log.started_at
+
+    @property
+    def end_reason(self) -> str:
+        """Why it ended: complete, quit and others; cut_off where the log ends in the middle."""
+        return self._counted.log.end_reason
+
+    @property
+    def segments(self) -> tuple[Segment, ...]:
+        """One per run of the program: more than one if the session was resumed."""
+        return self._counted.log.segments
+
+    @property
+    def sessions(self) -> tuple["Session", ...]:
+        """This session alone, so that a session can stand where a study is expected."""
+        return (self,)
+
+    @property
+    def episodes(self) -> tuple[Episode, ...]:
+        """The included episodes, in the order played."""
+        counted = set(self._counted.places)
+        return tuple(episode for place, episode in enumerate(self.all_episodes) if place in counted)
+
+    @property
+    def all_episodes(self) -> tuple[Episode, ...]:
+        """Every episode that began; ``exclusion`` says why one is excluded."""
+        one = self._counted
+        return tuple(
+            Episode(episode, participant=self.participant, exclusion=one.session_reason or reason)
+            for episode, reason in zip(one.log.episodes, one.reasons, strict=True)
+        )
+
+    def table(self, name: str = "episodes", *, with_excluded: bool = False) -> "pd.DataFrame":
+        """Read one of the session's tables, such as "steps" or "episodes": the included rows, or all.
+
+        Raises:
+            QueryError: if there is no such table.
+        """
+        return read_table_frame(self.path, self._selection, name, with_excluded=with_excluded)
+
+    def figure(self, name: Literal["paths", "overview"] = "paths") -> "Figure":
+        """Draw the session's paths, one panel per episode, or an overview of its steps, times and keys.
+
+        Raises:
+            ValueError: if there is no figure of that name.
+            LogError: if no episode is included.
+        """
+        from minihuman.figures.overview import overview_figure
+        from minihuman.figures.path_figures import session_paths
+
+        check_figure_name(name, ("paths", "overview"))
+        return (session_paths if name == "paths" else overview_figure)(self._counted.session)
+
+    def __iter__(self) -> Iterator[Episode]:
+        return iter(self.episodes)
+
+    def __len__(self) -> int:
+        return len(self._counted.places)
+
+    def __repr__(self) -> str:
+        begun = len(self._counted.log.episodes)
+        return f"<session {self.number} of {self.participant} ({self.group}): {len(self)} of {begun} episodes included>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (
+                one.number, one.attempt, one.block, one.outcome, one.steps, f"{one.reward:.3f}",
+                f"{one.playing_s:.1f}", one.exclusion,
+            )
+            for one in self.all_episodes
+        ]  # fmt: skip
+        heads = ("episode", "attempt", "block", "outcome", "steps", "reward", "playing s", "excluded")
+        return format_html_table(repr(self).strip("<>"), heads, rows)
+
+
+def read_session(path: Path, selection: Selection) -> Session:
+    """Read one log, or a session's folder.
+
+    Raises:
+        LogError: if it cannot be read.
+    """
+    return Session(selection.judge(read_log(path)), selection)
+
+
+_MAX_SHOWN_SESSIONS = 20  # participants in a notebook's cell
+
+
+class Study:
+    """A study's sessions, each read when it is asked for; their tables are cached beside the study.
+
+    Iterating reads one session after the other and keeps none. ``sessions`` and ``episodes`` read all and keep them.
+    """
+
+    def __init__(self, path: Path, selection: Selection) -> None:
+        self.path = path
+        self.selection = selection
+
+    @cached_property
+    def _opened(self) -> tuple[tuple[Session, ...], SelectionSummary]:
+        tables = select(self.path, self.selection)
+        return tuple(Session(counted, self.selection) for counted in tables.read_sessions()), tables.account
+
+    @property
+    def sessions(self) -> tuple[Session, ...]:
+        """Every readable session, in order of path; they stay in memory."""
+        return self._opened[0]
+
+    @property
+    def episodes(self) -> tuple[Episode, ...]:
+        """The included episodes of every session."""
+        return tuple(episode for session in self.sessions for episode in session.episodes)
+
+    @property
+    def exclusions(self) -> tuple[str, ...]:
+        """What is included, and what is excluded and why, one line per fact."""
+        return tuple(self._opened[1].lines())
+
+    def table(self, name: str = "episodes", *, with_excluded: bool = False) -> "pd.DataFrame":
+        """Read one of the study's tables, such as "steps" or "participants": the included rows, or all.
+
+        Raises:
+            QueryError: if there is no such table.
+            LogError: if there is no such folder.
+        """
+        return read_table_frame(self.path, self.selection, name, with_excluded=with_excluded)
+
+    def query(self, sql: str) -> "pd.DataFrame":
+        """Query the study's tables in DuckDB's SQL; ``exclusion_reason`` is null in included rows.
+
+        Raises:
+            QueryError: if it is not valid SQL, or names a table or column that does not exist.
+        """
+        with select(self.path, self.selection) as tables:
+            answer: pd.DataFrame = answer_query(tables, sql).to_pandas()
+            return answer
+
+    def figure(self, name: Literal["learning", "occupancy"] = "learning", *, of: str = "") -> "Figure":
+        """Draw rewards over a block's episodes, by group, or where participants were in a world.
+
+        ``of`` names the block or the world; by default the last one played.
+
+        Raises:
+            ValueError: if there is no figure of that name.
+            LogError: if no included episode was played there.
+        """
+        check_figure_name(name, ("learning", "occupancy"))
+        from minihuman.figures.figure_data import collect_learning_curves, find_reward_limits, name_measure
+        from minihuman.figures.gallery import collect_rewards
+        from minihuman.figures.learning_curves import learning_figure
+        from minihuman.figures.occupancy import group_participants_by_group, occupancy_figure
+
+        logs = [session._counted.session for session in self.sessions]
+        played = [episode for log in logs for episode in log.episodes]
+        if name == "learning":
+            of = of or (played[-1].plan.block_name if played else "")
+            rewards = collect_rewards(logs)
+            episodes = rewards[rewards["block"] == of]
+            curves = collect_learning_curves(episodes)
+            if curves:
+                title = name_measure("reward", of)
+                return learning_figure(curves, measure="reward", limits=find_reward_limits(episodes), title=title)
+        else:
+            of = of or (played[-1].plan.world if played else "")
+            groups = group_participants_by_group(logs, of)
+            if groups:
+                return occupancy_figure(of, groups)
+        raise LogError(
+            f"{self.path} has no included episode of {of!r} that can be drawn; choose another block or world"
+        )
+
+    def __getitem__(self, key: str | tuple[str, int]) -> Session:
+        """A participant's session: ``study["sub-01"]`` is the first, ``study["sub-01", 2]`` the second.
+
+        Raises:
+            KeyError: if there is none.
+        """
+        participant, number = (key, None) if isinstance(key, str) else key
+        for path in list_participant_logs(self.path, participant):
+            for counted in select(path, self.selection).read_sessions():
+                session = Session(counted, self.selection)
+                if session.participant == participant and number in (None, session.number):
+                    return session
+        raise KeyError(key)
+
+    def __iter__(self) -> Iterator[Session]:
+        selected = select(self.path, self.selection).read_sessions()
+        return (Session(counted, self.selection) for counted in selected)
+
+    def __len__(self) -> int:
+        return len(list_readable_logs(self.path)[0])
+
+    def __repr__(self) -> str:
+        return f"<study {self.path.name}: {len(self)} sessions>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (one.participant, one.group, one.number, len(one), one.end_reason)
+            for one in self.sessions[:_MAX_SHOWN_SESSIONS]
+        ]  # fmt: skip
+        more = f"; the first {_MAX_SHOWN_SESSIONS} are shown" if len(self.sessions) > _MAX_SHOWN_SESSIONS else ""
+        caption = f"{self.path.name}: {'; '.join(self.exclusions)}{more}"
+        return format_html_table(caption, ("participant", "group", "session", "included episodes", "ended"), rows)

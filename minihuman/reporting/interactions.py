@@ -1,0 +1,291 @@
+"""The interaction of groups and conditions in a mixed design: contrast scores of participants, compared between groups.
+
+Its results, the sentences that answer the study's question with them, and their table.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import get_args
+
+import numpy as np
+import pandas as pd
+
+from minihuman.experiment.protocol.specs import AnalysisSpec
+from minihuman.experiment.protocol.study_design import Contrast, ExperimentDesign
+from minihuman.reporting.results import (
+    Results,
+    Role,
+    assign_roles,
+    label_measure,
+    list_default_measures,
+    take_logarithms,
+)
+from minihuman.reporting.template import (
+    Table,
+    format_difference,
+    format_interval,
+    format_number,
+    format_p_value,
+    format_pair,
+    format_with_interval,
+)
+from minihuman.statistics.comparison import (
+    GroupComparison,
+    compare_pair,
+    correct_comparisons,
+    holm_correction,
+    permutation_tests,
+)
+from minihuman.statistics.interaction import InteractionTest, compare_contrast_scores
+
+
+@dataclass(frozen=True, slots=True)
+class ContrastComparison:
+    """Two groups compared on the scores of one contrast between conditions."""
+
+    contrast: str
+    groups: GroupComparison
+
+
+@dataclass(frozen=True, slots=True)
+class OmnibusInteraction:
+    """All groups and conditions of one measure together, where the interaction has several degrees of freedom."""
+
+    measure: str
+    test: InteractionTest
+    p_holm: float  # corrected for the measures of the same role
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InteractionResults:
+    """Groups and conditions crossed."""
+
+    groups: tuple[str, ...]
+    conditions: tuple[str, ...]
+    roles: Mapping[str, Role]
+    omnibus: tuple[OmnibusInteraction, ...]  # none of one degree of freedom, or where contrasts are stated
+    contrasts: tuple[ContrastComparison, ...]
+    left_out: int  # participants without a value in every condition, of the first measure
+    cells: pd.DataFrame  # of the first measure: index group and participant, a column per condition
+
+    @property
+    def measure(self) -> str:
+        """The primary measure, or the first that has values."""
+        return next(iter(sorted(self.roles, key=lambda name: self.roles[name] != "primary")), "")
+
+    @property
+    def headline(self) -> tuple[ContrastComparison, ...]:
+        """The contrasts of that measure."""
+        return tuple(compared for compared in self.contrasts if compared.groups.measure == self.measure)
+
+
+def compute_interaction(
+    rows: pd.DataFrame, design: ExperimentDesign, analysis: AnalysisSpec, order: tuple[str, ...]
+) -> InteractionResults | None:
+    """Compare contrast scores between groups on the measures that the protocol names, or all that have values.
+
+    A participant's value of a condition is the mean over its blocks and sessions. Participants without a value in
+    every condition are left out.
+
+    Args:
+        rows: included rows of the table of blocks, teams in the place of their members.
+        design: the study's.
+        analysis: the measures that the protocol names.
+        order: the groups, in the order of comparison.
+
+    Returns:
+        None unless the design is mixed and two groups or more have values.
+    """
+    if not design.is_mixed:
+        return None
+    condition_of_block = dict(design.condition_of_block)
+    compared = rows[rows["block"].isin(condition_of_block)]
+    compared = compared.assign(condition=compared["block"].map(condition_of_block))
+    named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
+    measures = [name for name in named or list_default_measures(compared) if compared[name].notna().any()]
+    groups = tuple(group for group in order if (compared["group"] == group).any())
+    if not measures or len(groups) < 2:
+        return None
+    scaled, logs = take_logarithms(compared, measures)
+    roles = assign_roles(measures, analysis)
+    tables = {name: _tabulate_cells(scaled, name, design.conditions) for name in measures}
+    complete = {name: table.dropna() for name, table in tables.items()}
+    contrasts = _compare_contrasts(complete, design.tested_contrasts, groups, roles, logs)
+    is_single = len(groups) == 2 and len(design.conditions) == 2
+    omnibus = () if is_single or design.contrasts else _test_omnibus(complete, groups, roles)
+    first = min(measures, key=lambda name: roles[name] != "primary")
+    cells = _tabulate_cells(compared, first, design.conditions)
+    return InteractionResults(
+        groups=groups,
+        conditions=design.conditions,
+        roles=roles,
+        omnibus=omnibus,
+        contrasts=contrasts,
+        left_out=len(tables[first]) - len(complete[first]),
+        cells=cells,
+    )
+
+
+def choose_first_block(
+    design: ExperimentDesign, analysis: AnalysisSpec, results: Results, interaction: InteractionResults | None
+) -> str:
+    """Choose the block whose comparison of groups answers the question: none where the interaction does.
+
+    In a mixed design the last block that all groups play is an arbitrary condition, unless the protocol names it.
+    """
+    answers_by_interaction = interaction is not None and design.primary_effect == "interaction"
+    return "" if answers_by_interaction and not analysis.block else results.target
+
+
+def _tabulate_cells(rows: pd.DataFrame, measure: str, conditions: tuple[str, ...]) -> pd.DataFrame:
+    """A row per group and participant, a column per condition; NaN without a value."""
+    known = rows.assign(value=rows[measure].astype(float)).dropna(subset=["value"])
+    means = known.groupby(["group", "participant", "condition"])["value"].mean()
+    return means.unstack("condition").reindex(columns=list(conditions))
+
+
+def _select_group(table: pd.DataFrame, group: str) -> pd.DataFrame:
+    return table[table.index.get_level_values("group") == group]
+
+
+def _compare_contrasts(
+    tables: Mapping[str, pd.DataFrame],
+    contrasts: tuple[Contrast, ...],
+    groups: tuple[str, ...],
+    roles: Mapping[str, Role],
+    logs: frozenset[str],
+) -> tuple[ContrastComparison, ...]:
+    """Every two groups on every contrast of every measure; p is corrected within each role (Holm)."""
+    compared: list[ContrastComparison] = []
+    for role in get_args(Role):
+        parts = [
+            ContrastComparison(
+                contrast.name, _compare_scores(tables[measure], measure, contrast, pair, measure in logs)
+            )
+            for measure in roles
+            if roles[measure] == role
+            for contrast in contrasts
+            for pair in combinations(groups, 2)
+        ]
+        corrected = correct_comparisons([part.groups for part in parts])
+        compared += [replace(part, groups=groups) for part, groups in zip(parts, corrected, strict=True)]
+    return tuple(compared)
+
+
+def _compare_scores(
+    table: pd.DataFrame, measure: str, contrast: Contrast, pair: tuple[str, str], is_log: bool
+) -> GroupComparison:
+    weights = dict(contrast.weights)
+    first, second = (
+        _select_group(table, group)[list(weights)].to_numpy(float) @ np.array(list(weights.values())) for group in pair
+    )
+    (test,) = permutation_tests([(first, second)])
+    return compare_pair(measure, (pair[0], first), (pair[1], second), test, is_log=is_log)
+
+
+def _test_omnibus(
+    tables: Mapping[str, pd.DataFrame], groups: tuple[str, ...], roles: Mapping[str, Role]
+) -> tuple[OmnibusInteraction, ...]:
+    tests = {
+        measure: compare_contrast_scores(
+            [np.diff(_select_group(table, group).to_numpy(float), axis=1) for group in groups]
+        )
+        for measure, table in tables.items()
+    }
+    corrected: dict[str, float] = {}
+    for role in get_args(Role):
+        names = [measure for measure in tests if roles[measure] == role]
+        corrected |= zip(names, holm_correction([tests[name].p for name in names]), strict=True)
+    return tuple(OmnibusInteraction(measure, test, corrected[measure]) for measure, test in tests.items())
+
+
+def state_interaction(found: InteractionResults) -> Iterator[str]:
+    """Answer whether the difference between conditions depends on the group, for the primary measure."""
+    name = label_measure(found.measure)
+    opening = f"{name[0].upper()}{name[1:]}, interaction of group and condition"
+    omnibus = next((one for one in found.omnibus if one.measure == found.measure), None)
+    if omnibus is not None:
+        yield _state_omnibus(opening, omnibus.test, found)
+    else:
+        for compared in found.headline:
+            yield _state_contrast(opening, compared, is_alone=len(found.headline) == 1)
+    if found.left_out:
+        yield f"{found.left_out} participants without a value in every condition are not in the interaction."
+
+
+def _state_omnibus(opening: str, test: InteractionTest, found: InteractionResults) -> str:
+    if test.reason:
+        return f"{opening}: not tested ({test.reason})."
+    sizes = ", ".join(f"{n} in {group}" for n, group in zip(test.n, found.groups, strict=True))
+    return (
+        f"{opening}: Wald-type statistic {format_number(test.statistic)} with {test.freedom} degrees of freedom, "
+        f"permutation p {format_p_value(test.p)} ({sizes})."
+    )
+
+
+def _state_contrast(opening: str, compared: ContrastComparison, *, is_alone: bool) -> str:
+    groups = compared.groups
+    what = f"{opening}: {compared.contrast}, {format_pair(groups.first, groups.second)}"
+    if groups.reason and math.isnan(groups.p):
+        return f"{what}: not compared ({groups.reason})."
+    estimate = format_difference(groups.difference, (math.nan, math.nan), is_log=groups.is_log, sign="+")
+    bounds = groups.interval
+    if groups.is_log:
+        bounds = (math.exp(bounds[0]), math.exp(bounds[1]))
+    interval = format_interval(bounds, sign="-" if groups.is_log else "+")
+    p = f"permutation p {format_p_value(groups.p)}"
+    if not is_alone:
+        p = f"p {format_p_value(groups.p_holm)} (permutation, Holm)"
+    size = ""
+    if not math.isnan(groups.g):
+        size = f"; standardised g {format_number(groups.g, 2)}, interval {format_interval(groups.g_interval, 2)}"
+    ratio = "ratio of ratios, " if groups.is_log else ""
+    n = f"{groups.n[0]} and {groups.n[1]} participants"
+    return f"{what} is {estimate} ({ratio}95 % interval {interval}; {p}{size}; {n})."
+
+
+def interaction_table(found: InteractionResults) -> Table:
+    """Every measure: all degrees of freedom together, then each contrast between every two groups."""
+    rows: list[tuple[str, ...]] = []
+    for measure in found.roles:
+        start = (label_measure(measure), found.roles[measure])
+        for one in found.omnibus:
+            if one.measure == measure:
+                test = one.test
+                statistic = f"W({test.freedom}) = {format_number(test.statistic)}"
+                ps = (format_p_value(test.p), format_p_value(one.p_holm))
+                rows.append((*start, "all", "all", ", ".join(map(str, test.n)), statistic, *ps, "n/a"))
+        rows += [
+            (*start, *_contrast_cells(compared)) for compared in found.contrasts if compared.groups.measure == measure
+        ]
+    heads = ("measure", "named before", "contrast", "groups", "n", "difference", "p", "p (Holm)", "g")
+    return Table(heads, rows, words=4)
+
+
+def _contrast_cells(compared: ContrastComparison) -> tuple[str, ...]:
+    groups = compared.groups
+    return (
+        compared.contrast,
+        format_pair(groups.first, groups.second),
+        f"{groups.n[0]}, {groups.n[1]}",
+        format_difference(groups.difference, groups.interval, is_log=groups.is_log),
+        format_p_value(groups.p),
+        format_p_value(groups.p_holm),
+        format_with_interval(groups.g, groups.g_interval, 2),
+    )
+
+
+def cells_table(found: InteractionResults) -> Table:
+    """Mean and standard deviation of each cell of groups and conditions, over participants, of the primary measure."""
+    rows = []
+    for group in found.groups:
+        values = _select_group(found.cells, group)
+        cells = [
+            f"{format_number(float(values[condition].mean()))} ({format_number(float(values[condition].std()))}), "
+            f"n {int(values[condition].notna().sum())}"
+            for condition in found.conditions
+        ]
+        rows.append((group, *cells))
+    return Table(("group", *found.conditions), rows)

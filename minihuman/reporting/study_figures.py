@@ -1,0 +1,210 @@
+"""The report's figures of a study's results, block by block, and of one session's paths in each group."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from minihuman.dataset.cached_sessions import CachedSession
+from minihuman.dataset.tables import Tables
+from minihuman.figures.figure_data import (
+    Difference,
+    collect_learning_curves,
+    draw_figure_files,
+    group_by_block,
+    name_measure,
+)
+from minihuman.reporting.interactions import InteractionResults
+from minihuman.reporting.results import Results, label_measure
+from minihuman.reporting.template import ReportFigure, format_pair
+
+CURVES = (
+    ("log_excess_steps", "log of the excess steps over the shortest path", (0.0, math.inf)),
+    ("reward", "reward", (0.0, 1.0)),
+    ("success", "success (share)", (0.0, 1.0)),
+    ("playing_s", "playing time (s)", (0.0, math.inf)),
+)
+_AXIS = {
+    "log_excess_steps": "log of excess steps",
+    "reward": "reward",
+    "success": "share of episodes",
+    "playing_s": "playing time (s)",
+}
+_BOUNDED_MEASURES = frozenset(
+    {"success", "spl_mean", "reward_mean", "reward_first", "path_efficiency_mean", "ineffective_share"}
+)
+
+
+def _find_limits(measure: str, values: "pd.Series[float]") -> tuple[float, float] | None:
+    """The bounds that a measure cannot leave, where none of its values does; None where there are none."""
+    return (0.0, 1.0) if measure in _BOUNDED_MEASURES and values.dropna().between(0, 1).all() else None
+
+
+def draw_estimates(blocks: pd.DataFrame, found: Results, out: Path) -> Iterator[ReportFigure]:
+    """Draw every participant and the groups' differences on the measure that each block is compared on first."""
+    included = blocks[blocks["exclusion_reason"].isna()]
+    for one in found.blocks:
+        measure = one.headline[0].measure if one.headline else ""
+        rows = included[included["block"] == one.block]
+        if not measure or one.teams or not rows[measure].notna().any():
+            continue
+        means = rows.groupby(["group", "participant"])[measure].mean()  # over sessions, as the groups are compared
+        groups = {group: means.loc[group].to_numpy(float) for group in found.order if group in means.index}
+        differences = [Difference(each.first, each.second, each.difference, each.interval) for each in one.headline]
+        name = label_measure(measure)
+        short, title = name.partition(" (")[0].partition(":")[0], name_measure(name, one.block, width=110)
+        stem, limits = out / f"{one.block}_result", _find_limits(measure, rows[measure])
+        png, _ = draw_figure_files(
+            stem, "estimation.estimation_figure", groups, differences, measure=short, title=title, limits=limits
+        )
+        caption = (
+            f"{name[0].upper()}{name[1:]} in block {one.block}. A: a dot per participant, beside them the group's mean "
+            "with its 95 % interval. B: differences of the means, with the intervals of the comparison."
+        )
+        yield ReportFigure(one.block, png, caption)
+
+
+def draw_interaction(found: InteractionResults, out: Path) -> ReportFigure:
+    """Draw every participant in every cell of groups and conditions, and the interaction's contrasts."""
+    name = label_measure(found.measure)
+    cells = found.cells
+    groups = {group: cells[cells.index.get_level_values("group") == group].to_numpy(float) for group in found.groups}
+    is_log = any(compared.groups.is_log for compared in found.headline)
+    differences = [
+        Difference(
+            compared.contrast,
+            format_pair(compared.groups.first, compared.groups.second),
+            compared.groups.difference,
+            compared.groups.interval,
+        )
+        for compared in found.headline
+    ]
+    png, _ = draw_figure_files(
+        out / "groups_and_conditions_result",
+        "design_cells.cells_figure",
+        groups,
+        found.conditions,
+        differences,
+        measure=name.partition(" (")[0].partition(":")[0],
+        title=name_measure(name, width=110),
+        level="difference of log contrast scores" if is_log else "difference of contrast scores",
+        limits=_find_limits(found.measure, pd.Series(cells.to_numpy(float).ravel())),
+    )
+    caption = (
+        f"{name[0].upper()}{name[1:]} by group and condition. A: a dot per participant and condition, a thin line "
+        "through the dots of each; large symbols: the cells' means with 95 % intervals. B: differences of groups in "
+        "participants' contrast scores, with the intervals of the comparison."
+    )
+    return ReportFigure("", png, caption)
+
+
+_BINS_PER_OCTAVE = 4
+REACTION_TIME_QUERY = f"""
+    SELECT block, "group", participant, floor({_BINS_PER_OCTAVE} * log2(response_ms))::INTEGER AS bin, count(*) AS n
+    FROM steps
+    WHERE (study, participant, session, episode, attempt) IN (
+        SELECT (study, participant, session, episode, attempt) FROM episodes WHERE exclusion_reason IS NULL
+    ) AND response_ms > 0 GROUP BY ALL ORDER BY ALL
+"""
+
+
+def draw_reaction_times(times: pd.DataFrame, found: Results, out: Path) -> Iterator[ReportFigure]:
+    """Draw the distribution of each participant's reaction times, block by block."""
+    for one in found.blocks:
+        rows = times[times["block"] == one.block]
+        if rows.empty:
+            continue
+        bins = range(int(rows["bin"].min()), int(rows["bin"].max()) + 1)
+        counts = rows.pivot_table(
+            index=["group", "participant"], columns="bin", values="n", aggfunc="sum", fill_value=0
+        )
+        shares = counts.reindex(columns=bins, fill_value=0)
+        shares = shares.div(shares.sum(axis=1), axis=0)
+        groups = {group: shares.loc[group].to_numpy(float) for group in found.order if group in shares.index}
+        edges_ms = 2.0 ** (np.arange(bins.start, bins.stop + 1) / _BINS_PER_OCTAVE)
+        stem, title = out / f"{one.block}draw_reaction_times", name_measure("reaction times", one.block)
+        png, _ = draw_figure_files(stem, "estimation.reaction_time_figure", groups, edges_ms, title=title)
+        caption = (
+            f"Reaction times in block {one.block}, {_BINS_PER_OCTAVE} bins per doubling: a thin line per participant, "
+            "or above 12 a band from their 10th to their 90th percentile; thick the mean of the group's participants."
+        )
+        yield ReportFigure(one.block, png, caption)
+
+
+def draw_learning_curves(episodes: pd.DataFrame, found: Results, out: Path) -> Iterator[ReportFigure]:
+    """Draw the learning curves of every block, by group."""
+    counted = episodes[episodes["exclusion_reason"].isna()]
+    for block in (one.block for one in found.blocks):
+        rows = counted[counted["block"] == block]
+        for measure, label, limits in CURVES:
+            curves = collect_learning_curves(rows, measure, order=found.order)
+            if curves and rows["episode_in_block"].nunique() > 1 and rows[measure].notna().any():
+                cannot_leave = limits if rows[measure].dropna().between(*limits).all() else None
+                stem = out / f"{block}_{measure}"
+                title = name_measure(label, block)
+                axis = {"measure": _AXIS[measure], "limits": cannot_leave, "title": title}
+                png, _ = draw_figure_files(stem, "learning_curves.learning_figure", curves, **axis)
+                caption = f"{label[0].upper()}{label[1:]} over the episodes of block {block}: mean, 95 % interval."
+                yield ReportFigure(block, png, caption)
+
+
+def draw_sessions(blocks: pd.DataFrame, found: Results, out: Path) -> Iterator[ReportFigure]:
+    """Of every block of several sessions, the measure that groups are compared on first, session by session."""
+    included = blocks[blocks["exclusion_reason"].isna()]
+    for one in found.blocks:
+        rows = included[included["block"] == one.block]
+        measures = one.by_session["measure"].tolist()
+        measure = one.headline[0].measure if one.headline else next(iter(measures), None)
+        if measure is None or rows["session"].nunique() < 2:
+            continue
+        of_group = {group: rows[rows["group"] == group] for group in found.order}
+        sessions = sorted(rows["session"].unique())
+        curves = {
+            group: theirs.pivot(index="participant", columns="session", values=measure)
+            .reindex(columns=sessions)
+            .to_numpy(float)
+            for group, theirs in of_group.items()
+            if len(theirs)
+        }
+        name = label_measure(measure)
+        limits = _find_limits(measure, rows[measure])
+        title, short = name_measure(name, one.block), name.partition(" (")[0].partition(":")[0]
+        axis = {"measure": short, "limits": limits, "xlabel": "session", "numbers": sessions, "title": title}
+        png, _ = draw_figure_files(out / f"{one.block}_sessions", "learning_curves.learning_figure", curves, **axis)
+        caption = f"{name[0].upper()}{name[1:]} in block {one.block}, session by session: mean, 95 % interval."
+        yield ReportFigure(one.block, png, caption)
+
+
+def draw_waiting_times(found: Results, out: Path) -> Iterator[ReportFigure]:
+    """Draw how long participants took to the goal and to their keys, block by block."""
+    for one in found.blocks:
+        kinds = (
+            ("goal", one.waits.goal, "steps of an episode", "episodes that have not reached the goal"),
+            ("keys", one.waits.keys, "playing time (s)", "participants who have not discovered all keys"),
+        )
+        for name, groups, label, what in kinds:
+            if groups:
+                alone = name == "keys"  # a time per participant; episodes of one are not independent
+                title = name_measure(f"share of {what}", one.block)
+                stem, axis = out / f"{one.block}_waiting_{name}", {"label": label, "title": title}
+                png, _ = draw_figure_files(stem, "survival_curves.survival_figure", groups, independent=alone, **axis)
+                band = "95 % intervals (Greenwood, log-log); " if alone else ""
+                caption = f"Share of {what} (Kaplan and Meier); {band}ticks: censored. Below: the number at risk."
+                yield ReportFigure(one.block, png, caption)
+
+
+def draw_paths(tables: Tables, out: Path) -> Iterator[ReportFigure]:
+    """The path figure of one session of each group, the one with the most blocks, over the included episodes."""
+    examples: dict[str, CachedSession] = {}
+    for candidate in sorted(tables.sessions, key=lambda session: -session.blocks):
+        if candidate.blocks and candidate.outline is not None:
+            examples.setdefault(candidate.outline.group, candidate)
+    for group, example in sorted(examples.items()):
+        session = tables.read_session(example).session
+        if not any(episode.start.map for episode in session.episodes):  # trials, for instance
+            continue
+        png, _ = draw_figure_files(out / f"paths_{group}", "path_figures.blocks_figure", group_by_block(session))
+        caption = f"Paths of {session.plan.participant.id} (group {group}), the first participant with the most blocks."
+        yield ReportFigure("", png, caption)

@@ -1,0 +1,81 @@
+"""The methods' words on blocks of trials: what was shown from which table, in which order, and by which clock."""
+
+from collections.abc import Iterator
+
+from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.experiment.protocol.model import BlockSpec
+from minihuman.worlds.catalogue import TRIAL_WORLDS
+
+_TRIALS = "trials"
+
+
+def is_of_trials(plan: EpisodePlan, spec: BlockSpec | None) -> bool:
+    """Say whether a block is one of trials: by its kind, or its world."""
+    return plan.world in TRIAL_WORLDS or (spec is not None and spec.kind == _TRIALS)
+
+
+def describe_stimuli(spec: BlockSpec | None) -> str:
+    """Describe where a block's options come from that differ by trial; "" without a table."""
+    if spec is None or spec.stimuli is None:
+        return ""
+    stimuli = spec.stimuli
+    table = f"the table {stimuli.file!r}" if stimuli.file else f"a table of {len(stimuli.rows)} rows"
+    if stimuli.order == "fixed":
+        return f"{table}, in its order"
+    more = []
+    if stimuli.balanced_by:
+        more.append(f"balanced by {' and '.join(stimuli.balanced_by)}")
+    more += [f"at most {most} trials with the same {column} in a row" for column, most in stimuli.max_run.items()]
+    return ", ".join([f"{table}, in an order drawn for each participant", *more])
+
+
+def list_shared_options(plan: EpisodePlan, spec: BlockSpec | None) -> dict[str, object]:
+    """List the options that all episodes of a block have; of a trial without its protocol, the responses."""
+    if spec is not None and spec.stimuli is not None:
+        return {name: plan.options[name] for name in spec.options if name in plan.options}
+    if spec is None and plan.world in TRIAL_WORLDS:
+        return {name: option for name, option in plan.options.items() if name == "responses"}
+    return dict(plan.options)
+
+
+def describe_trials(plan: EpisodePlan, spec: BlockSpec | None) -> str:
+    """Describe a block of trials: what was shown and when, up to its keys."""
+    options = "".join(f", {name} = {option!r}" for name, option in sorted(list_shared_options(plan, spec).items()))
+    stimuli = describe_stimuli(spec)
+    parts = [
+        f"{_count_trials(plan, spec)} of {plan.world}{options}",
+        *([f"stimuli from {stimuli}"] if stimuli else []),
+        *_describe_clock(plan, spec),
+    ]
+    return "; ".join(parts)
+
+
+def _count_trials(plan: EpisodePlan, spec: BlockSpec | None) -> str:
+    count = plan.episodes_in_block
+    criterion = None if spec is None else spec.stop_criterion
+    if criterion is None:
+        return f"{count} trials"
+    return f"up to {count} trials (until {criterion.successes} of the last {criterion.of} were correct)"
+
+
+def _describe_clock(plan: EpisodePlan, spec: BlockSpec | None) -> Iterator[str]:
+    """Yield what came before and after the stimulus, and for how long."""
+    before = list(_describe_waits(spec)) if spec is not None else []
+    if before:
+        yield f"before each {' and '.join(before)}"
+    if plan.response_deadline_ms:
+        yield f"the stimulus stayed until the response, at most {plan.response_deadline_ms:g} ms"
+    elif plan.pace == "on_key":
+        yield "the stimulus stayed until the response"
+    if spec is not None and spec.feedback:
+        yield f"then feedback{f' for {spec.feedback_ms:g} ms' if spec.feedback_ms else ' until Enter'}"
+
+
+def _describe_waits(spec: BlockSpec) -> Iterator[str]:
+    interval = spec.inter_trial_interval_ms
+    if isinstance(interval, tuple):
+        yield f"an empty screen for {interval[0]:g} to {interval[1]:g} ms (drawn)"
+    elif interval:
+        yield f"an empty screen for {interval:g} ms"
+    if spec.fixation_ms:
+        yield f"a fixation cross for {spec.fixation_ms:g} ms"

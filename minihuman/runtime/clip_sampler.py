@@ -1,0 +1,95 @@
+"""Clips to compare and to correct: drawn uniformly from a session's episodes, never one against itself."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+
+from minihuman.activities.correction.requests import EpisodeRequest
+from minihuman.activities.episode_clips import EpisodeClip
+from minihuman.activities.preferences.requests import ClipRequest
+from minihuman.experiment.plan.random_streams import draw_words
+from minihuman.log.model.session_log import EpisodeLog
+from minihuman.log.read.session_reader import read_log
+
+_ClipStart = tuple[EpisodeLog, int]  # the episode, and the step whose picture is the first
+
+
+class ClipSampler:
+    """Draws from the episodes of a block, as the session's log has them.
+
+    Args:
+        logs: the session's logs so far.
+        seed: of the study.
+        index: of the participant.
+    """
+
+    def __init__(self, logs: Callable[[], list[Path]], *, seed: int, index: int) -> None:
+        self._logs = logs
+        self._seed = seed
+        self._index = index
+        self._part: int | None = None
+        self._places: list[_ClipStart] = []  # of that part; nothing is played while it compares
+
+    def candidates(self, want: ClipRequest, count: int) -> list[tuple[EpisodeClip, EpisodeClip]]:
+        """Draw ``count`` pairs of different clips; none where no two differ."""
+        pairs = []
+        for number in range(count):
+            first = self.draw(replace(want, place=0, again=None), candidate=number)
+            other = None if first is None else self.draw(replace(want, place=1, again=first), candidate=number)
+            if first is not None and other is not None:
+                pairs.append((first, other))
+        return pairs
+
+    def draw(self, want: ClipRequest, *, candidate: int = 0) -> EpisodeClip | None:
+        """Draw a clip; None where no two differ. Each candidate has a random stream of its own."""
+        if self._part != want.part:
+            self._part = want.part
+            self._places = self._list_starts(want)
+        purpose = f"stretch-{want.source}-part-{want.part}-pair-{want.pair}-{want.place}"
+        purpose += f"-candidate-{candidate}" if candidate else ""
+        left = [place for place in self._places if _make_clip(place, want.steps) != want.again]
+        if len(self._places) < 2 or not left:
+            return None
+        word = int(draw_words(1, seed=self._seed, purpose=purpose, index=self._index)[0])
+        return _make_clip(left[word % len(left)], want.steps)
+
+    def episode(self, want: EpisodeRequest) -> EpisodeClip | None:
+        """One of the block's latest episodes, all of it; None where there is no further one."""
+        if self._part != want.part:
+            self._part = want.part
+            self._places = [(episode, 0) for episode in self._episodes(want.source)]
+        latest = self._places[-want.count :]
+        if want.number >= len(latest):
+            return None
+        episode, _ = latest[want.number]
+        return _make_clip((episode, 0), len(episode.actions))
+
+    def _episodes(self, block: str) -> list[EpisodeLog]:
+        logs = self._logs()
+        if not logs:
+            return []
+        played = read_log(logs[0].parent).episodes
+        return [episode for episode in played if episode.plan.block_name == block and len(episode.actions)]
+
+    def _list_starts(self, want: ClipRequest) -> list[_ClipStart]:
+        return [
+            (episode, first)
+            for episode in self._episodes(want.source)
+            for first in range(max(1, len(episode.actions) - want.steps + 1))
+        ]
+
+
+def _make_clip(place: _ClipStart, steps: int) -> EpisodeClip:
+    episode, first = place
+    plan = episode.plan
+    return EpisodeClip(
+        episode=plan.episode,
+        attempt=episode.attempt,
+        first=first,
+        world=plan.world,
+        options=msgspec.json.encode(plan.options).decode(),
+        seed=plan.seed,
+        actions=tuple(int(action) for action in episode.actions[: first + steps]),
+    )

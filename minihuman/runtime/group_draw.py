@@ -1,0 +1,50 @@
+"""The draw of a group: the request that comes before all others where an answer decides the allocation."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from minihuman.admin.next_session import plan_drawn_session
+from minihuman.experiment.machine.activity import ActivityRequest, RequestHandler
+from minihuman.experiment.machine.inputs import ActivityInput
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.pending_session import SlotDrawn, SlotRequest
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.protocol import Protocol
+
+
+class GroupDrawHost(RequestHandler):
+    """Draws a slot of a study's allocation list.
+
+    Args:
+        protocol: the study.
+        undrawn: whose group is to be drawn.
+        data: the data folder.
+        then: makes the host that answers after the draw; None for none.
+    """
+
+    def __init__(
+        self, protocol: Protocol, undrawn: SessionPlan, data: Path, then: Callable[[SessionPlan], RequestHandler | None]
+    ) -> None:
+        self._protocol = protocol
+        self._undrawn = undrawn
+        self._data = data
+        self._then = then
+        self._next: RequestHandler | None = None
+
+    def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
+        """The plan of the group that was drawn; then the next host's answers.
+
+        Raises:
+            AllocationError: if there is no slot to draw.
+            OSError: if the data folder cannot be read or written.
+        """
+        if isinstance(want, SlotRequest):
+            plan = plan_drawn_session(self._protocol, self._data, self._undrawn, want.stratum)
+            self._next = self._then(plan)
+            return SlotDrawn(t_ns, plan)
+        return None if self._next is None else self._next.answer(want, play, t_ns)
+
+    def close(self) -> None:
+        """Close the next host."""
+        if self._next is not None:
+            self._next.close()

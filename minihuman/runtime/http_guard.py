@@ -1,0 +1,84 @@
+"""One set of guards for the HTTP servers of an experimenter's machine: who may ask, how much, and for how long.
+
+`watch` and the programs' interface use the standard library's server, since they belong to the base install; the pages
+of `desk` and participants are Starlette's, and ask `is_own_request` too.
+"""
+
+import re
+import socket
+import sys
+import threading
+from collections.abc import Collection, Mapping
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from urllib.parse import urlsplit
+
+LOCAL_HOSTS = ("127.0.0.1", "localhost", "[::1]")
+_PORT = re.compile(r":\d*$")
+_MAX_LENGTH_DIGITS = 9
+
+
+def is_own_request(headers: Mapping[str, str]) -> bool:
+    """Whether a request that changes something comes from a page of this server, or from no page at all.
+
+    A browser says which site a request comes from (`Sec-Fetch-Site`), an older one only its `Origin`.
+    """
+    site = headers.get("sec-fetch-site", "")
+    if site:
+        return site == "same-origin"
+    origin = headers.get("origin", "")
+    return not origin or urlsplit(origin).netloc.lower() == headers.get("host", "").lower()
+
+
+def is_named(host_header: str, names: Collection[str]) -> bool:
+    """Whether a request was sent to one of a machine's own names, whatever its port."""
+    return _PORT.sub("", host_header) in names
+
+
+def read_length(length: str, max_bytes: int) -> int | None:
+    """Read a request's Content-Length; None if it is not a number of bytes that is allowed."""
+    if not (length.isascii() and length.isdecimal()) or len(length) > _MAX_LENGTH_DIGITS or int(length) > max_bytes:
+        return None
+    return int(length)
+
+
+class GuardedHandler(BaseHTTPRequestHandler):
+    """A connection: it is one of a few, and its requests have their time, however slowly their bytes come."""
+
+    request_s = 10.0  # from one answer to the next request, and for a client to take one
+    max_threads = 128  # of this process
+    timeout = request_s
+
+    def handle(self) -> None:
+        """Serve a connection; close one that is too many."""
+        if threading.active_count() < self.max_threads:
+            super().handle()
+
+    def handle_one_request(self) -> None:
+        """Give a request its time."""
+        watchdog = threading.Timer(self.request_s, self._stop_reading)
+        watchdog.daemon = True
+        watchdog.start()
+        try:
+            super().handle_one_request()
+        finally:
+            watchdog.cancel()
+
+    def _stop_reading(self) -> None:
+        try:
+            self.connection.shutdown(socket.SHUT_RD)
+        except OSError:  # the client has gone
+            return
+
+    def log_message(self, format: str, *arguments: object) -> None:
+        """Say nothing: a line would hold an address and a secret."""
+
+
+class GuardedServer(ThreadingHTTPServer):
+    """A server that a browser may leave before it is answered."""
+
+    daemon_threads = True
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """Say nothing of a client that has gone; print what else failed."""
+        if not isinstance(sys.exception(), ConnectionError | TimeoutError):
+            super().handle_error(request, client_address)  # type: ignore[arg-type] # as it was called

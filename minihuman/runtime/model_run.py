@@ -1,0 +1,72 @@
+"""A run of sessions with a language model: what it has spent, its limits, and whether it is to stop."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from minihuman.errors import MinihumanError
+from minihuman.experiment.machine.events import (
+    ModelCall,
+)
+from minihuman.experiment.protocol.specs import ModelSpec
+from minihuman.log.record.disk import GroupCommit
+from minihuman.simulation.chat_client import ChatClient, ModelClient
+from minihuman.simulation.model_conversation import (
+    SpentTotals,
+)
+
+PLAYER_PREFIX = "model:"
+
+
+class RunStoppedError(MinihumanError, RuntimeError):
+    """The run is over before its sessions are: they are resumed by the same command."""
+
+
+@dataclass(slots=True)
+class ModelRun:
+    """What the sessions of one run share: what they have spent, its limits, and whether it is to stop."""
+
+    name: str  # "model:NAME", or "http:NAME" of a program
+    make_client: Callable[[ModelSpec], ModelClient]
+    max_price: float = 0.0
+    changed: Callable[[SpentTotals], object] = lambda _: None
+    spent: SpentTotals = field(default_factory=SpentTotals)
+    stopped: str = ""  # why
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    # one sync for all calls in flight: none of them waits for a picture, and each takes longer than a sync
+    group_commit: GroupCommit = field(default_factory=lambda: GroupCommit(max_single_syncs=1))
+
+    @classmethod
+    def of_model(cls, player: str, **settings: Any) -> "ModelRun":
+        """The run of a language model, "model:NAME"."""
+        name = player.removeprefix(PLAYER_PREFIX)
+
+        def make_client(spec: ModelSpec) -> ChatClient:
+            known = {"temperature": spec.temperature, "max_tokens": spec.max_tokens}
+            settings: dict[str, float] = {name: known[name.replace("_completion", "")] for name in spec.request_fields}
+            return ChatClient(name, settings=settings, timeout_s=spec.timeout_s)
+
+        return cls(player, make_client, **settings)
+
+    def check(self) -> None:
+        """Refuse another request.
+
+        Raises:
+            RunStoppedError: if the run is to stop.
+        """
+        if self.max_price and self.spent.price >= self.max_price:
+            self.stop(f"the run's limit of {self.max_price:g} is reached")
+        if self.stopped:
+            raise RunStoppedError(f"{self.stopped}; run the same command again to resume with the next call")
+
+    def stop(self, why: str) -> None:
+        """Let no further request begin."""
+        with self.lock:
+            self.stopped = self.stopped or why
+
+    def count(self, call: ModelCall) -> None:
+        """Count a call's end."""
+        with self.lock:
+            self.spent = self.spent.add(call)
+        self.changed(self.spent)

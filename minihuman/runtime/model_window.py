@@ -1,0 +1,285 @@
+"""A window with a language model at the keys, and a recorder that makes each call durable before it is sent."""
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from minihuman.display.windows.window import VirtualClock, Window
+from minihuman.errors import MinihumanError
+from minihuman.experiment.machine.activity import ENTER_KEYS
+from minihuman.experiment.machine.events import (
+    ModelCall,
+)
+from minihuman.experiment.machine.inputs import Input, KeyDown, KeyUp, PointerPressed, ScreenShown, Stop, TextInput
+from minihuman.experiment.machine.screens import BlankScreen, PageScreen, PlayScreen, Screen, TextScreen
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.protocol.specs import ModelSpec
+from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.log.record.recorder import WrappedRecorder
+from minihuman.runtime.model_run import ModelRun, RunStoppedError
+from minihuman.simulation.chat_client import ChatAnswer, ModelClient, ModelUnavailableError
+from minihuman.simulation.model_conversation import (
+    HOLD_MS,
+    NS_PER_MS,
+    WAIT,
+    AnswerRule,
+    ConversationRecord,
+    count_price,
+    find_answer_rule,
+)
+
+READING_MS = 1_000.0
+
+
+FRAME_NS = 16_666_667
+
+
+MAX_USELESS_KEYS = 100  # in a row, without a step
+
+
+MAX_SAME_QUESTION = 20
+
+
+RETRY_WAIT_S = 0.5  # doubled each time, 30 s at most
+
+
+class ModelWindow(Window):
+    """Asks a model what to press, and presses it. It reads what takes no decision in a second.
+
+    Args:
+        session: the session it sits in.
+        clock: the session's; waiting moves it, by as much as an answer took.
+        client: asks the model.
+        spec: the protocol's settings.
+        run: counts what is spent.
+        record: the conversation so far.
+        recorder: makes a call's events durable.
+    """
+
+    def __init__(
+        self,
+        session: SessionMachine,
+        clock: VirtualClock,
+        client: ModelClient,
+        spec: ModelSpec,
+        run: ModelRun,
+        record: ConversationRecord,
+        recorder: "ResumableRecorder",
+    ) -> None:
+        self._session = session
+        self._clock = clock
+        self._client = client
+        self._spec = spec
+        self._run = run
+        self._record = record
+        self._recorder = recorder
+        self._screen: Screen = TextScreen("", "", "")
+        self._waiting_screen: Screen | None = None  # the screen for which the answer was to wait
+        self._attempt = 1
+        self._useless = 0
+        self._step: tuple[int, int] | None = None  # episode and step at the last key
+        self._question: tuple[str, int] = ("", 0)  # the last one, and how often it was asked in a row
+        last = record.call
+        if last is not None and last.state == "answered":  # of a program that was killed
+            self._attempt = last.attempt + (last.verdict == "invalid")
+        elif last is not None and last.state == "asked":
+            price = count_price(spec, last.prompt_tokens, spec.max_tokens)
+            self._take(replace(last, state="unknown", completion_tokens=spec.max_tokens, price=price))
+            if spec.unknown == "end":
+                self._stop("a call's answer was lost")
+
+    def show(self, screen: Screen) -> ScreenShown:
+        """Look at a screen; it is there one frame later."""
+        self._screen = screen
+        self._record.conversation.see(screen)
+        submit_ns = self._clock()
+        self._clock.advance_to(submit_ns + FRAME_NS)
+        return ScreenShown(t_ns=self._clock(), submit_ns=submit_ns, flip_ns=self._clock())
+
+    def wait(self, until_ns: int | None) -> list[Input]:
+        """Move the clock to the next input, or to ``until_ns``.
+
+        Raises:
+            SessionLeft: if the model gives no answer, or the run is to stop.
+        """
+        if not any(isinstance(coming, KeyDown | PointerPressed | TextInput | Stop) for coming in self._record.coming):
+            try:
+                self._think()
+            except (ModelUnavailableError, RunStoppedError) as error:
+                self._recorder.leave = True
+                raise SessionLeft(error) from error
+        coming = self._record.coming
+        if not coming or (until_ns is not None and until_ns < coming[0].t_ns):
+            assert until_ns is not None, "neither an input nor a deadline: this would wait for ever"
+            self._clock.advance_to(until_ns)
+            return []
+        happened = coming.pop(0)
+        self._clock.advance_to(happened.t_ns)
+        return [happened]
+
+    def facts(self) -> dict[str, str]:
+        """What it is."""
+        return {"window": "model"}
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._client.close()
+
+    def _think(self) -> None:
+        rule = find_answer_rule(self._screen, self._session)
+        if rule is not None:
+            if self._waiting_screen is not self._screen:
+                self._decide(rule)
+            return
+        match self._screen:
+            case BlankScreen() | PlayScreen():
+                return
+            case TextScreen(keys=keys) if missing := [key for key, pressed in keys if not pressed]:
+                self._press(missing[0])
+            case PageScreen():
+                self._press(ENTER_KEYS[0])
+            case TextScreen() if self._session.next_tick_ns is None:  # else a rest is running
+                self._press(ENTER_KEYS[0])
+
+    def _press(self, key: str) -> None:
+        down_ns = self._clock() + round(READING_MS * NS_PER_MS)
+        self._record.add([KeyDown(down_ns, key, key), KeyUp(down_ns + round(HOLD_MS * NS_PER_MS), key, key)])
+
+    def _decide(self, rule: AnswerRule) -> None:
+        if reason := self._find_end(rule):
+            self._stop(reason)
+            return
+        call = self._ask(rule)
+        if call.verdict == "valid":
+            self._attempt = 1
+            if call.reading == WAIT:
+                self._waiting_screen = self._screen
+            return
+        self._attempt += 1
+        if self._spec.invalid == "end" or self._attempt > self._spec.retries + 1:
+            self._stop("no valid answer")
+        elif self._spec.invalid == "no_op" and rule.may_wait:
+            self._waiting_screen = self._screen
+
+    def _find_end(self, rule: AnswerRule) -> str:
+        """Why no further answer is asked for, "" for no reason."""
+        spec = self._spec
+        spent = self._record.spent
+        session = self._session
+        for limit, used, unit in (
+            (spec.max_price, spent.price, spec.currency or "money"),
+            (spec.max_session_tokens, spent.tokens, "tokens"),
+            (spec.max_session_s, spent.latency_ms / 1_000, "seconds"),
+        ):
+            if limit and used >= limit:
+                return f"the session's limit of {limit:g} {unit} is reached"
+        if session.play is not None:
+            now = session.play.plan.episode, session.play.steps
+            self._useless = (self._useless + (self._attempt == 1)) if now == self._step else 0
+            self._step = now
+            return f"{MAX_USELESS_KEYS} keys in a row led to no step" if self._useless > MAX_USELESS_KEYS else ""
+        question = getattr(self._screen, "question", "")
+        self._question = (question, self._question[1] + 1 if question == self._question[0] else 1)
+        return (
+            f"a question was answered {MAX_SAME_QUESTION} times and not left"
+            if question and self._question[1] > MAX_SAME_QUESTION
+            else ""
+        )
+
+    def _stop(self, reason: str) -> None:
+        self._record.coming = [Stop(self._clock(), "player_failed", reason)]
+
+    def _ask(self, rule: AnswerRule) -> ModelCall:
+        """Ask until there is an answer, as often as the protocol says.
+
+        Raises:
+            ModelUnavailableError: if there is none.
+            RunStoppedError: if the run is to stop.
+        """
+        session = self._session
+        record = self._record
+        spec = self._spec
+        prompt = record.conversation.build_prompt(self._screen, rule, session)
+        for failures in range(spec.retries + 1):
+            self._run.check()
+            request = ModelCall(
+                self._clock(),
+                call=1 + (0 if record.call is None else record.call.call),
+                state="asked",
+                episode=session.next_episode,
+                step=0 if session.play is None else session.play.steps,
+                screen=rule.screen,
+                attempt=self._attempt,
+                prompt_sha256=prompt.sha256,
+                picture_sha256=prompt.picture_sha256,
+                provider=spec.provider,
+                model=self._client.model,
+                temperature=spec.temperature,
+                max_tokens=spec.max_tokens,
+                prompt_tokens=prompt.tokens,
+            )
+            record.rule = rule
+            self._take(request)
+            try:
+                return self._read(request, rule, self._client.ask(prompt))
+            except ModelUnavailableError as error:
+                self._take(replace(request, state="failed", prompt_tokens=0, error=error.reason))
+                if failures == spec.retries or not error.temporary:
+                    raise
+            time.sleep(min(30.0, RETRY_WAIT_S * 2**failures))
+        raise AssertionError("the last failure is raised")
+
+    def _read(self, request: ModelCall, rule: AnswerRule, answer: ChatAnswer) -> ModelCall:
+        reading = rule.read(answer.text)
+        call = replace(
+            request,
+            state="answered",
+            model=answer.model,
+            prompt_tokens=answer.prompt_tokens,
+            completion_tokens=answer.completion_tokens,
+            price=count_price(self._spec, answer.prompt_tokens, answer.completion_tokens),
+            latency_ms=answer.latency_ms,
+            answer=answer.text,
+            reasoning=answer.reasoning,
+            finish_reason=answer.finish_reason,
+            verdict="valid" if reading else "invalid",
+            reading=reading or "",
+        )
+        self._take(call)
+        return call
+
+    def _take(self, call: ModelCall) -> None:
+        self._recorder.record(call)
+        self._record.take(call)
+        if call.state != "asked":
+            self._run.count(call)
+
+
+class SessionLeft(BaseException):
+    """A session is left where it is, to be resumed: no exception, or the loop would end it in its log."""
+
+    def __init__(self, error: MinihumanError) -> None:
+        super().__init__(str(error))
+        self.error = error
+
+
+class ResumableRecorder(WrappedRecorder):
+    """Leaves the live file as it is when a run stops between two calls."""
+
+    def __init__(self, log: McapRecorder) -> None:
+        super().__init__(log)
+        self._log = log
+        self.leave = False
+
+    def record(self, call: ModelCall) -> None:
+        """Write a call down; a request is durable then, and all that came before it."""
+        self._log.begin([call])
+        if call.state == "asked":
+            self._log.drain()
+
+    def close(self) -> Path | None:
+        """Finish the log, or leave it to be resumed."""
+        if not self.leave:
+            return super().close()
+        self._log.leave()
+        return None

@@ -1,0 +1,194 @@
+"""A window with a simulated participant at the keys: texts are read in a second and answered as they ask."""
+
+from collections.abc import Callable
+from importlib import import_module
+
+from minihuman.display.windows.window import VirtualClock, Window
+from minihuman.errors import PlayerFailedError
+from minihuman.experiment.machine.activity import find_kind
+from minihuman.experiment.machine.inputs import (
+    Input,
+    KeyDown,
+    KeyUp,
+    PointerPressed,
+    PointerReleased,
+    ScreenShown,
+    TextInput,
+)
+from minihuman.experiment.machine.running_episode import NS_PER_MS, RunningEpisode
+from minihuman.experiment.machine.screens import PageScreen, PlayScreen, Screen, TextScreen
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.plan.random_streams import draw_words
+from minihuman.simulation.part_simulation import (
+    HOLD_MS,
+    LONGEST_NS,
+    READING_MS,
+    PartSimulator,
+    SimulatedPerson,
+    ask_key,
+    name_failures,
+)
+from minihuman.simulation.participant import SimulatedParticipant
+
+FRAME_NS = 16_666_667
+MOST_USELESS_PRESSES = 1_000  # in a row that lead to no step
+
+
+class SimulatedWindow(Window, SimulatedPerson):
+    """Presses keys for a simulated participant; texts are read in a second and answered as they ask.
+
+    Args:
+        player: presses the keys while playing.
+        session: the session it sits in, for the world that the player looks at.
+        clock: the session's; waiting moves it.
+        before: how many earlier participants of this slot left no data.
+        wrong_in_ten: of answers to questions that have a right one, how many in ten are any answer.
+        at_rest: called between episodes, when nothing is urgent.
+    """
+
+    def __init__(
+        self,
+        player: SimulatedParticipant,
+        session: SessionMachine,
+        clock: VirtualClock,
+        *,
+        before: int = 0,
+        wrong_in_ten: int = 1,
+        at_rest: Callable[[], None] = lambda: None,
+    ) -> None:
+        super().__init__(player)
+        self._before = before
+        self.wrong_in_ten = wrong_in_ten
+        self._session = session
+        self._clock = clock
+        self._at_rest = at_rest
+        self._screen: Screen = TextScreen("", "", "")
+        self._last_play: RunningEpisode | None = None  # that the player was shown
+        self._simulators: dict[str, PartSimulator | None] = {}  # by kind
+        self._n_draws = 0
+        self._steps_at_last_key = 0  # of the running episode, at the last key
+        self._useless_presses = 0  # since then
+        self._withheld: tuple[RunningEpisode, int] | None = None  # the trial and step without a response
+        self._last_ns = 0  # of the last key, and of the last new screen
+        self._coming: list[Input] = []  # in order of time
+
+    def show(self, screen: Screen) -> ScreenShown:
+        """Look at a screen; it is there one frame later."""
+        self._screen = screen
+        submit_ns = self._last_ns = self._clock()
+        self._clock.advance_to(submit_ns + FRAME_NS)
+        if not isinstance(screen, PlayScreen):
+            self._at_rest()
+        return ScreenShown(t_ns=self._clock(), submit_ns=submit_ns, flip_ns=self._clock())
+
+    def wait(self, until_ns: int | None) -> list[Input]:
+        """Move the clock to the player's next key, or to ``until_ns``."""
+        if not any(isinstance(happened, KeyDown | PointerPressed | TextInput) for happened in self._coming):
+            self._think()
+        if not self._coming or (until_ns is not None and until_ns < self._coming[0].t_ns):
+            assert until_ns is not None, "neither a key nor a deadline: this would wait for ever"
+            if until_ns > self._last_ns + LONGEST_NS:
+                raise PlayerFailedError(f"no key was pressed for an hour in phase {self._session.phase}", "no key")
+            self._clock.advance_to(until_ns)
+            return []
+        happened = self._coming.pop(0)
+        self._last_ns = max(self._last_ns, happened.t_ns)
+        self._clock.advance_to(happened.t_ns)
+        return [happened]
+
+    def facts(self) -> dict[str, str]:
+        """What it is."""
+        return {"window": "simulated"}
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+    # What the simulators of parts can do
+
+    @property
+    def now_ns(self) -> int:
+        """The session's time."""
+        return self._clock()
+
+    def begin_episode(self, play: RunningEpisode) -> None:
+        """Let the player look at an episode, if it is a new one."""
+        if play is not self._last_play:
+            self._last_play = play
+            with name_failures():
+                self.participant.begin(play.plan, self._session.plan.key_pool, play.world)
+
+    def press_key(self, key: str, delay_ms: float = READING_MS, hold_ms: float = HOLD_MS) -> None:
+        """Press a key."""
+        down_ns = self._clock() + round(delay_ms * NS_PER_MS)
+        up_ns = down_ns + round(hold_ms * NS_PER_MS)
+        self._coming += [KeyDown(down_ns, key, key), KeyUp(up_ns, key, key)]
+        self._coming.sort(key=lambda happened: happened.t_ns)
+
+    def point(self, target: str, along: float) -> None:
+        """Click a target of the screen."""
+        down_ns = self._clock() + round(READING_MS * NS_PER_MS)
+        up_ns = down_ns + round(HOLD_MS * NS_PER_MS)
+        self._coming += [
+            PointerPressed(down_ns, 0.5, 0.5, target, along),
+            PointerReleased(up_ns, 0.5, 0.5, target, along),
+        ]
+
+    def type_text(self, text: str) -> None:
+        """Type a text."""
+        self._coming.append(TextInput(self._clock() + round(READING_MS * NS_PER_MS), text))
+
+    def choose(self, count: int) -> int:
+        """Draw a number below ``count``, from the study's seed, who answers and how many answers came before."""
+        plan = self._session.plan
+        purpose = f"simulated-answers-session-{plan.session}" + (f"-after-{self._before}" if self._before else "")
+        self._n_draws += 1
+        words = draw_words(self._n_draws, seed=plan.study_seed, purpose=purpose, index=plan.participant.index)
+        return int(words[-1] % count)
+
+    # What is pressed next
+
+    def _think(self) -> None:
+        """Decide on the next key."""
+        part = self._session.part
+        if self._session.phase is part.phase:
+            key = part.simulate(self.choose)
+            if key is not None:
+                self.press_key(key)
+                return
+        simulator = self._find_simulator(part.part.kind)
+        if simulator is None or not simulator.act(part, self._screen):
+            self._do_usual()
+
+    def _find_simulator(self, kind: str) -> PartSimulator | None:
+        """The simulator of a kind's parts; None where it has none."""
+        if kind not in self._simulators:
+            module, _, name = find_kind(kind).simulator.partition(":")
+            self._simulators[kind] = getattr(import_module(module), name)(self) if module else None
+        return self._simulators[kind]
+
+    def _do_usual(self) -> None:
+        """Do what is usual on screens that every kind may show."""
+        match self._screen:
+            case PlayScreen() if self._session.play is not None:  # else the last picture stays
+                self._play(self._session.play)
+            case PageScreen():
+                self.press_key("enter")
+            case TextScreen(keys=keys) if missing := [key for key, pressed in keys if not pressed]:
+                self.press_key(missing[0])
+            case TextScreen() if self._session.next_tick_ns is None:  # else a rest is running: nothing to press yet
+                self.press_key("enter")
+
+    def _play(self, play: RunningEpisode) -> None:
+        if self._withheld == (play, play.steps):
+            return
+        self.begin_episode(play)
+        self._useless_presses = 0 if play.steps != self._steps_at_last_key else self._useless_presses + 1
+        self._steps_at_last_key = play.steps
+        if self._useless_presses > MOST_USELESS_PRESSES:
+            message = f"{MOST_USELESS_PRESSES} keys in a row led to no step of {play.plan.world}"
+            raise PlayerFailedError(message, "no key that steps")
+        press = ask_key(self.participant, play)
+        if press is None:
+            self._withheld = play, play.steps
+        else:
+            self.press_key(press.key, press.delay_ms, press.hold_ms)

@@ -1,0 +1,97 @@
+"""The history of a team: what its members' logs hold of a block that a process before this one led."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from minihuman.activities.team.events import JointStepped, TeamEnded, TeamFormed
+from minihuman.activities.team.joint_play import TeamHistory
+from minihuman.activities.team.joint_step import JointAction
+from minihuman.admin.enrolment_entries import list_team_entries
+from minihuman.experiment.machine.events import FINAL_END_REASONS, EpisodeStarted, SessionEnded
+from minihuman.log.paths import PART_SUFFIX, list_log_files, session_folder
+from minihuman.log.read.reader import read_segment_starts
+from minihuman.log.read.session_reader import read_events
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class TeamSegment:
+    """A segment of a member's session."""
+
+    started_ns: int
+    path: Path
+    seat: int
+
+
+@dataclass(frozen=True, slots=True)
+class TeamBlockKey:
+    """A team's block in a session."""
+
+    team: str
+    session: int
+    block: str
+
+
+def list_team_segments(study_dir: Path, data: Path, key: TeamBlockKey) -> list[TeamSegment]:
+    """List the segments of a team's members, in the order in which they began."""
+    segments: set[TeamSegment] = set()
+    for entry in list_team_entries(study_dir):
+        if TeamBlockKey(entry.team, entry.session, entry.block) != key:
+            continue
+        for seat, code in entry.members.items():
+            folder = session_folder(data, study_dir.name, code, entry.session)
+            for path in list_log_files(folder, "*.mcap*"):
+                starts = read_segment_starts(path, first=True).values()
+                segments |= {TeamSegment(int(started_ns), path, int(seat)) for started_ns in starts}
+    return sorted(segments)
+
+
+def read_team_history(study_dir: Path, data: Path, key: TeamBlockKey, *, n_persons: int) -> TeamHistory:
+    """Read what the logs of a team that still plays hold of a block.
+
+    Where every session of the team was over at a time, it begins the episode anew that it did not complete.
+    """
+    history = TeamHistory()
+    until_ns = 0.0  # when the last of the sessions so far ended
+    for segment in list_team_segments(study_dir, data, key):
+        if segment.started_ns > until_ns or n_persons == 1:
+            _forget(history)
+        end_ns = _read_segment(history, segment, key)
+        is_cut_off = segment.path.name.endswith(PART_SUFFIX)
+        until_ns = max(until_ns, math.inf if is_cut_off else end_ns)
+    if until_ns < math.inf or n_persons == 1:
+        _forget(history)
+    return history
+
+
+def _forget(history: TeamHistory) -> None:
+    history.steps.clear()
+    history.has_ended = False
+
+
+def _read_segment(history: TeamHistory, segment: TeamSegment, key: TeamBlockKey) -> int:
+    """Add what a segment's log holds of the block; return when its last event was."""
+    is_in_team = False
+    is_in_block = False
+    end_ns = segment.started_ns
+    for event in read_events(segment.path):
+        end_ns = segment.started_ns + event.t_ns
+        match event:
+            case TeamFormed():
+                is_in_team = event.team == key.team
+            case EpisodeStarted():
+                is_in_block = is_in_team and event.plan.block_name == key.block
+            case JointStepped() if is_in_block:
+                _add_step(history, event)
+            case TeamEnded() if is_in_block:
+                history.has_ended |= event.reason == "partner_left"
+            case SessionEnded() if event.reason in FINAL_END_REASONS:
+                history.finished.add(segment.seat)
+    return end_ns
+
+
+def _add_step(history: TeamHistory, event: JointStepped) -> None:
+    """Add a step, unless another member's log had it."""
+    steps = history.steps.setdefault(event.episode, [])
+    if event.step == len(steps) + 1:
+        steps.append(JointAction(event.actions, event.sources))  # type: ignore[arg-type]

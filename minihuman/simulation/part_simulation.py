@@ -1,0 +1,125 @@
+"""How a simulated person does a part of a session: what a kind of activity implements, and what it is given for it."""
+
+import abc
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from minihuman.errors import MinihumanError, PlayerFailedError
+from minihuman.experiment.keys import BUTTON_NAMES
+from minihuman.experiment.machine.activity import Activity
+from minihuman.experiment.machine.running_episode import NS_PER_MS, RunningEpisode
+from minihuman.experiment.machine.screens import Screen
+from minihuman.plugins import limit_answer_time, locate_error
+from minihuman.simulation.participant import KeyPress, NoPress, SimulatedParticipant
+
+READING_MS = 1_000.0
+HOLD_MS = 90.0
+LONGEST_NS = 3_600_000_000_000  # without a key and a new screen
+
+
+class SimulatedPerson(abc.ABC):
+    """A simulated participant at the keys of a window.
+
+    Args:
+        participant: who it is; a `SimulatedTeacher` can do more than press keys in a world.
+    """
+
+    wrong_in_ten = 1  # of answers to questions that have a right one, how many in ten are any answer
+
+    def __init__(self, participant: SimulatedParticipant) -> None:
+        self.participant = participant
+
+    @property
+    @abc.abstractmethod
+    def now_ns(self) -> int:
+        """The session's time."""
+
+    @abc.abstractmethod
+    def begin_episode(self, play: RunningEpisode) -> None:
+        """Let the participant look at an episode, if it is a new one."""
+
+    @abc.abstractmethod
+    def press_key(self, key: str, delay_ms: float = READING_MS, hold_ms: float = HOLD_MS) -> None:
+        """Press a key."""
+
+    @abc.abstractmethod
+    def point(self, target: str, along: float) -> None:
+        """Click a target of the screen."""
+
+    @abc.abstractmethod
+    def type_text(self, text: str) -> None:
+        """Type a text."""
+
+    @abc.abstractmethod
+    def choose(self, count: int) -> int:
+        """Draw a number below ``count``, from the study's seed, who answers and how many answers came before."""
+
+    def attends(self) -> bool:
+        """Draw whether a question with a right answer gets it."""
+        return self.choose(10) >= self.wrong_in_ten
+
+
+class PartSimulator(abc.ABC):
+    """Does the parts of one kind in a session.
+
+    Args:
+        person: at whose keys it is.
+    """
+
+    def __init__(self, person: SimulatedPerson) -> None:
+        self.person = person
+
+    @abc.abstractmethod
+    def act(self, part: Activity, screen: Screen) -> bool:
+        """Press what the screen asks for, or nothing yet; False where it is a screen that every kind may show."""
+
+
+@contextmanager
+def name_failures() -> Iterator[None]:
+    """Name whatever a player raises, and a player that takes too long.
+
+    Raises:
+        PlayerFailedError: in its place.
+    """
+    try:
+        with limit_answer_time():
+            yield
+    except MinihumanError as error:  # it says what is the matter
+        raise PlayerFailedError(str(error), type(error).__name__) from error
+    except Exception as error:  # of a lab's own player: its session has an end of its own
+        kind = type(error).__name__
+        raise PlayerFailedError(f"{kind} at {locate_error(error)}: {error}", kind) from error
+
+
+def check_press(press: object) -> KeyPress:
+    """Return a player's key press, if it is a possible one.
+
+    Raises:
+        PlayerFailedError: if not.
+    """
+    if not isinstance(press, KeyPress):
+        answer = f"a {type(press).__name__}, not a KeyPress"
+        raise PlayerFailedError(f"it answered with {answer}, which is not a possible answer", f"answered with {answer}")
+    longest_ns = max(press.delay_ms, press.hold_ms) * NS_PER_MS
+    if press.key not in BUTTON_NAMES or min(press.delay_ms, press.hold_ms) < 0 or not longest_ns <= LONGEST_NS:
+        raise PlayerFailedError(
+            f"it answered with {press!r}, which is not a possible key press", "an impossible key press"
+        )
+    return press
+
+
+def ask_key(participant: SimulatedParticipant, play: RunningEpisode) -> KeyPress | None:
+    """Return a player's next key; None where a response is withheld.
+
+    Raises:
+        PlayerFailedError: if there is none, or it is withheld where no deadline comes.
+    """
+    with name_failures():
+        press = participant.press(play.world)
+    if isinstance(press, NoPress):
+        if not play.plan.response_deadline_ms:
+            raise PlayerFailedError("it pressed no key where no deadline comes", "no key and no deadline")
+        return None
+    if press is None:
+        raise PlayerFailedError("it gave no answer", "no answer")
+    return check_press(press)

@@ -1,0 +1,148 @@
+"""The interaction of groups and conditions: each participant's contrast scores between conditions, compared between
+groups.
+
+One contrast and two groups are the permuted Welch test of ``comparison``; this module has the test of several degrees
+of freedom.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from minihuman.statistics.comparison import RESAMPLES, SEED, Values
+
+_AT_ONCE = 400_000  # scores permuted at a time
+_SINGULAR = 1e-10  # of the largest eigenvalue of all scores' covariance, a share that rounding leaves of none
+_TIES = 1e-9
+LEAST_TESTED = 8  # participants per group: of 5 and 25 with SDs 3 to 1 a true null falls in 7 % of studies
+
+
+@dataclass(frozen=True, slots=True)
+class InteractionTest:
+    """The permuted Wald-type test of whether the mean contrast scores of all groups agree; NaN where not tested."""
+
+    n: tuple[int, ...]  # participants per group
+    freedom: int
+    statistic: float
+    p: float
+    reason: str = ""  # why there is no p
+
+
+def compare_contrast_scores(scores: Sequence[Values]) -> InteractionTest:
+    """Test whether groups have the same mean vector of contrast scores.
+
+    Participants are permuted between groups, the statistic studentised by each group's own covariance (Chung and
+    Romano, 2016; Friedrich, Brunner and Pauly, 2017). p of two groups is no smaller than the F approximation of
+    Krishnamoorthy and Yu (2004) has it, p of more than a parametric bootstrap (Krishnamoorthy and Lu, 2010): of
+    8 and 8 with SDs 3 to 1, permutation alone rejects a true null in 9 % of studies.
+
+    Args:
+        scores: of each group, (participants, contrasts), the contrasts linearly independent.
+    """
+    n = tuple(len(group) for group in scores)
+    contrasts = scores[0].shape[1]
+    freedom = (len(scores) - 1) * contrasts
+    least = max(LEAST_TESTED, contrasts + 2)
+    if min(n) < least:
+        reason = f"{min(n)} in the smallest group: {contrasts + 1} conditions need {least} per group"
+        return InteractionTest(n, freedom, math.nan, math.nan, reason)
+    pooled = np.concatenate(list(scores))
+    scale = _measure_scale(pooled)
+    if scale == 0:
+        return InteractionTest(n, freedom, math.nan, math.nan, "no participant differs from the others")
+    observed = float(_compute_wald(pooled[None], n, scale)[0])
+    if not math.isfinite(observed):
+        reason = "a group's differences between conditions do not vary, or determine each other"
+        return InteractionTest(n, freedom, math.nan, math.nan, reason)
+    at_least = sum(
+        int(np.count_nonzero(_compute_wald(pooled[order], n, scale) >= observed * (1 - _TIES)))
+        for order in _draw_orders(len(pooled), contrasts)
+    )
+    p = (at_least + 1) / (RESAMPLES + 1)
+    floor = _approximate_p(scores, observed) if len(n) == 2 else _bootstrap_p(scores, observed, scale)
+    return InteractionTest(n, freedom, observed, max(p, floor))
+
+
+def _measure_scale(pooled: Values) -> float:
+    """Return the largest variance in any direction; 0 where there is none but rounding's."""
+    largest = float(np.linalg.eigvalsh(np.atleast_2d(np.cov(pooled, rowvar=False)))[-1])
+    return largest if largest > _SINGULAR**2 * float((pooled**2).max()) else 0.0
+
+
+def _split_resamples(scores: int) -> Iterator[int]:
+    """Split RESAMPLES into batches, each of so many that their scores fit into memory."""
+    at_once = max(1, _AT_ONCE // scores)
+    for begin in range(0, RESAMPLES, at_once):
+        yield min(at_once, RESAMPLES - begin)
+
+
+def _draw_orders(people: int, contrasts: int) -> Iterator[NDArray[np.int64]]:
+    """Draw batches of (permutations, people), RESAMPLES in all."""
+    rng = np.random.default_rng(SEED)
+    for count in _split_resamples(people * contrasts):
+        yield rng.permuted(np.tile(np.arange(people), (count, 1)), axis=1)
+
+
+def _compute_wald(scores: Values, n: Sequence[int], scale: float) -> Values:
+    """Compute the Wald-type statistic of each permutation; infinity where a group's covariance is singular.
+
+    Args:
+        scores: (permutations, people, contrasts), the groups' people one after the other.
+        n: people per group.
+        scale: the largest variance of all scores, against which a covariance is singular.
+    """
+    means = []
+    weights = []
+    is_singular = np.zeros(len(scores), bool)
+    for group in np.split(scores, np.cumsum(n)[:-1], axis=1):
+        people = group.shape[1]
+        mean = group.mean(axis=1)
+        centred = group - mean[:, None, :]
+        covariance = centred.swapaxes(1, 2) @ centred / (people * (people - 1))
+        lost = np.linalg.eigvalsh(covariance)[:, 0] * people <= _SINGULAR * scale
+        covariance[lost] = np.eye(covariance.shape[1])
+        is_singular |= lost
+        means.append(mean)
+        weights.append(np.linalg.inv(covariance))
+    common = np.linalg.solve(
+        sum(weights), sum(weight @ mean[:, :, None] for weight, mean in zip(weights, means, strict=True))
+    )[:, :, 0]
+    wald = np.zeros(len(scores))
+    for mean, weight in zip(means, weights, strict=True):
+        apart = mean - common
+        wald += np.einsum("bi,bij,bj->b", apart, weight, apart)
+    return np.where(is_singular, np.inf, wald)
+
+
+def _approximate_p(scores: Sequence[Values], observed: float) -> float:
+    """Return p of Hotelling's T squared of two groups with unequal covariances (Krishnamoorthy and Yu, 2004)."""
+    errors = [np.atleast_2d(np.cov(group, rowvar=False)) / len(group) for group in scores]
+    inverse = np.linalg.inv(sum(errors))
+    contrasts = len(inverse)
+    spread = 0.0
+    for group, error in zip(scores, errors, strict=True):
+        share = error @ inverse
+        spread += float(np.trace(share @ share) + np.trace(share) ** 2) / (len(group) - 1)
+    freedom = contrasts * (contrasts + 1) / spread
+    residual = freedom - contrasts + 1
+    return float(scipy.special.fdtrc(contrasts, residual, observed * residual / (freedom * contrasts)))
+
+
+def _bootstrap_p(scores: Sequence[Values], observed: float, scale: float) -> float:
+    """Return the share of normal samples with the groups' own covariances and no difference that are as far apart."""
+    n = [len(group) for group in scores]
+    factors = [np.linalg.cholesky(np.atleast_2d(np.cov(group, rowvar=False))) for group in scores]
+    rng = np.random.default_rng(SEED)
+    as_far = 0
+    for count in _split_resamples(sum(map(len, scores)) * scores[0].shape[1]):
+        drawn = [
+            rng.standard_normal((count, people, len(factor))) @ factor.T
+            for people, factor in zip(n, factors, strict=True)
+        ]
+        wald = _compute_wald(np.concatenate(drawn, axis=1), n, scale)
+        as_far += int(np.count_nonzero(wald >= observed))
+    return (as_far + 1) / (RESAMPLES + 1)

@@ -1,0 +1,145 @@
+"""Turns what a store, a database, an archive or a log says into a place in a study: by its form, never as a path.
+
+A place is ``STUDY/CODE/ses-NN/FILE``, each part of letters, digits, ``-``, ``_`` and ``.`` alone. Whatever has another
+form is refused with a reason, so that no name leaves its study, reaches a device of Windows or hides a second meaning.
+No other module joins a name from outside to a folder; a test over the package's source says so.
+"""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from minihuman.errors import LogError
+from minihuman.operating_system import explain_unportable_name
+
+MAX_NAME_LETTERS = 200  # of one part; file systems take 255 bytes, and copies of a file get longer names
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+_SESSION = re.compile(r"ses-[0-9]{2,4}")
+_COMPANION_PREFIX = "._"  # macOS puts a file's attributes there, on shares and in archives
+_FORM = "STUDY/CODE/ses-NN/FILE"
+_SHOWN_LETTERS = 60  # of a refused name
+
+
+class OutsideNameError(LogError):
+    """A name from outside has not the form of a place in a study."""
+
+
+def is_system_companion(name: str) -> bool:
+    """Say whether another system keeps a file of that name beside ours for itself, such as ``._sub-01.mcap``."""
+    return name.startswith(_COMPANION_PREFIX)
+
+
+def explain_refused_name(name: str) -> str:
+    """Say why a name cannot be that of a study, a participant or a file; "" where it can."""
+    if len(name) > MAX_NAME_LETTERS:
+        return f"it has {len(name)} characters; the maximum is {MAX_NAME_LETTERS}"
+    if not _NAME.fullmatch(name):
+        return "use letters, digits, '-', '_' and '.', with a letter or a digit first"
+    return explain_unportable_name(name)
+
+
+def shorten_name(name: str) -> str:
+    """Return a name from outside as a line may show it: with its control characters escaped, and not too long."""
+    shown = repr(name[:_SHOWN_LETTERS])
+    return shown if len(name) <= _SHOWN_LETTERS else f"{shown} and {len(name) - _SHOWN_LETTERS} more characters"
+
+
+def require_name(name: str, owner: str) -> str:
+    """Return a name that may be a folder's or a file's.
+
+    Args:
+        name: as it was given from outside.
+        owner: what has the name, for the error: "the participant".
+
+    Raises:
+        OutsideNameError: if it may not.
+    """
+    if reason := explain_refused_name(name):
+        raise OutsideNameError(f"{owner} {shorten_name(name)} cannot be a file's name: {reason}")
+    return name
+
+
+@dataclass(frozen=True, slots=True)
+class StudyFile:
+    """The place of a file in a study; ``parse`` makes it."""
+
+    study: str
+    participant: str
+    session: str  # "ses-01"
+    file: str
+
+    @classmethod
+    def parse(cls, name: str) -> "StudyFile":
+        """Read a name from outside.
+
+        Raises:
+            OutsideNameError: if it is not of the form ``STUDY/CODE/ses-NN/FILE``.
+        """
+        parts = name.split("/")
+        if len(parts) != 4:
+            raise OutsideNameError(f"{shorten_name(name)} is refused: it is not of the form {_FORM}")
+        for part in parts:
+            if reason := explain_refused_name(part):
+                raise OutsideNameError(f"{shorten_name(name)} is refused: {shorten_name(part)}: {reason}")
+        study, participant, session, file = parts
+        if not _SESSION.fullmatch(session) or participant.startswith("ses-"):
+            raise OutsideNameError(f"{shorten_name(name)} is refused: it is not of the form {_FORM}")
+        return cls(study, participant, session, file)
+
+    @property
+    def name(self) -> str:
+        """The place as a store names it."""
+        return f"{self.study}/{self.participant}/{self.session}/{self.file}"
+
+    def path(self, data: Path) -> Path:
+        """Return the place in a data folder."""
+        return data / self.study / self.participant / self.session / self.file
+
+
+def parse_study_files(names: Iterable[str], prefix: str) -> tuple[dict[str, StudyFile], list[str]]:
+    """Sort names from outside into places and refusals.
+
+    Args:
+        names: as a store lists them.
+        prefix: with which the caller asked for them, "study/" or "study/sub-07/": other places are refused.
+
+    Returns:
+        The places by name, and a line for each name that is refused.
+    """
+    files: dict[str, StudyFile] = {}
+    refusals: list[str] = []
+    by_folded_name: dict[str, str] = {}
+    for name in sorted(names):
+        try:
+            file = _parse_below(name, prefix)
+        except OutsideNameError as error:
+            refusals.append(str(error))
+            continue
+        twin = by_folded_name.setdefault(name.casefold(), name)
+        if twin != name:
+            refusals.append(f"{shorten_name(name)} is refused: on Windows and macOS it is the same file as {twin!r}")
+            continue
+        files[name] = file
+    return files, refusals
+
+
+def _parse_below(name: str, prefix: str) -> StudyFile:
+    if is_system_companion(name.rpartition("/")[2]):
+        raise OutsideNameError(f"{shorten_name(name)} is refused: another system keeps it beside a file for itself")
+    file = StudyFile.parse(name)
+    if not name.startswith(prefix):
+        raise OutsideNameError(f"{shorten_name(name)} is refused: it is not below {prefix}")
+    return file
+
+
+def join_inside(folder: Path, name: str) -> Path:
+    """Return the path of a file that our own code has named, with slashes, inside a folder.
+
+    Raises:
+        OutsideNameError: if a part of the name leads elsewhere.
+    """
+    for part in name.split("/"):
+        if part in ("", ".", "..") or "\\" in part or "\0" in part or len(part) > 2 * MAX_NAME_LETTERS:
+            raise OutsideNameError(f"{shorten_name(name)} is refused: {shorten_name(part)} is not a file's name")
+    return folder / name

@@ -1,0 +1,41 @@
+"""Takes secrets out of what third parties say of an error: passwords in addresses, keys, and the values of variables.
+
+Libraries put addresses and settings into their errors as they were given. Whatever of that reaches a person, a log or
+another error goes through ``redact`` first.
+"""
+
+import os
+import re
+from urllib.parse import unquote
+
+REDACTED = "[...]"
+_MIN_SECRET_LETTERS = 6  # of a variable's value: what is shorter is a dummy, and may be part of a word
+_USER_INFO = re.compile(
+    r"(?<=://)[^\s/@'\"]*(?:/[^\s@'\"]*)?@"  # a password may hold a slash
+    r"|(?<![\w.@-])[^\s/:@'\"]+:[^\s@'\"]+@(?=[\w\[])"  # an address whose scheme was forgotten
+)
+_SETTING = re.compile(
+    r"(?i)\b((?:[a-z0-9_.-]*(?:password|passwd|secret|token|signature|credential|api[-_]?key|access[-_]?key)[a-z0-9_.-]*"
+    r"|authorization|sig)\s*[=:]\s*)(?:bearer\s+|basic\s+)?(?:\"[^\"]*\"|'[^']*'|[^\s&,;'\")]+)"
+)
+_SECRET_VARIABLE = re.compile(r"(?i)(password|passwd|secret|token|key)")
+
+
+def redact(text: str) -> str:
+    """Return a text without secrets; what stands in their place says that something was there."""
+    for secret in _find_secrets():
+        text = text.replace(secret, REDACTED)
+    text = _USER_INFO.sub(f"{REDACTED}@", text)
+    return _SETTING.sub(rf"\1{REDACTED}", text)
+
+
+def _find_secrets() -> list[str]:
+    """List the secrets that the environment holds, the longest first, also as an address would hold them."""
+    secrets: set[str] = set()
+    for name, text in os.environ.items():
+        if _SECRET_VARIABLE.search(name):
+            secrets |= {text, unquote(text)}
+        for info in _USER_INFO.findall(text):
+            user, _, password = info.removesuffix("@").partition(":")
+            secrets |= {password, unquote(password)} if password else {user}
+    return sorted((secret for secret in secrets if len(secret) >= _MIN_SECRET_LETTERS), key=len, reverse=True)

@@ -1,0 +1,287 @@
+"""Makes connections: who says hello is found, admitted, or refused. asyncio and disk.
+
+A hello's link is looked up, then its session is planned, started or resumed in a thread. Two tabs of one link, and
+visitors of one network without a link of ours, have their turns one after the other.
+"""
+
+import asyncio
+import contextlib
+import hashlib
+import itertools
+import logging
+import shutil
+from collections import deque
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, ThreadPoolExecutor
+from pathlib import Path
+from weakref import WeakValueDictionary
+
+from minihuman.errors import AllocationError, LogError, MinihumanError
+from minihuman.log.paths import LOG_SUFFIX, SegmentPath, session_folder
+from minihuman.log.record.disk import RESERVE_BYTES, GroupCommit
+from minihuman.log.record.file_lock import is_being_recorded
+from minihuman.runtime.session_loop import CommandInbox, inbox_path
+from minihuman.runtime.team_host import TeamTable
+from minihuman.storage.system import current_system
+from minihuman.web.arrivals import Admission, Arrival, Arrivals, Rejection, identify_visitor, is_token
+from minihuman.web.computed import PageWorld
+from minihuman.web.connection import Connection
+from minihuman.web.eligibility import (
+    check_eligibility,
+    collect_browser_facts,
+    find_utc_offset_min,
+    needs_keyboard,
+    read_browser_properties,
+    requires_gamepad,
+)
+from minihuman.web.hosted_session import HostedSession, HostStorage, name_segment, resume_host, start_host
+from minihuman.web.messages import MESSAGE_VERSION, Hello, Refusal
+from minihuman.web.outbox import PageSettings
+from minihuman.web.refusals import WAIT, RefusalTexts
+from minihuman.web.traffic_limits import find_network
+from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
+from minihuman.worlds.source_digest import kernels_digest
+
+LOG = logging.getLogger("minihuman")
+
+
+class ConnectionFactory:
+    """Makes the connections of a study.
+
+    Args:
+        arrivals: the study, and who comes.
+        data: where sessions are kept.
+        connections: the open ones; new ones are added.
+        group: writes their logs; None: a thread of its own.
+        worlds: runs worlds that are not ours in processes of their own; None: all run in this one.
+    """
+
+    def __init__(
+        self,
+        arrivals: Arrivals,
+        data: Path,
+        connections: dict[str, Connection],
+        *,
+        group: GroupCommit | None = None,
+        worlds: IsolatedWorlds | None = None,
+    ) -> None:
+        self.facts: Mapping[str, str] = {}  # of this machine
+        self.recorded: set[Connection] = set()  # of leased sessions, whose logs have grown
+        self._arrivals = arrivals
+        self._data = data
+        self._connections = connections
+        arrivals.hosted = connections
+        self._disk = HostStorage(
+            arrivals.protocol, data, group or GroupCommit(), TeamTable(arrivals.protocol, data), worlds or PageWorld
+        )
+        self._threads = self._make_threads(worlds)
+        self._wakes = _WakeQueue(self.recorded)
+        self._web = arrivals.protocol.web
+        self._settings = PageSettings(self._web.image_size_px, self._web.image_encoding)
+        self._refusals = RefusalTexts(arrivals.protocol)
+        self._isolation_numbers = itertools.count(1)
+        self._connection_keys: dict[bytes, str] = {}  # by a digest of a hello's link
+        self._turns: WeakValueDictionary[bytes, asyncio.Lock] = WeakValueDictionary()  # while one waits
+
+    def _make_threads(self, worlds: IsolatedWorlds | None) -> Executor | None:
+        """Make threads for the sessions of a study with isolated worlds, which may keep all of them waiting at once."""
+        protocol = self._arrivals.protocol
+        if worlds is None or not any(worlds.isolates(block.world) for block in protocol.blocks):
+            return None
+        return ThreadPoolExecutor(protocol.web.max_concurrent_sessions, "minihuman-session")
+
+    async def connect(self, hello: Hello, address: str = "") -> Connection | Refusal:
+        """Find or make the connection for a hello from a network address."""
+        if hello.version != MESSAGE_VERSION:
+            return self._refusals.ask_to_reload()
+        if (refusal := self._refuse_browser(hello)) is not None:
+            return refusal
+        link_digest = hashlib.sha256(repr((hello.token, sorted(hello.platform.items()))).encode()).digest()
+        turn = self._turns.setdefault(link_digest, asyncio.Lock())
+        network = find_network(address)
+        # a token that they invented is turned away
+        is_invited = is_token(hello.token) and not self._web.open_access
+        network_turn = self._turns.setdefault(link_digest if is_invited else network.encode(), asyncio.Lock())
+        async with turn, network_turn if network_turn is not turn else contextlib.nullcontext():
+            known = self._connections.get(self._connection_keys.get(link_digest, ""))
+            if known is not None:
+                return known
+            if (
+                self._is_full()
+                or self._is_disk_low()
+                or (not is_invited and self._is_crowded(network) and not await self._is_issued(hello.token))
+            ):
+                return self._refusals.turn_away("busy")
+            connection = await self._admit_page(hello)
+            if isinstance(connection, Connection):
+                connection.network = "" if connection.admission.is_invited else network
+                self._connection_keys[link_digest] = connection.key
+            return connection
+
+    def _refuse_browser(self, hello: Hello) -> Refusal | None:
+        protocol = self._arrivals.protocol
+        reason = check_eligibility(
+            self._web,
+            read_browser_properties(hello.facts),
+            needs_keyboard=needs_keyboard(protocol),
+            needs_gamepad=requires_gamepad(protocol),
+        )
+        if not reason:
+            return None
+        platform_visitor = identify_visitor(hello.platform, self._web.recruitment_platforms)
+        return self._refusals.turn_away(reason, person="" if platform_visitor is None else platform_visitor.id)
+
+    def _is_full(self) -> bool:
+        return len(self._connections) >= self._web.max_concurrent_sessions
+
+    def _is_disk_low(self) -> bool:
+        """Whether the disk has no more room than the logs of those who play need to be finished."""
+        folder = next(path for path in (self._data, *self._data.absolute().parents) if path.is_dir())
+        is_low = shutil.disk_usage(folder).free < RESERVE_BYTES
+        if is_low:
+            LOG.warning("%s is nearly full: nobody new is admitted; free some space", folder)
+        return is_low
+
+    async def _is_issued(self, token: str) -> bool:
+        """Whether a link of an open study was issued, by the experimenter or by a page that comes again."""
+        try:
+            return await asyncio.to_thread(self._arrivals.is_invited, token)
+        except OSError:  # the database is away: they are told where they are admitted
+            return False
+
+    def _is_crowded(self, network: str) -> bool:
+        """Whether as many came from a network as may, consented or not, and have played nothing."""
+        unproven = [
+            connection
+            for connection in self._connections.values()
+            if connection.network == network and connection.is_unproven and not connection.host.over
+        ]
+        return len(unproven) >= self._web.max_unconsented_per_address
+
+    def isolate(self, connection: Connection) -> None:
+        """Keep a connection for its own page alone: the participant's code is free for the next one."""
+        if connection.key != connection.admission.key:  # it was, and its end is tried again
+            return
+        del self._connections[connection.key]
+        own_key = f"{connection.key} left {next(self._isolation_numbers)}"
+        self._connection_keys = {
+            link_digest: own_key if key == connection.key else key for link_digest, key in self._connection_keys.items()
+        }
+        connection.key = own_key
+        self._connections[own_key] = connection
+
+    async def _admit_page(self, hello: Hello) -> Connection | Refusal:
+        try:
+            arrival = Arrival(hello.token, hello.platform, find_utc_offset_min(hello.facts))
+            admission = await asyncio.to_thread(self._arrivals.arrive, arrival)
+        except OSError as error:  # the database is away, or the disk: the page tries again
+            LOG.warning("a participant has to wait: %s", error)
+            return WAIT
+        if isinstance(admission, Rejection):
+            return self._refusals.answer_rejection(admission)
+        if admission.lease is None and admission.key in self._connections:
+            return self._connections[admission.key]
+        opened: list[Connection] = []  # none before its recorder is open
+
+        def wake() -> None:
+            for connection in opened:
+                self._wakes.wake(connection)
+
+        def ask_team() -> None:
+            for connection in opened:
+                connection.loop.call_soon_threadsafe(connection.poll_soon)
+
+        try:
+            hosted = await asyncio.to_thread(self._host_session, admission, self._collect_facts(hello), wake, ask_team)
+        except (MinihumanError, OSError) as error:
+            await asyncio.to_thread(self._arrivals.settle, admission)
+            LOG.warning("a session was not started: %s", error)
+            # no database, or a log that another server left was complete: the page comes again, and is told
+            if isinstance(error, OSError | AllocationError):
+                return WAIT
+            return self._refusals.turn_away("broken")
+        connection = Connection(
+            admission,
+            hosted,
+            self._open_inbox(admission),
+            self._arrivals.leases,
+            max_outage_s=self._web.reconnect_timeout_s,
+            threads=self._threads,
+        )
+        self._connections[admission.key] = connection
+        opened.append(connection)
+        wake()
+        return connection
+
+    def _collect_facts(self, hello: Hello) -> dict[str, str]:
+        """Collect the facts of this machine, of the browser, and of what the page is sent."""
+        facts = {**self.facts, **collect_browser_facts(hello.facts)}
+        facts["picture_px"] = "{} x {}".format(*self._settings.picture_px)
+        facts["picture_encoding"] = self._settings.encoding
+        if hello.kernels == kernels_digest():
+            facts["page_kernels"] = hello.kernels  # what the plan lets the page compute, it does
+        return facts
+
+    def _host_session(
+        self, admission: Admission, facts: dict[str, str], wake: Callable[[], None], ask_team: Callable[[], None]
+    ) -> HostedSession:
+        """Start or resume a host; blocks for the disk."""
+        hosted = self._start_or_resume(admission, facts, wake, ask_team)
+        if admission.lease is not None:
+            hosted.segment = name_segment(Path(admission.lease.grant.name), hosted.host.session.plan)
+            files = hosted.files
+            admission.lease.follow(
+                lambda: files[0].where.part if files else None, lambda: hosted.recorder.durable_writes
+            )
+        return hosted
+
+    def _start_or_resume(
+        self, admission: Admission, facts: dict[str, str], wake: Callable[[], None], ask_team: Callable[[], None]
+    ) -> HostedSession:
+        if admission.part is not None:
+            if is_being_recorded(admission.part):
+                raise LogError(f"{admission.part} is being written by another server; reload the page in a moment")
+            with contextlib.suppress(LogError, FileNotFoundError):
+                left_ns = current_system().clock.wall_ns() - admission.part.stat().st_mtime_ns
+                if left_ns <= self._web.reconnect_timeout_s * 1e9:
+                    return resume_host(
+                        admission.part, self._disk, facts, self._settings, at_sync=wake, at_team_change=ask_team
+                    )
+        plan = admission.plan or self._arrivals.plan(admission)
+        lease = admission.lease
+        leases = self._arrivals.leases
+        if lease is not None and leases is not None and plan.segment > 1:
+            leases.publish(lease, SegmentPath.of_plan(self._data, plan).log)  # else the next one has only the rest
+        return start_host(plan, self._disk, facts, self._settings, at_sync=wake, at_team_change=ask_team)
+
+    def _open_inbox(self, admission: Admission) -> CommandInbox:
+        """Open the inbox in which the experimenter asks for something."""
+        folder = session_folder(
+            self._data, self._arrivals.protocol.study.name, admission.participant, admission.session
+        )
+        return CommandInbox(inbox_path(folder / f"{admission.participant}_ses-{admission.session:02d}{LOG_SUFFIX}"))
+
+
+class _WakeQueue:
+    """Wakes connections whose data became durable; one call of the loop wakes all that wait."""
+
+    def __init__(self, recorded: set[Connection]) -> None:
+        self._recorded = recorded
+        self._woken: deque[Connection] = deque()
+        self._is_called = False
+
+    def wake(self, connection: Connection) -> None:
+        """Take note that something became durable; called by the log's thread."""
+        self._woken.append(connection)
+        if not self._is_called:
+            self._is_called = True
+            with contextlib.suppress(RuntimeError):  # the loop is closed
+                connection.loop.call_soon_threadsafe(self._set_changed)
+
+    def _set_changed(self) -> None:
+        self._is_called = False
+        while self._woken:
+            connection = self._woken.popleft()
+            connection.changed.set()
+            if connection.lease is not None:
+                self._recorded.add(connection)

@@ -1,0 +1,129 @@
+"""What a page goes ahead of the session by in an episode: it computes the steps, or is sent the scenes they lead to.
+
+An episode that the page computes needs its first state alone. Of any other the next scenes are looked for in a world
+of its own. No socket, no clock.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from minihuman.experiment.machine.activity import WorldFactory
+from minihuman.experiment.machine.events import Event
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.plan.session_plan import EpisodePlan
+from minihuman.web import messages
+from minihuman.web.computed import ComputedEpisode
+from minihuman.web.prefetch import LookAheadGraph
+from minihuman.web.screen_values import ImageCache
+from minihuman.worlds.adapters.world import World
+
+_STEPPING = (messages.KeyMessage, messages.TickMessage)
+
+
+class EpisodeAhead:
+    """The episode that the page has the rules of, computed by the page or looked ahead in.
+
+    Args:
+        make_world: makes worlds to look ahead in.
+        picture_px: the largest picture wanted, width and height.
+    """
+
+    def __init__(self, make_world: WorldFactory, picture_px: tuple[int, int]) -> None:
+        self.plan: EpisodePlan | None = None
+        self.computed: ComputedEpisode | None = None  # by the page; else there is a graph
+        self.graph: LookAheadGraph | None = None
+        self._make_world = make_world
+        self._picture_px = picture_px
+        self._own_world: World | None = None  # that may be reset
+        self._lends = True  # a world of its own can restore the copies of the session's
+
+    def forget(self, *, keeps_computed: bool) -> None:
+        """Begin with a page that has no rules; what it computes can be the same episode when it is loaded again."""
+        self.plan = None
+        self.graph = None
+        if not keeps_computed:
+            self.computed = None
+
+    def begin(self, play: RunningEpisode, actions: Sequence[int], images: ImageCache, *, computes: bool) -> int:
+        """Begin an episode; return the scene that it is in, -1 where the page computes it.
+
+        Args:
+            play: the session's own.
+            actions: those that can happen: what keys do, and the no-op where time makes steps.
+            images: numbers and packs pictures.
+            computes: the page computes it.
+        """
+        self.plan = play.plan
+        self.graph = None
+        self._lends = play.world.has_portable_copies
+        if computes:
+            if self.computed is None or self.computed.play is not play:  # else the page was loaded again
+                self.computed = ComputedEpisode(play, self._picture_px)
+            return -1
+        self.computed = None
+        self.graph = LookAheadGraph(
+            play.plan,
+            self._make_world,
+            actions,
+            self._picture_px,
+            images,
+            world=self._find_world(play.plan) if self._lends else None,
+            # a team's ticks also have the others' actions; where keys combine, any step is possible
+            blind=(play.is_joint and play.real_time) or play.repeats_held or not play.world.actions.is_discrete,
+            actual=None if self._lends else play.world,
+        )
+        if play.steps:
+            self.graph.move_to(play.world)
+        play.keep_picture_hash(self.graph.picture_hash)
+        return self.graph.root.name
+
+    def step(self, action: int, play: RunningEpisode | None) -> int:
+        """Go where the session went by an action; return the scene, -1 if it is unknown.
+
+        Args:
+            action: what was done.
+            play: the session's own; None where it is over, and its world may have been reset for the next one.
+        """
+        if self.graph is None:
+            return -1
+        if play is None:
+            edge = self.graph.root.edges.get(action)
+            return -1 if edge is None else edge[0].name
+        if play.is_joint:  # others acted, too
+            self.graph.move_to(play.world)
+            return self.graph.root.name
+        scene = self.graph.step(action, play.world)
+        play.keep_picture_hash(self.graph.picture_hash)
+        return scene.name
+
+    def compare(self, message: messages.PageMessage, events: Sequence[Event]) -> str:
+        """Compare a message's step in the page with the session's; return how they differ, "" if they do not."""
+        if self.computed is None or not isinstance(message, _STEPPING):
+            return ""
+        return self.computed.compare(message, events)
+
+    def stop_if_slow(self, step_ns: int) -> None:
+        """Look no further ahead in a world of real time whose steps take longer than its period."""
+        if self.plan is not None and self.graph is not None and self.plan.pace == "real_time":
+            self.graph.blind |= step_ns > self.plan.step_period_ms * 1e6
+
+    def lend(self, world_id: str, options: dict[str, Any]) -> World | None:
+        """Lend the own world, if it will do: a graph goes back to a scene of its own before each step."""
+        if self.plan is None or not self._lends or (self.plan.world, self.plan.options) != (world_id, options):
+            return None
+        return self._find_world(self.plan)
+
+    def _find_world(self, plan: EpisodePlan) -> World:
+        """Return a world of its own for an episode, the last one's if it will do."""
+        own = self._own_world
+        if own is None or (own.id, own.options) != (plan.world, plan.options):
+            if own is not None:
+                own.close()
+            own = self._make_world(plan.world, plan.options)
+            self._own_world = own
+        return own
+
+    def close(self) -> None:
+        """Let go of the own world."""
+        if self._own_world is not None:
+            self._own_world.close()

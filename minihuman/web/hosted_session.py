@@ -1,0 +1,282 @@
+"""A session that this server hosts, and what it records to: started, resumed from a live log, finished or left. Disk.
+
+A page gets the host that is running, one resumed at its exact step from the log of a killed server, or one for a new
+segment. All of this waits for the disk.
+"""
+
+import hashlib
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from minihuman.admin.manifest import record_log_end
+from minihuman.errors import LogError
+from minihuman.experiment.machine.activity import WorldFactory
+from minihuman.experiment.machine.events import FINAL_END_REASONS, Event, SessionStarted
+from minihuman.experiment.machine.life_signs import LifeSigns
+from minihuman.experiment.pending_session import build_session
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.experiment.replay import resume_from_events
+from minihuman.log.paths import SegmentPath, study_folder
+from minihuman.log.record.disk import GroupCommit, RecorderSettings
+from minihuman.log.record.file_lock import require_unclaimed
+from minihuman.log.record.finalization import put_aside
+from minihuman.log.record.mcap_recorder import McapRecorder, resume_segment
+from minihuman.log.record.recorder import DeferredRecorder, Recorder
+from minihuman.log.record.session_leases import SUPERSEDED, Lease, SessionLeases
+from minihuman.runtime.agent_host import make_agent_host
+from minihuman.runtime.team_host import TeamTable
+from minihuman.storage.remote_store import STORE_URL_FILE_NAME, RemoteStoreError
+from minihuman.storage.system import current_system
+from minihuman.trust import SOURCE_FACT
+from minihuman.web.computed import PageWorld
+from minihuman.web.outbox import PageSettings
+from minihuman.web.session_host import SessionHost
+
+LOG = logging.getLogger("minihuman")
+_RULES = (
+    "version_minihuman",
+    "rules",
+    "pictures",
+    "clauses",
+    "number_rules",
+    "consent_rules",
+    "key_rules",
+    "agent_rules",
+    "presence_rules",
+)  # facts that say by what a session was played
+
+
+@dataclass(frozen=True, slots=True)
+class HostStorage:
+    """Where sessions are recorded.
+
+    Args:
+        protocol: the study; the policies of its agents lie beside it.
+        data: the data folder.
+        group_commit: writes for all sessions of a process.
+        teams: those of the sessions of a process.
+        make_world: makes the worlds of sessions.
+    """
+
+    protocol: Protocol
+    data: Path
+    group_commit: GroupCommit
+    teams: TeamTable | None = None
+    make_world: WorldFactory = PageWorld
+
+
+@dataclass(slots=True)
+class HostedSession:
+    """A session host, and what it records to."""
+
+    host: SessionHost
+    recorder: Recorder
+    started_ns: int  # the wall clock at the segment's time 0, ns since 1970
+    segment: str  # what the page calls the segment: it says nothing of whose it is
+    files: list[McapRecorder] = field(default_factory=list)  # its log, once there is one
+    signs: LifeSigns = field(default_factory=LifeSigns)  # of its page and participant
+
+
+def start_host(
+    plan: SessionPlan,
+    disk: HostStorage,
+    facts: Mapping[str, str],
+    settings: PageSettings,
+    *,
+    at_sync: Callable[[], None],
+    at_team_change: Callable[[], None] = lambda: None,
+) -> HostedSession:
+    """Start a host for a new segment; nothing is on the disk before the consent.
+
+    Raises:
+        LogError: if the log exists already or cannot be written.
+    """
+    started_ns = current_system().clock.wall_ns()
+    files: list[McapRecorder] = []
+
+    def open_recorder() -> Recorder:
+        files.append(
+            McapRecorder(
+                disk.data,
+                session.plan,
+                started_ns=started_ns,
+                settings=RecorderSettings(group=disk.group_commit, on_sync=at_sync),
+            )
+        )
+        return files[0]
+
+    require_unclaimed(SegmentPath.of_plan(disk.data, plan))
+    session = build_session(plan, disk.make_world, facts, picture_px=settings.picture_px, renders_steps=False)
+    recorder = DeferredRecorder(plan, open_recorder)
+    signs = LifeSigns(tells_acts=True)
+    agent = make_agent_host(disk.protocol, plan, disk.data, teams=disk.teams, changed=at_team_change, signs=signs)
+    host = SessionHost(session, recorder, disk.make_world, settings, agent=agent)
+    return HostedSession(host, recorder, started_ns, name_segment(disk.data, plan), files, signs)
+
+
+def resume_host(
+    part: Path,
+    disk: HostStorage,
+    facts: Mapping[str, str],
+    settings: PageSettings,
+    *,
+    at_sync: Callable[[], None],
+    at_team_change: Callable[[], None] = lambda: None,
+) -> HostedSession:
+    """Resume the segment of a live file: the session is fed its own log.
+
+    Raises:
+        LogError: if that cannot be, or if the segment began by other rules than are here, which its facts say of all of
+            it; then the file is to be recovered, and the session resumes in another segment.
+        WorldError: if its world cannot be made here.
+    """
+    left = resume_segment(part)
+    try:
+        _refuse_other_rules(part, left.events, facts)
+        session, unwritten = resume_from_events(
+            left.events, disk.make_world, picture_px=settings.picture_px, renders_steps=False
+        )
+    except BaseException:
+        left.close()
+        raise
+    plan = session.plan
+    recorder = McapRecorder(
+        disk.data,
+        plan,
+        started_ns=left.started_ns,
+        left=left,
+        settings=RecorderSettings(group=disk.group_commit, on_sync=at_sync),
+    )
+    signs = LifeSigns(tells_acts=True)
+    agent = make_agent_host(
+        disk.protocol, plan, disk.data, logged=left.events, teams=disk.teams, changed=at_team_change, signs=signs
+    )
+    host = SessionHost(
+        session, recorder, disk.make_world, settings, agent=agent, logged=left.events, unwritten=unwritten
+    )
+    return HostedSession(host, recorder, left.started_ns, name_segment(disk.data, plan), [recorder], signs)
+
+
+def _refuse_other_rules(part: Path, events: Sequence[Event], facts: Mapping[str, str]) -> None:
+    """Refuse what another release began, or another state of the worlds."""
+    began = events[0].facts if events and isinstance(events[0], SessionStarted) else {}
+    for name in {*began, *facts}:
+        if (name in _RULES or name.startswith(SOURCE_FACT)) and began.get(name) != facts.get(name):
+            raise LogError(
+                f"{part} was recorded with {name} {began.get(name)!r}, but this server has {facts.get(name)!r}; resume "
+                "it with the version that recorded it"
+            )
+
+
+def name_segment(data: Path, plan: SessionPlan) -> str:
+    """Return what pages call a segment of that data folder; it says nothing of whose it is."""
+    return hashlib.sha256(str(SegmentPath.of_plan(data, plan).part).encode()).hexdigest()[:16]
+
+
+class SessionRecording:
+    """What a session is recorded to once it is over, or its server stops: its log and lease. Blocks for the disk.
+
+    Args:
+        hosted: the session.
+        lease: of the session; None where no other machine has this study.
+        leases: of this server; None where no other machine has this study.
+    """
+
+    def __init__(self, hosted: HostedSession, lease: Lease | None, leases: SessionLeases | None) -> None:
+        self.is_finishing = False  # a task is finishing it
+        self.is_delayed = False  # since the enrolment log is unavailable
+        self.is_finished = False  # the log is on the disk, or never will be
+        self.is_broken = False  # something of the log is lost
+        self.log: Path | None = None  # once it is finished
+        self._hosted = hosted
+        self._lease = lease
+        self._leases = leases
+        self._is_closed = False  # the log is
+
+    def finish(self) -> None:
+        """Finish the log and seal it. After an ``OSError`` it can be called again.
+
+        Raises:
+            LeaseLostError: if another server has the session: it did not end here.
+            OSError: if the enrolment log cannot be written, the lease cannot be ended, or the log of a session that
+                another server can resume cannot be kept where that server has it.
+        """
+        reason = self._hosted.host.session.end_reason
+        is_final = bool(self._hosted.files) and reason in FINAL_END_REASONS
+        if not self._is_closed:
+            self._end_lease(str(reason) if is_final else "")
+            self._close_log()
+        if self.log is not None:
+            self._store_log(self.log, is_final=is_final)
+        if self._leases is not None and self._lease is not None:
+            self._leases.release(self._lease)
+        self.is_finished = True
+
+    def _end_lease(self, final_reason: str) -> None:
+        """End the lease; ``final_reason`` is "" of a session that another server can resume."""
+        if self._leases is None or self._lease is None:
+            return
+        leases = self._leases
+        lease = self._lease
+        for file in self._hosted.files:
+            with suppress(LogError):  # said below, where it is closed
+                file.drain()
+            if not final_reason:
+                file.publish = lambda log: leases.publish(lease, log)
+        leases.end(lease, final_reason)
+
+    def _close_log(self) -> None:
+        try:
+            self.log = self._hosted.recorder.close()
+        except LogError as error:
+            LOG.warning("a session's log was not finished: %s", error)
+            self.is_broken = True
+        self._is_closed = True
+        self._hosted.host.close_agent()
+
+    def _store_log(self, log: Path, *, is_final: bool) -> None:
+        """Seal the log, and keep it in the database unless the remote store has it or nothing of it is left to do."""
+        is_in_store = _seal(log)
+        if self._leases is None or self._lease is None:
+            return
+        has_store = (study_folder(log).parent / STORE_URL_FILE_NAME).is_file()
+        is_kept_elsewhere = is_in_store if has_store else is_final
+        self._leases.store(self._lease, None if is_kept_elsewhere else log)
+
+    def leave(self, *, is_dismissed: bool) -> None:
+        """Make the log durable and go: the next server goes on with it.
+
+        Args:
+            is_dismissed: another server has the session; the log that is here is put aside.
+        """
+        if self._is_closed:
+            return
+        self._hosted.host.close_agent()
+        for file in self._hosted.files:
+            file.leave()
+        if self._leases is None or self._lease is None or not self._leases.release(self._lease):
+            return
+        if is_dismissed:
+            with suppress(OSError):  # else it is put aside when the session is leased here again
+                for file in self._hosted.files:
+                    put_aside(file.where.part, SUPERSEDED)
+
+
+def _seal(log: Path) -> bool:
+    """Seal a log, and copy it to the remote store; False where that failed.
+
+    A failure costs no participant their code, as the log is here.
+    """
+    try:
+        record_log_end(log)
+    except RemoteStoreError as error:
+        LOG.warning("%s; `minihuman gather` puts it there later", error)
+    except LogError as error:
+        LOG.warning("%s is whole, but was not sealed: %s", log, error)
+    else:
+        return True
+    return False

@@ -1,0 +1,116 @@
+"""The bytes of messages: what a page sends is decoded and checked, what it is sent is encoded. No I/O.
+
+Several of the server's messages go as one; a picture is binary. What a page sends with every key is a short array.
+"""
+
+import struct
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+from minihuman.web.messages import (
+    Digest,
+    DisplayedMessage,
+    Farewell,
+    Hello,
+    KeyMessage,
+    KeyName,
+    MessageError,
+    NumberedMessage,
+    PageAck,
+    PictureMessage,
+    Ping,
+    Pong,
+    Refusal,
+    ServerAck,
+    ServerMessage,
+    ShortText,
+    TickMessage,
+    Welcome,
+)
+
+MAX_MESSAGE_BYTES = 16 * 1024  # of a page's message
+_PICTURE = struct.Struct("<IIBBHH")  # stream number, picture number, encoding, spare, width, height
+_PART = struct.Struct("<BI")  # of several messages in one: 0 for text and 1 for a picture, bytes
+
+_FROM_PAGE = msgspec.json.Decoder(Hello | NumberedMessage | PageAck | Ping | Farewell)
+# Numbered messages that come with every key are arrays: kind, number, time in us, and these fields, absent ones at the
+# end left out. Times of events are in us before the message's own.
+_HEAD = [("n", Annotated[int, Meta(ge=1, le=2**31)]), ("at", Annotated[int, Meta(ge=1, le=2**43)])]
+_AGO = Annotated[int, Meta(ge=-(2**43), le=2**43)]
+_PRESS: list[Any] = [
+    ("ago", _AGO),
+    ("key", KeyName),
+    ("down", Literal[0, 1]),
+    ("digest", Digest, ""),
+    ("symbol", ShortText, ""),
+]
+_SHOWN: list[Any] = [("flip", _AGO), ("submit", _AGO), ("episode", int), ("step", int), ("node", int, -1)]
+_Press: Any = msgspec.defstruct(
+    "_Press", [*_HEAD, *_PRESS, ("repeat", bool, False)], array_like=True, tag="k", forbid_unknown_fields=True
+)
+_Shown: Any = msgspec.defstruct("_Shown", [*_HEAD, *_SHOWN], array_like=True, tag="s", forbid_unknown_fields=True)
+_Tick: Any = msgspec.defstruct(
+    "_Tick", [*_HEAD, ("digest", Digest, "")], array_like=True, tag="t", forbid_unknown_fields=True
+)
+_SHORT: msgspec.json.Decoder[Any] = msgspec.json.Decoder(_Press | _Shown | _Tick)
+
+
+def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck | Ping | Farewell:
+    """A message of the page's.
+
+    Raises:
+        MessageError: if it is none, or over its limits.
+    """
+    if len(text) > MAX_MESSAGE_BYTES:
+        raise MessageError(f"a message has {len(text)} bytes; at most {MAX_MESSAGE_BYTES} are allowed; reload the page")
+    try:
+        if text[:1] in ("[", b"["):
+            return _expand(_SHORT.decode(text))
+        message: Hello | NumberedMessage | PageAck | Ping | Farewell = _FROM_PAGE.decode(text)
+        return message
+    except (msgspec.DecodeError, LookupError, TypeError, ValueError, RecursionError) as error:
+        raise MessageError(f"a message from a page cannot be decoded ({error}); reload the page") from error
+
+
+def _expand(short: Any) -> NumberedMessage:
+    at_ns, kind = 1000 * short.at, type(short)
+    if kind is _Tick:
+        return NumberedMessage(short.n, at_ns, TickMessage(short.digest))
+    if (short.ago if kind is _Press else max(short.flip, short.submit)) > short.at:
+        raise ValueError("a time is before the session's start")
+    if kind is _Press:
+        stamp_ns = at_ns - 1000 * short.ago
+        what = KeyMessage(short.key, short.down == 1, stamp_ns, short.symbol, short.repeat, digest=short.digest)
+        return NumberedMessage(short.n, at_ns, what)
+    flip_ns, submit_ns = at_ns - 1000 * short.flip, at_ns - 1000 * short.submit
+    shown = DisplayedMessage(submit_ns, flip_ns, episode=short.episode, step=short.step, node=short.node)
+    return NumberedMessage(short.n, at_ns, shown)
+
+
+_ENCODER = msgspec.json.Encoder()
+
+
+class _NumberedServerMessage(msgspec.Struct):
+    n: int
+    m: ServerMessage
+
+
+def encode_numbered(number: int, message: ServerMessage | PictureMessage) -> bytes:
+    """A message of the server's stream, as part of a batch."""
+    if isinstance(message, PictureMessage):
+        head = _PICTURE.pack(number, message.number, message.encoding, 0, message.width, message.height)
+        return _PART.pack(1, len(head) + len(message.data)) + head + message.data
+    return encode_text(_NumberedServerMessage(number, message))
+
+
+def encode_unnumbered(message: Welcome | Refusal | Pong) -> str:
+    """A message beside the stream."""
+    return _ENCODER.encode(message).decode()
+
+
+def encode_text(message: _NumberedServerMessage | ServerAck | Pong) -> bytes:
+    """A message as the bytes of a text, to be sent together with others."""
+    text = _ENCODER.encode(message)
+    return _PART.pack(0, len(text)) + text

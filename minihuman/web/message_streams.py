@@ -1,0 +1,70 @@
+"""The numbers and acknowledgements of messages, one stream in each direction. No I/O.
+
+Each side repeats its messages until the other has them: the page until they are on the disk, the server until the page
+has them. A stream outlives what carries it: a gap is an error, since whatever carries it keeps its order.
+"""
+
+from collections import deque
+from collections.abc import Iterator
+from typing import Generic, TypeVar
+
+from minihuman.web.messages import MessageError
+
+Message = TypeVar("Message")
+
+
+class OutgoingStream(Generic[Message]):
+    """This side's messages, from 1 on."""
+
+    def __init__(self) -> None:
+        self._kept: deque[tuple[int, Message]] = deque()
+        self.last_number = 0  # of the last message
+
+    @property
+    def kept(self) -> int:
+        """How many messages are not acknowledged yet."""
+        return len(self._kept)
+
+    def add(self, message: Message) -> None:
+        """Number a message and keep it until it is acknowledged."""
+        self.last_number += 1
+        self._kept.append((self.last_number, message))
+
+    def acknowledge(self, number: int) -> None:
+        """Forget the messages up to a number: the other side has them.
+
+        Raises:
+            MessageError: if that number was never sent.
+        """
+        if number > self.last_number:
+            raise MessageError(
+                f"message {number} was acknowledged, but the last one sent is {self.last_number}; reload the page"
+            )
+        while self._kept and self._kept[0][0] <= number:
+            self._kept.popleft()
+
+    def after(self, number: int) -> Iterator[tuple[int, Message]]:
+        """The kept messages behind a number."""
+        return (kept for kept in tuple(self._kept) if kept[0] > number)
+
+
+class IncomingStream:
+    """The other side's messages, received up to a number."""
+
+    def __init__(self, received: int = 0) -> None:
+        self.received = received
+
+    def take(self, number: int) -> bool:
+        """Whether a message is new.
+
+        Raises:
+            MessageError: if one before it is missing.
+        """
+        if number > self.received + 1:
+            raise MessageError(
+                f"message {number} arrived after message {self.received}; the messages in between are missing; reload "
+                "the page"
+            )
+        new = number == self.received + 1
+        self.received = max(self.received, number)
+        return new

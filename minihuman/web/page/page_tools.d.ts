@@ -1,0 +1,26 @@
+// What the page lends to the modules of kinds of activity, and what such a module has.
+
+import type { ActivityValues, ScreenMessage } from "./messages";
+
+/** How films are shown. */
+export interface FilmSettings {
+  /** the numbers of their pictures; -1 is still to come */ sides: number[][];
+  /** what each is, for whoever does not see it */ labels: string[];
+  /** how much of the window is theirs: of its height, and each one's of its width */ room: [share: number, across?: number];
+  /** at which they begin */ step: number;
+  /** ns from a step on the display to the next; null where keys alone go on */ period: number | null;
+  /** the step that a key leads to; null for none */ stepOf: (key: string, isRepeat: boolean, step: number) => number | null;
+}
+
+/** What the page lends to the module of a kind of activity. */
+export interface PageTools {
+  el: typeof import("./elements.js").el;
+  words: typeof import("./elements.js").words;
+  prose: typeof import("./elements.js").prose;
+  films: { open(message: ScreenMessage, settings: FilmSettings): HTMLElement[] };
+}
+
+/** What such a module has. */
+export interface ActivityModule {
+  draw(screen: ActivityValues, message: ScreenMessage, page: PageTools): unknown;
+}

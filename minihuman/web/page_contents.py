@@ -1,0 +1,97 @@
+"""What a page has: numbered messages that it may not have yet, pictures, arrays, and the screens sent ahead. No socket.
+
+A page that knows nothing has contents of its own, anew.
+"""
+
+from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.screens import Screen
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.replay import WorldLender
+from minihuman.web import messages
+from minihuman.web.computed import ComputedEpisode
+from minihuman.web.message_streams import OutgoingStream
+from minihuman.web.prefetch import FilmPrefetcher, LookAheadGraph, ScreenPrefetcher
+from minihuman.web.screen_values import ImageCache, ImageEncoding
+
+
+class PageContents:
+    """What a page has, and what is on its way to it.
+
+    Args:
+        encoding: of pictures.
+        lend: lends a world that may be reset.
+    """
+
+    def __init__(self, encoding: ImageEncoding, lend: WorldLender) -> None:
+        self.outgoing: OutgoingStream[messages.ServerMessage | messages.PictureMessage] = OutgoingStream()
+        self.images = ImageCache(encoding)
+        self.screen: Screen | None = None
+        self.screen_name = 0
+        self.screen_play: RunningEpisode | None = None  # that was played then
+        self.plays = False  # an episode that it computes goes on in it
+        self._state: tuple[object, ...] | None = None
+        self._control: messages.AgentControl | None = None
+        self._arrays: set[str] = set()
+        self._screens = ScreenPrefetcher(self.images.number, lend)
+        self._films = FilmPrefetcher(self.images.number)
+
+    def send(self, message: messages.ServerMessage) -> None:
+        """Send a message, after the pictures that it names."""
+        self.send_pictures()
+        self.outgoing.add(message)
+
+    def send_pictures(self) -> None:
+        """Send the pictures that are new."""
+        for picture in self.images.take_new():
+            self.outgoing.add(picture)
+
+    def send_world_state(self, computed: ComputedEpisode) -> messages.WorldState:
+        """Send the arrays for an episode that the page computes; return where the session is in it."""
+        for arrays in computed.arrays:
+            if arrays.name not in self._arrays:
+                self._arrays.add(arrays.name)
+                self.outgoing.add(arrays)
+        return computed.state()
+
+    def send_control(self, control: messages.AgentControl) -> None:
+        """Send what an agent means for an episode, if the page does not have it."""
+        if control != self._control:
+            self._control = control
+            self.outgoing.add(control)
+
+    def has_state(self, state: tuple[object, ...]) -> bool:
+        """Whether the page has been told just this of the episode; if not, it is going to be."""
+        is_known = state == self._state
+        self._state = state
+        return is_known
+
+    def send_screen(self, session: SessionMachine, screen: Screen, message: messages.ScreenMessage) -> None:
+        """Send a screen of the session's, and look from it for those that inputs lead to."""
+        self.screen_name = message.name
+        self._screens.start_from(session, message.name)
+        self._films.start_from(screen, message.name)
+        self.send(message)
+
+    # Ahead
+
+    def grow(self, session: SessionMachine, rtt_ns: int) -> bool:
+        """Draw one picture of a film, or look one screen further ahead; False if nothing is left."""
+        frame = self._films.grow()
+        if frame is not None:
+            self.send(frame)
+            return True
+        return session.play is None and self._screens.grow(rtt_ns)
+
+    def send_prefetched(self) -> None:
+        """Send the screens that were found ahead."""
+        prefetch = self._screens.take_new()
+        self.send_pictures()
+        if prefetch is not None:
+            self.outgoing.add(prefetch)
+
+    def send_scenes(self, graph: LookAheadGraph | None) -> None:
+        """Send the scenes that were found ahead."""
+        update = None if graph is None else graph.take_new()
+        self.send_pictures()
+        if update is not None:
+            self.outgoing.add(update)

@@ -1,0 +1,259 @@
+"""Write a page's episodes as a session's log: the protocol of what was played, and a window that presses its keys.
+
+The session machine and the recorder are those of every session. The log says `collected = "page"`: it is consistent
+with the rules, and nobody witnessed it.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from minihuman.admin.enrolment_entries import SlotTaken, open_enrolment_log
+from minihuman.admin.enrolment_log import now_text
+from minihuman.admin.manifest import record_log_end
+from minihuman.display.windows.window import VirtualClock, Window
+from minihuman.experiment.keys import RESERVED_KEYS
+from minihuman.experiment.machine.inputs import Input, KeyDown, KeyUp, ScreenShown, Stop
+from minihuman.experiment.machine.running_episode import NS_PER_MS, RunningEpisode
+from minihuman.experiment.machine.screens import Screen
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
+from minihuman.experiment.plan.participant_codes import format_participant_code
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.log.evidence import COLLECTED, PAGE
+from minihuman.log.paths import SegmentPath
+from minihuman.log.record.mcap_recorder import McapRecorder
+from minihuman.log.record.recorder import BufferedRecorder
+from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
+from minihuman.runtime.session_loop import run_session
+from minihuman.web.page_data.page_episodes import PageDataError, PageEpisode
+from minihuman.worlds.adapters.world import World
+
+GROUP = "page"
+_IMPORTED = "imported from a page, data "  # why a slot was taken, before the data's digest
+_LEAST_PLAYING_MS = 0.001
+_HOLD_MS = 0.0  # of a key whose release the page did not see
+
+
+def digest_episodes(episodes: Sequence[PageEpisode]) -> str:
+    """Return the SHA-256 of a session's episodes, hexadecimal: by it they are imported once."""
+    return hashlib.sha256(msgspec.json.encode(episodes)).hexdigest()
+
+
+def write_session(episodes: Sequence[PageEpisode], study: Path) -> Path | None:
+    """Write episodes that were verified as the log of the study's next participant.
+
+    Returns:
+        The log; None if the study has these episodes already.
+
+    Raises:
+        PageDataError: if the study has sessions that were run, or the episodes make no protocol.
+        ProtocolError: if the study's folder has a name that no study may have.
+        LogError: if the log cannot be written.
+    """
+    digest = digest_episodes(episodes)
+    study.mkdir(parents=True, exist_ok=True)
+    with open_enrolment_log(study).hold() as register:
+        taken = [line for line in register.lines if isinstance(line, SlotTaken)]
+        _require_imported(taken, study)
+        before = next((line for line in taken if line.reason == _IMPORTED + digest), None)
+        index = len(taken) if before is None else before.index
+        plan = _plan_session(episodes, study.name, index)
+        if before is None:
+            register.append(_take_slot(plan, digest))
+    if SegmentPath.of_plan(study.parent, plan).log.exists():
+        return None
+    return _record(episodes, plan, study.parent, digest)
+
+
+def _require_imported(taken: Sequence[SlotTaken], study: Path) -> None:
+    for line in taken:
+        if not line.reason.startswith(_IMPORTED):
+            raise PageDataError(
+                f"{study} has {line.participant}, whose session was run here; import into a study's folder of its own"
+            )
+
+
+def _take_slot(plan: SessionPlan, digest: str) -> SlotTaken:
+    who = plan.participant
+    return SlotTaken(
+        plan.allocation_sha256 or "",
+        who.index + 1,
+        who.index,
+        who.id,
+        who.group,
+        overridden=False,
+        at=now_text(),
+        reason=_IMPORTED + digest,
+        outcome_rules=plan.outcome_rules,
+    )
+
+
+def _plan_session(episodes: Sequence[PageEpisode], study: str, index: int) -> SessionPlan:
+    protocol = decode_protocol(write_protocol(episodes, study, index + 1).encode(), f"the protocol of {study}")
+    participant = msgspec.structs.replace(
+        enrol_participant(protocol, index, None), id=format_participant_code(index, 0)
+    )
+    return expand_protocol(protocol, participant)
+
+
+def _record(episodes: Sequence[PageEpisode], plan: SessionPlan, data: Path, digest: str) -> Path | None:
+    clock = VirtualClock()
+    facts = {
+        "player": "human",
+        COLLECTED: PAGE,
+        "page_data": digest,
+        "page_rules": episodes[0].sources,
+        **collect_machine_facts(),
+        **collect_world_facts(list_world_ids(plan)),
+        "window": "page",
+        "utc_offset_min": "0",
+    }
+    session = SessionMachine(plan, World, facts, picture_px=None)
+    recorder = BufferedRecorder(McapRecorder(data, plan, started_ns=episodes[0].started_unix_ms * NS_PER_MS))
+    window = RecordedKeys(session, clock, episodes)
+    return run_session(session, window, recorder, clock, finished=record_log_end)
+
+
+class RecordedKeys(Window):
+    """A window in which a page's keys are pressed again, each so long after the first picture as the page says."""
+
+    def __init__(self, session: SessionMachine, clock: VirtualClock, episodes: Sequence[PageEpisode]) -> None:
+        self._session = session
+        self._clock = clock
+        self._episodes = episodes
+        self._play: RunningEpisode | None = None  # whose keys are coming
+        self._coming: list[Input] = []  # in order of time
+
+    def show(self, screen: Screen) -> ScreenShown:
+        """Look at a screen, which is there at once."""
+        now_ns = self._clock()
+        play = self._session.play
+        if play is not None and play is not self._play and play.started:
+            self._play = play
+            self._coming = list(_list_inputs(self._episodes[play.plan.episode], now_ns))
+        return ScreenShown(t_ns=now_ns, submit_ns=now_ns, flip_ns=now_ns)
+
+    def wait(self, until_ns: int | None) -> list[Input]:
+        """Move the clock to the next key, or to ``until_ns``; where nothing is due, go on by Enter."""
+        if self._coming and (until_ns is None or self._coming[0].t_ns <= until_ns):
+            happened = self._coming.pop(0)
+            self._clock.advance_to(happened.t_ns)
+            return [happened]
+        if until_ns is not None and (self._coming or self._session.next_tick_ns is not None):
+            self._clock.advance_to(until_ns)
+            return []
+        if self._play is not None and self._play is self._session.play and self._play.outcome is None:
+            return [Stop(self._clock(), "window_closed", "the page has no more of this episode")]
+        return [KeyDown(self._clock(), "enter", "enter"), KeyUp(self._clock(), "enter", "enter")]
+
+    def facts(self) -> dict[str, str]:
+        """What it is."""
+        return {"window": "page"}
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+
+def _list_inputs(episode: PageEpisode, shown_ns: int) -> Iterator[Input]:
+    inputs: list[Input] = []
+    names = episode.physical_keys
+    for key, rt_ms, held_ms in zip(episode.keys, episode.rt_ms, episode.held_ms, strict=True):
+        down_ns = shown_ns + round(rt_ms * NS_PER_MS)
+        up_ns = down_ns + round((held_ms or _HOLD_MS) * NS_PER_MS)
+        inputs += [KeyDown(down_ns, names[key], key), KeyUp(up_ns, names[key], key)]
+    if episode.end == "left":
+        inputs.append(Stop(shown_ns + round(episode.playing_ms * NS_PER_MS), "window_closed", "the page was left"))
+    yield from sorted(inputs, key=lambda happened: happened.t_ns)
+
+
+def write_protocol(episodes: Sequence[PageEpisode], study: str, participants: int) -> str:
+    """Write the protocol of what a page played: a block for each run of episodes that differ in their seeds alone.
+
+    Raises:
+        PageDataError: if a key that was pressed is none that a session may give to an action.
+    """
+    blocks = [
+        _describe_block(number, list(run))
+        for number, (_, run) in enumerate(groupby(episodes, key=_describe_condition), 1)
+    ]
+    pool = sorted({key for block in blocks for key in block["fixed_keys"]})
+    header = {
+        "study": {
+            "name": study,
+            "version": "page",
+            "seed": 0,
+            "participants": participants,
+            "closing": "",
+        },
+        "keys": {"pool": pool, "keyboard_check": False},
+    }
+    lines = [line for name, table in header.items() for line in _format_table(f"[{name}]", table)]
+    lines += _format_table("[[groups]]", {"name": GROUP, "blocks": [block["name"] for block in blocks]})
+    lines += [line for block in blocks for line in _format_table("[[blocks]]", block)]
+    return "\n".join(lines) + "\n"
+
+
+def _describe_condition(episode: PageEpisode) -> tuple[Any, ...]:
+    limit_ms = episode.time_limit_ms if episode.end == "time_limit" else 0.0
+    return episode.world, episode.options, episode.view, episode.key_map, limit_ms
+
+
+def _describe_block(number: int, episodes: Sequence[PageEpisode]) -> dict[str, Any]:
+    first = episodes[0]
+    keys = _list_session_keys(episodes)
+    with closing(World(first.world, first.options)) as world:
+        max_steps = world.step_limit or max(len(episode.actions) for episode in episodes) + 1
+    block: dict[str, Any] = {
+        "name": f"episodes-{number}",
+        "world": first.world,
+        "options": first.options,
+        "episodes": len(episodes),
+        "seeds": [episode.seed for episode in episodes],
+        "actions": list(dict.fromkeys(keys.values())),
+        "key_map": "fixed",
+        "fixed_keys": keys,
+        "max_steps": max_steps,
+        "view": first.view,
+        "ready": "none",
+        "final_frame_ms": 0.0,
+    }
+    if first.end == "time_limit":
+        block["max_episode_s"] = max(first.time_limit_ms, _LEAST_PLAYING_MS) / 1_000
+    return block
+
+
+def _list_session_keys(episodes: Sequence[PageEpisode]) -> dict[str, str]:
+    """List the actions by our names of keys, without keys that a session has for itself and nobody pressed."""
+    first = episodes[0]
+    pressed = {key for episode in episodes for key in episode.keys}
+    keys: dict[str, str] = {}
+    for key, action in first.key_map.items():
+        name = first.physical_keys[key]
+        if name and name not in RESERVED_KEYS:
+            keys[name] = action
+        elif key in pressed:
+            raise PageDataError(
+                f"{first.name}: no log can hold key {key!r} as an action's; use a letter, a digit or an arrow"
+            )
+    return keys
+
+
+def _format_table(head: str, table: dict[str, Any]) -> list[str]:
+    return [head, *(f"{name} = {_format_toml(value)}" for name, value in table.items()), ""]
+
+
+def _format_toml(value: Any) -> str:
+    """Format a value as TOML: JSON's form, but for tables and the one character that JSON leaves bare."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_format_toml(name)} = {_format_toml(each)}" for name, each in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_format_toml, value)) + "]"
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,0 +1,114 @@
+"""Import files of a page's episodes into a study, and verify them without one."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from minihuman.errors import MinihumanError
+from minihuman.log.read.session_reader import read_log
+from minihuman.web.page_data.imported_session import write_session
+from minihuman.web.page_data.page_episodes import (
+    NOT_PROVED,
+    PageDataError,
+    PageEpisode,
+    check_session_order,
+    describe_difference,
+    list_data_files,
+    read_page_data,
+    verify_episode,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ImportedFile:
+    """What became of one file of page data.
+
+    Attributes:
+        file: the file.
+        log: the session log that it became; None if it was refused, or is in the study already.
+        episodes: how many it has; 0 if it was refused.
+        steps: of these.
+        error: why it was refused; None if it was not.
+    """
+
+    file: Path
+    log: Path | None
+    episodes: int
+    steps: int
+    error: MinihumanError | None = None
+
+    @property
+    def text(self) -> str:
+        """The same in a sentence."""
+        if self.error is not None:
+            return str(self.error)
+        if self.log is None:
+            return "imported before; nothing was written"
+        return f"{self.episodes} episodes, {self.steps} steps, consistent, not witnessed: {self.log}"
+
+
+def import_files(paths: Iterable[Path], study: Path) -> Iterator[ImportedFile]:
+    """Import files, or folders of them, into a study: one session each, those that differ refused.
+
+    Raises:
+        PageDataError: if a path has no files.
+    """
+    for path in paths:
+        for file in list_data_files(path):
+            yield _import_file(file, study)
+
+
+def _import_file(file: Path, study: Path) -> ImportedFile:
+    try:
+        episodes = _read_verified(file)
+        log = write_session(episodes, study.absolute())
+        if log is not None:
+            _require_same_steps(log, episodes)
+    except MinihumanError as error:
+        return ImportedFile(file, None, 0, 0, error)
+    return ImportedFile(file, log, len(episodes), sum(len(episode.actions) for episode in episodes))
+
+
+def _read_verified(file: Path) -> list[PageEpisode]:
+    episodes = read_page_data(file)
+    for number, episode in enumerate(episodes, 1):
+        if difference := describe_difference(episode, verify_episode(episode)):
+            raise PageDataError(f"{file}: episode {number} ({episode.name}): {difference}")
+    if wrong := check_session_order(episodes):
+        raise PageDataError(f"{file}: {wrong}")
+    return episodes
+
+
+def _require_same_steps(log: Path, episodes: Sequence[PageEpisode]) -> None:
+    """Require that the session's machine did what the page did, key by key."""
+    recorded = read_log(log).episodes
+    for number, (episode, played) in enumerate(zip(episodes, recorded, strict=False), 1):
+        if tuple(played.actions) != episode.actions or tuple(played.rewards) != episode.rewards:
+            raise PageDataError(
+                f"{log}: episode {number} has other steps than the page's data; nothing else was imported"
+            )
+    if len(recorded) != len(episodes):
+        raise PageDataError(f"{log} has {len(recorded)} episodes, the page's data {len(episodes)}")
+
+
+def verify_page_data(file: Path) -> Iterator[tuple[str, bool]]:
+    """Yield lines on a file of page data, each with whether it is good news.
+
+    Raises:
+        PageDataError: if the file has no episodes, or one has not the form of an episode.
+    """
+    episodes = read_page_data(file)
+    steps = 0
+    differs = False
+    for number, episode in enumerate(episodes, 1):
+        verification = verify_episode(episode)
+        steps += verification.steps
+        if difference := describe_difference(episode, verification):
+            differs = True
+            yield f"episode {number} ({episode.name}): {difference}", False
+    if wrong := check_session_order(episodes):
+        differs = True
+        yield wrong, False
+    if not differs:
+        yield f"{len(episodes)} episodes, {steps} steps, consistent with the rules, not witnessed", True
+        yield NOT_PROVED, True

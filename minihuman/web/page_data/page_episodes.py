@@ -1,0 +1,303 @@
+"""Read episodes that a page computed: jsPsych's JSON and CSV, and the file of kept games; check each of them.
+
+Whatever a file says is foreign: its form, its sizes and its numbers are checked here, before a world is made.
+"""
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from minihuman.errors import MinihumanError
+from minihuman.experiment.keys import PUNCTUATION
+from minihuman.web.key_codes import KEY_CODES
+from minihuman.worlds.adapters.page_world import ActionsVerification, verify_actions
+from minihuman.worlds.catalogue import BABYAI_WORLDS, DRAWN_LEVEL, FIRST_PERSON_WORLDS, GRID_WORLDS
+from minihuman.worlds.source_digest import kernels_digest
+
+TRIAL_TYPE = "minihuman-episode"  # of the jsPsych plugin
+GAME_FORMAT, GAME_VERSION = "minihuman-game", 1
+MAX_FILE_BYTES = 256 * 1024 * 1024
+MAX_STEPS = 100_000  # of an episode
+NOT_PROVED = (
+    "not proved: when keys were pressed and for how long, which of two keys of one action it was, whether a hand "
+    "pressed it, and who played"
+)
+_DIGEST_LENGTH = 16
+_WORLDS = frozenset(entry.id for entry in (*GRID_WORLDS, *BABYAI_WORLDS, *FIRST_PERSON_WORLDS, DRAWN_LEVEL))
+_OPTIONS: Mapping[str, type] = {
+    "max_steps": int,
+    "trig": int,
+    "mission": str,
+    "diagram": str,
+}  # that a page may have set
+_PUNCTUATION = dict(zip("-=[]\\;'`,./ ", (*PUNCTUATION, "space"), strict=True))
+
+
+class PageDataError(MinihumanError, ValueError):
+    """Episodes that a page computed cannot be read, or are not what playing them again gives."""
+
+    exit_code = 1  # a check failed
+
+
+EpisodeEnd = Literal["terminated", "truncated", "time_limit", "left"]
+
+
+class PageEpisode(msgspec.Struct, frozen=True):
+    """One episode, in the columns of ``page/episode_record.js``."""
+
+    world: str
+    options: dict[str, Any]
+    seed: int
+    view: Literal["partial", "full"]
+    key_map: dict[str, str]  # `KeyboardEvent.key` -> action
+    keys: tuple[str, ...]
+    actions: tuple[int, ...]
+    rt_ms: tuple[float, ...]  # after the first picture
+    held_ms: tuple[float | None, ...]
+    rewards: tuple[float, ...]
+    digests: str  # 16 digits a step
+    buttons: tuple[int, ...]  # steps that a button on the screen made
+    untrusted: tuple[int, ...]  # steps that a program's event made, as the page says
+    end: EpisodeEnd
+    time_limit_ms: float
+    playing_ms: float
+    reward: float
+    success: bool
+    sources: str  # what the page's rules were compiled from
+    started_unix_ms: int
+
+    @property
+    def step_digests(self) -> list[str]:
+        """The digest of each step."""
+        return [self.digests[at : at + _DIGEST_LENGTH] for at in range(0, len(self.digests), _DIGEST_LENGTH)]
+
+    @property
+    def name(self) -> str:
+        """What an error calls it."""
+        return f"{self.world} seed {self.seed}"
+
+    @property
+    def physical_keys(self) -> dict[str, str]:
+        """Our name of each key of the map."""
+        return {key: name_key(key) for key in self.key_map}
+
+
+def name_key(key: str) -> str:
+    """Return our name of a key that a browser calls so; "" where we have none."""
+    if len(key) == 1 and key.isascii() and key.isalnum():
+        return key.lower()
+    return _PUNCTUATION.get(key) or KEY_CODES.get(key, "")
+
+
+def list_data_files(path: Path) -> list[Path]:
+    """Return a file, or the JSON and CSV files below a folder, in order of name.
+
+    Raises:
+        PageDataError: if there is none.
+    """
+    if path.is_file():
+        return [path]
+    files = sorted(file for file in path.rglob("*") if file.suffix.lower() in (".json", ".csv", ".txt"))
+    if not files:
+        raise PageDataError(f"{path} has no data of a page (.json, .csv); name a file, or a folder of them")
+    return files
+
+
+def read_page_data(path: Path) -> list[PageEpisode]:
+    """Read one session's episodes from a file.
+
+    Raises:
+        PageDataError: if the file has none, or one has not the form of an episode.
+    """
+    size = path.stat().st_size
+    if size > MAX_FILE_BYTES:
+        raise PageDataError(f"{path} has {size} bytes; one session's data have at most {MAX_FILE_BYTES}")
+    text = _read_text(path)
+    rows = _read_csv_rows(text) if path.suffix.lower() == ".csv" else _read_json_rows(text, path)
+    _check_trial_order(rows, path)
+    episodes = [_convert(row, f"{path}: episode {number}") for number, row in enumerate(rows, 1)]
+    if not episodes:
+        raise PageDataError(f"{path} has no episodes: no trial of type {TRIAL_TYPE!r}, and it is no kept game")
+    return episodes
+
+
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise PageDataError(f"{path} is not text in UTF-8 ({error.reason}); save it as jsPsych does") from error
+
+
+def _read_json_rows(text: str, path: Path) -> list[dict[str, Any]]:
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise PageDataError(f"{path} is not JSON ({error}); is it the file that the page saved?") from error
+    if isinstance(content, dict) and content.get("format") == GAME_FORMAT:
+        if content.get("version") != GAME_VERSION:
+            raise PageDataError(f"{path} is a game of version {content.get('version')!r}; this reads {GAME_VERSION}")
+        content = [{**game, "trial_type": TRIAL_TYPE} for game in content.get("episodes", ()) if isinstance(game, dict)]
+    if not isinstance(content, list):
+        raise PageDataError(f"{path} is neither a list of trials nor a kept game")
+    return [trial for trial in content if isinstance(trial, dict) and trial.get("trial_type") == TRIAL_TYPE]
+
+
+def _read_csv_rows(text: str) -> list[dict[str, Any]]:
+    rows = [row for row in csv.DictReader(io.StringIO(text)) if row.get("trial_type") == TRIAL_TYPE]
+    texts = {
+        field.name
+        for field in msgspec.structs.fields(PageEpisode)
+        if field.type is str or field.name in ("view", "end")
+    }
+    return [{name: cell if name in texts else _read_cell(cell) for name, cell in row.items()} for row in rows]
+
+
+def _read_cell(cell: str | None) -> Any:
+    try:
+        return json.loads(cell or "null")
+    except (ValueError, RecursionError):
+        return cell
+
+
+def _check_trial_order(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+    numbers = [row["trial_index"] for row in rows if isinstance(row.get("trial_index"), int)]
+    for before, after in pairwise(numbers):
+        if after <= before:
+            raise PageDataError(
+                f"{path}: trial {after} comes after trial {before}; give each participant a file of their own, in order"
+            )
+
+
+def _convert(row: Mapping[str, Any], where: str) -> PageEpisode:
+    try:
+        return msgspec.convert(dict(row), PageEpisode, strict=True)
+    except msgspec.ValidationError as error:
+        raise PageDataError(f"{where}: {error}") from error
+
+
+def verify_episode(episode: PageEpisode) -> ActionsVerification:
+    """Check an episode's columns, play it again, and compare; the verification is of the steps that were played.
+
+    Raises:
+        PageDataError: if a column cannot be, or the page's rules are not those installed here.
+    """
+    try:
+        for difference in _list_malformed_columns(episode):
+            raise PageDataError(f"{episode.name}: {difference}")
+        return verify_actions(
+            episode.world,
+            episode.seed,
+            episode.actions,
+            episode.step_digests,
+            rewards=episode.rewards,
+            options=episode.options,
+        )
+    except PageDataError:
+        raise
+    except (MinihumanError, ValueError) as error:  # of a world that the options do not make
+        raise PageDataError(f"{episode.name}: {error}") from error
+
+
+def describe_difference(episode: PageEpisode, verification: ActionsVerification) -> str:
+    """Return the first thing of an episode that playing it again does not give, as a sentence; "" if there is none."""
+    if verification.difference:
+        return verification.difference
+    return next(_list_differences(episode, verification), "")
+
+
+def _list_malformed_columns(episode: PageEpisode) -> Iterator[str]:
+    steps = len(episode.actions)
+    if episode.world not in _WORLDS:
+        yield f"world {episode.world!r} is none that a page computes; `minihuman worlds` lists them"
+    yield from _list_wrong_options(episode.options)
+    if episode.sources != kernels_digest():
+        yield (
+            f"played by rules {episode.sources!r}, checked by rules {kernels_digest()!r}; "
+            "import it with the version of minihuman that packed the worlds"
+        )
+    if steps > MAX_STEPS:
+        yield f"{steps} steps are more than {MAX_STEPS}"
+    for name in ("keys", "rt_ms", "held_ms", "rewards"):
+        if len(getattr(episode, name)) != steps:
+            yield f"{name} has {len(getattr(episode, name))} entries for {steps} actions"
+    if len(episode.digests) != _DIGEST_LENGTH * steps:
+        yield f"digests has {len(episode.digests)} digits for {steps} actions, {_DIGEST_LENGTH} each"
+    if not 0 <= episode.seed < 2**63:
+        yield "a seed is 0 or more and below 2**63"
+    yield from _list_wrong_numbers(episode)
+
+
+def _list_wrong_options(options: Mapping[str, Any]) -> Iterator[str]:
+    for name, value in options.items():
+        kind = _OPTIONS.get(name)
+        if kind is None or type(value) is not kind:
+            yield f"option {name} = {value!r} is none that a page sets"
+
+
+def _list_wrong_numbers(episode: PageEpisode) -> Iterator[str]:
+    numbers = (*episode.rt_ms, *episode.rewards, *(held for held in episode.held_ms if held is not None))
+    if not all(map(math.isfinite, (*numbers, episode.reward, episode.playing_ms, episode.time_limit_ms))):
+        yield "a number is not finite"
+    if any(later < earlier for earlier, later in zip((0.0, *episode.rt_ms), episode.rt_ms, strict=False)):
+        yield "rt_ms does not rise from key to key"
+    if any(held is not None and held < 0 for held in episode.held_ms):
+        yield "held_ms is below 0"
+    if episode.started_unix_ms < 0 or episode.playing_ms < max(episode.rt_ms, default=0.0):
+        yield "playing_ms is less than the last key's rt_ms, or the episode began before 1970"
+    for name in ("buttons", "untrusted"):
+        if not all(0 <= step < len(episode.actions) for step in getattr(episode, name)):
+            yield f"{name} names a step that there is not"
+
+
+def _list_differences(episode: PageEpisode, verification: ActionsVerification) -> Iterator[str]:
+    names = verification.action_names
+    for step, (key, action) in enumerate(zip(episode.keys, episode.actions, strict=True), 1):
+        if episode.key_map.get(key) != names[action]:
+            yield f"step {step}: key {key!r} has action {episode.key_map.get(key)!r}, but {names[action]!r} was done"
+    for key, name in episode.key_map.items():
+        if name not in names:
+            yield f"key {key!r} has action {name!r}, which {episode.world} has not"
+    if episode.end != _find_end(verification, episode.end):
+        yield f"end is {episode.end!r}, played again it is {_find_end(verification, 'not over')!r}"
+    if episode.end in ("terminated", "truncated") and episode.playing_ms != episode.rt_ms[-1]:
+        yield f"playing_ms is {episode.playing_ms}, but the last key came at {episode.rt_ms[-1]}"
+    if (
+        episode.end == "time_limit"
+        and not max(episode.rt_ms, default=0.0) <= episode.time_limit_ms <= episode.playing_ms
+    ):
+        yield f"the time limit of {episode.time_limit_ms} ms is not between the last key and the end"
+    if episode.reward != verification.reward:
+        yield f"reward is {episode.reward!r}, played again {verification.reward!r}"
+    if episode.success != (verification.terminated and episode.rewards[-1] > 0):
+        yield f"success is {episode.success}, played again it is not"
+
+
+def _find_end(verification: ActionsVerification, otherwise: str) -> str:
+    """Return how the world ended the episode; where it did not, the page may have, and says so."""
+    if verification.terminated:
+        return "terminated"
+    if verification.truncated:
+        return "truncated"
+    return "left" if otherwise in ("terminated", "truncated") else otherwise
+
+
+def check_session_order(episodes: Sequence[PageEpisode]) -> str:
+    """Return which episode cannot follow the one before it, which was left or ended later; "" if each can.
+
+    A second's grace is for a clock that was set.
+    """
+    ended_ms = 0.0
+    for number, episode in enumerate(episodes, 1):
+        if episode.end == "left" and number < len(episodes):
+            return f"episode {number} was left, but others follow; give each of them a file of its own"
+        if episode.started_unix_ms + 1_000 < ended_ms:
+            return f"episode {number} began before episode {number - 1} had ended"
+        ended_ms = episode.started_unix_ms + episode.playing_ms
+    return ""

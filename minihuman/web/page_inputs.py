@@ -1,0 +1,105 @@
+"""A page's messages as a session's inputs. No I/O: times come with the messages."""
+
+from collections.abc import Callable, Iterable, Mapping
+
+from minihuman.experiment.machine import inputs
+from minihuman.experiment.machine.events import Event, KeyPressed, Noted
+from minihuman.experiment.replay import BROWSER_NOTE
+from minihuman.web import messages
+
+_POINTERS: Mapping[str, type[inputs.PointerPressed | inputs.PointerMoved | inputs.PointerReleased]] = {
+    "pressed": inputs.PointerPressed,
+    "moved": inputs.PointerMoved,
+    "released": inputs.PointerReleased,
+}
+_MAX_REMEMBERED = 2_000  # presses: a page repeats what was not acknowledged, which is of the last seconds
+MakeInput = Callable[[int], inputs.Input | None]  # at the time of the page's echo
+
+
+class PageInputs:
+    """Converts what a page did, and knows which presses the log has.
+
+    Args:
+        known: the events of the session so far.
+    """
+
+    def __init__(self, known: Iterable[Event]) -> None:
+        self._keys_down: dict[tuple[int, str], None] = {}  # the latest presses, the oldest first
+        self._forgotten_ns = -1  # of earlier ones nothing is known
+        for event in known:
+            if isinstance(event, KeyPressed) and event.down:
+                self._remember(event.t_ns - event.waited_ns, event.key)
+        self._last_asked = 0
+        self._asked: dict[int, MakeInput] = {}  # what happens at the page's echo
+
+    @property
+    def asked(self) -> tuple[int, ...]:
+        """What the page was asked and has not answered."""
+        return tuple(self._asked)
+
+    def ask(self, make_input: MakeInput) -> int:
+        """Make an input at the time that the page says when it is asked; return the number of the question."""
+        self._last_asked += 1
+        self._asked[self._last_asked] = make_input
+        return self._last_asked
+
+    def convert(self, message: messages.PageMessage, at_ns: int, *, is_present: bool) -> inputs.Input | None:
+        """Convert a message; None where it is no input.
+
+        Args:
+            message: the message.
+            at_ns: its time.
+            is_present: the session shows the screen that a `DisplayedMessage` is about.
+        """
+        match message:
+            case messages.KeyMessage():
+                return self._convert_key(message, at_ns)
+            case messages.DisplayedMessage() if is_present:
+                return inputs.ScreenShown(at_ns, *order_flip(message, at_ns))
+            case messages.TickMessage():
+                return inputs.Tick(at_ns)
+            case messages.TextMessage():
+                return inputs.TextInput(at_ns, "".join(letter for letter in message.text if letter.isprintable()))
+            case messages.PointerMessage():
+                stamp_ns = min(message.stamp, at_ns)
+                place = (message.x, message.y, message.target, message.along)
+                return _POINTERS[message.what](stamp_ns, *place, message.cause)
+            case messages.AxisMessage():
+                return inputs.AxisChanged(min(message.stamp, at_ns), message.axis, message.value)
+            case messages.FocusMessage():
+                return inputs.FocusChanged(at_ns, message.focused)
+            case messages.CommandEcho() if message.number in self._asked:
+                return self._asked.pop(message.number)(at_ns)
+        return None
+
+    def _convert_key(self, message: messages.KeyMessage, at_ns: int) -> inputs.Input:
+        """Convert a key; a cause that does not fit, which our page never says, counts as a finger."""
+        stamp_ns = min(message.stamp, at_ns)
+        if not message.down:
+            release_cause: inputs.KeyReleaseCause = "focus_loss" if message.cause == "focus_loss" else "finger"
+            return inputs.KeyUp(stamp_ns, message.key, message.symbol, release_cause)
+        self._remember(stamp_ns, message.key)
+        cause = "finger" if message.cause == "focus_loss" else message.cause
+        return inputs.KeyDown(stamp_ns, message.key, message.symbol, message.repeat, cause)
+
+    def _remember(self, stamp_ns: int, key: str) -> None:
+        self._keys_down[stamp_ns, key] = None
+        if len(self._keys_down) > _MAX_REMEMBERED:
+            oldest = next(iter(self._keys_down))
+            del self._keys_down[oldest]
+            self._forgotten_ns = max(self._forgotten_ns, oldest[0])
+
+    def note_missed(self, message: messages.PageMessage, at_ns: int, now_ns: int) -> list[Event]:
+        """Return a note of a press of a time that has passed: what the log does not have was done in another tab."""
+        if not isinstance(message, messages.KeyMessage) or not message.down:
+            return []
+        stamp_ns = min(message.stamp, at_ns)
+        if stamp_ns <= self._forgotten_ns or (stamp_ns, message.key) in self._keys_down:
+            return []
+        return [Noted(now_ns, BROWSER_NOTE, f"not taken: {message.key} at {message.stamp} ns")]
+
+
+def order_flip(message: messages.DisplayedMessage, at_ns: int) -> tuple[int, int]:
+    """Return when a picture was submitted and when it was shown, no later than the word of it."""
+    flip_ns = min(message.flip, at_ns)
+    return min(message.submit, flip_ns), flip_ns

@@ -1,0 +1,227 @@
+"""The protocol of a page on one socket: its texts in, batches of bytes out. No I/O, no clock.
+
+A hello settles where both streams resume; then come numbered messages, acknowledgements and pings, several in a text. A
+page is sent what the session has for it, numbered, in batches, with the acknowledgement of what is safe. Whatever
+carries the texts and the batches (a socket, or requests) is not known here.
+"""
+
+import abc
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from minihuman.web import messages
+from minihuman.web.message_codec import decode_page_message, encode_numbered, encode_text, encode_unnumbered
+from minihuman.web.message_streams import IncomingStream, OutgoingStream
+from minihuman.web.traffic_limits import MAX_BACKLOG, PREFETCH_BACKLOG, RateLimit
+
+MAX_BATCH_BYTES = 65_536  # of messages that are sent as one
+
+ServerMessages = OutgoingStream[messages.ServerMessage | messages.PictureMessage]
+
+
+class StreamNames:
+    """Which stream of the page's is received, and which numbering of the server's its page follows."""
+
+    def __init__(self) -> None:
+        self.incoming = IncomingStream()
+        self.life = ""  # the server's numbering; "": the page has nothing of it
+        self._stream = ""
+
+    def receive_stream(self, stream: str, first: int) -> bool:
+        """Follow a page's stream from its first message that is not acknowledged; True if it is another stream."""
+        if stream == self._stream:
+            return False
+        self._stream = stream
+        self.incoming = IncomingStream(first - 1)
+        return True
+
+    def resumes(self, life: str, heard: int, outgoing: ServerMessages) -> bool:
+        """Whether a page goes on with the server's numbering: it names it, and has no message that was never sent."""
+        return bool(self.life) and life == self.life and heard <= outgoing.last_number
+
+
+class PageSession(abc.ABC):
+    """A page's session, as its protocol needs it."""
+
+    ping: tuple[int, int] | None = None  # of a text: when it was sent and received; answered with the rest
+
+    @property
+    @abc.abstractmethod
+    def outgoing(self) -> ServerMessages:
+        """The messages to the page; another object after a restart."""
+
+    @abc.abstractmethod
+    def now_ns(self) -> int:
+        """Return the session's time."""
+
+    @abc.abstractmethod
+    def safe(self) -> int:
+        """Return the last of the page's messages that may be acknowledged."""
+
+    @abc.abstractmethod
+    def take(self, numbered: messages.NumberedMessage, *, more: bool = False) -> None:
+        """Take a message of the page's stream.
+
+        Args:
+            numbered: the message.
+            more: others came with it.
+
+        Raises:
+            MessageError: if it is out of order, or of another time.
+        """
+
+    @abc.abstractmethod
+    def hear(self) -> None:
+        """Take note that the page is alive."""
+
+    @abc.abstractmethod
+    def bid_farewell(self, *, is_left: bool) -> None:
+        """Take note that the page is closed, or left for another."""
+
+    @abc.abstractmethod
+    def spend(self, n_bytes: int) -> bool:
+        """Take the size of a message into account; False if the session takes no more."""
+
+    @abc.abstractmethod
+    def forget(self) -> None:
+        """Keep nothing for the page: it begins anew when it comes again."""
+
+
+@dataclass(frozen=True, slots=True)
+class TextEffect:
+    """What a page's text led to."""
+
+    has_answer: bool  # there is something to send: messages, or an acknowledgement
+    wants_more: bool  # there is more to look for ahead
+
+
+class PageProtocol:
+    """What one socket of a page and its session exchange.
+
+    Args:
+        session: the page's.
+        welcome: the answer to the page's hello.
+        after: the last of the server's messages that the page has.
+        now_s: the present time.
+    """
+
+    def __init__(self, session: PageSession, welcome: messages.Welcome, after: int, now_s: float) -> None:
+        self._session = session
+        self._welcome = welcome
+        self._outgoing = session.outgoing
+        self._sent = after
+        self._acknowledged = 0
+        self._rate_limit = RateLimit(now_s)
+        self._last_number = 0  # of the server's messages, and
+        self._safe = 0  # of the page's that were safe, before the text that is being received
+        self._was_behind = False  # nothing was looked for ahead then
+        self._ends_with_round_trip = False
+
+    # From the page
+
+    def begin_text(self) -> None:
+        """Begin to receive a text, which has several messages."""
+        self._session.hear()
+        self._last_number = self._session.outgoing.last_number
+        self._safe = self._session.safe()
+        self._was_behind = False
+
+    def admits(self, now_s: float) -> bool:
+        """Whether another message is within the rate limit; else it has to wait."""
+        return self._rate_limit.take(now_s)
+
+    def receive(self, text: str, *, more: bool) -> str | None:
+        """Take one message; return the answer that is sent at once, if it has any.
+
+        Args:
+            text: the message.
+            more: others come behind it in its text.
+
+        Raises:
+            MessageError: if no page of ours sends it.
+        """
+        message = decode_page_message(text)
+        self._ends_with_round_trip = False
+        match message:
+            case messages.NumberedMessage() if self._session.spend(len(text)):
+                self._session.take(message, more=more)
+                self._ends_with_round_trip = isinstance(message.what, messages.RoundTripMessage)
+            case messages.Ping() if more:
+                self._session.ping = message.sent, self._session.now_ns()
+            case messages.Ping():
+                received_ns = self._session.now_ns()
+                return encode_unnumbered(messages.Pong(message.sent, received_ns, self._session.now_ns()))
+            case messages.PageAck():
+                self._acknowledge(message.n)
+            case messages.Farewell():
+                if not self.is_superseded:  # else another page is here already, and this one's word is late
+                    self._session.bid_farewell(is_left=message.left)
+            case messages.Hello():
+                raise messages.MessageError(
+                    "a second hello arrived, but a page must send one per connection; reload the page"
+                )
+        return None
+
+    def _acknowledge(self, number: int) -> None:
+        outgoing = self._session.outgoing
+        was_behind = outgoing.kept > PREFETCH_BACKLOG
+        outgoing.acknowledge(number)
+        self._was_behind |= was_behind
+
+    def end_text(self) -> TextEffect:
+        """End a text; return what it led to. A page that acknowledges nothing begins anew.
+
+        Raises:
+            MessageError: if too many of the server's messages have not been acknowledged.
+        """
+        outgoing = self._session.outgoing
+        if outgoing.kept > MAX_BACKLOG:
+            self._session.forget()
+            raise messages.MessageError(f"more than {MAX_BACKLOG} messages have not been acknowledged; reload the page")
+        has_grown = outgoing.last_number != self._last_number
+        return TextEffect(
+            has_answer=has_grown or self._session.safe() != self._safe,
+            wants_more=has_grown or self._was_behind or self._ends_with_round_trip,
+        )
+
+    # To the page
+
+    def encode_welcome(self) -> str:
+        """Encode the answer to the page's hello."""
+        return encode_unnumbered(self._welcome)
+
+    @property
+    def is_superseded(self) -> bool:
+        """Whether the session's messages are numbered anew, so that this socket's page has to come again."""
+        return self._session.outgoing is not self._outgoing
+
+    @property
+    def can_wait(self) -> bool:
+        """Whether a page that went ahead loses nothing if what there is for it comes later."""
+        return all(
+            isinstance(message, messages.EpisodeState) and message.tick is None and not message.who
+            for _, message in self._outgoing.after(self._sent)
+        )
+
+    def take_batches(self) -> Iterator[bytes]:
+        """Yield what there is to send, in batches: messages, the acknowledgement of what is safe, a ping's answer."""
+        safe = self._session.safe()  # asked first: a page that hears of a safe key has heard where it led
+        parts: list[bytes] = []
+        size = 0
+        for number, message in self._outgoing.after(self._sent):
+            parts.append(encode_numbered(number, message))
+            self._sent = number
+            size += len(parts[-1])
+            if size > MAX_BATCH_BYTES:
+                yield b"".join(parts)
+                parts = []
+                size = 0
+        if safe > self._acknowledged:
+            self._acknowledged = safe
+            parts.append(encode_text(messages.ServerAck(safe)))
+        if self._session.ping is not None:
+            ping = self._session.ping
+            self._session.ping = None
+            parts.append(encode_text(messages.Pong(*ping, self._session.now_ns())))
+        if parts:
+            yield b"".join(parts)

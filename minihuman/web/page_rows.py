@@ -1,0 +1,29 @@
+"""The page's numbers of a grid world's row and of a first-person world's arrays, generated from the rules' own.
+
+python -m minihuman.web.page_rows     # writes page/row.js, which is committed
+"""
+
+from pathlib import Path
+
+from minihuman.worlds.first_person import rules
+from minihuman.worlds.grid.core import state
+
+PATH = Path(__file__).with_name("page") / "row.js"
+_HEAD = """\
+// Where in a world's first state what is. Generated: edit minihuman/worlds/grid/core/state.py or
+// minihuman/worlds/first_person/rules.py, then run `python -m minihuman.web.page_rows`.
+"""
+_OF_ROW = ("WIDTH", "HEIGHT", "DIRECTION", "STEP", "MAX_STEPS", "PHASE", "ACTIONS", "HEADER", "PLAYING")
+_OF_NUMBERS = ("REWARD",)
+
+
+def write_page_rows() -> str:
+    """Return the module's text."""
+    rows = [f"export const {name} = {getattr(state, name)};" for name in _OF_ROW]
+    numbers = [f"export const NUMBERS_{name} = {getattr(rules, name)};" for name in _OF_NUMBERS]
+    return _HEAD + "\n".join([*rows, *numbers]) + "\n"
+
+
+if __name__ == "__main__":
+    PATH.write_text(write_page_rows(), encoding="utf-8", newline="\n")
+    print(PATH)

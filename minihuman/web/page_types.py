@@ -1,0 +1,170 @@
+"""The page's types of messages, generated from `messages.py` and `screen_types.py`.
+
+    python -m minihuman.web.page_types     # writes page/messages.d.ts, which is committed
+
+A field that has a default is optional where the page sends it; the server sends every field.
+"""
+
+import dataclasses
+import inspect
+from collections.abc import Iterator
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, NotRequired, Union, get_args, get_origin, get_type_hints, is_typeddict
+
+import msgspec
+
+from minihuman.experiment.machine.screens import AnswerWidget
+from minihuman.web import messages
+from minihuman.web.screen_types import PageType, ScreenValues
+
+PATH = Path(__file__).with_name("page") / "messages.d.ts"
+FROM_PAGE = messages.Hello | messages.NumberedMessage | messages.PageAck | messages.Ping | messages.Farewell
+UNNUMBERED = messages.Welcome | messages.Refusal | messages.ServerAck | messages.Pong
+ALIASES: dict[str, Any] = {  # types that have a name in the page, too
+    "BrowserFacts": messages.BrowserFacts,
+    "Texts": messages.Texts,
+    "PageMessage": messages.PageMessage,
+    "FromPage": FROM_PAGE,
+    "UnnumberedMessage": UNNUMBERED,
+    "ServerMessage": messages.ServerMessage,
+    "WorldState": messages.WorldState,
+    "WorldPosition": messages.WorldPosition,
+    "ScreenValues": ScreenValues,
+    "AnswerWidget": AnswerWidget,
+}
+_HEAD = """\
+// What the page and the server send each other. Generated: edit minihuman/web/messages.py or screen_types.py, then run
+// `python -m minihuman.web.page_types`.
+"""
+_PRIMITIVES: dict[Any, str] = {
+    int: "number",
+    float: "number",
+    str: "string",
+    bool: "boolean",
+    bytes: "string",  # Base64
+    NoneType: "null",
+    Any: "unknown",
+}
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Field:
+    """A field of an interface."""
+
+    name: str
+    annotation: Any
+    is_optional: bool
+
+
+class _Writer:
+    """Writes TypeScript's text of types, and finds those that they name."""
+
+    def __init__(self) -> None:
+        self._interfaces: dict[type, str] = {}  # by type, in the order in which they were found
+        self._sent_by_page = _list_structs(FROM_PAGE)
+
+    def write(self) -> str:
+        """Write all types."""
+        aliases = [f"export type {name} = {self._write_alias(form)};\n" for name, form in ALIASES.items()]
+        return _HEAD + "\n" + "".join(aliases) + "".join("\n" + text for text in self._interfaces.values())
+
+    def _write_alias(self, form: Any) -> str:
+        if form is AnswerWidget:
+            return " | ".join(
+                f'({{ form: "{widget.__name__}" }} & {self._write_type(widget)})' for widget in get_args(form)
+            )
+        return self._write_structure(form)
+
+    def _write_type(self, annotation: Any) -> str:
+        """Write a type where it is used: by its name, if it has one."""
+        for name, form in ALIASES.items():
+            if annotation == form:
+                return name
+        return self._write_structure(annotation)
+
+    def _write_structure(self, annotation: Any) -> str:
+        origin = get_origin(annotation)
+        arguments = get_args(annotation)
+        if annotation in _PRIMITIVES:
+            return _PRIMITIVES[annotation]
+        if origin is Annotated:
+            forms = [extra.form for extra in arguments[1:] if isinstance(extra, PageType)]
+            return self._write_type(forms[0] if forms else arguments[0])
+        if origin is NotRequired:
+            return self._write_type(arguments[0])
+        if origin is Literal:
+            return " | ".join(f'"{word}"' for word in arguments)
+        if origin in (UnionType, Union):
+            words = (word for argument in arguments for word in self._write_type(argument).split(" | "))
+            return " | ".join(dict.fromkeys(words))
+        if origin is dict:
+            return f"Record<{self._write_type(arguments[0])}, {self._write_type(arguments[1])}>"
+        if origin is list:
+            return f"{_enclose(self._write_type(arguments[0]))}[]"
+        if origin is tuple:
+            return self._write_tuple(arguments)
+        return self._name_interface(annotation)
+
+    def _write_tuple(self, arguments: tuple[Any, ...]) -> str:
+        if len(arguments) == 2 and arguments[1] is ...:
+            return f"{_enclose(self._write_type(arguments[0]))}[]"
+        return f"[{', '.join(self._write_type(argument) for argument in arguments)}]"
+
+    def _name_interface(self, form: type) -> str:
+        if form not in self._interfaces:
+            self._interfaces[form] = ""  # it may name itself
+            self._interfaces[form] = self._write_interface(form)
+        return form.__name__
+
+    def _write_interface(self, form: type) -> str:
+        summary = (inspect.getdoc(form) or "").partition("\n\n")[0].replace("\n", " ")
+        lines = [f"/** {summary} */", f"export interface {form.__name__} {{"]
+        if issubclass(form, msgspec.Struct) and form.__struct_config__.tag is not None:
+            lines.append(f'  {form.__struct_config__.tag_field}: "{form.__struct_config__.tag}";')
+        is_sent_by_page = form in self._sent_by_page
+        for field in _list_fields(form):
+            mark = "?" if field.is_optional and (is_sent_by_page or is_typeddict(form)) else ""
+            lines.append(f"  {field.name}{mark}: {self._write_type(field.annotation)};")
+        return "\n".join([*lines, "}", ""])
+
+
+def _enclose(text: str) -> str:
+    return f"({text})" if " | " in text else text
+
+
+def _list_fields(form: type) -> Iterator[_Field]:
+    if issubclass(form, msgspec.Struct):
+        for field in msgspec.structs.fields(form):
+            yield _Field(field.encode_name, field.type, not field.required)
+    elif is_typeddict(form):
+        for name, annotation in get_type_hints(form, include_extras=True).items():
+            yield _Field(name, annotation, get_origin(annotation) is NotRequired)
+    elif dataclasses.is_dataclass(form):
+        hints = get_type_hints(form, include_extras=True)
+        for own_field in dataclasses.fields(form):
+            yield _Field(own_field.name, hints[own_field.name], False)
+    else:
+        raise TypeError(f"{form!r} is not a type that a page can have")
+
+
+def _list_structs(annotation: Any) -> set[type]:
+    """List the structs that a type has, itself among them."""
+    structs: set[type] = set()
+    to_do = [annotation]
+    while to_do:
+        form = to_do.pop()
+        if isinstance(form, type) and issubclass(form, msgspec.Struct) and form not in structs:
+            structs.add(form)
+            to_do += [field.annotation for field in _list_fields(form)]
+        to_do += get_args(form)
+    return structs
+
+
+def write_page_types() -> str:
+    """Write the text of `page/messages.d.ts`."""
+    return _Writer().write()
+
+
+if __name__ == "__main__":
+    PATH.write_text(write_page_types(), encoding="utf-8", newline="\n")

@@ -1,0 +1,69 @@
+"""What a page is told when its participant may not take part, and the code that some get all the same. No I/O."""
+
+from minihuman.experiment.machine.events import FINAL_END_REASONS
+from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.web.arrivals import Rejection
+from minihuman.web.eligibility import (
+    Completion,
+    build_completion,
+    classify_ending,
+    get_page_texts,
+    get_session_code,
+)
+from minihuman.web.messages import Refusal
+
+_FOR_GOOD = (
+    "browser",
+    "keyboard",
+    "latency",
+)  # ineligible for good, so the page gives a code; a window can be made larger
+WAIT = Refusal("wait", "")  # the page tries again by itself
+
+
+class RefusalTexts:
+    """Words a study's refusals in its language.
+
+    Args:
+        protocol: the study.
+    """
+
+    def __init__(self, protocol: Protocol) -> None:
+        self._protocol = protocol
+        self._web = protocol.web
+        self._texts = get_page_texts(protocol.study.language)
+
+    def ask_to_reload(self) -> Refusal:
+        """Refuse a page of another release, which is loaded again by itself."""
+        return Refusal("old", self._texts["busy"])
+
+    def turn_away(self, reason: str, *, person: str = "") -> Refusal:
+        """Refuse a page for a reason.
+
+        Args:
+            reason: the key of the text.
+            person: the participant's id on the platform that sent them.
+        """
+        width, height = self._web.min_window_size_px
+        fields = {"browsers": ", ".join(self._web.allowed_browsers), "width": width, "height": height}
+        words = self._texts[reason].format(**fields)
+        if reason not in _FOR_GOOD:
+            return Refusal(reason, words)
+        return self._with_code(reason, words, build_completion(self._web, "screened_out", person=person))
+
+    def answer_rejection(self, rejection: Rejection) -> Refusal:
+        """Refuse a visitor; one who has taken part and comes again gets the code again."""
+        if rejection.reason == "wait":
+            return WAIT
+        if not rejection.ended:
+            return self.turn_away(rejection.reason)
+        end = classify_ending("complete" if rejection.ended not in FINAL_END_REASONS else rejection.ended, agreed=True)  # type: ignore[arg-type]
+        code = get_session_code(self._protocol, rejection.session)
+        completion = build_completion(self._web, end, session_code=code, person=rejection.person)
+        if rejection.reason == "finished":
+            return self._with_code(end, self._texts[end], completion)
+        return self._with_code(rejection.reason, self._texts["not_today"], completion)
+
+    def _with_code(self, reason: str, words: str, completion: Completion) -> Refusal:
+        if completion.code:
+            words = f"{words} {self._texts['code']}: {completion.code}"
+        return Refusal(reason, words, self._texts["leave"], completion.url)

@@ -1,0 +1,145 @@
+"""The clocks of a session in a browser: the session's time by the server's clock, and the page's compared with it.
+
+No I/O: every time comes in as an argument.
+"""
+
+from minihuman.experiment.machine.events import CLOCK_NOTE, Linked
+from minihuman.web.messages import MessageError, RoundTripMessage
+
+_AHEAD_NS = 5_000_000_000  # a page's clock may be so far before ours, and a thousandth more with time
+_NOTED_AHEAD_NS = 1_000_000_000  # a page that is further ahead is noted, and again for each further second
+_DRIFT_AFTER_NS = 60_000_000_000  # before, jitter hides the drift
+_MAX_DRIFT_NS = 200_000_000  # of the page's clock against the server's: 2 % between two looks, which are 10 s apart
+_LOOK_INTERVAL_NS = 30_000_000_000  # after so long without a measurement of the page's, its messages are looked at
+_UNMEASURED_ERROR_NS = 800_000_000  # then: a single message may have waited so long on the way
+_NEVER_NS = 1 << 62
+
+
+class SegmentClock:
+    """A segment's time by the server's clock, which bounds the times that a page claims.
+
+    Args:
+        zero_ns: the server's monotonic time at the session's time 0.
+        wall_ns: the wall clock at ``monotonic_ns``: it goes on while the server's machine sleeps.
+        monotonic_ns: the present time.
+        outage_ns: for how long, at most, no server had the session, beyond what the wall clock says.
+    """
+
+    def __init__(self, zero_ns: int, *, wall_ns: int = 0, monotonic_ns: int = 0, outage_ns: int = 0) -> None:
+        self._zero_ns = zero_ns
+        self._wall_zero_ns = wall_ns - monotonic_ns
+        self._outage_ns = outage_ns
+        self._caught_up_ns = 0
+        self._noted_ns = _NOTED_AHEAD_NS
+        self._claimed_ns = _NOTED_AHEAD_NS
+
+    def at(self, monotonic_ns: int) -> int:
+        """Return the session's time at a monotonic time of the server's."""
+        return monotonic_ns - self._zero_ns
+
+    def catch_up(self, ahead_ns: int, *, wall_ns: int, monotonic_ns: int) -> str:
+        """Go on from the time of a page whose clock ran on, by ``ahead_ns``, while there was no server.
+
+        What the page claims counts for as long as this server or the one before was away, and once only.
+
+        Returns:
+            a note where the page claims more than a second, and more than twice what it claimed before; "" if not.
+        """
+        asleep_ns = max(0, wall_ns - monotonic_ns - self._wall_zero_ns)
+        known_ns = max(0, self._outage_ns + asleep_ns - self._caught_up_ns)
+        counted_ns = max(0, min(ahead_ns, known_ns))
+        self._zero_ns -= counted_ns
+        self._caught_up_ns += counted_ns
+        if ahead_ns <= self._claimed_ns:
+            return ""
+        self._claimed_ns = 2 * ahead_ns
+        claimed = f"{ahead_ns / 1e9:.3f} s ahead of the server's"
+        return f"{CLOCK_NOTE} was claimed to be {claimed}; {counted_ns / 1e9:.3f} s count"
+
+    def allows(self, at_ns: int, now_ns: int) -> bool:
+        """Whether a page's time can be ``at_ns`` when the session's is ``now_ns``."""
+        return at_ns <= now_ns + _AHEAD_NS + now_ns // 1000
+
+    def check(self, number: int, at_ns: int, now_ns: int) -> str:
+        """Check the time that a page claims for a message.
+
+        Returns:
+            a note where it is more than a second ahead, or a second more than noted before; "" if not.
+
+        Raises:
+            MessageError: if it is further ahead of the session's time ``now_ns`` than two clocks can be apart.
+        """
+        if not self.allows(at_ns, now_ns):
+            raise MessageError(
+                f"message {number} has time {at_ns} ns, but the session is at {now_ns} ns; reload the page"
+            )
+        ahead_ns = at_ns - now_ns
+        if ahead_ns <= self._noted_ns:
+            return ""
+        self._noted_ns = ahead_ns + _NOTED_AHEAD_NS
+        return f"{CLOCK_NOTE} is {ahead_ns / 1e9:.3f} s ahead of the server's"
+
+
+class PageClock:
+    """Compares the page's clock with the server's, by what the page measured and by when its messages came."""
+
+    def __init__(self) -> None:
+        self.rtt_ns: int | None = None  # of the quickest of the latest; None until one was measured
+        self._first: tuple[int, int] | None = None  # time and offset of the first
+        self._began_ns: int | None = None  # when the first message came
+        self._looked_ns = 0  # when the times were compared last
+        # of the quickest message: since the last look, before that one, and in the first minute
+        self._lag_ns = _NEVER_NS
+        self._last_lag_ns = _NEVER_NS
+        self._least_lag_ns = _NEVER_NS
+
+    def arrive(self, at_ns: int, arrival_ns: int) -> str:
+        """Take the page's time of a message and the server's when it came: all but the quickest waited on the way.
+
+        Returns:
+            a note where a page that measures nothing moved its time; "" if not.
+        """
+        if self._began_ns is None:
+            self._began_ns = arrival_ns
+            self._looked_ns = arrival_ns
+        self._lag_ns = min(self._lag_ns, arrival_ns - at_ns)
+        if arrival_ns - self._looked_ns < _LOOK_INTERVAL_NS:
+            return ""
+        return self._compare(
+            arrival_ns, error_ns=_UNMEASURED_ERROR_NS, is_early=arrival_ns - self._began_ns < _DRIFT_AFTER_NS
+        )
+
+    def look(self, link: Linked, arrival_ns: int) -> str:
+        """Return how far the page's time has moved against the server's clock, if that is too far; "" if not."""
+        return self._compare(arrival_ns, error_ns=link.error_ns, is_early=link.drift_ppm is None)
+
+    def _compare(self, arrival_ns: int, *, error_ns: int, is_early: bool) -> str:
+        self._looked_ns = arrival_ns
+        lag_ns = min(self._lag_ns, self._last_lag_ns)
+        self._last_lag_ns = self._lag_ns
+        self._lag_ns = _NEVER_NS
+        if is_early:
+            self._least_lag_ns = min(self._least_lag_ns, lag_ns)
+        drift_ns = self._least_lag_ns - lag_ns
+        if abs(drift_ns) <= _MAX_DRIFT_NS + error_ns:
+            return ""
+        self._least_lag_ns = lag_ns
+        return f"{CLOCK_NOTE} moved by {drift_ns / 1e6:+.0f} ms against the times at which its messages came"
+
+    def linked(self, at_ns: int, link: RoundTripMessage) -> Linked:
+        """Return an event for the log.
+
+        Args:
+            at_ns: the session's time.
+            link: the quickest of the page's latest messages there and back.
+        """
+        least_ns = max(0, (link.back - link.sent) - (link.answered - link.received))
+        offset_ns = ((link.received - link.sent) + (link.answered - link.back)) // 2
+        self.rtt_ns = least_ns
+        if self._first is None:
+            self._first = at_ns, offset_ns
+        passed_ns = at_ns - self._first[0]
+        drift_ppm = None
+        if passed_ns >= _DRIFT_AFTER_NS:
+            drift_ppm = (offset_ns - self._first[1]) / passed_ns * 1e6
+        return Linked(at_ns, offset_ns, -(-least_ns // 2), link.latest, least_ns, drift_ppm)

@@ -1,0 +1,44 @@
+"""How much a page may send, and how long it may keep a server waiting. No I/O; times come in as arguments."""
+
+from contextlib import suppress
+from dataclasses import dataclass
+from ipaddress import ip_address
+
+MESSAGES_PER_S = 200.0  # 60 steps a second with their pictures and keys are some 150
+MESSAGE_BURST = 200
+HELLO_TIMEOUT_S = 10.0  # a socket without a hello by then is closed
+MAX_TARGET_BYTES = 2_048  # of a request's path and query
+MAX_WAITING = 200  # sockets without a hello
+HANDLES_PER_SESSION = 2  # its socket and its log
+_OTHER_HANDLES = 2 * MAX_WAITING + 128  # those who say nothing yet, the journals, the database
+PREFETCH_BACKLOG = 300  # unacknowledged messages above which nothing is prefetched
+MAX_BACKLOG = 3_000  # and above which the page starts anew
+
+
+@dataclass(slots=True)
+class RateLimit:
+    """How many messages a socket may still send: a rate per second, and a burst."""
+
+    now_s: float  # of the last message
+    left: float = MESSAGE_BURST
+
+    def take(self, now_s: float) -> bool:
+        """Whether a message that comes now is within it."""
+        self.left = min(MESSAGE_BURST, self.left + (now_s - self.now_s) * MESSAGES_PER_S)
+        self.now_s = now_s
+        if self.left < 1:
+            return False
+        self.left -= 1
+        return True
+
+
+def count_handles(max_concurrent_sessions: int) -> int:
+    """Return how many files and sockets a server has open at most."""
+    return HANDLES_PER_SESSION * max_concurrent_sessions + _OTHER_HANDLES
+
+
+def find_network(address: str) -> str:
+    """Return the network of an address whose sessions are counted together: of IPv6 the /64, which a household has."""
+    with suppress(ValueError):
+        return ip_address(address).exploded[:19]
+    return address

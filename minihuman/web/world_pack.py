@@ -1,0 +1,197 @@
+"""Pack worlds for pages without a server: their compiled rules, tiles and textures, and the first states of some seeds.
+
+`minihuman pack` and the live gallery write these folders; `page/packed_world.js` plays from them, in a page or in Node.
+"""
+
+import hashlib
+import json
+import re
+import shutil
+import warnings
+import zlib
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.catalogue import BABYAI_WORLDS, FIRST_PERSON_WORLDS, GRID_WORLDS, CatalogueEntry
+from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.first_person.page_scene import describe
+from minihuman.worlds.grid.engine import GridEngine
+from minihuman.worlds.grid.pictures.drawing import atlas
+
+PACK_VERSION = 1
+_MOST_SEEDS = 1_000_000
+TILE_PX = 32
+SIZE_PX = (640, 480)  # of a first-person picture, unless the page asks for another
+PAGE_SINE = {"trig": 1}  # the option by which a first-person world computes as a page does
+MODULES = ("packed_world.js", "episode_record.js", "world.js", "row.js")  # of the page, which play what is packed
+_PAGE = Path(__file__).with_name("page")
+_KINDS = (("Grid", GRID_WORLDS), ("BabyAI", BABYAI_WORLDS), ("First person", FIRST_PERSON_WORLDS))
+
+
+@dataclass(frozen=True, slots=True)
+class PackSummary:
+    """What a folder of packed worlds holds."""
+
+    worlds: tuple[str, ...]
+    skipped: tuple[str, ...]  # worlds whose rules are Python
+    size_bytes: int
+
+
+def pack_worlds(folder: Path, seeds: range, names: Collection[str] = ()) -> PackSummary:
+    """Pack worlds into a folder, with the first states of these seeds.
+
+    Args:
+        folder: is made where it does not exist; files of an earlier pack in it are replaced.
+        seeds: consecutive seeds, from 0 up.
+        names: the worlds, with or without ``minihuman/``; none: all that a page can compute.
+
+    Raises:
+        WorldError: if there is no such world, or a named one has rules that a page cannot compute.
+    """
+    entries = _find_entries(names)
+    (folder / "starts").mkdir(parents=True, exist_ok=True)
+    shutil.copytree(_PAGE / "worlds", folder / "worlds", dirs_exist_ok=True)
+    for module in MODULES:
+        shutil.copy(_PAGE / module, folder)
+    packed: list[dict[str, Any]] = []
+    skipped: list[str] = []
+    for kind, entry in entries:
+        options = PAGE_SINE if kind == "First person" else {}
+        env = _make_world(entry, options)
+        if not env.is_compiled:
+            skipped.append(entry.name)
+            continue
+        write = _write_scenes if isinstance(env, FirstPersonEnv) else _write_rows
+        title = {"kind": kind, "title": f"{entry.name}: {entry.summary}", "name": entry.name, "options": options}
+        seed_range = {"first_seed": seeds.start, "seeds": len(seeds)}
+        packed.append(title | seed_range | {"actions": list(env.action_names)} | write(folder, env, entry, seeds))
+    if names and skipped:
+        raise WorldError(f"{', '.join(skipped)}: the rules are Python, which no page computes; pack another world")
+    index = {"version": PACK_VERSION, "atlas": _write_atlas(folder), "worlds": packed}
+    (folder / "index.json").write_text(json.dumps(index), encoding="utf-8", newline="\n")
+    size_bytes = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    return PackSummary(tuple(world["name"] for world in packed), tuple(skipped), size_bytes)
+
+
+def parse_seeds(text: str) -> range:
+    """Read seeds as the command line has them: "0-99", or one.
+
+    Raises:
+        WorldError: if they are none, or more than a million.
+    """
+    match = re.fullmatch(r"(\d{1,18})(?:-(\d{1,18}))?", text.strip())
+    if match is None:
+        raise WorldError(f"seeds {text!r} are no range; give the first and the last, such as 0-99")
+    first, last = int(match[1]), int(match[2] or match[1])
+    if not 0 <= last - first < _MOST_SEEDS:
+        raise WorldError(f"seeds {text!r} are {last - first + 1}; pack 1 to {_MOST_SEEDS}")
+    return range(first, last + 1)
+
+
+def _find_entries(names: Collection[str]) -> list[tuple[str, CatalogueEntry]]:
+    every = [(kind, entry) for kind, entries in _KINDS for entry in entries]
+    chosen = {name.removeprefix("minihuman/") for name in names}
+    if unknown := chosen - {entry.name for _, entry in every}:
+        raise WorldError(f"{', '.join(sorted(unknown))}: no such world can be packed; `minihuman worlds` lists them")
+    return [(kind, entry) for kind, entry in every if not chosen or entry.name in chosen]
+
+
+def _make_world(entry: CatalogueEntry, options: dict[str, Any]) -> Any:
+    """Make a world; that there is a `-v1` of some is no news, since all are packed."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*is out of date", DeprecationWarning)
+        return gymnasium.make(entry.id, **options).unwrapped
+
+
+def _write_rows(folder: Path, env: GridEngine, entry: CatalogueEntry, seeds: Sequence[int]) -> dict[str, Any]:
+    """Pack a grid world's first states: the random streams of all seeds, then the rows, then the missions."""
+    rows, words, missions = [], [], []
+    for seed in seeds:
+        observation, _ = env.reset(seed=seed)
+        state = env.save()
+        rows.append(state.row)
+        words.append(state.rng_state)
+        missions.append(observation["mission"])
+    distinct = missions[:1] if len(set(missions)) == 1 else missions
+    content = np.stack(words).tobytes() + np.stack(rows).tobytes() + json.dumps(distinct).encode()
+    (folder / "starts" / f"{entry.name}.z").write_bytes(zlib.compress(content, 9))
+    return {"row_length": len(rows[0]), "view_size": env.image_shape[0]}
+
+
+class _ArrayPool:
+    """Different arrays, each once, by number."""
+
+    def __init__(self) -> None:
+        self.kinds: list[str] = []
+        self._numbers: dict[bytes, int] = {}
+
+    def number(self, array: NDArray[Any]) -> int:
+        """Return an array's number."""
+        content = array.tobytes()
+        if content not in self._numbers:
+            self._numbers[content] = len(self._numbers)
+            self.kinds.append(str(array.dtype))
+        return self._numbers[content]
+
+    def extents(self) -> Iterator[tuple[str, int]]:
+        """Yield the kind and the bytes of each array."""
+        return zip(self.kinds, map(len, self._numbers), strict=True)
+
+    def join(self) -> bytes:
+        """Return all arrays, in order of their numbers."""
+        return b"".join(self._numbers)
+
+
+def _write_scenes(folder: Path, env: FirstPersonEnv, entry: CatalogueEntry, seeds: Sequence[int]) -> dict[str, Any]:
+    """Pack a world's first states and scenes: how long the head is, the head, and each different array once.
+
+    The head is JSON: the kind and bytes of each array, and for each seed the numbers of its arrays by name, of how many
+    things the scene is made, and the names of its textures, which are files of their own.
+    """
+    pool = _ArrayPool()
+    starts = []
+    for seed in seeds:
+        env.reset(seed=seed)
+        state, scene, _ = describe(env, "classic", SIZE_PX)
+        names = ("things", "numbers", "walls", "words", "rooms", "edges")
+        of_state = {name: pool.number(np.asarray(array)) for name, array in zip(names, state, strict=False)}
+        of_scene = {name: pool.number(array) for name, array in scene.tables.items()}
+        textures = [_write_texture(folder / "textures", pixels.tobytes()) for pixels in scene.textures]
+        mission = getattr(env, "mission", "") or entry.summary
+        looks = {"looks": state.looks, "textures": textures, "mission": mission}
+        starts.append({"state": of_state, "tables": of_scene} | looks)
+    head = json.dumps({"arrays": list(pool.extents()), "starts": starts}).encode()
+    content = len(head).to_bytes(4, "little") + head + pool.join()
+    (folder / "starts" / f"{entry.name}.z").write_bytes(zlib.compress(content, 9))
+    return {"size_px": SIZE_PX}
+
+
+def _write_texture(folder: Path, pixels: bytes) -> str:
+    """Write a texture, unless it is there, under its digest; return that."""
+    name = hashlib.sha256(pixels).hexdigest()[:16]
+    path = folder / f"{name}.z"
+    if not path.exists():
+        folder.mkdir(exist_ok=True)
+        path.write_bytes(zlib.compress(pixels, 9))
+    return name
+
+
+def _write_atlas(folder: Path) -> dict[str, Any]:
+    """Pack the tiles; return where each array of theirs begins."""
+    drawn = atlas(TILE_PX, "classic")
+    content = b""
+    arrays: dict[str, Any] = {}
+    for name in ("number", "under", "tiles", "agents", "carried"):
+        array = getattr(drawn, name)
+        array = array.view(np.uint8) if name == "tiles" else array
+        arrays[name] = {"at": len(content), "bytes": array.nbytes, "kind": str(array.dtype)}
+        content += array.tobytes()
+    (folder / "atlas.z").write_bytes(zlib.compress(content, 9))
+    return {"tile_px": TILE_PX, "small_px": drawn.carried.shape[1], "arrays": arrays}

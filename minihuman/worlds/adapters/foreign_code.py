@@ -1,0 +1,104 @@
+"""The border to code that is not ours: whatever a foreign world raises becomes a WorldCodeError that says where.
+
+A world may not end the program either: SystemExit, and a KeyboardInterrupt that no Ctrl-C caused, are its errors.
+"""
+
+import dis
+import threading
+import traceback
+from pathlib import Path
+from types import TracebackType
+
+from minihuman.errors import MinihumanError, WorldError
+
+_MOST_TEXT = 200  # characters of what a world's error says
+
+
+class WorldCodeError(WorldError):
+    """The code of a world that is not ours raised something, which is the cause, or tried to end the program."""
+
+    @property
+    def log_text(self) -> str:
+        """What a log has of it: what the world said, without its place in a file."""
+        cause = self.__cause__
+        if not isinstance(cause, Exception):
+            return str(self)
+        return str(cause) if isinstance(cause, WorldError) else f"{type(cause).__name__}: {cause}"
+
+
+class RemoteCodeError(WorldCodeError):
+    """The code of a world raised something in a process of its own, or that process ended.
+
+    Args:
+        message: what failed, and where.
+        log_text: what a log has of it.
+    """
+
+    def __init__(self, message: str, log_text: str = "") -> None:
+        super().__init__(message)
+        self._log_text = log_text or message
+
+    @property
+    def log_text(self) -> str:
+        """What a log has of it."""
+        return self._log_text
+
+
+class contain_errors:  # noqa: N801 - used as `contextlib.suppress` is
+    """Turn what a foreign world's code raises inside into a WorldCodeError; our own errors pass.
+
+    Args:
+        world_id: the world's id.
+        call: what of it was called: "step()".
+    """
+
+    __slots__ = ("_call", "_world_id")
+
+    def __init__(self, world_id: str, call: str) -> None:
+        self._world_id = world_id
+        self._call = call
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: TracebackType | None) -> None:
+        if error is None or isinstance(error, MinihumanError) or _is_from_user(error):
+            return
+        raise WorldCodeError(f"{self._world_id}: {self._call} {describe_error(error)}") from error
+
+
+def describe_error(error: BaseException) -> str:
+    """Describe what a world's code raised, and where: "raised ValueError: no such cell (maze.py:31)"."""
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
+    match error:
+        case SystemExit():
+            return f"tried to end the program{place}; end the episode instead, by returning terminated = True"
+        case KeyboardInterrupt():
+            return f"raised KeyboardInterrupt{place}, as Ctrl-C does; raise another error, or end the episode"
+        case ValueError() | TypeError() if frames and _is_unpacking(frames[-1]):
+            return f"did not return what Gymnasium asks for, so its wrapper {place.strip()} could not read it"
+        case RecursionError():
+            return f"calls itself without end{place}"
+    text = " ".join(str(error).split())
+    message = f": {text[:_MOST_TEXT]}" if text else ""
+    return f"raised {type(error).__name__}{message}{place}"
+
+
+def _is_unpacking(frame: traceback.FrameSummary) -> bool:
+    """Tell whether one of Gymnasium's wrappers took a world's tuple apart there."""
+    return Path(frame.filename).parent.name == "wrappers" and "= self.env." in (frame.line or "")
+
+
+def _is_from_user(error: BaseException) -> bool:
+    """Tell whether Ctrl-C was pressed: then no instruction of the interrupted code raised the error.
+
+    Python has signals handled in the main thread alone.
+    """
+    if not isinstance(error, KeyboardInterrupt) or threading.current_thread() is not threading.main_thread():
+        return False
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    if trace is None:
+        return True
+    return dis.opname[trace.tb_frame.f_code.co_code[trace.tb_lasti]] != "RAISE_VARARGS"

@@ -1,0 +1,142 @@
+"""Worlds that a page computes too: the digest of each step, and episodes of a page's played again.
+
+A digest covers the state after a step, what the agent sees then, the reward and the end: 64 bits by which two sides see
+whether they computed the same. It is no signature: whoever has the rules can compute it.
+"""
+
+import struct
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.adapters.spaces import Action
+from minihuman.worlds.adapters.transition import StepResult
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.first_person.page_scene import copy_state
+from minihuman.worlds.first_person.rules import digest_state
+from minihuman.worlds.grid.engine import GridEngine
+from minihuman.worlds.step_digest import digest_step
+
+TERMINATED, TRUNCATED = 1, 2  # in a digest
+_OUTCOME = struct.Struct("<dQ")
+
+
+class PageWorld(World):
+    """A world that a page may compute too: it keeps what its last step led to, which a digest is over."""
+
+    def __init__(self, world_id: str, options: dict[str, Any] | None = None) -> None:
+        super().__init__(world_id, options)
+        self._keeps_steps = self.is_compiled
+        self._is_grid = isinstance(self.unwrapped, GridEngine)
+        self._stepped: tuple[NDArray[Any], ...] = ()
+
+    def step(self, action: Action) -> StepResult:
+        """Do an action, as any world does."""
+        result = super().step(action)
+        if self._keeps_steps:  # a copy: an episode that has ended gives its world to the next one
+            env = self.unwrapped
+            self._stepped = (env.state.row.copy(), self._observation["image"]) if self._is_grid else copy_state(env)
+        return result
+
+    def digest(self, reward: float, *, terminated: bool, truncated: bool) -> str:
+        """The digest of the last step and what came of it in the episode, 16 hexadecimal digits."""
+        digest: Any = digest_step if self._is_grid else digest_state
+        outcome = bytearray(_OUTCOME.pack(reward, TERMINATED if terminated else TRUNCATED if truncated else 0))
+        return f"{int(digest(*self._stepped, np.frombuffer(outcome, np.uint64))):016x}"
+
+
+@dataclass(frozen=True, slots=True)
+class ActionsVerification:
+    """What playing a page's actions again gave.
+
+    ``difference`` is the first, in a sentence, "" if there is none; the other fields are of the steps up to it.
+    """
+
+    steps: int
+    difference: str
+    reward: float
+    terminated: bool
+    truncated: bool
+    action_names: tuple[str, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing differs: the actions from the seed gave these digests and rewards, by the rules here."""
+        return not self.difference
+
+
+def verify_actions(
+    world: str,
+    seed: int,
+    actions: Sequence[int],
+    digests: Sequence[str],
+    *,
+    rewards: Sequence[float] | None = None,
+    options: dict[str, Any] | None = None,
+) -> ActionsVerification:
+    """Play a page's actions again from the seed, and compare each step's digest.
+
+    It shows that these actions lead to these digests by the rules installed here, not who pressed the keys, nor when.
+
+    Args:
+        world: a Gymnasium id; ``minihuman/`` may be left out.
+        seed: of the episode.
+        actions: their numbers, in order.
+        digests: one for each action, 16 hexadecimal digits.
+        rewards: compared too, if they are given.
+        options: keyword arguments of ``gymnasium.make``, as the page had them.
+
+    Raises:
+        ValueError: if there is not one digest, or reward, for each action, or the seed is negative.
+        WorldError: if the world cannot be made, or no page computes it.
+    """
+    if len(digests) != len(actions) or (rewards is not None and len(rewards) != len(actions)):
+        counts = (
+            f"{len(actions)} actions, {len(digests)} digests and {len(actions if rewards is None else rewards)} rewards"
+        )
+        raise ValueError(f"{world} seed {seed} has {counts}; each action has one of both")
+    if seed < 0:
+        raise ValueError(f"seed is {seed}; a seed is 0 or more")
+    world_id = world if "/" in world or ":" in world else f"minihuman/{world}"
+    with closing(PageWorld(world_id, options)) as page_world:
+        if not page_world.is_compiled:
+            raise WorldError(
+                f"{world_id}: no page computes it, so there are no digests to compare; choose another world"
+            )
+        page_world.reset(seed)
+        return _compare_steps(page_world, actions, digests, rewards)
+
+
+def _compare_steps(
+    world: PageWorld, actions: Sequence[int], digests: Sequence[str], rewards: Sequence[float] | None
+) -> ActionsVerification:
+    verified = ActionsVerification(
+        0, "", 0.0, terminated=False, truncated=False, action_names=tuple(world.action_names)
+    )
+    for index, action in enumerate(actions):
+        if verified.terminated or verified.truncated:
+            return replace(verified, difference=f"step {index + 1}: the episode ended at step {index}")
+        if not 0 <= action < len(world.action_names):
+            wrong = f"action {action} is none of the {len(world.action_names)} of {world.id}"
+            return replace(verified, difference=f"step {index + 1}: {wrong}")
+        step = world.step(action)
+        digest = world.digest(step.reward, terminated=step.terminated, truncated=step.truncated)
+        if digest != digests[index]:
+            wrong = f"digest {digests[index]!r}, played again {digest!r}"
+            return replace(verified, difference=f"step {index + 1}: {wrong}")
+        if rewards is not None and rewards[index] != step.reward:
+            wrong = f"reward {rewards[index]!r}, played again {step.reward!r}"
+            return replace(verified, difference=f"step {index + 1}: {wrong}")
+        verified = replace(
+            verified,
+            steps=index + 1,
+            reward=verified.reward + step.reward,
+            terminated=step.terminated,
+            truncated=step.truncated,
+        )
+    return verified

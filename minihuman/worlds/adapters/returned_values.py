@@ -1,0 +1,185 @@
+"""What a foreign world returns, checked where it comes in: the tuples of reset and step, rewards, flags and pictures.
+
+Errors say what came back, what has to come back, and what to write instead. Knows no world's name and keeps nothing.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+
+_MOST_TEXT = 60  # characters of a value in an error
+_STEP_VALUES = "(observation, reward, terminated, truncated, info)"
+_RESET_VALUES = "(observation, info)"
+
+
+def describe_value(value: Any) -> str:
+    """Describe a value in words for an error: "an array of shape (2,)", "nothing (None)", "the text 'left'"."""
+    match value:
+        case None:
+            return "nothing (None)"
+        case np.ndarray():
+            return f"an array of shape {value.shape} and type {value.dtype}"
+        case str():
+            return f"the text {value[:_MOST_TEXT]!r}"
+        case bool() | np.bool_():
+            return f"the flag {bool(value)}"
+        case int() | float() | np.number():
+            return f"the number {value!s:.{_MOST_TEXT}}"
+        case tuple() | list():
+            return f"a {type(value).__name__} of {len(value)} values"
+        case Mapping():
+            return f"a dict of {len(value)} values"
+    return f"an object of the class {type(value).__name__}"
+
+
+def read_reset(returned: Any) -> tuple[Any, Mapping[str, Any]]:
+    """Return the observation and the info of a reset.
+
+    Raises:
+        WorldError: if it is not these two.
+    """
+    if not isinstance(returned, tuple | list) or len(returned) != 2:
+        raise WorldError(f"reset() returned {describe_value(returned)}; it must return {_RESET_VALUES}")
+    observation, info = returned
+    return observation, _read_info(info, "reset()")
+
+
+def read_step(returned: Any) -> tuple[Any, float, bool, bool, Mapping[str, Any]]:
+    """Return the observation, reward, flags and info of a step.
+
+    Raises:
+        WorldError: if it is not these five, or one of them is of another kind.
+    """
+    if not isinstance(returned, tuple | list) or len(returned) != 5:
+        old = isinstance(returned, tuple | list) and len(returned) == 4
+        more = ", with done divided into terminated and truncated" if old else ""
+        raise WorldError(f"step() returned {describe_value(returned)}; it must return {_STEP_VALUES}{more}")
+    observation, reward, terminated, truncated, info = returned
+    return (
+        observation,
+        read_reward(reward),
+        read_flag(terminated, "terminated"),
+        read_flag(truncated, "truncated"),
+        _read_info(info, "step()"),
+    )
+
+
+def _read_info(info: Any, call: str) -> Mapping[str, Any]:
+    if not isinstance(info, Mapping):
+        raise WorldError(f"{call} returned {describe_value(info)} as info; return a dict, {{}} for none")
+    return info
+
+
+def read_reward(reward: Any) -> float:
+    """Return a reward as a float; NaN and infinities too, as a log can hold them.
+
+    Raises:
+        WorldError: if it is not one real number.
+    """
+    if not isinstance(reward, str | bytes):
+        try:
+            return float(reward)
+        except (TypeError, ValueError, OverflowError):
+            pass  # said below in words that name what came
+    raise WorldError(
+        f"the reward must be one number and is {describe_value(reward)}; return a float, such as float(reward.sum())"
+    )
+
+
+def read_flag(flag: Any, name: str) -> bool:
+    """Return a flag as a bool; None counts as false.
+
+    Raises:
+        WorldError: if it could be read in two ways.
+    """
+    if isinstance(flag, np.ndarray) and flag.size == 1 and flag.dtype.kind in "biu":
+        flag = flag.item()
+    if flag is None or isinstance(flag, bool | np.bool_) or (isinstance(flag, int | np.integer) and flag in (0, 1)):
+        return bool(flag)
+    raise WorldError(f"{name} must be True or False and is {describe_value(flag)}; return bool({name})")
+
+
+def read_onset(info: Mapping[str, Any]) -> bool:
+    """Tell whether the next picture shows a stimulus onset, by ``info["onset"]``.
+
+    Raises:
+        WorldError: if it is there and no flag.
+    """
+    return "onset" in info and read_flag(info["onset"], "info['onset']")
+
+
+def read_picture(picture: Any) -> NDArray[np.uint8]:
+    """Return a picture as uint8[H, W, 3]. Other types count where they hold 0 to 255; fractions are cut off.
+
+    Raises:
+        WorldError: if it has another shape, or would be shown black or in wrong colours.
+    """
+    if not isinstance(picture, np.ndarray):
+        raise WorldError(f"render() returned {describe_value(picture)}; return a uint8 array of shape [H, W, 3]")
+    if picture.ndim != 3 or picture.shape[2] != 3 or 0 in picture.shape:
+        raise WorldError(
+            f"render() returned {describe_value(picture)}; return a uint8 array of shape [H, W, 3]"
+            f"{_explain_shape(picture.shape)}"
+        )
+    return picture if picture.dtype == np.uint8 else _convert_picture(picture)
+
+
+def _explain_shape(shape: tuple[int, ...]) -> str:
+    match shape:
+        case (_, _):
+            return ": a grey picture needs its channel three times, as np.stack([picture] * 3, axis=-1) gives it"
+        case (_, _, 4):
+            return ": leave out the transparency, picture[..., :3]"
+        case (3, _, _):
+            return ": the colours come last, picture.transpose(1, 2, 0)"
+        case (_, _, 1):
+            return ": a grey picture needs its channel three times, as picture.repeat(3, axis=2) gives it"
+    return ""
+
+
+def _convert_picture(picture: NDArray[Any]) -> NDArray[np.uint8]:
+    """Take a picture of another type over, where that cannot go wrong."""
+    kind = picture.dtype.kind
+    if kind not in "iuf":
+        raise WorldError(f"render() returned a picture of type {picture.dtype}; return uint8 values from 0 to 255")
+    low, high = float(picture.min()), float(picture.max())
+    if math.isnan(low):
+        raise WorldError("render() returned a picture with NaN; return uint8 values from 0 to 255")
+    if low < 0 or high > 255:
+        raise WorldError(f"render() returned values from {low:g} to {high:g}; return uint8 values from 0 to 255")
+    if 0 < high <= 1:  # a picture that is black throughout is black in either reading
+        raise WorldError(
+            f"render() returned {picture.dtype} values from {low:g} to {high:g}, which are shown as black; return "
+            "uint8 values from 0 to 255: (255 * picture).astype(np.uint8)"
+        )
+    return picture.astype(np.uint8)
+
+
+def explain_unhashable(value: Any, where: str = "the observation") -> str:
+    """Say which part of an observation a log cannot hash, and what to use instead; "" if there is none."""
+    match value:
+        case dict():
+            if any(not isinstance(key, str | int) for key in value) or len({type(key) for key in value}) > 1:
+                return f"{where} has keys that are not all text, or all whole numbers; name its parts by text"
+            parts = [(part, f"{where}[{key!r}]") for key, part in value.items()]
+        case tuple() | list():
+            parts = [(part, f"{where}[{number}]") for number, part in enumerate(value)]
+        case np.ndarray():
+            holds_objects = value.dtype.hasobject
+            return f"{where} is an array of Python objects; give it a type of numbers" if holds_objects else ""
+        case str():
+            broken = any("\ud800" <= letter <= "\udfff" for letter in value)
+            return f"{where} is text with half a character (a lone surrogate); remove it" if broken else ""
+        case None | bool() | int() | float() | bytes() | np.bool_() | np.integer() | np.floating():
+            return ""
+        case _:
+            return (
+                f"{where} is {describe_value(value)}, which a log cannot hash; "
+                "use numbers, text, arrays, and dicts, tuples and lists of them"
+            )
+    return next(filter(None, (explain_unhashable(part, place) for part, place in parts)), "")

@@ -1,0 +1,93 @@
+"""Read what a world says of success in its ``info``, and what of ``info`` a log keeps."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from minihuman.worlds.outcomes import WORLD_KEYS
+
+_MISSING = object()
+
+
+def read_success(info: Mapping[str, Any], key: str = "") -> bool | None:
+    """Read whether ``info`` says success; None where it does not say, or says no one yes or no.
+
+    Args:
+        info: a step's.
+        key: where to look, with dots where dictionaries are nested; "" looks where the usual keys are.
+    """
+    if key:
+        return convert_to_flag(find_info(info, key))
+    for usual in WORLD_KEYS:
+        if usual in info:
+            return convert_to_flag(info[usual])
+    return None
+
+
+def find_info(info: Mapping[str, Any], key: str) -> Any:
+    """Find a key of ``info``, itself or level by level at its dots; a value of our own where there is none."""
+    if key in info:
+        return info[key]
+    inner: Any = info
+    for name in key.split("."):
+        if not isinstance(inner, Mapping) or name not in inner:
+            return _MISSING
+        inner = inner[name]
+    return inner
+
+
+def has_info(info: Mapping[str, Any], key: str) -> bool:
+    """Whether ``info`` has a key."""
+    return find_info(info, key) is not _MISSING
+
+
+def convert_to_flag(content: Any) -> bool | None:
+    """Convert a yes or no in any of its usual forms: a number 0 or 1, an array, sequence or dictionary of one such."""
+    if isinstance(content, Mapping):
+        return convert_to_flag(next(iter(content.values()))) if len(content) == 1 else None
+    if isinstance(content, str) or content is None or content is _MISSING:
+        return None
+    try:
+        array = np.asarray(content)
+    except ValueError:  # a ragged sequence
+        return None
+    if array.size != 1 or array.dtype.kind not in "biuf":
+        return None
+    number = float(array.reshape(()))
+    return bool(number) if number in (0.0, 1.0) else None
+
+
+def encode_info(info: Mapping[str, Any], keys: Sequence[str]) -> str:
+    """Encode chosen keys of ``info`` as JSON; a key that is not there is left out, what no table holds is null."""
+    kept = {key: _to_plain(find_info(info, key)) for key in keys if has_info(info, key)}
+    return json.dumps(kept, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+
+
+def can_keep(content: Any) -> bool:
+    """Whether a log can keep a value of ``info`` whole."""
+    if isinstance(content, Mapping):
+        return all(isinstance(key, str) and can_keep(inner) for key, inner in content.items())
+    if isinstance(content, list | tuple):
+        return all(map(can_keep, content))
+    if isinstance(content, np.ndarray):
+        return content.dtype.kind in "biufU"
+    return content is None or isinstance(content, bool | int | float | str | np.generic)
+
+
+def _to_plain(content: Any) -> Any:
+    match content:
+        case Mapping():
+            return {str(key): _to_plain(inner) for key, inner in content.items()}
+        case np.ndarray() | np.generic():
+            return _to_plain(content.tolist()) if content.dtype.kind in "biufU" else None
+        case list() | tuple():
+            return [_to_plain(inner) for inner in content]
+        case float():
+            return content if math.isfinite(content) else None
+        case bool() | int() | str():
+            return content
+        case _:
+            return None

@@ -1,0 +1,50 @@
+"""What a world's reset and step gave, as a session needs it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from minihuman.worlds.adapters.success import encode_info, read_success
+from minihuman.worlds.outcomes import OutcomeRule, StepFacts
+
+
+@dataclass(frozen=True, slots=True)
+class ResetResult:
+    """What a reset gave."""
+
+    observation_hash: int
+    mission: str  # "" where the world states none
+    onset: bool = False  # info["onset"]: the first picture shows a stimulus onset
+
+
+@dataclass(frozen=True, slots=True)
+class StepResult:
+    """What a step gave."""
+
+    reward: float
+    terminated: bool
+    truncated: bool  # the environment's own limit; a session adds its plan's
+    observation_hash: int
+    onset: bool = False  # info["onset"]: the picture after the step shows a stimulus onset
+    info: Mapping[str, Any] = field(default_factory=dict)  # the world's own
+    is_own: bool = False  # of a laboratory's own world, whose end with a reward above 0 is success
+
+    def find_success(self, rule: OutcomeRule) -> bool | None:
+        """Return what the world says of success, where a rule asks it; None where none asks, or it does not say.
+
+        What ``info`` says comes before what the reward of a laboratory's own world says.
+        """
+        if not rule.asks_world:
+            return None
+        says = read_success(self.info, rule.info_key)
+        if says is not None or rule.info_key or not self.is_own:
+            return says
+        return self.terminated and self.reward > 0
+
+    def collect_facts(self, rule: OutcomeRule, *, return_: float, spent: bool = False) -> StepFacts:
+        """Collect what a rule looks at; ``spent`` says that the last step of a limit was made."""
+        return StepFacts(self.reward, return_, self.terminated, self.truncated or spent, self.find_success(rule))
+
+    def encode_info(self, keys: Sequence[str]) -> str:
+        """Encode chosen keys of ``info`` as JSON."""
+        return encode_info(self.info, keys)

@@ -1,0 +1,106 @@
+"""What the wrappers around a world keep: saved, restored and hashed with its state. Knows no world and no session."""
+
+import copy
+from collections import deque
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import wrappers
+
+from minihuman.errors import WorldError
+from minihuman.worlds.hashing import hash64
+
+_HOUSEKEEPING = (
+    *(wrappers.OrderEnforcing, wrappers.PassiveEnvChecker, wrappers.TimeLimit, wrappers.RecordEpisodeStatistics),
+    *(wrappers.RecordVideo, wrappers.HumanRendering, wrappers.RenderCollection),
+)
+# what Gymnasium keeps on every wrapper
+_NOT_STATE = frozenset(
+    {"env", "_action_space", "_observation_space", "_metadata", "_cached_spec", "_saved_kwargs", "spec"}
+    | {"action_space", "observation_space", "metadata"}
+)
+_ABSENT = object()
+
+
+class WrapperState:
+    """What the wrappers around a world keep, from outside in, and whether they redraw the picture.
+
+    An episode begins with wrappers as they were made, so that nothing leaks from one to the next; what they change in
+    it counts as state: numbers, texts, arrays, tuples, lists, dicts, sets and deques of them, and random streams.
+    """
+
+    def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
+        self._each: list[Any] = []
+        while isinstance(env, gymnasium.Wrapper):
+            if not isinstance(env, _HOUSEKEEPING):
+                self._each.append(env)
+            env = env.env
+        self.any = bool(self._each)
+        self.redraw = any(type(each).render is not gymnasium.Wrapper.render for each in self._each)
+        self._made = [dict(_attributes(each)) for each in self._each]  # by reference, to know them again
+        self._digests = [{name: _digest(value) for name, value in made.items()} for made in self._made]
+        self._copies = self.save()
+
+    def begin(self) -> None:
+        """Bring the wrappers back to how they were made."""
+        if self.changes():
+            self.restore(self._copies)
+
+    def changes(self) -> list[Any]:
+        """The attributes that changed since the wrappers were made, to be hashed; empty if none did.
+
+        Raises:
+            WorldError: if a wrapper holds something that cannot be hashed.
+        """
+        found = []
+        for place, wrapper in enumerate(self._each):
+            made, digests = self._made[place], self._digests[place]
+            for name, value in _attributes(wrapper):
+                digest = _digest(value)
+                if digest is None and value is not made.get(name, _ABSENT):
+                    raise WorldError(
+                        f"{type(wrapper).__name__}.{name} is a {type(value).__name__}; a wrapper's state may hold only "
+                        "numbers, strings, arrays, tuples, lists and dicts"
+                    )
+                if digest is not None and digest != digests.get(name):
+                    found.append((place, name, _plain(value)))
+        return found
+
+    def save(self) -> list[dict[str, Any]]:
+        """A copy of all that they keep and that can change."""
+        return [
+            {name: copy.deepcopy(value) for name, value in _attributes(each) if _digest(value) is not None}
+            for each in self._each
+        ]
+
+    def restore(self, saved: list[dict[str, Any]]) -> None:
+        """Go back to a copy, which is not consumed."""
+        for wrapper, kept in zip(self._each, saved, strict=True):
+            for name, value in list(_attributes(wrapper)):
+                if name not in kept and _digest(value) is not None:
+                    delattr(wrapper, name)
+            vars(wrapper).update(copy.deepcopy(kept))
+
+
+def _attributes(wrapper: Any) -> list[tuple[str, Any]]:
+    return sorted((name, value) for name, value in vars(wrapper).items() if name not in _NOT_STATE)
+
+
+def _digest(value: Any) -> int | None:
+    try:
+        return hash64(_plain(value))
+    except TypeError:
+        return None
+
+
+def _plain(value: Any) -> Any:
+    match value:
+        case set() | frozenset():
+            return sorted(value)
+        case deque():
+            return list(value)
+        case np.random.Generator():
+            return value.bit_generator.state
+        case _:
+            return value

@@ -1,0 +1,339 @@
+"""Conformance of a world: it is played as a participant will, and every value that comes back is checked.
+
+Played without drawing, with a picture after each step, again in a second process, and on from a saved state: all from
+the same seeds with the same actions. Says in sentences what would break a session, what would make its log unprovable,
+and what is only odd. Knows no protocol.
+"""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from minihuman.errors import WorldError
+from minihuman.worlds.adapters.foreign_code import contain_errors
+from minihuman.worlds.adapters.spaces import VectorActions
+from minihuman.worlds.adapters.transition import ResetResult, StepResult
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.contract import Palette, View
+from minihuman.worlds.hashing import hash64
+from minihuman.worlds.observation_spaces import find_outside
+
+EPISODE_STEPS = 100  # that are played of an episode, at most
+SLOW_START_S = 1.0
+N_STEPS_BEFORE_SAVE, N_STEPS_AFTER_SAVE = 5, 20
+
+
+@dataclass(frozen=True, slots=True)
+class Rehearsal:
+    """What is played: a world, and as what a block shows it.
+
+    Attributes:
+        actions: numbers of the actions that a participant can do.
+        steps: how many are played, over several episodes.
+    """
+
+    world: str
+    options: dict[str, Any]
+    seeds: tuple[int, ...]
+    actions: tuple[int, ...]
+    view: View | Literal["text"] = "partial"
+    palette: Palette = "classic"
+    size_px: tuple[int, int] = (640, 480)
+    max_steps: int = EPISODE_STEPS
+    steps: int = 300
+
+
+class Moment(NamedTuple):
+    """What a reset or a step gave; the picture's hash is 0 where none was drawn."""
+
+    seed: int
+    step: int  # 0 for the reset
+    mission: str
+    observation: int
+    state: int
+    reward: float
+    terminated: bool
+    truncated: bool
+    picture: int = 0
+
+    @property
+    def place(self) -> str:
+        """Where it was: "step 3 of seed 0"."""
+        return f"step {self.step} of seed {self.seed}" if self.step else f"the reset with seed {self.seed}"
+
+    def find_difference(self, other: "Moment") -> str:
+        """The name of the first part that differs, "" if none does; NaN equals NaN."""
+        names = ("mission", "observation", "state", "reward", "terminated", "truncated", "picture")
+        differing = (name for name in names if not _is_same(getattr(self, name), getattr(other, name)))
+        return next(differing, "")
+
+
+@dataclass(slots=True)
+class ConformanceReport:
+    """Sentences on a world: of what breaks a session, of what is wrong in its log, of what its log cannot prove, and
+    of what is only odd.
+    """
+
+    broken: list[str] = field(default_factory=list)
+    unsound: list[str] = field(default_factory=list)
+    unprovable: list[str] = field(default_factory=list)
+    notices: list[str] = field(default_factory=list)
+
+
+def examine_world(rehearsal: Rehearsal, replay_elsewhere: "SecondProcess | None" = None) -> ConformanceReport:
+    """Play a world and report on it; ``replay_elsewhere`` plays the same in a second process.
+
+    What is broken ends the play at its first sentence.
+    """
+    report = ConformanceReport()
+    try:
+        _examine(rehearsal, replay_elsewhere, report)
+    except WorldError as error:
+        report.broken.append(str(error).removeprefix(f"{rehearsal.world}: "))
+    return report
+
+
+SecondProcess = Callable[[Rehearsal], Sequence[Moment] | str]  # what it gave, or why it gave nothing
+
+
+def _examine(rehearsal: Rehearsal, replay_elsewhere: SecondProcess | None, report: ConformanceReport) -> None:
+    started_s = time.perf_counter()
+    with closing(World(rehearsal.world, rehearsal.options)) as world:
+        start_s = time.perf_counter() - started_s
+        if isinstance(world.actions, VectorActions) and world.actions.unbound:
+            whole = len(world.actions.rest)
+            bound = whole - world.actions.unbound
+            report.notices.append(f"keys move the first {bound} of {whole} parts of an action; the others stay at rest")
+        if world.is_built_in:
+            return
+        names = world.action_names
+        if twice := next((name for name in names if names.count(name) > 1), ""):
+            report.notices.append(f"two actions are called {twice!r}, and keys do the first of them; name them apart")
+        if start_s > SLOW_START_S:
+            report.notices.append(f"it takes {start_s:.1f} s to make, which a participant waits")
+        watch = _ValueWatch(world, report)
+        drawn = play(world, rehearsal, draws=True, watch=watch)
+        watch.report_pictures()
+        with closing(World(rehearsal.world, rehearsal.options)) as other:
+            plain = play(other, rehearsal, draws=False)
+            difference = _describe_difference(drawn, plain)
+            if difference:
+                report.unprovable.append(_explain_replay(rehearsal, difference, plain))
+            else:
+                _examine_copy(other, rehearsal, report)
+    if replay_elsewhere is not None and not report.unprovable:
+        _compare_processes(drawn, replay_elsewhere(rehearsal), report)
+
+
+def play(world: World, rehearsal: Rehearsal, *, draws: bool, watch: "_ValueWatch | None" = None) -> list[Moment]:
+    """Play episodes of a rehearsal's seeds in turn until its steps are done, with actions drawn from its first seed.
+
+    Raises:
+        WorldError: at the first thing that a session could not go on after; it says where.
+    """
+    actions = np.random.default_rng(rehearsal.seeds[0])
+    moments: list[Moment] = []
+    steps, episodes = 0, 0
+    while steps < rehearsal.steps and episodes < rehearsal.steps:
+        seed = rehearsal.seeds[episodes % len(rehearsal.seeds)]
+        episodes += 1
+        moments.append(_take(world, rehearsal, (seed, 0), partial(world.reset, seed), draws=draws, watch=watch))
+        for step in range(1, min(EPISODE_STEPS, rehearsal.max_steps) + 1):
+            action = rehearsal.actions[int(actions.integers(len(rehearsal.actions)))]
+            moments.append(_take(world, rehearsal, (seed, step), partial(world.step, action), draws=draws, watch=watch))
+            steps += 1
+            if moments[-1].terminated or moments[-1].truncated:
+                break
+    return moments
+
+
+def _take(
+    world: World,
+    rehearsal: Rehearsal,
+    at: tuple[int, int],
+    act: Callable[[], ResetResult | StepResult],
+    *,
+    draws: bool,
+    watch: "_ValueWatch | None",
+) -> Moment:
+    """Make a reset or a step, and see what it gave."""
+    moment = Moment(*at, "", 0, 0, 0.0, terminated=False, truncated=False)
+    try:
+        transition = act()
+        if world.pose() is not None and not moment.step:
+            world.map()
+        picture = world.frame(rehearsal.view, rehearsal.size_px, rehearsal.palette) if draws else None
+        moment = moment._replace(
+            observation=transition.observation_hash,
+            state=world.state_hash(),
+            picture=0 if picture is None else hash64(np.ascontiguousarray(picture)),
+        )
+    except WorldError as error:
+        raise WorldError(f"{error}, at {moment.place}") from error
+    if isinstance(transition, ResetResult):
+        moment = moment._replace(mission=transition.mission)
+    else:
+        moment = moment._replace(
+            reward=transition.reward, terminated=transition.terminated, truncated=transition.truncated
+        )
+    if watch is not None:
+        watch.look(moment, None if picture is None else picture.shape)
+    return moment
+
+
+class _ValueWatch:
+    """Holds observations, rewards and pictures of a play against what they should be; says each thing once."""
+
+    def __init__(self, world: World, report: ConformanceReport) -> None:
+        self._world = world
+        self._report = report
+        self._type = ""  # of the first picture that is not of uint8
+        self._outside = ""
+        self._shapes: dict[tuple[int, ...], str] = {}  # of pictures, with the place of the first
+
+    def look(self, moment: Moment, shape: tuple[int, ...] | None) -> None:
+        """Check what the world has given just now."""
+        if not self._outside and (outside := self._find_outside()):
+            self._outside = outside
+            self._report.notices.append(
+                f"at {moment.place}, {outside}; correct it or observation_space, by which exports go"
+            )
+        if not math.isfinite(moment.reward) and not self._report.unsound:
+            self._report.unsound.append(f"the reward is {moment.reward} at {moment.place}; return a finite number")
+        if shape is not None:
+            self._shapes.setdefault(shape, moment.place)
+            self._type = self._type or self._find_type(moment)
+
+    def _find_outside(self) -> str:
+        world = self._world
+        with contain_errors(world.id, "its observation_space"):
+            return find_outside(world.observation, world.observation_space)
+
+    def _find_type(self, moment: Moment) -> str:
+        """The type of the picture at the reset, where it is not uint8."""
+        if moment.step or not self._world.draws_itself:
+            return ""
+        with contain_errors(self._world.id, "render()"):
+            picture = self._world.render((640, 480))
+        return "" if picture.dtype == np.uint8 else str(picture.dtype)
+
+    def report_pictures(self) -> None:
+        """Report pictures of several sizes, and those of another type than uint8."""
+        shapes = list(self._shapes.items())
+        if len(shapes) > 1:
+            (first, _), (other, place) = shapes[:2]
+            self._report.notices.append(
+                f"its picture changes size: {first[1]} x {first[0]} pixels at first, {other[1]} x {other[0]} at "
+                f"{place}; LeRobot, robomimic and RLDS cannot hold that"
+            )
+        if self._type:
+            self._report.notices.append(f"its picture is of {self._type}; fractions are cut off, so return uint8")
+
+
+def _describe_difference(moments: Sequence[Moment], others: Sequence[Moment]) -> str:
+    """Where two plays differ first, "the observation at step 3 of seed 0"; pictures count where both were drawn."""
+    for moment, other in zip(moments, others, strict=False):
+        if not (moment.picture and other.picture):
+            moment, other = moment._replace(picture=0), other._replace(picture=0)
+        if part := moment.find_difference(other):
+            return f"the {part} at {moment.place}"
+    return "" if len(moments) == len(others) else "how many steps were made"
+
+
+def _explain_replay(rehearsal: Rehearsal, drawn: str, plain: Sequence[Moment]) -> str:
+    """Say why a play with pictures differs from one without: by chance that the seed does not govern, or by drawing."""
+    with closing(World(rehearsal.world, rehearsal.options)) as world:
+        again = play(world, rehearsal, draws=False)
+    undrawn = _describe_difference(plain, again)
+    if not undrawn:
+        return (
+            f"drawing changes it: with pictures {drawn} differs from without; let render() change nothing, so draw no "
+            "random numbers from np_random in it"
+        )
+    unseeded = plain[0].observation == again[0].observation and plain[0].state != again[0].state
+    what = "call super().reset(seed=seed) in reset()" if unseeded else "draw every random number from self.np_random"
+    return (
+        f"nondeterministic: two plays of one seed differ, first in {undrawn}, so no log proves it; {what}, or set "
+        "record_observations = true in its block, which keeps what was seen"
+    )
+
+
+def _examine_copy(world: World, rehearsal: Rehearsal, report: ConformanceReport) -> None:
+    """Save in mid-episode, go on, go back and go on again."""
+    seed = rehearsal.seeds[0]
+    for before in (N_STEPS_BEFORE_SAVE, 1):
+        world.reset(seed)
+        if not any(_is_over(world, rehearsal, number) for number in range(before)):
+            break
+    else:
+        return  # over with its first step
+    try:
+        saved = world.save()
+    except WorldError:
+        report.notices.append("it cannot be copied, so a browser shows each step one round trip after its key")
+        return
+    first = _go_on(world, rehearsal)
+    try:
+        world.restore(saved)
+        again = _go_on(world, rehearsal)
+    except WorldError as error:
+        report.unprovable.append(f"a copy of it in mid-episode cannot be gone back to ({error}); {_COPY_ADVICE}")
+        return
+    if difference := _describe_difference(first, again):
+        report.unprovable.append(f"gone back to a copy of it in mid-episode, {difference} differs; {_COPY_ADVICE}")
+
+
+_COPY_ADVICE = "keep all that changes in attributes of the environment, or let copy.deepcopy of one raise"
+
+
+def _is_over(world: World, rehearsal: Rehearsal, number: int) -> bool:
+    transition = world.step(rehearsal.actions[number % len(rehearsal.actions)])
+    return transition.terminated or transition.truncated
+
+
+def _go_on(world: World, rehearsal: Rehearsal) -> list[Moment]:
+    moments = []
+    for number in range(N_STEPS_AFTER_SAVE):
+        transition = world.step(rehearsal.actions[number % len(rehearsal.actions)])
+        moments.append(
+            Moment(
+                rehearsal.seeds[0],
+                number + 1,
+                "",
+                transition.observation_hash,
+                world.state_hash(),
+                transition.reward,
+                transition.terminated,
+                transition.truncated,
+            )
+        )
+        if transition.terminated or transition.truncated:
+            break
+    return moments
+
+
+def _compare_processes(here: Sequence[Moment], there: Sequence[Moment] | str, report: ConformanceReport) -> None:
+    if isinstance(there, str):
+        report.notices.append(f"it was not played in a second process: {there}")
+        return
+    difference = _describe_difference(here, there)
+    if difference.startswith("the picture"):
+        report.unprovable.append(
+            f"{difference} differs between two plays, and nothing else does, so no log proves what was seen; draw only "
+            "what the seed and the actions decide"
+        )
+    elif difference:
+        report.unprovable.append(
+            f"it plays differently in a second process, first in {difference}, so no log proves it; the order of "
+            "sets, hash(), time and files differ there"
+        )
+
+
+def _is_same(value: Any, other: Any) -> bool:
+    return bool(value == other) or (value != value and other != other)

@@ -1,0 +1,463 @@
+"""What lies in a grid, as Minigrid's objects look: cells and things that are views of a world's state.
+
+A view shows the present until the world is reset or restored, and the last state of its episode afterwards. Setting a
+thing's colour, a door's state or a box's contents writes the world's state.
+"""
+
+import builtins
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.worlds.colours import COLOURS
+from minihuman.worlds.grid.core.cells import (
+    BOX,
+    CLOSED,
+    DOOR,
+    EMPTY,
+    GREY_WALL,
+    LOCKED,
+    OPEN,
+    colour_of,
+    colours_of,
+    identities_of,
+    identity_of,
+    in_colour,
+    in_state,
+    kind_of,
+    kinds_of,
+    pack,
+    state_of,
+    states_of,
+)
+from minihuman.worlds.grid.core.state import (
+    CARRYING,
+    FAILED,
+    FIRST_OWN_KIND,
+    OBJECTS,
+    State,
+    contents_index,
+    make,
+    put,
+)
+from minihuman.worlds.grid.object_kinds import ObjectKind, kind_name
+from minihuman.worlds.options import check_bool, check_one_of
+from minihuman.worlds.upstream_names import WorldAttributeError
+
+Place = tuple[int, int]  # column, row
+_OF_MINIGRID = "minigrid.core.world_object"
+_INSTEAD = {
+    "render": "draw with env.unwrapped.get_frame()",
+    "init_pos": "read cur_pos right after reset()",
+    "decode": "set a cell with env.unwrapped.grid.set()",
+}
+
+
+class ObjectViews:
+    """The things of one episode: the same thing is the same view each time."""
+
+    def __init__(self, state: State, kinds: Sequence[ObjectKind]) -> None:
+        self.state = state
+        self.kinds = kinds
+        self.instructions: Any = None  # the view of the episode's instruction, once it was asked for
+        self._by_identity: dict[int, ObjectView] = {}
+
+    def freeze(self) -> None:
+        """Let every view show for good what the state is now."""
+        self.state = State(self.state.row.copy())
+
+    def of(self, code: int, place: Place | None) -> "ObjectView | None":
+        """Return the view of what lies in a cell or in the hand; None for nothing."""
+        if code == EMPTY:
+            return None
+        identity = identity_of(code)
+        if identity == 0:
+            return ObjectView(self, code, place)
+        view = self._by_identity.setdefault(identity, ObjectView(self, code, None))
+        view._code = code
+        return view
+
+    def of_identity(self, identity: int) -> "ObjectView":
+        """Return the view of a thing by its number in the world.
+
+        Raises:
+            WorldError: if it is gone.
+        """
+        view = self._by_identity.get(identity) or self.of(self.code_of(identity), None)
+        if view is None:
+            raise WorldError(f"thing {identity} is gone; read it right after reset()")
+        return view
+
+    def make(self, kind: int, colour: int) -> "ObjectView":
+        """Return a new thing that lies nowhere yet.
+
+        Raises:
+            WorldError: if too many things were made.
+        """
+        view = self.of(_make(self.state, kind, colour, 0), None)
+        assert view is not None
+        return view
+
+    def code_of(self, identity: int) -> int:
+        """Return the code of a thing, wherever it lies; EMPTY if it is gone."""
+        state = self.state
+        place = state.find(identity)
+        if place is not None:
+            return int(state.cells[place])
+        if identity_of(state.carrying) == identity:
+            return state.carrying
+        inside = state.contents[identities_of(state.contents) == identity]
+        return int(inside[0]) if len(inside) else EMPTY
+
+    def replace(self, old: int, new: int, place: Place | None) -> None:
+        """Write another code for a thing, wherever it lies; scenery lies in ``place``."""
+        state, identity = self.state, identity_of(old)
+        where = state.find(identity) if identity else place
+        if where is not None:
+            if int(state.cells[where]) == old:
+                state.cells[where] = new
+        elif identity and identity_of(state.carrying) == identity:
+            state.row[CARRYING] = new
+        elif identity:
+            state.contents[identities_of(state.contents) == identity] = new
+
+
+def _make(state: State, kind: int, colour: int, door: int) -> int:
+    """The code of a new thing.
+
+    Raises:
+        WorldError: if too many things were made.
+    """
+    row = state.row
+    code = int(make(row, kind, colour, door))
+    if code == EMPTY:
+        row[FAILED] = 0
+        raise WorldError(
+            f"{row[OBJECTS]} things were made in this episode, the maximum for this grid; reuse those that "
+            "grid.get returns"
+        )
+    return code
+
+
+class ObjectView:
+    """What lies in a cell or in the hand: ``type`` and ``color``, of a door ``is_open`` and ``is_locked``.
+
+    Where Minigrid is imported, it is an instance of Minigrid's class of its kind: ``isinstance(cell, Goal)``.
+    """
+
+    __slots__ = ("_code", "_place", "_views")
+
+    def __init__(self, views: ObjectViews, code: int, place: Place | None) -> None:
+        self._views = views
+        self._code = code
+        self._place = place  # of scenery; the state knows where other things lie
+
+    @property  # type: ignore[misc]  # isinstance reads it, nothing writes it
+    def __class__(self) -> builtins.type:
+        return getattr(sys.modules.get(_OF_MINIGRID), self.type.capitalize(), ObjectView)
+
+    @property
+    def views(self) -> ObjectViews:
+        """The things of the episode that this one is of."""
+        return self._views
+
+    @property
+    def code(self) -> int:
+        """The code of its kind, colour, state and identity now, or when it was last there."""
+        identity = identity_of(self._code)
+        present = self._views.code_of(identity) if identity else EMPTY
+        if present != EMPTY:
+            self._code = present
+        return self._code
+
+    @property
+    def own(self) -> ObjectKind | None:
+        """The world's own kind that it is of; None for Minigrid's."""
+        number = kind_of(self._code)
+        return self._views.kinds[number - FIRST_OWN_KIND] if number >= FIRST_OWN_KIND else None
+
+    @property
+    def type(self) -> str:
+        """The name of its kind."""
+        return kind_name(kind_of(self._code), self._views.kinds)
+
+    @property
+    def color(self) -> str:
+        """The name of its colour; set it to repaint it."""
+        return COLOURS[colour_of(self.code)]
+
+    @color.setter
+    def color(self, colour: str) -> None:
+        number = COLOURS.index(check_one_of("color", colour, COLOURS))
+        self._write(in_colour(self.code, number))
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is a door, or opens as one, and is open; set it to open or close it."""
+        return self._opens and state_of(self.code) == OPEN
+
+    @is_open.setter
+    def is_open(self, is_open: bool) -> None:
+        self._check_opens("is_open")
+        if self.is_locked and check_bool("is_open", is_open):
+            raise WorldError(f"this {self.type} is locked, so it cannot be open; set is_locked = False first")
+        if not self.is_locked:
+            self._write(in_state(self.code, OPEN if is_open else CLOSED))
+
+    @property
+    def is_locked(self) -> bool:
+        """Whether it is a door, or opens as one, and is locked; set it to lock or unlock it."""
+        return self._opens and state_of(self.code) == LOCKED
+
+    @is_locked.setter
+    def is_locked(self, is_locked: bool) -> None:
+        self._check_opens("is_locked")
+        if self.is_open and check_bool("is_locked", is_locked):
+            raise WorldError(f"this {self.type} is open, so it cannot be locked; set is_open = False first")
+        if not self.is_open:
+            self._write(in_state(self.code, LOCKED if is_locked else CLOSED))
+
+    @property
+    def contains(self) -> "ObjectView | None":
+        """What a box contains; None for nothing. Set it to put something else into it."""
+        return self._views.of(self._inside, None)
+
+    @contains.setter
+    def contains(self, thing: Any) -> None:
+        if kind_of(self._code) != BOX or not identity_of(self._code):
+            raise WorldAttributeError(f"a {self.type} contains nothing; put a Box into the cell and set its contains")
+        grid = GridView(self._views)
+        self._views.state.row[self._contents_place] = 0 if thing is None else grid.code_for(thing)
+
+    @property
+    def cur_pos(self) -> Place | None:
+        """Its column and row; None in the hand, in a box, and for the wall outside the grid."""
+        identity = identity_of(self._code)
+        return self._views.state.find(identity) if identity else self._place
+
+    @cur_pos.setter
+    def cur_pos(self, place: Any) -> None:
+        raise WorldAttributeError("cur_pos cannot be set; move it with env.unwrapped.put_obj(thing, column, row)")
+
+    def can_pickup(self) -> bool:
+        """Whether it can be carried."""
+        return self.own.carried if self.own else self.type in ("key", "ball", "box")
+
+    def can_overlap(self) -> bool:
+        """Whether the agent can stand on it."""
+        return self.is_open or (self.own.stepped_on if self.own else self.type in ("floor", "goal", "lava"))
+
+    def can_contain(self) -> bool:
+        """Whether another thing can be put into it by an action: never."""
+        return False
+
+    def see_behind(self) -> bool:
+        """Whether the agent sees what is behind it."""
+        return self.is_open or not (self.own.hides if self.own else self.type in ("wall", "door"))
+
+    def encode(self) -> tuple[int, int, int]:
+        """Kind, colour and state as numbers."""
+        return kind_of(self.code), colour_of(self.code), state_of(self.code)
+
+    def toggle(self, env: Any, pos: Sequence[int]) -> bool:
+        """Do what the action "toggle" does to it in front of the agent; whether that did anything."""
+        if kind_of(self._code) == BOX:
+            env.unwrapped.grid.set(*pos, self.contains)
+            return True
+        if not self._opens:
+            return False
+        key = env.unwrapped.carrying
+        if self.is_locked and (key is None or key.type != "key" or key.color != self.color):
+            return False
+        self._write(in_state(self.code, CLOSED if self.is_open else OPEN))
+        return True
+
+    def __getattr__(self, name: str) -> Any:
+        advice = f"; {_INSTEAD[name]}" if name in _INSTEAD else ""
+        raise WorldAttributeError(f"a thing in a grid has no attribute {name!r}{advice}")
+
+    def __eq__(self, other: object) -> bool:
+        mine = self.code, self.cur_pos, self.contains
+        return builtins.type(other) is ObjectView and mine == (other.code, other.cur_pos, other.contains)
+
+    def __hash__(self) -> int:
+        return hash((identity_of(self._code), self._place))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ObjectView, (self._views, self._code, self._place)
+
+    @property
+    def _opens(self) -> bool:
+        return self.own.opens if self.own else kind_of(self._code) == DOOR
+
+    @property
+    def _contents_place(self) -> int:
+        return int(contents_index(self._views.state.row, identity_of(self._code)))
+
+    @property
+    def _inside(self) -> int:
+        is_box = kind_of(self._code) == BOX and identity_of(self._code) > 0
+        return int(self._views.state.row[self._contents_place]) or EMPTY if is_box else EMPTY
+
+    def _check_opens(self, name: str) -> None:
+        if not self._opens:
+            raise WorldAttributeError(f"a {self.type} has no {name} to set; only doors open")
+
+    def _write(self, code: int) -> None:
+        self._views.replace(self.code, code, self._place)
+        self._code = code
+
+
+class GridView:
+    """The cells: ``grid.get(x, y)`` is an `ObjectView`, or None for an empty cell.
+
+    Args:
+        views: The world's things.
+        codes: Other cells than the world's, indexed [x, y].
+        places: Where each of them lies in the world, x * height + y; -1 outside it.
+    """
+
+    def __init__(
+        self,
+        views: ObjectViews,
+        codes: NDArray[np.int32] | None = None,
+        places: NDArray[np.int64] | None = None,
+    ) -> None:
+        cells = views.state.cells
+        self.views = views
+        self._codes = codes
+        self.places = np.arange(cells.size).reshape(cells.shape) if places is None else places
+        self.width, self.height = self.codes.shape
+
+    @property
+    def codes(self) -> NDArray[np.int32]:
+        """The cells' codes, indexed [x, y]; of the world's grid, a view of its state."""
+        return self.views.state.cells if self._codes is None else self._codes
+
+    @property
+    def grid(self) -> list[ObjectView | None]:
+        """Every cell, row by row."""
+        cells = zip(self.codes.T.ravel().tolist(), self.places.T.ravel().tolist(), strict=True)
+        return [None if code == EMPTY else self._view(code, place) for code, place in cells]
+
+    def get(self, i: int, j: int) -> ObjectView | None:
+        """What lies in a cell, column and row.
+
+        Raises:
+            IndexError: if there is no such cell.
+        """
+        self._check(i, j)
+        return self._view(int(self.codes[i, j]), int(self.places[i, j]))
+
+    def set(self, i: int, j: int, v: Any) -> None:
+        """Lay a thing into a cell of the world, one from this world or of Minigrid's classes; None empties it.
+
+        Raises:
+            IndexError: if there is no such cell.
+            WorldError: if this is not a whole grid but a part of one, or too many things were made.
+        """
+        self._check(i, j)
+        if self._codes is not None:
+            raise WorldError("this grid is a part of another; set cells of env.unwrapped.grid instead")
+        put(self.views.state.row, i, j, self.code_for(v))
+
+    def horz_wall(self, x: int, y: int, length: int | None = None, obj_type: Callable[[], Any] | None = None) -> None:
+        """Lay walls, or things of another class, to the right of a cell; to the edge without a length."""
+        for i in range(self.width - x if length is None else length):
+            self._lay(x + i, y, obj_type)
+
+    def vert_wall(self, x: int, y: int, length: int | None = None, obj_type: Callable[[], Any] | None = None) -> None:
+        """Lay walls, or things of another class, below a cell; to the edge without a length."""
+        for j in range(self.height - y if length is None else length):
+            self._lay(x, y + j, obj_type)
+
+    def wall_rect(self, x: int, y: int, w: int, h: int) -> None:
+        """Lay the four walls of a room, walls included in its size."""
+        for row in (y, y + h - 1):
+            self.horz_wall(x, row, w)
+        for column in (x, x + w - 1):
+            self.vert_wall(column, y, h)
+
+    def slice(self, x: int, y: int, width: int, height: int) -> "GridView":
+        """A part of the grid, from its top left cell; outside the grid is wall."""
+        codes, places = np.full((width, height), GREY_WALL, np.int32), np.full((width, height), -1, np.int64)
+        left, top = max(x, 0), max(y, 0)
+        right, bottom = max(min(x + width, self.width), left), max(min(y + height, self.height), top)
+        inside = slice(left - x, right - x), slice(top - y, bottom - y)
+        codes[inside] = self.codes[left:right, top:bottom]
+        places[inside] = self.places[left:right, top:bottom]
+        return GridView(self.views, codes, places)
+
+    def rotate_left(self) -> "GridView":
+        """The same cells turned counter-clockwise."""
+        return GridView(self.views, np.rot90(self.codes, -1).copy(), np.rot90(self.places, -1))
+
+    def copy(self) -> "GridView":
+        """A copy of the cells as they are now: no step changes it, and setting its cells changes no world."""
+        views = ObjectViews(State(self.views.state.row.copy()), self.views.kinds)
+        return GridView(views, None if self._codes is None else self._codes.copy(), self.places)
+
+    def encode(self, vis_mask: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
+        """Kind, colour and state of every cell, uint8[width, height, 3]; zeros where ``vis_mask`` is False."""
+        codes = self.codes
+        image = np.stack([kinds_of(codes), colours_of(codes), states_of(codes)], axis=-1).astype(np.uint8)
+        return image if vis_mask is None else image * vis_mask[..., None]
+
+    def code_for(self, thing: Any) -> int:
+        """Return the code to lay down for a thing of this world, which leaves its cell, or a new one like it.
+
+        Raises:
+            WorldError: if too many things were made.
+        """
+        row = self.views.state.row
+        if thing is None:
+            return EMPTY
+        if type(thing) is ObjectView and thing.views is self.views:
+            place = thing.cur_pos if identity_of(thing.code) else None
+            if place is not None:
+                put(row, *place, EMPTY)  # it cannot lie in two cells
+            return thing.code
+        kind, colour, state = thing.encode()
+        if not thing.can_pickup() and kind != DOOR:
+            return pack(kind, colour, state, 0)
+        code = _make(self.views.state, kind, colour, state)
+        if thing.contains is not None:
+            row[contents_index(row, identity_of(code))] = self.code_for(thing.contains)
+        return code
+
+    def __contains__(self, key: Any) -> bool:
+        """Whether a thing of a type, of a (colour, type), or this very thing lies in the grid."""
+        if type(key) is ObjectView:
+            return bool((self.codes == key.code).any())
+        colour, kind = key if isinstance(key, tuple) else (None, key)
+        return any(cell is not None and cell.type == kind and colour in (None, cell.color) for cell in self.grid)
+
+    def __eq__(self, other: object) -> bool:
+        """Whether another grid, ours or Minigrid's, looks the same."""
+        return hasattr(other, "encode") and np.array_equal(self.encode(), other.encode())
+
+    __hash__ = None  # type: ignore[assignment]  # it changes
+
+    def __getattr__(self, name: str) -> Any:
+        advice = "; draw with env.unwrapped.get_frame()" if name in ("render", "render_tile", "tile_cache") else ""
+        advice = "; gen_obs_grid() says what is seen" if name == "process_vis" else advice
+        raise WorldAttributeError(f"a grid has no attribute {name!r}{advice}")
+
+    def _lay(self, x: int, y: int, obj_type: Callable[[], Any] | None) -> None:
+        if obj_type is not None:
+            self.set(x, y, obj_type())
+            return
+        self._check(x, y)
+        self.set(x, y, ObjectView(self.views, GREY_WALL, (x, y)))
+
+    def _check(self, i: int, j: int) -> None:
+        if not (0 <= i < self.width and 0 <= j < self.height):
+            raise IndexError(f"cell ({i}, {j}) is outside the grid of {self.width} x {self.height} cells")
+
+    def _view(self, code: int, place: int) -> ObjectView | None:
+        where = None if place < 0 else divmod(place, self.views.state.height)
+        return self.views.of(code, where)

@@ -1,0 +1,84 @@
+"""Rooms of a grid of equal rooms, as Minigrid's look: views of a world's state."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from minihuman.errors import WorldError
+from minihuman.worlds.grid.object_views import GridView, ObjectView, Place
+from minihuman.worlds.upstream_names import WorldAttributeError
+
+
+@dataclass(frozen=True, slots=True)
+class RoomView:
+    """A room of a grid of equal rooms."""
+
+    top: Place  # its top left cell
+    size: Place
+    doors: tuple[ObjectView | bool | None, ...]  # right, down, left, up; True where there is no wall
+    rooms: "RoomGridView" = field(compare=False, repr=False)
+
+    @property
+    def neighbors(self) -> list["RoomView | None"]:
+        """The rooms to the right, below, to the left and above; None at the edge."""
+        column, row = (at // (self.rooms.size - 1) for at in self.top)
+        places = ((column + 1, row), (column, row + 1), (column - 1, row), (column, row - 1))
+        return [self.rooms.room(*place) if self.rooms.has(*place) else None for place in places]
+
+    def pos_inside(self, x: int, y: int) -> bool:
+        """Whether a cell is in the room, its walls included."""
+        (left, top), (width, height) = self.top, self.size
+        return left <= x < left + width and top <= y < top + height
+
+    def __getattr__(self, name: str) -> Any:
+        advice = {
+            "objs": "read its cells with grid.get()",
+            "door_pos": "a door of its doors knows its cur_pos",
+            "locked": "a door of its doors knows whether it is_locked",
+            "rand_pos": "draw with env.unwrapped.np_random",
+        }
+        if name in advice:
+            raise WorldAttributeError(f"a room has no attribute {name!r}; {advice[name]}")
+        raise WorldAttributeError(f"a room has no attribute {name!r}")
+
+
+class RoomGridView:
+    """A grid of equal rooms, by column and row."""
+
+    def __init__(self, grid: GridView, size: int) -> None:
+        self._grid = grid
+        self.size = size  # cells on a side of a room, walls included
+        self.columns, self.rows = ((cells - 1) // (size - 1) for cells in (grid.width, grid.height))
+
+    def has(self, column: int, row: int) -> bool:
+        """Return whether there is such a room."""
+        return 0 <= column < self.columns and 0 <= row < self.rows
+
+    def room(self, column: int, row: int) -> RoomView:
+        """Return a room.
+
+        Raises:
+            WorldError: if there is no such room.
+        """
+        if not self.has(column, row):
+            raise WorldError(
+                f"there is no room ({column}, {row}); columns are 0 to {self.columns - 1}, rows 0 to {self.rows - 1}"
+            )
+        left, top = column * (self.size - 1), row * (self.size - 1)
+        part = self._grid.slice(left, top, self.size, self.size)
+        doors = tuple(self._door(part, wall) for wall in range(4))
+        return RoomView((left, top), (self.size, self.size), doors, self)
+
+    def __iter__(self) -> Iterator[list[RoomView]]:
+        return ([self.room(column, row) for column in range(self.columns)] for row in range(self.rows))
+
+    def _door(self, part: GridView, wall: int) -> ObjectView | bool | None:
+        """The door in a wall (0 right, 1 down, 2 left, 3 up); True if there is no wall, None if there is only wall."""
+        last, along = self.size - 1, range(1, self.size - 1)
+        right, down = [(last, k) for k in along], [(k, last) for k in along]
+        left, up = [(0, k) for k in along], [(k, 0) for k in along]
+        lying = [part.get(*cell) for cell in (right, down, left, up)[wall]]
+        door = next((thing for thing in lying if thing is not None and thing.type == "door"), None)
+        if door is not None:
+            return door
+        return all(thing is None or thing.type != "wall" for thing in lying) or None

@@ -1,0 +1,400 @@
+"""A world in a process of its own, behind the face of `World`; and the factory that says which worlds are run so.
+
+Worlds of the catalogue stay where their session is. So do others of which a page computes the steps, as compiled
+kernels of ours alone step and draw them, and worlds of several bodies, whose seats share one state.
+"""
+
+import logging
+import math
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Literal, TypeVar
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+from minihuman.trust import locate_world
+from minihuman.worlds.adapters.foreign_code import RemoteCodeError
+from minihuman.worlds.adapters.registered_module import find_registered_module
+from minihuman.worlds.adapters.spaces import Action, ActionInterface, DiscreteActions, VectorActions
+from minihuman.worlds.adapters.transition import ResetResult, StepResult
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.contract import Palette, PathLengthBounds, View, answer_to_old_names
+from minihuman.worlds.hashing import resolve_files
+from minihuman.worlds.isolation import messages
+from minihuman.worlds.isolation.process_pool import DEFAULT_LIMITS, WorldLimits, WorldProcessPool
+from minihuman.worlds.isolation.space_codec import decode_space
+from minihuman.worlds.outcomes import OutcomeRule
+from minihuman.worlds.pose import Map, Pose
+from minihuman.worlds.value_codec import decode_value, encode_value
+
+LOG = logging.getLogger("minihuman")
+T = TypeVar("T")
+WorldMaker = Callable[[str, dict[str, Any]], World]
+
+
+class ElsewhereError(AttributeError):
+    """Something of an environment was wanted that is in another process."""
+
+
+class RemoteEnvironment:
+    """Stands where `World` has its environment, which is in another process: it has no attributes."""
+
+    def __init__(self, world_id: str) -> None:
+        self._world_id = world_id
+
+    def __getattr__(self, name: str) -> Any:
+        raise ElsewhereError(
+            f"{self._world_id} runs in a process of its own, where {name!r} cannot be reached; run it in the session's "
+            "process with --worlds-in-process"
+        )
+
+
+class SavedState:
+    """A copy that the process of a world keeps until this is gone."""
+
+    __slots__ = ("_forgotten", "number")
+
+    def __init__(self, number: int, forgotten: list[int]) -> None:
+        self.number = number
+        self._forgotten = forgotten
+
+    def __del__(self) -> None:
+        self._forgotten.append(self.number)
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteStepResult(StepResult):
+    """What a step gave; its ``info`` stays where the world is and is asked there, before the next step."""
+
+    world: "IsolatedWorld | None" = None
+
+    def find_success(self, rule: OutcomeRule) -> bool | None:
+        """Return what the world says of success, as any step does."""
+        if not rule.asks_world:
+            return None
+        assert self.world is not None
+        says = self.world.read_success(rule.info_key)
+        if says is not None or rule.info_key or not self.is_own:
+            return says
+        return self.terminated and self.reward > 0
+
+    def encode_info(self, keys: Sequence[str]) -> str:
+        """Encode chosen keys of ``info`` as JSON."""
+        assert self.world is not None
+        return self.world.encode_info(keys)
+
+
+class IsolatedWorld(World):
+    """A world in a process of its own. Made at once; ``reset`` before anything else.
+
+    Copies can be restored in this world alone. A world that fails, takes too long or ends its process raises
+    `WorldError`, and so does all that is asked of it afterwards.
+
+    Args:
+        world_id: a Gymnasium id, which is trusted.
+        options: keyword arguments of ``gymnasium.make``, with the files that they refer to.
+        own_options: the same as the plan has them.
+        pool: where the process is from, and goes back to.
+
+    Raises:
+        WorldError: as `World`.
+    """
+
+    has_portable_copies = False  # they stay in its process
+
+    def __init__(
+        self, world_id: str, options: Mapping[str, Any], own_options: dict[str, Any], pool: WorldProcessPool
+    ) -> None:
+        self.id = world_id
+        self.options = own_options
+        self.is_built_in = False
+        self._pool = pool
+        self._process = pool.take(world_id)
+        self._is_open = True
+        self._moment: messages.StateReport | None = None
+        self._copies = 0
+        self._forgotten: list[int] = []
+        try:
+            construct = messages.Construct(world_id, encode_value(options), sys.path, find_registered_module(world_id))
+            self._description = self._ask(construct, messages.Description, "its construction")
+        except BaseException:
+            self.close()
+            raise
+        self.drawn = self._description.drawn
+        self.reward_means_success = self._description.reward_means_success
+        self.actions = _build_actions(self._description)
+        self.action_names = self.actions.names
+
+    def _ask(self, request: messages.AnyRequest, answer: type[T], call: str) -> T:
+        limits = self._pool.limits
+        is_long = isinstance(request, messages.Construct | messages.Reset) or call == "shortest_path()"
+        limit_s = limits.construction_s if is_long else limits.step_s
+        if self._forgotten:
+            numbers = self._forgotten[:]
+            del self._forgotten[: len(numbers)]
+            self._process.ask(messages.Forget(numbers), object, world_id=self.id, call=call, limit_s=limit_s)
+        return self._process.ask(request, answer, world_id=self.id, call=call, limit_s=limit_s)
+
+    def _query(self, name: str, answer: type[T]) -> T:
+        return self._ask(messages.Query(name), answer, f"{name}()")
+
+    @property
+    def _present(self) -> messages.StateReport:
+        assert self._moment is not None, "reset() comes first"
+        return self._moment
+
+    @property
+    def pid(self) -> int:
+        """The number of its process."""
+        return self._process.pid
+
+    @property
+    def unwrapped(self) -> Any:
+        """What has no attributes: the environment is elsewhere."""
+        return RemoteEnvironment(self.id)
+
+    @property
+    def env(self) -> Any:
+        """What has no attributes: the environment is elsewhere."""
+        return RemoteEnvironment(self.id)
+
+    @property
+    def can_isolate(self) -> bool:
+        """Whether it may stay in its process; see the module."""
+        return self._description.can_isolate
+
+    @property
+    def is_compiled(self) -> bool:
+        """Never: such worlds are not isolated."""
+        return False
+
+    @property
+    def knows_state(self) -> bool:
+        """Whether the environment reveals all its state."""
+        return self._present.scene_hash is None
+
+    @property
+    def observation(self) -> Any:
+        """The latest observation."""
+        return decode_value(self._query("observation", bytes))
+
+    @property
+    def observation_space(self) -> gymnasium.Space[Any]:
+        """The space of its observations."""
+        return decode_space(self._description.observation_space)
+
+    @property
+    def action_space(self) -> gymnasium.Space[Any]:
+        """The space of its actions."""
+        return decode_space(self._description.action_space)
+
+    @property
+    def step_limit(self) -> int | None:
+        """The environment's own limit on an episode's steps; None where it has none."""
+        return self._query("step_limit", int | None)  # type: ignore[arg-type]
+
+    @property
+    def draws_itself(self) -> bool:
+        """Whether a participant sees what its own ``render`` returns."""
+        return self._query("draws_itself", bool)
+
+    def reset(self, seed: int) -> ResetResult:
+        """Begin an episode from a seed, with wrappers as they were made."""
+        begun = self._ask(messages.Reset(seed), messages.ResetReport, "reset()")
+        self._moment = begun.moment
+        return ResetResult(begun.observation_hash, begun.mission, begun.onset)
+
+    def step(self, action: Action) -> StepResult:
+        """Do an action, as any world does."""
+        stepped = self._ask(messages.Step(action), messages.StepReport, "step()")
+        self._moment = stepped.moment
+        return RemoteStepResult(
+            stepped.reward,
+            stepped.terminated,
+            stepped.truncated,
+            stepped.observation_hash,
+            stepped.onset,
+            is_own=stepped.is_own,
+            world=self,
+        )
+
+    def read_success(self, key: str) -> bool | None:
+        """Read what the last step's ``info`` says of success; "" reads the usual keys."""
+        return self._ask(messages.ReadSuccess(key), bool | None, "info")  # type: ignore[arg-type]
+
+    def encode_info(self, keys: Sequence[str]) -> str:
+        """Encode chosen keys of the last step's ``info`` as JSON."""
+        return self._ask(messages.EncodeInfo(list(keys)), str, "info")
+
+    def advance(self, action: Action) -> tuple[bool, bool]:
+        """Act without making an observation, as any world does."""
+        terminated, truncated, self._moment = self._ask(
+            messages.Advance(action), tuple[bool, bool, messages.StateReport], "advance()"
+        )
+        return terminated, truncated
+
+    def pose(self) -> Pose | None:
+        """Where the agent stands; None where that is unknown."""
+        return None if self._present.pose is None else Pose(*self._present.pose)
+
+    def subgoals(self) -> tuple[tuple[str, int], ...]:
+        """The clauses of the episode's instruction, each with the step that did it; 0 for none yet."""
+        return self._present.subgoals
+
+    def map(self) -> Map | None:
+        """The floor plan; None where it is unknown."""
+        return self._query("map", Map | None)  # type: ignore[arg-type]
+
+    def state_hash(self) -> int:
+        """A uint64 over everything that decides the future."""
+        return self._present.state_hash
+
+    def scene_hash(self) -> int:
+        """The same without the number of steps taken, where the state is known."""
+        known = self._present.scene_hash
+        return self._query("scene_hash", int) if known is None else known
+
+    def shortest_path(self) -> tuple[str, ...] | None:
+        """Names of actions that lead to success from here; None where the world has no planner."""
+        names = self._query("shortest_path", tuple[str, ...] | None)  # type: ignore[arg-type]
+        if names is None:
+            return None
+        return tuple(self.action_names[self.actions.names.index(name)] for name in names)
+
+    def path_length_bounds(self) -> PathLengthBounds:
+        """Bounds on the steps that success takes from here."""
+        return self._query("path_length_bounds", PathLengthBounds)
+
+    def text(self) -> str:
+        """What the agent of a grid world observes now, as a diagram and as sentences."""
+        return self._query("text", str)
+
+    def frame(
+        self,
+        view: View | Literal["text"] = "partial",
+        size_px: tuple[int, int] = (640, 480),
+        palette: Palette = "classic",
+    ) -> NDArray[np.uint8]:
+        """The picture a person sees, as any world's."""
+        for _ in range(2):  # the second time with memory enough
+            memory = self._process.memory
+            name = "" if memory is None else memory.name
+            draw = messages.Draw(view, size_px, palette, name)
+            shape, is_there = self._ask(draw, tuple[tuple[int, int, int], bool], "render()")
+            if is_there:
+                break
+            self._process.reserve_memory(math.prod(shape))
+        if memory is None or not is_there:
+            raise WorldError(f"{self.id}: render() returns a larger picture each time; return pictures of one size")
+        return np.ndarray(shape, np.uint8, memory.buf).copy()
+
+    def render(self, size_px: tuple[int, int]) -> Any:
+        """What a participant sees."""
+        return self.frame(size_px=size_px)
+
+    def picture_tiles(self, view: View | Literal["text"], size_px: tuple[int, int], palette: Palette) -> None:
+        """None: it is not a team world's."""
+
+    def save(self) -> SavedState:
+        """A copy of the state in mid-episode, which this world alone can restore.
+
+        Raises:
+            WorldError: if the world cannot be copied.
+        """
+        self._copies += 1
+        self._ask(messages.Save(self._copies), object, "save()")
+        return SavedState(self._copies, self._forgotten)
+
+    def restore(self, saved: SavedState) -> None:
+        """Go back to a saved state; the copy is not consumed."""
+        self._moment = self._ask(messages.Restore(saved.number), messages.StateReport, "restore()")
+
+    def close(self) -> None:
+        """Close the environment, and give its process back."""
+        if not self._is_open:
+            return
+        self._is_open = False
+        process = self._process
+        if process.is_healthy:
+            try:
+                process.ask(
+                    messages.Close(), object, world_id=self.id, call="close()", limit_s=self._pool.limits.step_s
+                )
+            except RemoteCodeError as error:  # its episodes are over, and what was recorded of them counts
+                LOG.warning("the world did not close: %s", error)
+        self._pool.give_back(process)
+
+
+answer_to_old_names(IsolatedWorld)
+
+
+def _build_actions(description: messages.Description) -> ActionInterface:
+    space = decode_space(description.action_space)
+    if isinstance(space, gymnasium.spaces.Discrete):
+        chords = {frozenset(keys): action for keys, action in description.chords}
+        return DiscreteActions(description.action_names, description.first_action, chords)
+    return VectorActions(space)
+
+
+class IsolatedWorlds:
+    """Makes worlds: those that are not ours in processes of their own, all others where the session is.
+
+    Args:
+        make_world: makes a world where the session is.
+        limits: of each isolated world.
+    """
+
+    def __init__(self, make_world: WorldMaker, limits: WorldLimits = DEFAULT_LIMITS) -> None:
+        self.pool = WorldProcessPool(limits)
+        self._make_world = make_world
+        self._stays: set[str] = set()  # ids of worlds that cannot be isolated
+
+    def __call__(self, world_id: str, options: dict[str, Any]) -> World:
+        """Make a world.
+
+        Raises:
+            WorldError: if it cannot be made.
+        """
+        if not self.isolates(world_id):
+            return self._make_world(world_id, options)
+        located = locate_world(world_id, options)
+        world = IsolatedWorld(world_id, resolve_files(located), options, self.pool)
+        if world.can_isolate:
+            return world
+        world.close()
+        self._stays.add(world_id)
+        return self._make_world(world_id, options)
+
+    def isolates(self, world_id: str) -> bool:
+        """Whether a world runs in a process of its own, as far as is known."""
+        return world_id not in self._stays and not is_from_catalogue(world_id)
+
+    def close(self) -> None:
+        """End all processes."""
+        self.pool.close()
+
+
+@contextmanager
+def choose_world_factory(isolates: bool) -> Iterator[WorldMaker]:
+    """Yield what makes the worlds of sessions: with ``isolates`` those that are not ours in processes of their own."""
+    if not isolates:
+        yield World
+        return
+    worlds = IsolatedWorlds(World)
+    try:
+        yield worlds
+    finally:
+        worlds.close()
+
+
+def is_from_catalogue(world_id: str) -> bool:
+    """Whether nothing but this package's code makes a world, as its id is registered; nothing is imported for it."""
+    module, _, name = world_id.rpartition(":")
+    if module and module.partition(".")[0] != "minihuman":
+        return False
+    return find_registered_module(name).partition(".")[0] == "minihuman"

@@ -1,0 +1,58 @@
+"""Spaces as values: those of which sessions take actions, and those that observations commonly have."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from minihuman.errors import WorldError
+from minihuman.worlds.value_codec import decode_value, encode_value
+
+
+def encode_space(space: gymnasium.Space[Any]) -> bytes:
+    """Encode a space; one of another kind is encoded as its name alone."""
+    return encode_value(_describe(space))
+
+
+def decode_space(encoded: bytes) -> gymnasium.Space[Any]:
+    """Return the space.
+
+    Raises:
+        WorldError: if it is of a kind that is known only where its world is.
+    """
+    return _build(decode_value(encoded))
+
+
+def _describe(space: gymnasium.Space[Any]) -> tuple[Any, ...]:
+    match space:
+        case spaces.Box():
+            return "box", space.low, space.high, str(space.dtype)
+        case spaces.Discrete():
+            return "discrete", int(space.n), int(space.start)
+        case spaces.MultiBinary():
+            return "multi_binary", tuple(space.shape)
+        case spaces.MultiDiscrete():
+            return "multi_discrete", space.nvec, space.start, str(space.dtype)
+        case spaces.Dict():
+            return "dict", tuple((name, _describe(inner)) for name, inner in space.spaces.items())
+        case spaces.Tuple():
+            return "tuple", tuple(_describe(inner) for inner in space.spaces)
+    return "other", str(space)[:200]
+
+
+def _build(description: tuple[Any, ...]) -> gymnasium.Space[Any]:
+    match description:
+        case "box", low, high, dtype:
+            return spaces.Box(low, high, dtype=np.dtype(dtype).type)
+        case "discrete", n, start:
+            return spaces.Discrete(n, start=start)
+        case "multi_binary", shape:
+            return spaces.MultiBinary(shape)
+        case "multi_discrete", nvec, start, dtype:
+            return spaces.MultiDiscrete(nvec, np.dtype(dtype).type, start=start)
+        case "dict", parts:
+            return spaces.Dict({name: _build(inner) for name, inner in parts})
+        case "tuple", parts:
+            return spaces.Tuple([_build(inner) for inner in parts])
+    raise WorldError(f"{description[-1]} is a space that only the world's own process knows")

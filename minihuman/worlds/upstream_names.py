@@ -1,0 +1,147 @@
+"""Names that Minigrid and Miniworld give a world: how a world of ours answers to them.
+
+A name that can be read, set or called works as upstream's, or the error names what to use. An attribute that a world of
+the catalogue does not know is refused, as setting it would change nothing; a world of somebody's own may set any.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from minihuman.errors import WorldError
+from minihuman.worlds.contract import ReadOnlyName
+
+_CATALOGUE = "minihuman.worlds."
+
+
+class WorldAttributeError(WorldError, AttributeError):
+    """A world has no such attribute, or does not let it be set; the message names what to use."""
+
+
+def is_catalogue_class(kind: type) -> bool:
+    """Return whether a class is one of ours, whose attributes are known, and not a subclass elsewhere."""
+    return kind.__module__.startswith(_CATALOGUE)
+
+
+class _UpstreamName(ReadOnlyName):
+    """A name of upstream's, read from the present state; setting it writes the state, or is refused with advice.
+
+    A world of somebody's own may define it for itself, in its class or on an instance.
+    """
+
+    def __init__(
+        self,
+        read: Callable[[Any], Any],
+        write: Callable[[Any, Any], None] | None = None,
+        advice: str = "it is computed from the state",
+    ) -> None:
+        super().__init__(read)
+        self._write = write
+        self._advice = advice
+        self._name = read.__name__
+
+    def setter(self, write: Callable[[Any, Any], None]) -> "_UpstreamName":
+        """Return the same name with a function that sets it, as `property` does."""
+        return _UpstreamName(self._read, write)
+
+    def __get__(self, world: Any, owner: Any = None) -> Any:
+        if world is None:
+            return self
+        if world._is_made:  # asked first: `vars` slows later reads of every attribute of the world
+            return self._read(world)
+        attributes = vars(world)
+        return attributes[self._name] if self._name in attributes else self._read(world)
+
+    def __set__(self, world: Any, value: Any) -> None:
+        if not is_catalogue_class(type(world)):
+            vars(world)[self._name] = value
+        elif self._write is None:
+            raise WorldAttributeError(f"{self._name} of {world} cannot be set; {self._advice}")
+        else:
+            self._write(world, value)
+
+    def __delete__(self, world: Any) -> None:
+        if vars(world).pop(self._name, None) is None:
+            raise WorldAttributeError(f"{self._name} of {world} cannot be deleted; it is read from the state")
+
+
+if TYPE_CHECKING:
+    UpstreamName = property  # which is what it is to a reader of types
+else:
+    UpstreamName = _UpstreamName
+
+
+def set_instead(advice: str) -> Callable[[Callable[[Any], Any]], Any]:
+    """Return a decorator for a name that is read only; the advice says what to use instead of setting it."""
+    return lambda read: _UpstreamName(read, advice=advice)
+
+
+class _ReadName:
+    """A name that is read by a function, or refused by it; `__getattr__` would slow every other attribute down."""
+
+    def __init__(self, name: str, read: Callable[[Any, str], Any]) -> None:
+        self._name = name
+        self._read = read
+
+    def __get__(self, world: Any, owner: Any = None) -> Any:
+        if world is None:
+            return self
+        if getattr(world, "_is_made", False):
+            return self._read(world, self._name)
+        attributes = vars(world)
+        return attributes[self._name] if self._name in attributes else self._read(world, self._name)
+
+    def __set__(self, world: Any, value: Any) -> None:
+        if getattr(world, "_is_made", False):
+            raise WorldAttributeError(
+                f"{world} has no attribute {self._name!r} to set, so setting it would do nothing; it is read from the "
+                "state, or belongs to a subclass or a wrapper"
+            )
+        vars(world)[self._name] = value
+
+    def __delete__(self, world: Any) -> None:
+        if self._name not in vars(world):
+            raise WorldAttributeError(f"{self._name} of {world} cannot be deleted")
+        del vars(world)[self._name]
+
+
+def define_names(
+    kind: type, names: Iterable[str], read: Callable[[Any, str], Any], *, over: Iterable[str] = ()
+) -> None:
+    """Give a class names that a function reads, or refuses; those that it has stay, but for ``over``."""
+    replaced = frozenset(over)
+    for name in names:
+        if name in replaced or not hasattr(kind, name):
+            setattr(kind, name, _ReadName(name, read))
+
+
+def refuse_unknown_attribute(world: Any, name: str, instead: Mapping[str, str]) -> None:
+    """Refuse to set an attribute that a world of the catalogue does not have.
+
+    Raises:
+        WorldAttributeError: if it has none of this name; the message says what to use where upstream has one.
+    """
+    attribute = getattr(type(world), name, None)
+    if isinstance(attribute, property) and attribute.fset is None:
+        raise WorldAttributeError(f"{name} of {world} cannot be set; it is read from the state")
+    if hasattr(type(world), name) or not is_catalogue_class(type(world)) or hasattr(world, name):
+        return
+    advice = instead.get(name, "attributes of your own belong to a subclass or a wrapper")
+    raise WorldAttributeError(f"{world} has no attribute {name!r} to set, so setting it would do nothing; {advice}")
+
+
+def refuse_replaced_method(world: Any, name: str, methods: Mapping[str, Any]) -> None:
+    """Refuse to put another function in the place of an upstream method: no step of ours would call it.
+
+    Raises:
+        WorldAttributeError: if the name is one of these methods.
+    """
+    if name in methods and callable(methods[name]) and is_catalogue_class(type(world)):
+        raise WorldAttributeError(
+            f"{name}() of {world} cannot be replaced, as its steps do not call it; override it in a wrapper"
+        )
+
+
+def missing_name(world: Any, name: str, instead: Mapping[str, str]) -> WorldAttributeError:
+    """Return the error for a name that a world does not have, with what to use where upstream has one."""
+    advice = f"; {instead[name]}" if name in instead else ""
+    return WorldAttributeError(f"{type(world).__name__!r} object has no attribute {name!r}{advice}")

@@ -1,0 +1,82 @@
+"""`get_attr`, `call` and `set_attr` of a batch: the names of its worlds that it answers to, as SyncVectorEnv does.
+
+The rest is refused, as a batch keeps no environment for each world, or one whose other attributes it goes by.
+"""
+
+import abc
+from collections.abc import Iterator
+from typing import Any, ClassVar
+
+from minihuman.errors import WorldError
+from minihuman.worlds.upstream_names import WorldAttributeError
+
+
+class VectorNames(abc.ABC):
+    """Mixed into a batch of worlds."""
+
+    readable: ClassVar[frozenset[str]]  # attributes that `get_attr` gives
+    methods: ClassVar[frozenset[str]]  # methods that `call` calls
+    settable: ClassVar[frozenset[str]]  # attributes that `set_attr` sets
+    num_envs: int
+
+    @abc.abstractmethod
+    def worlds_in_turn(self) -> Iterator[Any]:
+        """Give each world in turn; what is changed in it until the next is asked for is changed in the batch."""
+
+    @abc.abstractmethod
+    def save(self) -> Any:
+        """Return an exact, picklable copy of every world's state, random streams included."""
+
+    @abc.abstractmethod
+    def restore(self, saved: Any) -> None:
+        """Go back to a saved state; the copy is not consumed and may be restored again."""
+
+    def is_readable(self, name: str) -> bool:
+        """Return whether `get_attr` gives an attribute."""
+        return name in self.readable
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Return an attribute of each world.
+
+        Raises:
+            WorldAttributeError: if it is none of those that a batch gives.
+        """
+        return self.call(name)
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """Call a method of each world, with the same arguments, or return an attribute of each.
+
+        Raises:
+            WorldAttributeError: if it is none of those that a batch calls or gives.
+        """
+        if name in self.methods:
+            return tuple([getattr(world, name)(*args, **kwargs) for world in self.worlds_in_turn()])
+        if not self.is_readable(name):
+            raise self._unknown_name(name, self.methods | self.readable)
+        return tuple([getattr(world, name) for world in self.worlds_in_turn()])
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set an attribute of every world, to one value for all, or to those of a list or tuple, one per world.
+
+        Raises:
+            WorldAttributeError: if it is none of those that a batch sets.
+            WorldError: if there is not one value per world, or a world refuses its own. No world is changed then.
+        """
+        if name not in self.settable:
+            raise self._unknown_name(name, self.settable)
+        per_world = values if isinstance(values, list | tuple) else [values] * self.num_envs
+        if len(per_world) != self.num_envs:
+            raise WorldError(f"{len(per_world)} values of {name} for {self.num_envs} worlds; give one per world")
+        before = self.save()
+        try:
+            for world, value in zip(self.worlds_in_turn(), per_world, strict=False):
+                setattr(world, name, value)
+        except WorldError:
+            self.restore(before)
+            raise
+
+    def _unknown_name(self, name: str, known: frozenset[str]) -> WorldAttributeError:
+        return WorldAttributeError(
+            f"a batch does not have {name!r} of each world; use one of {', '.join(sorted(known))}, or make the batch "
+            "with vectorization_mode='sync'"
+        )

@@ -1,0 +1,109 @@
+"""What one page may cost: bytes, file handles, and the room on a disk that others need."""
+
+import asyncio
+import json
+from pathlib import Path
+
+import pytest
+
+from minihuman.experiment.machine.events import SessionEnded
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.log.read.session_reader import read_events
+from minihuman.web import connection_factory
+from minihuman.web.arrivals import Arrivals
+from minihuman.web.connection import Connection
+from minihuman.web.connection_factory import ConnectionFactory
+from minihuman.web.messages import MESSAGE_VERSION, Hello, Refusal
+from minihuman.web.page_protocol import PageProtocol
+from minihuman.web.server import process
+from minihuman.web.server.app import WebServer
+from minihuman.web.server.process import ServeError
+from minihuman.web.session_budget import SessionBudget, estimate_plan_bytes
+from minihuman.web.traffic_limits import MESSAGES_PER_S
+from tests.study.sessions import corridor_plan
+from tests.web.test_admission import FACTS, agree, corridor
+
+S = 1_000_000_000
+KEY_MESSAGE_BYTES = 60
+
+
+def invited(arrivals: Arrivals) -> Hello:
+    (token,) = arrivals.recruits.issue(1)
+    return Hello(MESSAGE_VERSION, token, stream="x", facts=FACTS)
+
+
+def test_a_page_that_types_without_end_is_ended_and_told_that_the_study_stopped(tmp_path: Path) -> None:
+    async def flood() -> tuple[Connection, int]:
+        arrivals = Arrivals(corridor(""), tmp_path)
+        server = WebServer(arrivals, tmp_path)
+        connection = await server._factory.connect(invited(arrivals), "192.0.2.1")
+        assert isinstance(connection, Connection)
+        agree(connection)
+        welcome, _, after = connection.greet(Hello(MESSAGE_VERSION, stream="x"))
+        protocol = PageProtocol(connection, welcome, after, 0.0)
+        sent_bytes = 0
+        at_ns = connection.now_ns() + 10_000
+        for number in range(3, 100_000):
+            text = {"t": "n", "n": number, "at": at_ns + number, "what": {"t": "typed", "text": "x" * 2000}}
+            protocol.receive(json.dumps(text), more=False)
+            sent_bytes += 2000
+            if connection.host.over:
+                break
+        await server._finish_if_over(connection)
+        return connection, sent_bytes
+
+    connection, sent_bytes = asyncio.run(flood())
+    assert connection.is_over_budget
+    assert sent_bytes < 3_000_000
+    assert connection.over is not None
+    assert connection.over.end == "broken"
+    log = connection.recording.log
+    assert log is not None
+    assert log.stat().st_size < 5_000_000
+    [ended] = [event for event in read_events(log) if isinstance(event, SessionEnded)]
+    assert ended.reason == "aborted"
+    assert "the page sent more than" in ended.detail
+
+
+def test_a_person_who_plays_all_of_a_plan_and_types_long_answers_stays_within_the_budget() -> None:
+    plan = corridor_plan(consent="May we?")
+    budget = SessionBudget(plan)
+    steps = sum(episode.max_steps for episode in plan.episodes)
+    assert all(budget.spend(KEY_MESSAGE_BYTES, number * S // 8) for number in range(4 * steps))
+    assert all(budget.spend(KEY_MESSAGE_BYTES, 3_600 * S + number * S // 6) for number in range(6 * 3_600))
+
+
+def test_a_page_at_the_full_rate_is_within_the_budget_for_a_few_minutes_at_most() -> None:
+    plan = corridor_plan(consent="May we?")
+    budget = SessionBudget(plan)
+    per_s = int(MESSAGES_PER_S)
+    assert not all(budget.spend(KEY_MESSAGE_BYTES, number * S // per_s) for number in range(600 * per_s))
+    assert budget.find_limit_bytes(600 * S) < 5_000_000
+
+
+def test_a_plan_that_asks_for_more_has_a_larger_budget(tmp_path: Path) -> None:
+    short: SessionPlan = corridor_plan(consent="May we?")
+    assert estimate_plan_bytes(short) > sum(episode.max_steps for episode in short.episodes) * 1_000
+
+
+def test_nobody_new_is_admitted_to_a_disk_that_others_need_to_finish_their_logs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connection_factory, "RESERVE_BYTES", 1 << 62)
+
+    async def come() -> Connection | Refusal:
+        arrivals = Arrivals(corridor(""), tmp_path)
+        return await ConnectionFactory(arrivals, tmp_path, {}).connect(invited(arrivals))
+
+    answer = asyncio.run(come())
+    assert isinstance(answer, Refusal)
+    assert answer.reason == "busy"
+
+
+def test_a_study_for_which_the_system_allows_too_few_files_is_refused_with_the_way_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    process._require_handles(1)
+    monkeypatch.setattr(process, "raise_file_limit", lambda needed: 1_024)
+    with pytest.raises(ServeError, match="max_concurrent_sessions is 10000, for which a server needs 20528 open files"):
+        process._require_handles(10_000)
