@@ -219,7 +219,10 @@ def _plan_session(
     from minihuman.admin.next_session import plan_next_session
 
     plan = plan_next_session(study, data, participant=participant, **options)
-    group = f"group {plan.participant.group}" if plan.participant.group else "group not yet drawn"
+    if plan.participant.group:
+        group = f"group {plan.participant.group}"
+    else:
+        group = "group not yet drawn"
     on_start(f"{plan.participant.id}, {group}, from episode {plan.first_episode + 1}")
     return plan
 
@@ -268,7 +271,8 @@ def simulate(
     from minihuman.runtime.simulated_session import simulate as play
     from minihuman.worlds.isolation.isolated_world import choose_world_factory
 
-    protocol, data = Path(protocol), Path(data)
+    protocol = Path(protocol)
+    data = Path(data)
     study = read_protocol(protocol, trust=trust)
     on_progress(f"{player} plays {study.study.name}")
     if player.startswith("model:") and player != "model:":
@@ -295,7 +299,8 @@ def _simulate_models(
     from minihuman.runtime.model_sessions import simulate_models
     from minihuman.simulation.model_conversation import SpentTotals
 
-    done, currency = 0, study.model.currency
+    done = 0
+    currency = study.model.currency
 
     def say(spent: SpentTotals) -> None:
         cost = f"{spent.price:.4f} {currency}".strip()

@@ -56,7 +56,9 @@ def find_case_twin(name: str, names: Iterable[str]) -> str:
     Windows, and macOS as it comes, keep one folder for both.
     """
     others = set(names)
-    return "" if name in others else next((one for one in sorted(others) if one.casefold() == name.casefold()), "")
+    if name in others:
+        return ""
+    return next((one for one in sorted(others) if one.casefold() == name.casefold()), "")
 
 
 def is_sharing_violation(error: OSError) -> bool:
@@ -107,7 +109,8 @@ def open_file(path: Path, flags: int, mode: int = 0o600) -> int:
     """
     if sys.platform == "win32":
         read_write = 0xC000_0000 if flags & (os.O_RDWR | os.O_WRONLY) else 0x8000_0000
-        share_read_write_delete, normal = 7, 0x80
+        share_read_write_delete = 7
+        normal = 0x80
         with name_file_in_errors(path):
             handle = _winapi.CreateFile(
                 str(path), read_write, share_read_write_delete, 0, windows_disposition(flags), normal, 0
@@ -118,10 +121,20 @@ def open_file(path: Path, flags: int, mode: int = 0o600) -> int:
 
 def windows_disposition(flags: int) -> int:
     """The creation disposition of Windows' CreateFile that means what the flags of ``os.open`` mean."""
-    create_new, create_always, open_existing, open_always, truncate_existing = 1, 2, 3, 4, 5
+    create_new = 1
+    create_always = 2
+    open_existing = 3
+    open_always = 4
+    truncate_existing = 5
     if flags & os.O_CREAT:
-        return create_new if flags & os.O_EXCL else create_always if flags & os.O_TRUNC else open_always
-    return truncate_existing if flags & os.O_TRUNC else open_existing
+        if flags & os.O_EXCL:
+            return create_new
+        if flags & os.O_TRUNC:
+            return create_always
+        return open_always
+    if flags & os.O_TRUNC:
+        return truncate_existing
+    return open_existing
 
 
 def open_without_waiting(path: Path) -> int:
@@ -163,7 +176,9 @@ def lock_descriptor(fd: int, *, wait: bool = True) -> None:
         OSError: if its file system has no locks.
     """
     if sys.platform == "win32":
-        exclusive, at_once, lock_violation = 2, 1, 33
+        exclusive = 2
+        at_once = 1
+        lock_violation = 33
         call = ctypes.WinDLL("kernel32", use_last_error=True).LockFileEx
         call.argtypes = [ctypes.c_void_p, *[ctypes.c_uint32] * 4, ctypes.c_void_p]
         place = (ctypes.c_uint64 * 4)(0, 0, _LOCK_OFFSET_HIGH << 32)  # an OVERLAPPED: its third field is the offset
@@ -214,7 +229,10 @@ def sync_file_system(fd: int) -> None:
     Raises:
         OSError: if something could not be written; also where the system has no such call.
     """
-    call = None if sys.platform == "win32" else getattr(ctypes.CDLL(None, use_errno=True), "syncfs", None)
+    if sys.platform == "win32":
+        call = None
+    else:
+        call = getattr(ctypes.CDLL(None, use_errno=True), "syncfs", None)
     if call is None:
         raise OSError("this operating system does not support syncfs")
     if call(fd):
@@ -260,8 +278,12 @@ def retry_when_shared(call: Callable[[], object], *, interval_s: float = REPLACE
 def _replace_open_file(source: Path, target: Path) -> None:
     """``os.replace``, which Windows refuses while the target is open: there, rename with POSIX semantics first."""
     if sys.platform == "win32":
-        delete_and_synchronize, share_all, open_existing, normal = 0x0011_0000, 7, 3, 0x80
-        rename_info_ex, replace_and_posix = 22, 3
+        delete_and_synchronize = 0x0011_0000
+        share_all = 7
+        open_existing = 3
+        normal = 0x80
+        rename_info_ex = 22
+        replace_and_posix = 3
         name = str(target.absolute()).encode("utf-16-le")
         handle = _winapi.CreateFile(str(source), delete_and_synchronize, share_all, 0, open_existing, normal, 0)
         try:  # FILE_RENAME_INFO: flags, a folder's handle, the name's length, the name
@@ -332,7 +354,8 @@ def keep_scheduling() -> Iterator[None]:
     if sys.platform != "linux":
         yield
         return
-    policy, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
+    policy = os.sched_getscheduler(0)
+    parameter = os.sched_getparam(0)
     try:
         yield
     finally:

@@ -91,7 +91,10 @@ def load_plugin(group: str, name: str, error: Callable[[str], MinihumanError], *
     except ImportError as failed:
         missing = failed.name if isinstance(failed, ModuleNotFoundError) else None
         extra = EXTRA_OF_PACKAGE.get((missing or "").partition(".")[0])
-        cure = f"install minihuman with its extra {extra!r}" if extra else f"repair {_package(found[0])}"
+        if extra:
+            cure = f"install minihuman with its extra {extra!r}"
+        else:
+            cure = f"repair {_package(found[0])}"
         raise error(f"{what} {name!r} ({found[0].value}) cannot be imported: {failed}; {cure}") from failed
     except AttributeError as failed:
         raise error(f"{what} {name!r}: {found[0].value} does not exist; repair {_package(found[0])}") from failed
@@ -148,7 +151,9 @@ def call_plugin(
 
 
 def _package(entry: EntryPoint) -> str:
-    return "an unknown package" if entry.dist is None else f"{entry.dist.name} {entry.dist.version}"
+    if entry.dist is None:
+        return "an unknown package"
+    return f"{entry.dist.name} {entry.dist.version}"
 
 
 def read_settings(
@@ -207,7 +212,9 @@ def limit_answer_time() -> Iterator[None]:
 def locate_error(error: BaseException) -> str:
     """Where an error was raised: file name and line, without the folder."""
     frames = traceback.extract_tb(error.__traceback__)
-    return f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
+    if frames:
+        return f"{Path(frames[-1].filename).name}:{frames[-1].lineno}"
+    return ""
 
 
 _PATHS = re.compile(r"\S*[/\\](.*[/\\])?\S*")

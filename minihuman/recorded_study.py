@@ -459,6 +459,9 @@ class Study:
             (one.participant, one.group, one.number, len(one), one.end_reason)
             for one in self.sessions[:_MAX_SHOWN_SESSIONS]
         ]  # fmt: skip
-        more = f"; the first {_MAX_SHOWN_SESSIONS} are shown" if len(self.sessions) > _MAX_SHOWN_SESSIONS else ""
+        if len(self.sessions) > _MAX_SHOWN_SESSIONS:
+            more = f"; the first {_MAX_SHOWN_SESSIONS} are shown"
+        else:
+            more = ""
         caption = f"{self.path.name}: {'; '.join(self.exclusions)}{more}"
         return format_html_table(caption, ("participant", "group", "session", "included episodes", "ended"), rows)

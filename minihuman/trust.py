@@ -63,7 +63,10 @@ class Trust:
             OSError: if the file cannot be.
         """
         path = find_trust_record()
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []
+        if path.is_file():
+            lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        else:
+            lines = []
         found = [_read_line(path, number, line) for number, line in enumerate(lines, 1) if line.strip()]
         modules = filter(None, os.environ.get(TRUST_VARIABLE, "").split(","))
         return cls(
@@ -77,7 +80,8 @@ class Trust:
         Raises:
             OSError: if the record cannot be written.
         """
-        path, known = find_trust_record(), Trust.read()
+        path = find_trust_record()
+        known = Trust.read()
         new: list[dict[str, str]] = [{"folder": str(folder)} for folder in sorted(self.folders - known.folders)]
         new += [{"module": module} for module in sorted(self.modules - known.modules)]
         if new:
@@ -144,13 +148,19 @@ def admit_worlds(worlds: Iterable[NamedWorld], folder: Path, permission: Permiss
 
 def _find_untrusted(worlds: Iterable[NamedWorld], folder: Path, trusted: Trust) -> Trust:
     """What of these worlds would have to be trusted besides."""
-    folders, modules = set[Path](), set[str]()
+    folders = set[Path]()
+    modules = set[str]()
     for world, options in worlds:
         module = _module_of(world)
         if module and not _is_known(module) and module not in trusted.modules:
             spec = _find_first_part(module)
             beside = _find_in_folder(module, folder)
-            places = _places(spec) if spec else [beside] if beside else []
+            if spec:
+                places = _places(spec)
+            elif beside:
+                places = [beside]
+            else:
+                places = []
             if spec is None and beside is not None:
                 folders.add(folder)
             for place in places:
@@ -187,7 +197,8 @@ def _locate_module(world: str, module: str) -> None:
             f"{world}: {module!r} is not a valid module name; "
             "write the world as module:ID, for example my_worlds:My-World-v0"
         )
-    trusted, spec = Trust.read(), _find_first_part(module)
+    trusted = Trust.read()
+    spec = _find_first_part(module)
     if spec is None and module not in trusted.modules:
         holders = {path.read_bytes(): folder for folder, path in _find_holders(module, trusted)}
         if len(holders) > 1:
@@ -260,7 +271,9 @@ def _source_of(spec: ModuleSpec | None) -> Path | None:
     if spec is None or not spec.origin or not spec.has_location:
         return None
     path = Path(spec.origin)
-    return None if {"site-packages", "dist-packages"}.intersection(path.parts) else path
+    if {"site-packages", "dist-packages"}.intersection(path.parts):
+        return None
+    return path
 
 
 def list_foreign_modules(worlds: Iterable[str]) -> frozenset[str]:

@@ -140,7 +140,9 @@ def _measure(path: Path, size: int, segment: str, outcome: str, block: str) -> f
         and block in ("", episode.plan.block_name)
         and not (outcome == "success" and episode.success is None)
     ]
-    return float(np.mean([_OUTCOMES[outcome](episode) for episode in counted])) if counted else None
+    if counted:
+        return float(np.mean([_OUTCOMES[outcome](episode) for episode in counted]))
+    return None
 
 
 def verify_design_decisions(study: Path, protocol: Protocol) -> Iterator[tuple[str, bool]]:
@@ -149,15 +151,23 @@ def verify_design_decisions(study: Path, protocol: Protocol) -> Iterator[tuple[s
     Yields lines, each with whether it is good news; nothing for a study without such a design.
     """
     lines = read_enrolment_log(study)
-    equal, gone, whole = 0, 0, 0
+    equal = 0
+    gone = 0
+    whole = 0
     for at, line in enumerate(lines):
         match line:
             case LookTaken():
-                spec, logged, name = protocol.allocation.stopping, line.statistics, f"look {line.look}"
+                spec = protocol.allocation.stopping
+                logged = line.statistics
+                name = f"look {line.look}"
             case SlotTaken(assigned=GroupAssignment() as assigned):
-                spec, logged, name = protocol.allocation.design, assigned.statistics, line.participant
+                spec = protocol.allocation.design
+                logged = assigned.statistics
+                name = line.participant
             case GroupDrawn(assigned=GroupAssignment() as assigned):
-                spec, logged, name = protocol.allocation.design, assigned.statistics, line.drawn
+                spec = protocol.allocation.design
+                logged = assigned.statistics
+                name = line.drawn
             case _:
                 continue
         whole += 1
@@ -166,11 +176,10 @@ def verify_design_decisions(study: Path, protocol: Protocol) -> Iterator[tuple[s
             continue
         design = make_enrolment_design(spec)
         statistics, missing = _compute_statistics(protocol, design, lines[:at], study)
-        again = (
-            design.decide(logged, "", make_draw(protocol.study.seed, "look", line.look))
-            if isinstance(line, LookTaken)
-            else EnrolmentDecision()
-        )
+        if isinstance(line, LookTaken):
+            again = design.decide(logged, "", make_draw(protocol.study.seed, "look", line.look))
+        else:
+            again = EnrolmentDecision()
         if missing:
             gone += 1
         elif statistics != logged:

@@ -113,7 +113,8 @@ def _latest_sessions(study_dir: Path) -> tuple[dict[str, _LatestSession], dict[s
         found = row.summary
         if found is None:
             if in_place := _SESSION_FOLDER.fullmatch("/".join(row.path.parts[-3:-1])):
-                participant, session = in_place[1], int(in_place[2])
+                participant = in_place[1]
+                session = int(in_place[2])
                 unreadable[participant] = max(session, unreadable.get(participant, 0))
             continue
         if found.participant in seen and seen[found.participant].session > found.session:
@@ -134,7 +135,8 @@ def _next(last: _LatestSession, log: SessionLog, protocol: Protocol, today: date
     assert last.row.summary is not None
     if last.session >= len(protocol.sessions) or last.row.summary.end_reason == "screened_out":
         return []
-    participant, group = log.plan.participant.id, log.plan.participant.group
+    participant = log.plan.participant.id
+    group = log.plan.participant.group
     days = protocol.sessions[last.session].days_after_previous
     if days is None:
         return [DueSession(participant, group, last.session + 1, "due")]

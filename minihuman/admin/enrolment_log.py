@@ -80,11 +80,15 @@ def take_slot(
         _check_list(next(reversed(holders.taken.values()), None), study_dir, protocol)
         if participant is not None and (line := holders.slot_entry_of(participant)) is not None:
             return _taken_before(line, group)
-        index = holders.next_free(protocol) if participant is None else holders.free(participant)
+        if participant is None:
+            index = holders.next_free(protocol)
+        else:
+            index = holders.free(participant)
         if look := take_look(protocol, register.lines, study_dir, now_text()):
             register.append(look)
             require_not_stopped([look])
-        chosen, assigned = group, None
+        chosen = group
+        assigned = None
         if group is None and not protocol.allocation.stratify_by:
             chosen, assigned = assign_group(protocol, register.lines, study_dir, index, "")
         codes = (format_participant_code(index, before, prefix=prefix) for before in count())
@@ -151,7 +155,8 @@ def draw_slot(protocol: Protocol, study_dir: Path, code: str, stratum: str) -> P
             return _taken_before(line, None)[0]
         by_hand = holders.began[code].group  # "" where none was chosen
         slot = holders.next_in_stratum(protocol, stratum)
-        chosen, assigned = by_hand, None
+        chosen = by_hand
+        assigned = None
         if not by_hand:
             chosen, assigned = assign_group(protocol, register.lines, study_dir, line.index, stratum)
         who = assign_slot(protocol, Participant(code, line.index, chosen, assigned=assigned), slot)
@@ -214,7 +219,10 @@ def record_departure(study_dir: Path, parting: ParticipantWithdrawn | Participan
     Raises:
         AllocationError: if there is no such participant, or they withdrew before.
     """
-    code = parting.withdrawn if isinstance(parting, ParticipantWithdrawn) else parting.replaced
+    if isinstance(parting, ParticipantWithdrawn):
+        code = parting.withdrawn
+    else:
+        code = parting.replaced
     journal = open_enrolment_log(study_dir)
     if not journal.begun:
         raise AllocationError(
@@ -375,7 +383,9 @@ def _taken_before(line: SlotTaken, group: str | None) -> tuple[Participant, Slot
 def _find_outcome_rules(lines: Sequence[EnrolmentEntry]) -> int:
     """Find by which rules a study began: a study that runs keeps its rules, whatever version goes on with it."""
     first = next((line for line in lines if isinstance(line, SlotTaken)), None)
-    return OUTCOME_RULES if first is None else first.outcome_rules
+    if first is None:
+        return OUTCOME_RULES
+    return first.outcome_rules
 
 
 def _check_list(begun: SlotTaken | None, study_dir: Path, protocol: Protocol) -> None:

@@ -43,7 +43,10 @@ class ErasureLedger:
         self._study = self._study_dir.name
         self._in_database = bool(find_database_url(self._study_dir))
         asks = ask_store and not self._in_database
-        self._store = open_remote_store(self._data, may_be_new=may_be_new) if asks else None
+        if asks:
+            self._store = open_remote_store(self._data, may_be_new=may_be_new)
+        else:
+            self._store = None
 
     @property
     def is_shared(self) -> bool:
@@ -110,7 +113,9 @@ def _decode_local(line: bytes, number: int) -> LedgerEntry | None:
 
 def _decode_shared(line: bytes, number: int) -> LedgerEntry | None:
     entry = _decode_local(line, number)
-    return None if entry is None or not _NAME.fullmatch(_name(entry)) else entry
+    if entry is None or not _NAME.fullmatch(_name(entry)):
+        return None
+    return entry
 
 
 def _name(entry: LedgerEntry) -> str:

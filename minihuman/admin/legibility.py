@@ -49,10 +49,8 @@ def find_illegible_in_study(protocol: Protocol) -> Iterator[str]:
 
 def find_illegible_in_plan(plan: SessionPlan) -> Iterator[str]:
     """What cannot be read of a session, and the way out, one sentence each."""
-    words, faces = (
-        InterfaceWords(plan.language, plan.words, plan.fonts),
-        select_typefaces(plan.language, fonts=plan.fonts),
-    )
+    words = InterfaceWords(plan.language, plan.words, plan.fonts)
+    faces = select_typefaces(plan.language, fonts=plan.fonts)
     for name in plan.fonts:
         if find_installed_typeface(name) is None:
             yield f"$.study.fonts names {name!r}, a face that is not installed here; install it, or leave it out"
@@ -67,7 +65,10 @@ def _without_typeface(plan: SessionPlan, faces: TypefaceSet) -> Iterator[str]:
     unset = [(where, missing) for where, text in _texts(plan) if (missing := faces.missing(text))]
     if unset:
         where, missing = unset[0]
-        more = f" (and {len(unset) - 1} more texts have such characters)" if len(unset) > 1 else ""
+        if len(unset) > 1:
+            more = f" (and {len(unset) - 1} more texts have such characters)"
+        else:
+            more = ""
         yield f"{where}: {describe_missing_face(missing, more)} or use another character"
 
 

@@ -49,13 +49,17 @@ def summarize_from_messages(files: Sequence[Path]) -> SessionSummary:
     plan: events.SessionStarted | None = None
     completed: set[int] = set()
     spans: list[tuple[int, int]] = []  # a segment's first and last log time
-    steps, skipped, next_part, end_reason = 0, 0, 0, CUT_OFF
+    steps = 0
+    skipped = 0
+    next_part = 0
+    end_reason = CUT_OFF
     for reading, message in ((source, found) for source in readings for found in source.messages()):
         topic = message.channel.topic
         steps += topic == topics.STEP
         match reading.event(topic, message.data) if topic in _READ else None:
             case events.SessionStarted() as started:
-                plan, end_reason = plan or started, CUT_OFF
+                plan = plan or started
+                end_reason = CUT_OFF
                 spans.append((message.log_time, message.log_time))
             case events.EpisodeEnded() as ended if ended.outcome != "abandoned":
                 completed.add(ended.episode)
@@ -178,7 +182,8 @@ def _episode_line(episode: EpisodeLog) -> str:
 
 
 def _episode_facts(episode: EpisodeLog) -> dict[str, Any]:
-    plan, times_ms = episode.plan, response_ms(episode)
+    plan = episode.plan
+    times_ms = response_ms(episode)
     answered = times_ms[~np.isnan(times_ms)]
     return {
         "episode": episode.number,
@@ -223,7 +228,10 @@ def recover_logs(given: Iterable[Path], note: AuditNote = NO_NOTE) -> Iterator[R
                     _record_recovery(log, what, note)
                     yield RecoveryResult(f"{log}: {what}")
                     continue
-                finished = _recover(log) if log.name.endswith(PART_SUFFIX) else repair_log(log)
+                if log.name.endswith(PART_SUFFIX):
+                    finished = _recover(log)
+                else:
+                    finished = repair_log(log)
                 if finished is None:
                     yield RecoveryResult(f"{log}: another server has gone on with this session, so it was put aside")
                     continue
@@ -236,7 +244,9 @@ def recover_logs(given: Iterable[Path], note: AuditNote = NO_NOTE) -> Iterator[R
 
 
 def _recover(part: Path) -> FinalizedLog | None:
-    return SessionLeases(table).recover(part) if (table := open_lease_table(study_folder(part))) else recover_log(part)
+    if table := open_lease_table(study_folder(part)):
+        return SessionLeases(table).recover(part)
+    return recover_log(part)
 
 
 def _record_recovery(log: Path, what: str, note: AuditNote) -> None:

@@ -137,7 +137,10 @@ def _check_came_before(
         )
     left = len(find_remaining_episodes(log))
     if not is_session_complete(log) and (left or not is_only_closing_left(log.plan.parts, _resume_state(log).part)):
-        what = f"{left} episodes of session {session - 1} left to play" if left else f"not ended session {session - 1}"
+        if left:
+            what = f"{left} episodes of session {session - 1} left to play"
+        else:
+            what = f"not ended session {session - 1}"
         raise AllocationError(
             f"{participant} has {what}; finish it first: --participant {participant} --session {session - 1}"
         )
@@ -169,7 +172,10 @@ def find_interrupted_session(study_dir: Path) -> SessionSummary | None:
 
 def find_unused_slots(study_dir: Path) -> tuple[str, ...]:
     """Find who has a slot and no log: before consent, a killed program leaves nothing else of its session."""
-    played = {row.path.name.partition("_")[0] for row in read_session_index(study_dir)} if study_dir.is_dir() else set()
+    if study_dir.is_dir():
+        played = {row.path.name.partition("_")[0] for row in read_session_index(study_dir)}
+    else:
+        played = set()
     replaced = {*list_replaced(read_enrolment_log(study_dir))}
     return tuple(slot.participant for slot in read_enrolled(study_dir) if slot.participant not in played | replaced)
 
@@ -188,7 +194,10 @@ def find_local_date(when: datetime, log: SessionLog, utc_offset_min: int | None 
         utc_offset_min: where the participant is at that time, if it is known.
     """
     facts = log.segments[0].facts if log.segments else {}
-    offset_min = int(facts.get("utc_offset_min", 0)) if utc_offset_min is None else utc_offset_min
+    if utc_offset_min is None:
+        offset_min = int(facts.get("utc_offset_min", 0))
+    else:
+        offset_min = utc_offset_min
     return (when.astimezone(UTC) + timedelta(minutes=offset_min)).date()
 
 
@@ -220,7 +229,8 @@ def find_remaining_episodes(log: SessionLog) -> list[int]:
 
 
 def _plan_rest(log: SessionLog) -> SessionPlan:
-    who, session = log.plan.participant.id, log.plan.session
+    who = log.plan.participant.id
+    session = log.plan.session
     if is_session_complete(log):
         raise AllocationError(
             f"{who} has completed session {session} ({log.path}); start their next one with --session {session + 1}"
@@ -237,7 +247,8 @@ def _plan_rest(log: SessionLog) -> SessionPlan:
 
 def _resume_state(log: SessionLog) -> ResumeState:
     """The part that was not ended, and what had been reached by then."""
-    part, points = log.plan.standing.part, log.plan.standing.points
+    part = log.plan.standing.part
+    points = log.plan.standing.points
     tries = dict(log.plan.standing.tries)
     names = [its.name for its in log.plan.parts]
     for event in log.part_events:

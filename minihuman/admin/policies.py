@@ -79,7 +79,8 @@ def verify_advice(log: SessionLog, make_world: WorldFactory) -> Iterator[tuple[s
     """
     policies = PolicyStore(study_folder(list_session_files(log.path)[0]))
     agents: dict[str, BaseAgent] = {}
-    states, furthest = 0, 0.0
+    states = 0
+    furthest = 0.0
     for episode in log.episodes:
         taught = episode.taught
         if taught is None or not taught.policy:

@@ -109,7 +109,12 @@ class ProtocolDraft:
         template = folder.joinpath("study.toml.j2").read_text(encoding="utf-8")
         tasks = [self._task(world) for world in self.worlds]
         numbered = {f"world-{number}": number - 1 for number in range(1, len(tasks) + 1)}
-        places = _STAGES if self.staged else numbered if len(tasks) > 1 else {"play": 0}
+        if self.staged:
+            places = _STAGES
+        elif len(tasks) > 1:
+            places = numbered
+        else:
+            places = {"play": 0}
         text = jinja.from_string(template).render(
             draft=self,
             schema=SCHEMA_FILE,
@@ -130,16 +135,22 @@ class ProtocolDraft:
         """A world with its keys and pace."""
         from minihuman.experiment.plan.dry_run import find_needed_actions  # the planner, which only a new study needs
 
-        trials, team = self.has("trials"), self.has("team")
+        trials = self.has("trials")
+        team = self.has("team")
         options = {"responses": ["press"]} if trials else {}
         with closing(World(world_id, options, trusted=True)) as world:
-            names, limit = world.action_names, world.step_limit
-            keys, noop, period_ms = assign_usual_keys(world), find_noop(world), find_period_ms(world)
+            names = world.action_names
+            limit = world.step_limit
+            keys = assign_usual_keys(world)
+            noop = find_noop(world)
+            period_ms = find_period_ms(world)
             useful = {*_MOVES, *find_needed_actions(world)}
         if trials:
-            keys, period_ms = {"space": "press"}, None
+            keys = {"space": "press"}
+            period_ms = None
         elif team:
-            keys, period_ms = {key: name for key, name in keys.items() if name in names[:5]}, 150.0
+            keys = {key: name for key, name in keys.items() if name in names[:5]}
+            period_ms = 150.0
         free = period_ms is None and not trials  # which key does what is drawn
         moves = [name for name in names if name in useful] or list(names)
         actions = moves[:9] if free else list(keys.values())
@@ -211,7 +222,8 @@ def read_protocol(path: Path, *, trust: Permission = False) -> Protocol:
             f"{path} runs Python or reads files from {refused}, which you do not trust yet; read its code, then add "
             "--trust"
         )
-    pictures, policies = _find_pictures(protocol), _find_policies(protocol)
+    pictures = _find_pictures(protocol)
+    policies = _find_policies(protocol)
     named = {name: _read_picture(folder, name, f"{path}: {where}") for name, where in pictures.items()}
     named |= {name: _read_policy(folder, name, f"{path}: {where}") for name, where in policies.items()}
     named |= _read_stimuli(protocol, folder, path)
@@ -222,7 +234,8 @@ def _find_worlds(value: object) -> Iterator[NamedWorld]:
     """Every world that a table of a protocol names, in the overrides of a group too."""
     if isinstance(value, Mapping):
         if isinstance(value.get("world"), str) or isinstance(value.get("options"), Mapping):
-            world, options = value.get("world"), value.get("options")
+            world = value.get("world")
+            options = value.get("options")
             yield world if isinstance(world, str) else "", options if isinstance(options, Mapping) else {}
         value = tuple(value.values())
     if isinstance(value, list | tuple):
@@ -261,7 +274,8 @@ def _read_stimuli(protocol: Protocol, folder: Path, path: Path) -> dict[str, byt
     found: dict[str, bytes] = {}
     for number, block in _in_any_group(protocol, protocol.blocks):
         if block.stimuli is not None:
-            where, name = f"{path}: $.blocks[{number}].stimuli", block.stimuli.file
+            where = f"{path}: $.blocks[{number}].stimuli"
+            name = block.stimuli.file
             if name:
                 found[name] = _read_beside(
                     folder, name, where, MAX_PROTOCOL_BYTES, "copy it into the protocol's folder"
@@ -335,4 +349,6 @@ _PACKAGE = Path(__file__).parents[1]
 def find_shipped_protocol(name: str) -> Path:
     """Where a shipped protocol's TOML file is, by the file's name without its ending."""
     inside = _PACKAGE / "protocols" / f"{name}.toml"
-    return inside if inside.exists() else _PACKAGE.parent / "protocols" / f"{name}.toml"
+    if inside.exists():
+        return inside
+    return _PACKAGE.parent / "protocols" / f"{name}.toml"

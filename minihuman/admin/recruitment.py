@@ -203,7 +203,9 @@ def _decode_entry(line: bytes, number: int) -> RecruitmentEntry | None:
     try:
         found = msgspec.json.decode(line, type=dict[str, Any])
         kind = next((kind for field, kind in _ENTRY_TYPES.items() if field in found), None)
-        return None if kind is None else msgspec.convert(found, kind)
+        if kind is None:
+            return None
+        return msgspec.convert(found, kind)
     except msgspec.DecodeError:
         return None
 

@@ -159,9 +159,12 @@ def _load(own: Path) -> tuple[_Rows, _Storing, int]:
 def _refresh(rows: _Rows, study: Path, folders: LogFolders | None) -> tuple[list[str], list[str]]:
     """Read the sessions again whose row is missing or stale, forget those that are gone; return the keys of both."""
     below = len(os.fspath(study / "_")) - 1  # what every path there begins with
-    fresh, gone, present = list[str](), list[str](), 0
+    fresh = list[str]()
+    gone = list[str]()
+    present = 0
     for log, files in _sessions_below(find_log_folders(study) if folders is None else folders):
-        key, present = os.fspath(log)[below:], present + 1
+        key = os.fspath(log)[below:]
+        present = present + 1
         known = msgspec.msgpack.decode(rows[key])[0] if key in rows else ""
         described = _describe(files, known)
         if not is_same_content(described, known):
@@ -267,8 +270,11 @@ def _summarize_finished(log: Path) -> SessionSummary | None:
         return None
     if found.starts[0].get("schema_version") not in _SUMMARIZED_VERSIONS or "completed" not in found.ends[-1]:
         return None
-    first, last = found.starts[0], found.ends[-1]
-    reason, planned, completed = last["reason"], int(last["planned"]), int(last["completed"])
+    first = found.starts[0]
+    last = found.ends[-1]
+    reason = last["reason"]
+    planned = int(last["planned"])
+    completed = int(last["completed"])
     if reason != "complete" and 0 < planned == completed:
         return None
     return SessionSummary(
@@ -303,7 +309,8 @@ def find_double_sessions(folders: LogFolders) -> Iterator[str]:
         complete: dict[tuple[str, int], dict[str, Path]] = {}  # by how the log ends
         for log in logs:
             try:
-                found, its = read_summary(log), summarize_session([log])
+                found = read_summary(log)
+                its = summarize_session([log])
             except LogError:  # named elsewhere
                 continue
             if found is not None and its.complete:

@@ -144,7 +144,10 @@ def format_status(study_dir: Path, found: "StudyStatus | None" = None) -> Iterat
     logs = Counter(_session(row.summary) for row in found.sessions if row.summary)
     for row in found.sessions:
         many = logs[_session(row.summary)] if row.summary else 1
-        copied = f", one of {many} logs of this session, of which one counts: {row.path}" if many > 1 else ""
+        if many > 1:
+            copied = f", one of {many} logs of this session, of which one counts: {row.path}"
+        else:
+            copied = ""
         yield _line(row, is_running=bool(found.live) and row.path.parent in found.live) + copied
     for slot in read_enrolled(study_dir):
         if slot.participant in found.slots_without_data:

@@ -50,10 +50,15 @@ class WithdrawalResult:
 
     def line(self) -> str:
         """Say so, naming nobody."""
-        end = f"sealed in {self.sealed}, SHA-256 {self.sha256}" if self.sealed else "erased"
+        if self.sealed:
+            end = f"sealed in {self.sealed}, SHA-256 {self.sha256}"
+        else:
+            end = "erased"
         local = f"{self.files} files, {self.bytes / 1e6:.1f} MB {end}"
         stored = f"{self.partitions} files of tables removed from the remote store"
-        return local if self.partitions is None else f"{local}; {stored}"
+        if self.partitions is None:
+            return local
+        return f"{local}; {stored}"
 
 
 def withdraw_participant(

@@ -92,7 +92,8 @@ class GridSearch(GoalSearch):
 
         env = world.unwrapped
         grid = env.grid if isinstance(env, GridFromInside) else env
-        self._env, self._rng = grid, rng
+        self._env = grid
+        self._rng = rng
         inside = grid is not env
         self._explorer = Explorer(grid.state, grid.image_shape[0], judgement=PEOPLE_WEIGHTS, noise=noise, inside=inside)
 

@@ -35,4 +35,6 @@ def build_kitchen_search(world: World) -> GoalSearch | None:
     from minihuman.agents.team_agents import KitchenSearch  # compiled: only where they are used
     from minihuman.worlds.grid.kitchen import Kitchen
 
-    return KitchenSearch(world) if isinstance(world.unwrapped.team, Kitchen) else None
+    if isinstance(world.unwrapped.team, Kitchen):
+        return KitchenSearch(world)
+    return None

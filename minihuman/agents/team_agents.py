@@ -122,7 +122,8 @@ class KitchenView:
 
     def _wishes(self) -> list[list[Cell]]:
         """Stations to act on, the most urgent first."""
-        pots, kind = self._cells(fields.POT), kind_of(self.held)
+        pots = self._cells(fields.POT)
+        kind = kind_of(self.held)
         active = [cell for cell in pots if self.things[cell] and clock_of(self.things[cell]) >= 0]
         if kind == fields.SOUP:
             return [self._cells(fields.HATCH), self._shared_counters()]
@@ -154,7 +155,8 @@ class KitchenView:
 
     def _region(self, place: Cell) -> set[Cell]:
         """The floor that can be walked to, if the others make way."""
-        found, waiting = {place}, [place]
+        found = {place}
+        waiting = [place]
         while waiting:
             new = beside(waiting.pop()) & self.floor - found
             found |= new
@@ -222,8 +224,10 @@ class CorridorAgent(BaseAgent):
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
         """The next turn or step towards its goal, or towards the bay."""
-        team, seat = world.unwrapped.team, world.unwrapped.seat
-        state, pose = team.state, team.pose(seat)
+        team = world.unwrapped.team
+        seat = world.unwrapped.seat
+        state = team.state
+        pose = team.pose(seat)
         place = int(pose.x), int(pose.z)
         free = {(x, y) for x, y in np.argwhere(state.kinds != WALL).tolist()}
         others = {(int(other.x), int(other.z)) for other in map(team.pose, range(team.bodies))} - {place}

@@ -63,7 +63,9 @@ def _run() -> int:
         _complain(said if error.ctx is None else f"{said} (see {error.ctx.command_path} --help)")
         return error.exit_code
     except click.Abort as error:  # also what Click makes of Ctrl-C
-        return _INTERRUPTED if isinstance(error.__cause__, KeyboardInterrupt) else 1
+        if isinstance(error.__cause__, KeyboardInterrupt):
+            return _INTERRUPTED
+        return 1
     except KeyboardInterrupt:
         return _INTERRUPTED
     except ModuleNotFoundError as error:
@@ -107,7 +109,9 @@ def find_missing_requirements(module: str) -> list[str]:
         ):
             extras[extra].append(requirement.strip())
     bringing = [extra for extra, found in extras.items() if _name_requirement(found[0]) == name]
-    return extras[min(bringing, key=lambda extra: (bool(extra), len(extras[extra])))] if bringing else []
+    if bringing:
+        return extras[min(bringing, key=lambda extra: (bool(extra), len(extras[extra])))]
+    return []
 
 
 def _name_requirement(requirement: str) -> str:

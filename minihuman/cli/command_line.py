@@ -99,7 +99,9 @@ class CommandLine(_Group):
             return None
         function = f"{name}_" if iskeyword(name) else name
         found = getattr(import_module(f"minihuman.cli.{_MODULES[name]}"), function)
-        return found if isinstance(found, click.Command) else make_command(found)
+        if isinstance(found, click.Command):
+            return found
+        return make_command(found)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the commands by section, without importing one."""
@@ -177,7 +179,10 @@ class _Command(click.Command):
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         panels: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
         for one in self.get_params(ctx):
-            heading = "Arguments" if isinstance(one, click.Argument) else getattr(one, "panel", "Options")
+            if isinstance(one, click.Argument):
+                heading = "Arguments"
+            else:
+                heading = getattr(one, "panel", "Options")
             record = one.get_help_record(ctx)
             if record is not None:
                 panels.setdefault(heading, []).append(record)
@@ -215,7 +220,9 @@ def _make_parameter(parameter: inspect.Parameter) -> click.Parameter:
 def _bare_kind(annotation: Any) -> Any:
     """The type of one value: of ``int | None`` int, of ``list[Path]`` Path."""
     inner = [each for each in get_args(annotation) if each is not type(None)]
-    return _bare_kind(inner[0]) if inner and get_origin(annotation) is not Literal else annotation
+    if inner and get_origin(annotation) is not Literal:
+        return _bare_kind(inner[0])
+    return annotation
 
 
 def _is_list(annotation: Any) -> bool:

@@ -142,7 +142,8 @@ def annotate(
     from minihuman.dataset.annotations import Annotation, add_annotation
     from minihuman.log.read.session_reader import read_log
 
-    session, note = read_log(log), ask_reason(note)
+    session = read_log(log)
+    note = ask_reason(note)
     print(add_annotation(session, Annotation(tag, now_text(), episode, note, take_back, experimenter)))
 
 

@@ -129,7 +129,8 @@ def power(
     )
     from minihuman.planning.report_power import plan_report_power
 
-    sizes, toml = parse_group_sizes(groups), read_protocol(protocol, trust=ask_trust(trust)).toml
+    sizes = parse_group_sizes(groups)
+    toml = read_protocol(protocol, trust=ask_trust(trust)).toml
     if effect.startswith("shift="):
         estimates, text = plan_report_power(
             toml, effect, sizes, on=on, drop_out=drop_out, studies=studies, people=people, player=player, seed=seed

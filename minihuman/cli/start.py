@@ -87,7 +87,10 @@ def new(
     write_atomically(text, path)
     Trust(frozenset({folder.resolve()} if ours else ()), list_foreign_modules(draft.worlds)).record()
     links = f" --links {draft.participants}" if draft.has("two-groups") else ""
-    start = f"serve {path}{links}" if {"two-groups", "browser", "team"} & {*chosen} else f"run {path} --windowed"
+    if {"two-groups", "browser", "team"} & {*chosen}:
+        start = f"serve {path}{links}"
+    else:
+        start = f"run {path} --windowed"
     for line in draft.describe_outcomes():
         print(line)
     print(f"{path} is a study that runs:\n  minihuman check {path}\n  minihuman {start}")
@@ -170,7 +173,10 @@ def check(
 
         with show_progress("drawing every screen"), name_output_when_full(pictures):
             drawn = save_screenshots(plans, pictures)
-        others = f" (of group {who.group}; --group draws another's)" if len(study.groups) > 1 else ""
+        if len(study.groups) > 1:
+            others = f" (of group {who.group}; --group draws another's)"
+        else:
+            others = ""
         print(f"{len(drawn.screens)} screens{others} in {pictures}; all at a glance in {drawn.sheet}")
         if drawn.missing:
             print(f"not drawn, as no simulated participant reaches them: {', '.join(drawn.missing)}", file=sys.stderr)
@@ -204,7 +210,10 @@ def doctor(
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.runtime.doctor import examine_machine, format_verdict
 
-    study = None if protocol is None else read_protocol(protocol, trust=ask_trust(trust))
+    if protocol is None:
+        study = None
+    else:
+        study = read_protocol(protocol, trust=ask_trust(trust))
     whole = study is not None if fullscreen is None else fullscreen
     findings = []
     for finding in examine_machine(window=window, data=data, fullscreen=whole, protocol=study):

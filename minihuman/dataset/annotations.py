@@ -125,7 +125,10 @@ def split_annotations(
 def describe_useless_annotation(annotation: Annotation) -> str:
     """Say that an annotation has no effect."""
     number = str(annotation.episode)
-    shown = number if len(number) <= MAX_SHOWN_DIGITS else f"{number[:MAX_SHOWN_DIGITS]}..."
+    if len(number) <= MAX_SHOWN_DIGITS:
+        shown = number
+    else:
+        shown = f"{number[:MAX_SHOWN_DIGITS]}..."
     return f"annotation {annotation.tag!r} of episode {shown} has no effect: the session has no such episode"
 
 

@@ -108,7 +108,9 @@ def read_checked(file: Path) -> frozenset[str]:
         described, names = file.with_name(f"{file.name}{_CHECKED}").read_text(encoding="utf-8").split("\n")
     except (OSError, ValueError):
         return frozenset()
-    return frozenset(names.split()) if described == describe_cache(file) else frozenset()
+    if described == describe_cache(file):
+        return frozenset(names.split())
+    return frozenset()
 
 
 def write_checked(file: Path, names: Iterable[str]) -> None:
@@ -133,13 +135,20 @@ def describe_file(file: str | Path, facts: os.stat_result | None = None, *, name
         facts = facts or os.stat(file)
     except FileNotFoundError:  # finished and renamed just now; the next listing finds it under its new name
         return f"{name} gone -"
-    changed = "-" if os.name == "nt" or time.time_ns() - facts.st_ctime_ns < _UNSETTLED_NS else str(facts.st_ctime_ns)
-    head, end = f"{name} {facts.st_size} {facts.st_mtime_ns} ", f" {changed}"
+    if os.name == "nt" or time.time_ns() - facts.st_ctime_ns < _UNSETTLED_NS:
+        changed = "-"
+    else:
+        changed = str(facts.st_ctime_ns)
+    head = f"{name} {facts.st_size} {facts.st_mtime_ns} "
+    end = f" {changed}"
     if changed != "-":
         for line in known.split("\n"):
             if line.startswith(head) and line.endswith(end):
                 return line
-    ends = _digest_ends(file, facts.st_size) if stat.S_ISREG(facts.st_mode) else "no regular file"
+    if stat.S_ISREG(facts.st_mode):
+        ends = _digest_ends(file, facts.st_size)
+    else:
+        ends = "no regular file"
     return head + ends + end
 
 
@@ -174,7 +183,8 @@ def digest_files(paths: tuple[Path, ...]) -> str:
 @cache
 def digest_sources(*packages: str) -> str:
     """Digest the code of packages ("log/model"), without those below them; of none, all of minihuman's."""
-    root, digest = Path(minihuman.__file__).parent, blake2b(digest_size=8)
+    root = Path(minihuman.__file__).parent
+    digest = blake2b(digest_size=8)
     for sources in [sorted((root / package).glob("*.py")) for package in packages] or [sorted(root.rglob("*.py"))]:
         if not sources:
             raise AssertionError(f"{root}: {packages} holds no code: a cache would never go stale")

@@ -76,4 +76,6 @@ def _convert(value: Any, kind: str) -> Any:
         return value
     if kind == "number":
         return float(value)
-    return value if isinstance(value, str) else json.dumps(value)
+    if isinstance(value, str):
+        return value
+    return json.dumps(value)

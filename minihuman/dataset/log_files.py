@@ -59,7 +59,10 @@ class SkippedLog:
 
     def relative_to(self, source: Path) -> "SkippedLog":
         """The same, named as seen from a study's folder: what is written names no folder outside the study."""
-        path = self.path.relative_to(source) if source in self.path.parents else Path(self.path.name)
+        if source in self.path.parents:
+            path = self.path.relative_to(source)
+        else:
+            path = Path(self.path.name)
         return SkippedLog(path, name_paths_from(source, self.reason))
 
 
@@ -85,7 +88,8 @@ def list_readable_logs(
     """
     sessions, companions = _find_sessions(source)
     facts = {path: read_metadata(path, first) for path, first in sessions}
-    find_withdrawn, gone = _withdrawal_finder(), set[Path]()
+    find_withdrawn = _withdrawal_finder()
+    gone = set[Path]()
     of_session: dict[tuple[str, ...], list[Path]] = {}
     for path, its in facts.items():
         if its.get("participant") in find_withdrawn(path):
@@ -121,13 +125,20 @@ def _withdrawal_finder() -> Callable[[Path], frozenset[str]]:
             os.path.join(above, URL_FILE_NAME),
             os.path.join(above, LEDGER_FILE_NAME),
         )
-        codes = read_withdrawn_codes(Path(folder)) if any(map(os.path.exists, places)) else frozenset()
-        return codes | read(os.path.dirname(folder), up - 1) if up else codes
+        if any(map(os.path.exists, places)):
+            codes = read_withdrawn_codes(Path(folder))
+        else:
+            codes = frozenset()
+        if up:
+            return codes | read(os.path.dirname(folder), up - 1)
+        return codes
 
     def find(log: Path) -> frozenset[str]:
-        folder, up = os.path.dirname(log), _UP
+        folder = os.path.dirname(log)
+        up = _UP
         if os.path.basename(folder).startswith("ses-"):  # no session or participant has an enrolment log
-            folder, up = os.path.dirname(os.path.dirname(folder)), _UP - 2
+            folder = os.path.dirname(os.path.dirname(folder))
+            up = _UP - 2
         return read(folder if os.path.isabs(folder) else os.path.abspath(folder), up)
 
     return find
@@ -182,7 +193,8 @@ def _session_of(facts: dict[str, str]) -> tuple[str, ...]:
 def _in_place(path: Path, facts: dict[str, str]) -> bool:
     """Whether a log lies where its session's is recorded, under that exact name: a copy beside it has another."""
     folder = path if path.is_dir() else path.parent
-    participant, session = facts.get("participant", ""), f"ses-{facts.get('session', ''):0>2}"
+    participant = facts.get("participant", "")
+    session = f"ses-{facts.get('session', ''):0>2}"
     stem = _SEGMENT_ENDING.sub("", path.name)
     return folder.parts[-2:] == (participant, session) and (path == folder or stem == f"{participant}_{session}")
 
@@ -218,7 +230,8 @@ def map_paths(
     ``work`` also runs in other processes where there are ``per_process`` logs for each, so it and its results can be
     pickled. Only a few results are held at a time.
     """
-    paths, each = list(paths), partial(_work_on_each, work=work)
+    paths = list(paths)
+    each = partial(_work_on_each, work=work)
     if engine == "ray":
         yield from _map_with_ray(paths, each)
         return
@@ -243,8 +256,10 @@ def _map_with_ray(paths: list[Path], each: Callable[[list[Path]], list[T]]) -> I
     """Work in the cluster that RAY_ADDRESS names, or in one of this machine's cores; all see the same files."""
     ray: Any = import_module("ray")  # an extra
     with ray.init(log_to_driver=False, logging_level=30):  # warnings
-        work, each_there = ray.remote(num_cpus=1)(_call), ray.put(each)
-        ahead, waiting = 2 * int(ray.cluster_resources()["CPU"]), deque[Any]()
+        work = ray.remote(num_cpus=1)(_call)
+        each_there = ray.put(each)
+        ahead = 2 * int(ray.cluster_resources()["CPU"])
+        waiting = deque[Any]()
         for first in range(0, len(paths), _RAY_BATCH):
             waiting.append(work.remote(each_there, paths[first : first + _RAY_BATCH], Path.cwd()))
             if len(waiting) > ahead:
@@ -265,7 +280,8 @@ def _oldest(waiting: "deque[_Batch[T]]", each: Callable[[list[Path]], list[T]]) 
         free = next((place for place in reversed(range(len(waiting))) if waiting[place][1].cancel()), None)
         if free is None:
             break
-        batch, done = waiting[free][0], Future[list[T]]()
+        batch = waiting[free][0]
+        done = Future[list[T]]()
         done.set_result(each(batch))
         waiting[free] = (batch, done)
     return waiting.popleft()[1].result()

@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 
 def played_ns(episode: EpisodeLog, until_ns: int | None = None) -> int:
     """Playing time from the reset to a moment of session time, by default the last step: pauses in between excluded."""
-    first, last = int(episode.t_ns[0]), int(episode.t_ns[-1]) if until_ns is None else until_ns
+    first = int(episode.t_ns[0])
+    last = int(episode.t_ns[-1]) if until_ns is None else until_ns
     return last - first - sum(max(0, min(last, end) - max(first, begin)) for begin, end in episode.pauses)
 
 
@@ -49,13 +50,17 @@ def response_ms(episode: EpisodeLog) -> NDArray[np.float64]:
         return episode.rt_ms
     times = np.full(len(episode.actions), math.nan)
     steps, first = np.unique(episode.frames.column("step"), return_index=True)
-    onsets = np.zeros(len(episode.poses), bool) if episode.onsets is None else episode.onsets
+    if episode.onsets is None:
+        onsets = np.zeros(len(episode.poses), bool)
+    else:
+        onsets = episode.onsets
     flips_ns = np.sort(np.asarray(episode.frames.column("flip_ns"))[first[onsets[steps]]])
     keyed = np.flatnonzero([key != "" for key in episode.step_keys])
     latest = np.searchsorted(flips_ns, episode.key_t_ns[keyed], side="right") - 1
     onset_of, places = np.unique(latest, return_index=True)
     for onset, step in zip(onset_of.tolist(), keyed[places].tolist(), strict=True):
-        begin_ns, end_ns = flips_ns[onset] if onset >= 0 else 0, episode.key_t_ns[step]
+        begin_ns = flips_ns[onset] if onset >= 0 else 0
+        end_ns = episode.key_t_ns[step]
         if onset >= 0 and not any(begin_ns < pause_end and pause < end_ns for pause, pause_end in episode.pauses):
             times[step] = (end_ns - begin_ns) / 1e6
     return times
@@ -65,7 +70,9 @@ def mean_and_median(times_ms: NDArray[np.float64]) -> tuple[float | None, float 
     """Mean and median of the times that are not NaN; None without any."""
     known = times_ms[~np.isnan(times_ms)]
     middle = np.sort(known)[(known.size - 1) // 2 : known.size // 2 + 1]  # one, or two
-    return (float(known.mean()), float(middle.mean())) if known.size else (None, None)
+    if known.size:
+        return (float(known.mean()), float(middle.mean()))
+    return (None, None)
 
 
 TURN_DTYPE = np.dtype([("row", np.int64), ("turned_rad", np.float64), ("steps", np.int64)])
@@ -92,7 +99,10 @@ def measure_paths(episodes: Sequence[EpisodeLog]) -> list[PathMeasures]:
     walked = []
     for episode, begin, number in zip(episodes, begins[:-1].tolist(), turns.tolist(), strict=True):
         length = float(covered[begin : begin + len(episode.poses) - 1].sum())
-        efficiency = net_displacement(episode) / length if length > _STILL else math.nan
+        if length > _STILL:
+            efficiency = net_displacement(episode) / length
+        else:
+            efficiency = math.nan
         walked.append(PathMeasures(length, efficiency, number))
     return walked
 
@@ -143,7 +153,9 @@ def _turning(poses: PoseArray) -> tuple[NDArray[np.int64], NDArray[np.int64], ND
 
 def excess_steps(steps: int, best: int | None, *, success: bool) -> float | None:
     """Steps over the best known way, of an episode that reached its goal; None of others, or where no way is known."""
-    return float(steps - best) if success and best is not None else None
+    if success and best is not None:
+        return float(steps - best)
+    return None
 
 
 def log_excess_steps(steps: int, best: int | None, limit: int, outcome: str) -> float | None:
@@ -176,7 +188,9 @@ def spl(steps: int, best: int | None, outcome: str) -> float | None:
     """
     if best is None or outcome not in ("goal", "timeout", "failure"):
         return None
-    return best / max(steps, best) if outcome == "goal" and steps else 0.0
+    if outcome == "goal" and steps:
+        return best / max(steps, best)
+    return 0.0
 
 
 FIRST_EPISODES = 5  # episodes that count as the first
@@ -191,7 +205,8 @@ def slope_per_episode(values: Sequence[float], *, first: int = FIRST_EPISODES) -
     there = ~np.isnan(early)
     if there.sum() < 2:
         return math.nan
-    centred, values_there = np.flatnonzero(there) - np.flatnonzero(there).mean(), early[there]
+    centred = np.flatnonzero(there) - np.flatnonzero(there).mean()
+    values_there = early[there]
     rises = values_there - values_there[0]  # all 0 for equal values: a spread of rounding errors is no spread
     return float((centred * rises).sum() / (centred**2).sum())
 
@@ -238,9 +253,11 @@ class KeyTally:
     def of(cls, episode: EpisodeLog) -> "KeyTally":
         """Count an episode's."""
         keys = episode.keys
-        key, verdict = keys.column("key"), keys.column("verdict")
+        key = keys.column("key")
+        verdict = keys.column("verdict")
         pressed = keys.column("down") & ~verdict.equals_any(UNPRESSED_VERDICTS)
-        causes, shows = CategoricalTexts.of(episode.step_keys), visible_effect(episode)
+        causes = CategoricalTexts.of(episode.step_keys)
+        shows = visible_effect(episode)
         return cls(
             episode,
             presses=key.count_values(pressed),

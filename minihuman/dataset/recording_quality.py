@@ -97,7 +97,10 @@ def measure_recording_quality(log: SessionLog) -> RecordingQuality:
     down = [np.asarray(segment.keys.column("down"), bool) for segment in log.segments]
     pressed = _joined(waited[is_down] for waited, is_down in zip(waited_ms, down, strict=True))
     to_flip = list_key_to_flip_ms(log)
-    spread = tuple(float(one) for one in np.percentile(to_flip, (50, 95, 99))) if to_flip.size else (np.nan,) * 3
+    if to_flip.size:
+        spread = tuple(float(one) for one in np.percentile(to_flip, (50, 95, 99)))
+    else:
+        spread = (np.nan,) * 3
     pauses = [pause for segment in log.segments for pause in segment.pauses]
     periods = [_periods(episode, pauses) for episode in log.episodes]
     return RecordingQuality(

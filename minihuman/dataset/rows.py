@@ -116,7 +116,10 @@ def arrow_columns(name: str, parts: Sequence[RowBatch]) -> list[pa.Array]:
 
 
 def _texts(values: CategoricalTexts | list[str | None], name: Callable[[str], str]) -> pa.DictionaryArray:
-    words = CategoricalTexts.of(value or "" for value in values) if isinstance(values, list) else values
+    if isinstance(values, list):
+        words = CategoricalTexts.of(value or "" for value in values)
+    else:
+        words = values
     encoded = [name(word).encode() for word in words.categories]
     ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
     said = np.array([bool(word) for word in encoded], np.bool_)
@@ -140,5 +143,8 @@ def _numbers(values: NDArray[Any] | list[float | None], kind: pa.DataType) -> pa
         missing = np.isnan(values)
         numbers = values.astype(dtype, copy=False)
     bits = np.packbits(numbers, bitorder="little") if dtype is np.bool_ else numbers
-    there = pa.py_buffer(np.packbits(~missing, bitorder="little")) if missing.any() else None
+    if missing.any():
+        there = pa.py_buffer(np.packbits(~missing, bitorder="little"))
+    else:
+        there = None
     return pa.Array.from_buffers(kind, len(values), [there, pa.py_buffer(bits)])

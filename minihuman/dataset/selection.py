@@ -108,7 +108,10 @@ class ExclusionRule:
         labels = json.loads(row.get("labels") or "{}")
         if any(labels.get(name) != level for name, level in rule.where.items()):
             return False
-        value = labels.get(rule.measured_label) if rule.measured_label else row.get(rule.measure)
+        if rule.measured_label:
+            value = labels.get(rule.measured_label)
+        else:
+            value = row.get(rule.measure)
         if not isinstance(value, int | float):  # nothing says it, or a label is a text in this row
             return False
         return (rule.below is not None and value < rule.below) or (rule.above is not None and value > rule.above)
@@ -316,7 +319,10 @@ class Selection:
             of_session = self._find_participant_reason(log, of_session)
         asked = [self._asks_for(log, episode, tags) for episode, tags in zip(log.episodes, theirs, strict=True)]
         # a session without an episode is not asked for where episodes of one kind are
-        wanted = any(asked) if log.episodes else self._is_of(log) and not (self.outcome or self.block or self.only)
+        if log.episodes:
+            wanted = any(asked)
+        else:
+            wanted = self._is_of(log) and not (self.outcome or self.block or self.only)
         return SelectedSession(log, tuple(theirs), tuple(asked), tuple(reasons), wanted, marks, of_session)
 
     def _apply_rules(
@@ -356,13 +362,18 @@ class Selection:
         rules = read_exclusion_rules(log.plan)
         in_force = collect_tags(read_annotations(log.path))
         theirs = [list_episode_tags(episode, in_force) for episode in log.episodes]
-        measured = SessionMeasures.of(log, self.planner(log.plan, with_shortest=False)) if rules else None
+        if rules:
+            measured = SessionMeasures.of(log, self.planner(log.plan, with_shortest=False))
+        else:
+            measured = None
         return log.plan.session, self._apply_rules(log, rules, measured, theirs)[1]
 
     def planner(self, plan: SessionPlan, *, with_shortest: bool) -> PathPlanner:
         """Who says how few steps an episode could have taken: None, unless that is wanted or a rule asks for it."""
         asked_by_rule = RULES not in self.with_ and any(rule.needs_world for rule in read_exclusion_rules(plan))
-        return find_path_bounds if with_shortest or asked_by_rule else skip_path_bounds
+        if with_shortest or asked_by_rule:
+            return find_path_bounds
+        return skip_path_bounds
 
     def _asks_for(self, log: SessionLog, episode: EpisodeLog, theirs: frozenset[str]) -> bool:
         return (
@@ -381,7 +392,9 @@ class Selection:
         if unwanted := theirs & (({EXCLUDE} | set(self.without)) - set(self.with_)):
             return f"tagged {' '.join(sorted(unwanted))}"
         if episode.outcome_word in UNFINISHED_OUTCOMES and UNFINISHED not in self.with_:
-            return AGENT_FAILED if episode.outcome == "agent_failed" else NOT_FINISHED
+            if episode.outcome == "agent_failed":
+                return AGENT_FAILED
+            return NOT_FINISHED
         return ""
 
 

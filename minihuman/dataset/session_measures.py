@@ -128,7 +128,9 @@ def _episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
 
 def compare_with_shortest_path(row: Mapping[str, Any], least: PathLengthBounds) -> MeasureRow:
     """The fewest possible steps, and how an episode's stand to those of the best way that is known."""
-    steps, limit, outcome = row["steps"], row["max_steps"], row["outcome"]
+    steps = row["steps"]
+    limit = row["max_steps"]
+    outcome = row["outcome"]
     return {
         "shortest_steps": least.at_least,
         "feasible_steps": least.feasible,

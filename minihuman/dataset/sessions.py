@@ -145,7 +145,8 @@ def read_selected_sessions(sources: Iterable[Path], selection: Selection) -> tup
     Raises:
         LogError: if there is no such file or folder, or no session to be read in them.
     """
-    account, logs = SelectionSummary(str(selection)), list[SessionLog]()
+    account = SelectionSummary(str(selection))
+    logs = list[SessionLog]()
     for source in sources:
         sessions = StudySessions(source, selection)
         logs += [counted.session for counted in sessions if counted.places]

@@ -153,7 +153,9 @@ def is_episode_table(name: str) -> bool:
 
 def find_primary_key(name: str) -> tuple[str, ...]:
     """Return the columns that no two rows of a table share; none for a table of what may happen twice at once."""
-    return _EPISODE if name in _find_episode_tables() else _PRIMARY_KEYS.get(name, ())
+    if name in _find_episode_tables():
+        return _EPISODE
+    return _PRIMARY_KEYS.get(name, ())
 
 
 def build_table_schema(name: str, columns: Iterable[TableColumn]) -> dict[str, Any]:

@@ -133,7 +133,8 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             least = find_layout_bounds(row["world"], row["options"], row["seed"])
             row |= compare_with_shortest_path(row, least)
             new["episodes"].append(row)
-            log, block = row["log"], row["block"]
+            log = row["log"]
+            block = row["block"]
             of_block = means["blocks"].setdefault((log, block), [])
             of_session = means["participants"].setdefault((log, ""), [])
             if row["counts"]:

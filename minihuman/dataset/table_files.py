@@ -268,7 +268,8 @@ def _compare_databases(connection: duckdb.DuckDBPyConnection) -> Iterator[str]:
             if is_added or is_missing:
                 yield f"{where} {'is in no log' if is_added else 'is missing'}"
                 continue
-            ours, theirs = cells[: len(names)], cells[len(names) :]
+            ours = cells[: len(names)]
+            theirs = cells[len(names) :]
             for column, expected, there in zip(names, ours, theirs, strict=True):
                 if expected != there:
                     yield _describe_cell(where, column, there, expected)
@@ -305,7 +306,9 @@ def compare_pages(page: Path, recomputed: Path) -> Iterator[str]:
 
 def _shorten(line: str) -> str:
     text = " ".join(re.sub(r"<[^>]*>", " ", line).split())
-    return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."
+    if len(text) <= MAX_SHOWN:
+        return text
+    return f"{text[:MAX_SHOWN]}..."
 
 
 def _compare_rows(path: Path, own: Path) -> Iterator[str]:

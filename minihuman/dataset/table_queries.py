@@ -30,7 +30,9 @@ def find_queried_tables(sql: str) -> frozenset[str]:
     except duckdb.Error:
         return frozenset(TABLES)
     is_computed = "query" in sql.lower()  # the functions query() and query_table() take names that are computed
-    return frozenset(TABLES) if is_computed else names & TABLES.keys()
+    if is_computed:
+        return frozenset(TABLES)
+    return names & TABLES.keys()
 
 
 def needs_shortest_paths(sql: str) -> bool:

@@ -155,7 +155,9 @@ class Tables(AbstractContextManager["Tables", None]):
     def read_protocol(self, session: "CachedSession") -> Protocol | None:
         """Read the protocol that a session was played by; None if the log holds none."""
         toml = self.read_log(session).plan.protocol_toml
-        return decode_logged_protocol(toml, session.path) if toml else None
+        if toml:
+            return decode_logged_protocol(toml, session.path)
+        return None
 
     def read_protocols(self) -> list[Protocol]:
         """Read the protocols that the selected sessions were played by, each once."""

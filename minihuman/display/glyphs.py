@@ -57,7 +57,8 @@ def draw_shaped(
     x_64, y_64 = (round(length * SUBPIXELS) for length in baseline)
     mask = _render_line(line, size_px, x_64 % SUBPIXELS, y_64 % SUBPIXELS)
     if mask is not None:
-        left, top = x_64 // SUBPIXELS + mask.left, y_64 // SUBPIXELS - mask.top
+        left = x_64 // SUBPIXELS + mask.left
+        top = y_64 // SUBPIXELS - mask.top
         draw.bitmap((left, top), Image.fromarray(mask.coverage), fill=colour)
 
 
@@ -70,7 +71,8 @@ def _render_line(line: ShapedLine, size_px: int, x_64: int, y_64: int) -> GlyphB
     inked = [(bitmap, x + bitmap.left, y + bitmap.top) for bitmap, x, y in placed if bitmap.coverage.size]
     if not inked:
         return None
-    left, top = min(x for _, x, _ in inked), max(y for _, _, y in inked)
+    left = min(x for _, x, _ in inked)
+    top = max(y for _, _, y in inked)
     right = max(x + bitmap.coverage.shape[1] for bitmap, x, _ in inked)
     bottom = min(y - bitmap.coverage.shape[0] for bitmap, _, y in inked)
     canvas = np.zeros((top - bottom, right - left), np.uint8)

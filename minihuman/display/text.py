@@ -82,14 +82,16 @@ def wrap_text(text: str, *, faces: TypefaceSet, size_px: int, wide_px: float) ->
 def _break_lines(text: str, measure: Callable[[str], float], wide_px: float) -> list[str]:
     lines: list[str] = []
     for paragraph in text.strip("\n").split("\n"):
-        line, length = "", 0.0
+        line = ""
+        length = 0.0
         for token in split_tokens(paragraph):
             for piece in _split_long(token, measure, wide_px):
                 piece_px = measure(piece)
                 inked_px = measure(piece.rstrip()) if piece[-1].isspace() else piece_px
                 if line and length + inked_px > wide_px:
                     lines.append(line.rstrip())
-                    line, length = "", 0.0
+                    line = ""
+                    length = 0.0
                 line += piece
                 length += piece_px
         lines.append(line.rstrip())
@@ -109,7 +111,8 @@ PAGE_REFERENCE_PX = 900  # the height at which lines are broken
 PAGE_TYPE_SIZE = 1 / 30  # of the height; nothing that must be read is smaller than 1/40
 PAGE_LINE_HEIGHT = 1.45  # of the type size
 PAGE_COLUMN_WIDTH = 1.16  # of the height
-TEXT_TOP, TEXT_BOTTOM = 0.15, 0.82
+TEXT_TOP = 0.15
+TEXT_BOTTOM = 0.82
 PAGE_PICTURE_HEIGHT = 0.40  # of the height, with the gap below, where there is one above the text
 _HEADING = 40  # characters of the longest heading
 _SHORT = 240  # characters that fit any page, however wide
@@ -126,7 +129,8 @@ def style_lines(lines: list[str]) -> list[str]:
     What lies between the first and the second `EMPHASIS_MARK` of a line is emphasised, and so on.
     """
     text = _EMPHASIS.sub(rf"{EMPHASIS_MARK}\1{EMPHASIS_MARK}", _LIST_ITEM.sub("\\1\u2022 ", "\n".join(lines)))
-    styled, is_on = [], False
+    styled = []
+    is_on = False
     for line in text.split("\n"):
         begins = EMPHASIS_MARK * is_on
         is_on ^= line.count(EMPHASIS_MARK) % 2 == 1
@@ -194,7 +198,8 @@ def paginate_text(text: str, *, pictures: int = 0) -> tuple[str, ...]:
     while lines:
         room = count_page_lines(picture=len(pages) < pictures)
         room = _without_heading(lines, room)
-        page, lines = lines[:room], lines[room:]
+        page = lines[:room]
+        lines = lines[room:]
         pages.append("".join(page).strip("\n"))
         while lines and not lines[0].strip():
             lines = lines[1:]

@@ -100,4 +100,6 @@ class VideoWriter:
 def pad_to_even(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The picture with its last row or column repeated where their number is odd: codecs store colours in pairs."""
     rows, columns = (size % 2 for size in picture.shape[:2])
-    return np.pad(picture, ((0, rows), (0, columns), (0, 0)), "edge") if rows or columns else picture
+    if rows or columns:
+        return np.pad(picture, ((0, rows), (0, columns), (0, 0)), "edge")
+    return picture

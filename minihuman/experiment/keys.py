@@ -172,7 +172,9 @@ def key_label(key: str) -> str:
     if key in _LABELS:
         return _LABELS[key]
     plain = key.removeprefix("kp_").replace("_", " ")
-    return plain.upper() if len(plain) == 1 else plain.capitalize()
+    if len(plain) == 1:
+        return plain.upper()
+    return plain.capitalize()
 
 
 def key_caption(key: str) -> str:
@@ -227,7 +229,8 @@ _USUAL_KEYS: Mapping[str, str] = {
 }
 _OTHER_KEYS = (*DIGITS, *"qertyfghjklzxcvbnm")
 _NOOPS = ("rest", "noop", "no-op", "no_op", "idle", "stay")
-_MIN_PERIOD_MS, _MAX_PERIOD_MS = 1000 / 60, 1000.0
+_MIN_PERIOD_MS = 1000 / 60
+_MAX_PERIOD_MS = 1000.0
 _USUAL_FPS = 30.0
 
 

@@ -89,7 +89,9 @@ class PendingAllocationSession(SessionMachine):
         """The draw, once there is an answer; then the session's own requests."""
         if self.is_allocated or self.over:
             return super().request
-        return None if self._stratum is None else SlotRequest(self._stratum)
+        if self._stratum is None:
+            return None
+        return SlotRequest(self._stratum)
 
     def receive(self, happened: Input, *, at_ns: int = 0, draws: bool = True) -> list[Event]:
         """Take one input; at the draw, emit the events of all inputs so far."""

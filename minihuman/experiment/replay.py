@@ -134,7 +134,8 @@ def compare_replay(
         drawn[world_id] = world.drawn
         return world
 
-    same, otherwise = renders_same_images(first.facts), False
+    same = renders_same_images(first.facts)
+    otherwise = False
     told_less = first.facts.get("clauses", "1") != str(CLAUSES_VERSION)
     try:
         session = SessionMachine(first.plan, make, first.facts, picture_px=picture_px)
@@ -343,17 +344,22 @@ def _find_stop(coming: list[Event], phase: str) -> Stop | None:
     if ended is None:
         last = coming[0]
         cut_off = len(at_once) == len(coming) and isinstance(last, EpisodeEnded) and last.outcome == "abandoned"
-        return Stop(coming[0].t_ns, "window_closed") if cut_off else None
+        if cut_off:
+            return Stop(coming[0].t_ns, "window_closed")
+        return None
     reason: Any = ended.reason if ended.reason in _STOP_REASONS else "window_closed"
     closed = ended.reason == "complete" and phase == Phase.CLOSING  # closed during the last page
-    return Stop(ended.t_ns, reason, ended.detail) if closed or ended.reason in _STOP_REASONS else None
+    if closed or ended.reason in _STOP_REASONS:
+        return Stop(ended.t_ns, reason, ended.detail)
+    return None
 
 
 def _describe_difference(event: Event, again: Event) -> str:
     if type(event) is not type(again):
         return f"{_event_name(event)}: the machine says {_event_name(again)}"
     for field in fields(event):
-        logged, now = getattr(event, field.name), getattr(again, field.name)
+        logged = getattr(event, field.name)
+        now = getattr(again, field.name)
         if not _is_same(logged, now):
             return f"{_event_name(event)}: {field.name} {_shorten(logged)} in the log, now {_shorten(now)}"
     return f"{_event_name(event)}: what was observed differs"
@@ -445,7 +451,9 @@ class _Copier:
             return self._made.setdefault(id(value), {name: self.copy(one) for name, one in value.items()})
         if kind is tuple:
             return tuple(map(self.copy, value))
-        return self._of_machine(value) if _is_mutable(value) else value
+        if _is_mutable(value):
+            return self._of_machine(value)
+        return value
 
     def _of_machine(self, value: Any) -> Any:
         kind = _LentContext if type(value) is SessionContext else type(value)

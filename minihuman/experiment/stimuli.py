@@ -141,7 +141,9 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
 
     def _draw(self, picture: Image.Image) -> None:
         width, height = picture.size
-        draw, reach, middle = ImageDraw.Draw(picture), self._size * height / 2, height / 2
+        draw = ImageDraw.Draw(picture)
+        reach = self._size * height / 2
+        middle = height / 2
         at = self._side * width
         if self._image is not None:
             scale = min(2 * reach / self._image.height, 0.45 * width / self._image.width)
@@ -250,7 +252,10 @@ def _read_number(name: str, given: str | float, *, low: float = -math.inf, high:
     except (TypeError, ValueError):
         number = math.nan
     if not (math.isfinite(number) and low <= number <= high):
-        allowed = "a number" if math.isinf(high) else f"a number from {low:g} to {high:g}"
+        if math.isinf(high):
+            allowed = "a number"
+        else:
+            allowed = f"a number from {low:g} to {high:g}"
         raise WorldError(f"{name} is {given!r}; use {allowed}")
     return number
 

@@ -78,7 +78,10 @@ class ExportCard:
         return path
 
     def _text(self, out: Path, written: ExportResult) -> str:
-        source = "stored in the logs" if self.stored_frames else "played again from seed and actions"
+        if self.stored_frames:
+            source = "stored in the logs"
+        else:
+            source = "played again from seed and actions"
         lines = [
             f"# {self.format} export",
             "",

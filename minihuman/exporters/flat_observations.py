@@ -47,7 +47,9 @@ def stack_observations(observations: Sequence[Any]) -> Any:
         return {key: stack_observations([observation[key] for observation in observations]) for key in first}
     if isinstance(first, tuple):
         return tuple(stack_observations(column) for column in zip(*observations, strict=True))
-    return list(observations) if isinstance(first, str) else np.stack(observations)
+    if isinstance(first, str):
+        return list(observations)
+    return np.stack(observations)
 
 
 def to_standard_space(space: gymnasium.Space[Any]) -> gymnasium.Space[Any]:
@@ -91,7 +93,9 @@ def flatten_observation(observation: Any, space: gymnasium.Space[Any]) -> NDArra
     The dtype is the narrowest that holds every part of the space exactly, so it is the same for all observations.
     """
     parts = _numbers(observation, space)
-    return np.concatenate(parts) if parts else np.zeros(0, np.uint8)
+    if parts:
+        return np.concatenate(parts)
+    return np.zeros(0, np.uint8)
 
 
 def name_flat_observation(observation: Any, name: str = "") -> list[str]:
@@ -107,7 +111,9 @@ def name_flat_observation(observation: Any, name: str = "") -> list[str]:
     if isinstance(observation, str):
         return []
     size = np.asarray(observation).size
-    return [name.rstrip("_") or "value"] if size == 1 else [f"{name}{place}" for place in range(size)]
+    if size == 1:
+        return [name.rstrip("_") or "value"]
+    return [f"{name}{place}" for place in range(size)]
 
 
 def _numbers(observation: Any, space: gymnasium.Space[Any]) -> list[NDArray[Any]]:
@@ -119,9 +125,14 @@ def _numbers(observation: Any, space: gymnasium.Space[Any]) -> list[NDArray[Any]
             return [part for item, inner in pairs for part in _numbers(item, inner)]
         case gymnasium.spaces.Discrete():
             last = int(space.start) + int(space.n) - 1
-            dtype = np.min_scalar_type(last) if space.start >= 0 else np.dtype(np.int64)
+            if space.start >= 0:
+                dtype = np.min_scalar_type(last)
+            else:
+                dtype = np.dtype(np.int64)
             return [np.asarray([observation], dtype)]
-    return [] if isinstance(observation, str) else [np.asarray(observation).reshape(-1)]
+    if isinstance(observation, str):
+        return []
+    return [np.asarray(observation).reshape(-1)]
 
 
 def build_steering_columns(episode: EpisodeLog, *, with_reset: bool = False) -> dict[str, NDArray[Any]]:
@@ -158,7 +169,8 @@ def name_dataset(chosen: IncludedEpisode) -> str:
 
     Where the options differ by episode, as a design or a table of stimuli has it, the block's name is part of it.
     """
-    name, options = _slug(chosen.episode.plan.world.rsplit("/", 1)[-1].rsplit(":", 1)[-1]), get_shared_options(chosen)
+    name = _slug(chosen.episode.plan.world.rsplit("/", 1)[-1].rsplit(":", 1)[-1])
+    options = get_shared_options(chosen)
     if not options:
         return name
     return _mark(name, _slug(options) if isinstance(options, str) else _digest(options))
@@ -175,7 +187,9 @@ def _digest(value: Any) -> str:
 def _mark(name: str, mark: str) -> str:
     """The name with a mark before its version."""
     stem, _, version = name.rpartition("-v")
-    return f"{stem}-{mark}-v{version}" if stem else f"{name}-{mark}"
+    if stem:
+        return f"{stem}-{mark}-v{version}"
+    return f"{name}-{mark}"
 
 
 def env_spec(chosen: IncludedEpisode) -> EnvSpec | None:
@@ -188,20 +202,31 @@ def env_spec(chosen: IncludedEpisode) -> EnvSpec | None:
     kwargs: dict[str, Any] = {**spec.kwargs, **resolve_files(chosen.episode.plan.options)}
     spec.kwargs = kwargs
     limit = get_step_limit(chosen)
-    spec.max_episode_steps = limit if spec.max_episode_steps is None else min(limit, spec.max_episode_steps)
+    if spec.max_episode_steps is None:
+        spec.max_episode_steps = limit
+    else:
+        spec.max_episode_steps = min(limit, spec.max_episode_steps)
     if not isinstance(spec.entry_point, str):
         spec.entry_point = _importable(spec.entry_point)
     try:
-        return EnvSpec.from_json(spec.to_json()) if spec.entry_point else None
+        if spec.entry_point:
+            return EnvSpec.from_json(spec.to_json())
+        return None
     except (TypeError, ValueError):
         return None
 
 
 def _importable(made_by: Any) -> str | None:
     """Where a class or function can be imported from, "module:name"; None if nowhere."""
-    module, name = getattr(made_by, "__module__", ""), getattr(made_by, "__qualname__", "")
-    found = attrgetter(name)(sys.modules[module]) if module in sys.modules and name.isidentifier() else None
-    return f"{module}:{name}" if found is made_by and module != "__main__" else None
+    module = getattr(made_by, "__module__", "")
+    name = getattr(made_by, "__qualname__", "")
+    if module in sys.modules and name.isidentifier():
+        found = attrgetter(name)(sys.modules[module])
+    else:
+        found = None
+    if found is made_by and module != "__main__":
+        return f"{module}:{name}"
+    return None
 
 
 PICTURE_PX = (128, 128)  # what a view is drawn within for learners where the observation is no picture
@@ -239,7 +264,9 @@ def name_state(demonstration: ReplayedEpisode) -> list[str]:
     """The names of ``build_state``'s columns."""
     if not is_picture(demonstration.observation_space):
         return name_flat_observation(demonstration.observations[0])
-    return ["elapsed"] if np.isnan(demonstration.episode.poses).any() else ["x", "z", "cos_yaw", "sin_yaw"]
+    if np.isnan(demonstration.episode.poses).any():
+        return ["elapsed"]
+    return ["x", "z", "cos_yaw", "sin_yaw"]
 
 
 def build_state(demonstration: ReplayedEpisode) -> NDArray[np.float32]:
@@ -248,7 +275,8 @@ def build_state(demonstration: ReplayedEpisode) -> NDArray[np.float32]:
     Where the observation is a picture, they are where the agent stands, or, where the world cannot tell, how much of
     the episode is over.
     """
-    episode, space = demonstration.episode, demonstration.observation_space
+    episode = demonstration.episode
+    space = demonstration.observation_space
     if not is_picture(space):
         rows = [flatten_observation(observation, space) for observation in demonstration.observations]
         return _narrow(np.stack(rows), episode)
@@ -277,7 +305,9 @@ def _narrow(rows: NDArray[Any], episode: EpisodeLog) -> NDArray[np.float32]:
 def name_actions(item: IncludedEpisode) -> list[str]:
     """The names of the columns of ``build_actions``' "action"."""
     vectors = item.episode.action_vectors
-    return list(get_action_names(item)) if vectors is None else [f"component_{n}" for n in range(vectors.shape[1])]
+    if vectors is None:
+        return list(get_action_names(item))
+    return [f"component_{n}" for n in range(vectors.shape[1])]
 
 
 def build_actions(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, NDArray[Any]]:
@@ -323,7 +353,10 @@ class Resimulator:
                 plan = chosen.episode.plan
                 pictures.append(world.frame(plan.view, self._picture_px, plan.palette))
 
-        seen = _stored(chosen) if chosen.stored_frames else _played(chosen, world, draw)
+        if chosen.stored_frames:
+            seen = _stored(chosen)
+        else:
+            seen = _played(chosen, world, draw)
         drawn = seen if self._picture_px is not None and observed else tuple(pictures)
         return ReplayedEpisode(chosen.episode, seen, world.observation_space, world.action_space, drawn)
 
@@ -331,7 +364,8 @@ class Resimulator:
         made_from = (episode.plan.world, episode.world_options)
         if self._world is None or self._made_from != made_from:
             try:
-                self._world, self._made_from = World(*made_from), made_from
+                self._world = World(*made_from)
+                self._made_from = made_from
             except WorldError as error:
                 raise ExportError(f"{chosen.log.path}: {episode.name}: {error}") from error
         return self._world
@@ -389,7 +423,8 @@ class ReplayedStudy:
             if not len(item.episode.actions):
                 self._left_out.append(f"{describe_episode(item)} {self._reason}")
                 continue
-            demonstration, name = self._resimulate(item), name_dataset(item)
+            demonstration = self._resimulate(item)
+            name = name_dataset(item)
             require_regular(item, demonstration)
             shape = [
                 demonstration.observation_space,
@@ -438,7 +473,10 @@ def _check(
         same = now.observation_hash == int(episode.observation_hashes[step])
     if not same:
         played = chosen.log.facts.get("version_minihuman", "of an unknown version")
-        instead = "" if episode.observations is None else ", or export those in the log with --stored-frames"
+        if episode.observations is None:
+            instead = ""
+        else:
+            instead = ", or export those in the log with --stored-frames"
         raise ExportError(
             f"{chosen.log.path}: {episode.name} step {step}: the replayed observation differs from "
             f"the one recorded under minihuman {played} (this is {__version__}); export with {played}{instead}"

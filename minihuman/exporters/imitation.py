@@ -70,7 +70,8 @@ class FragmentWriter:
                 for side, key in zip(SIDES, keys, strict=True):
                     row |= {f"{side}_{name}": part for name, part in self._found[key].items()}
                 yield self._worlds[keys[0]], row
-        self._found, self._worlds = {}, {}
+        self._found = {}
+        self._worlds = {}
 
 
 def preference_features(trajectory: datasets.Features) -> datasets.Features:

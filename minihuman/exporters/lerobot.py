@@ -59,7 +59,8 @@ class FeatureStatistics:
         if self._picture:
             counts = np.array([np.bincount(channel, minlength=256) for channel in values.reshape(-1, 3).T])
             scale = np.arange(256) / 255.0
-            there, share = counts > 0, np.cumsum(counts, axis=1) / counts[0].sum()
+            there = counts > 0
+            share = np.cumsum(counts, axis=1) / counts[0].sum()
             self._samples = int(counts[0].sum())
             self._low, self._high = scale[there.argmax(axis=1)], scale[255 - there[:, ::-1].argmax(axis=1)]
             self._sum, self._squares = counts @ scale, counts @ scale**2
@@ -107,7 +108,8 @@ def select_known(column: NDArray[Any]) -> NDArray[Any]:
     return column
 
 
-PICTURE, STATE = "observation.image", "observation.state"
+PICTURE = "observation.image"
+STATE = "observation.state"
 INFO = "info."  # before a kept key of the world's info
 
 
@@ -119,7 +121,10 @@ def build_features(item: IncludedEpisode, first: ReplayedEpisode) -> dict[str, d
             f"{item.log.path}: {item.episode.name}: the observation has no numbers, which LeRobot's observation.state "
             "needs; export as minari, robomimic, rlds or imitation"
         )
-    seen = {PICTURE: _video_feature(pad_to_even(first.pictures[0]))} if first.pictures else {}
+    if first.pictures:
+        seen = {PICTURE: _video_feature(pad_to_even(first.pictures[0]))}
+    else:
+        seen = {}
     actions = name_actions(item)
     number = {"dtype": "int64", "shape": [1], "names": ["what the environment's step takes"]}
     return {
@@ -209,7 +214,8 @@ def _build_info(item: IncludedEpisode, features: dict[str, Any]) -> dict[str, ND
     Raises:
         ExportError: if a key that was a number in the data set's first episode is something else in this one.
     """
-    episode, columns = item.episode, dict[str, NDArray[Any]]()
+    episode = item.episode
+    columns = dict[str, NDArray[Any]]()
     for key, values in build_info_columns(episode).items():
         if features[f"{INFO}{key}"]["dtype"] == "string":
             columns[f"{INFO}{key}"] = np.array(format_info_texts(list_info_values(episode, key)), object)
@@ -310,7 +316,8 @@ class _Dataset:
 
     def add(self, item: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
         """Write an episode's frames and remember its row of metadata."""
-        number, length = len(self.rows), len(item.episode.actions)
+        number = len(self.rows)
+        length = len(item.episode.actions)
         task = item.episode.start.mission or f"reach the goal of {item.episode.plan.world}"
         task_index = self._tasks.setdefault(task, len(self._tasks))
         columns = build_columns(item, demonstration, self.features)
@@ -364,7 +371,8 @@ class _Dataset:
         self._writer.write_table(frames)
         if path.stat().st_size >= FILE_BYTES:
             self._writer.close()
-            self._file, self._writer = self._file + 1, None
+            self._file = self._file + 1
+            self._writer = None
         return chunk, file
 
     def _film(self, pictures: NDArray[np.uint8]) -> dict[str, Any]:
@@ -381,7 +389,8 @@ class _Dataset:
         written_bytes = path.stat().st_size if path.exists() else 0  # the encoder holds the first pictures back
         if written_bytes >= VIDEO_BYTES:
             self._video.close()
-            self._video_file, self._video = self._video_file + 1, None
+            self._video_file = self._video_file + 1
+            self._video = None
         return {f"videos/{PICTURE}/{name}": value for name, value in places.items()}
 
     def finish(self) -> None:

@@ -100,7 +100,8 @@ def _require_room(out: Path, needed_bytes: int) -> None:
 
 
 def _begin(out: Path, name: str, item: IncludedEpisode, demonstration: ReplayedEpisode) -> MinariStorage:
-    about, study = get_plan_study_facts(item.log.plan), item.log.plan.study
+    about = get_plan_study_facts(item.log.plan)
+    study = item.log.plan.study
     _namespace(out / NAMESPACE, "exported by minihuman")
     _namespace(out / NAMESPACE / study, about.title or f"the study {study}")
     data = out / NAMESPACE / name / "data"
@@ -170,7 +171,10 @@ def _description(item: IncludedEpisode, about: AboutSpec, *, recoverable: bool) 
 def _requirements(item: IncludedEpisode) -> list[str]:
     """What to install before the environment can be made, as pip takes it."""
     module, colon, _ = item.episode.plan.world.partition(":")
-    theirs = packages_distributions().get(module.partition(".")[0], []) if colon else []
+    if colon:
+        theirs = packages_distributions().get(module.partition(".")[0], [])
+    else:
+        theirs = []
     return [f"{DISTRIBUTION}>={__version__}", *(f"{package}=={version(package)}" for package in dict.fromkeys(theirs))]
 
 

@@ -91,7 +91,8 @@ class _Dataset:
 
     def __init__(self, root: Path, name: str, description: str) -> None:
         self.root = root
-        self._name, self._description = name, description
+        self._name = name
+        self._description = description
         self._shards: list[list[int]] = []  # episodes, bytes
         self._features: dict[str, Any] = {}
         root.mkdir(parents=True)
@@ -155,7 +156,10 @@ def _kind(values: Any) -> dict[str, Any]:
     if isinstance(values, list) and isinstance(values[0], str):
         return {"pythonClassName": f"{_PYTHON}text_feature.Text", "text": {}}
     array = np.asarray(values)
-    shape = {"dimensions": [str(size) for size in array.shape[1:]]} if array.ndim > 1 else {}
+    if array.ndim > 1:
+        shape = {"dimensions": [str(size) for size in array.shape[1:]]}
+    else:
+        shape = {}
     if array.ndim == 4:
         picture = {"dtype": "uint8", "encodingFormat": "png", "shape": shape}
         return {"image": picture, "pythonClassName": f"{_PYTHON}image_feature.Image"}

@@ -31,7 +31,9 @@ def get_plan_study_facts(plan: SessionPlan) -> AboutSpec:
 def get_plan_devices(plan: SessionPlan) -> dict[str, DeviceSpec]:
     """The devices of a session's protocol, by name."""
     protocol = _protocol(plan.protocol_toml)
-    return {} if protocol is None else {device.name: device for device in protocol.devices}
+    if protocol is None:
+        return {}
+    return {device.name: device for device in protocol.devices}
 
 
 def describe_episode(item: IncludedEpisode) -> str:
@@ -63,11 +65,15 @@ def get_shared_options(item: IncludedEpisode) -> str | dict[str, Any]:
     """The options of the world in all episodes of a dataset; the block's name where they differ by episode."""
     plan = item.episode.plan
     block = next((block for block in _list_variants(item) if block.name == plan.block_name), None)
-    return plan.options if block is None or isinstance(_shared_options(block), dict) else block.name
+    if block is None or isinstance(_shared_options(block), dict):
+        return plan.options
+    return block.name
 
 
 def _shared_options(block: BlockSpec) -> str | dict[str, Any]:
-    return block.options if block.design is None and block.stimuli is None else block.name
+    if block.design is None and block.stimuli is None:
+        return block.options
+    return block.name
 
 
 def _list_blocks(item: IncludedEpisode) -> list[BlockSpec]:

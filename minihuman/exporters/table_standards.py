@@ -130,7 +130,8 @@ def export_psych_ds(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         return replace(written, paths=())
     (out / "data/datapackage.json").unlink()  # its paths are not these
     (out / "data/dictionary.json").rename(out / "dictionary.json")
-    files, tables = [], [table for table in TABLES if (out / "data" / f"{table}.csv").exists()]
+    files = []
+    tables = [table for table in TABLES if (out / "data" / f"{table}.csv").exists()]
     for table in tables:
         name = f"study-{make_label(first.study)}_description-{make_label(table)}_data.csv"
         files.append((out / "data" / f"{table}.csv").rename(out / "data" / name))

@@ -91,7 +91,10 @@ def _write_labelled(chosen: IncludedEpisodes, out: Path, kind: Literal["sav", "d
             described = [column for column in columns if column.name not in COLUMNS_NEEDING_WORLD]
             rows = tables.arrow(name, [column.name for column in described])
             is_labelled = name in LABELLED_TABLES
-            label_columns = list_info_columns(tables.store.tables.connection, name) if is_labelled else {}
+            if is_labelled:
+                label_columns = list_info_columns(tables.store.tables.connection, name)
+            else:
+                label_columns = {}
             frame = add_info_columns(rows, name, label_columns).to_pandas()
             described += label_columns.values()
             flags = [column.name for column in described if column.kind == "boolean"]

@@ -37,7 +37,8 @@ def export_pettingzoo(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """
     files: dict[str, list[dict[str, Any]]] = defaultdict(list)
     left_out: list[str] = []
-    paths, steps = [], 0
+    paths = []
+    steps = 0
     for item, team in _team_episodes(chosen, left_out):
         folder = item.episode.plan.world.rpartition("/")[-1].rpartition(":")[-1].lower()
         agents = [f"body_{seat}" for seat in range(len(team.seats))]
@@ -171,7 +172,9 @@ def describe_state(kitchen: "Kitchen", step: int) -> dict[str, Any]:
         found = {"name": _THINGS[kind], "position": position}
         if kind != rules.SOUP:
             return found
-        onions, tomatoes, clock = number >> 3 & 3, number >> 5 & 3, (number >> 7) - 1
+        onions = number >> 3 & 3
+        tomatoes = number >> 5 & 3
+        clock = (number >> 7) - 1
         inside = ["onion"] * onions + ["tomato"] * tomatoes
         time = times[onions + 4 * tomatoes]
         return found | {
@@ -196,7 +199,8 @@ def describe_state(kitchen: "Kitchen", step: int) -> dict[str, Any]:
 def _describe_orders(kitchen: "Kitchen") -> dict[str, list[dict[str, list[str]]]]:
     from minihuman.worlds.grid.kitchen import RECIPES
 
-    every, bonus = kitchen.layout.orders or RECIPES, kitchen.layout.bonus
+    every = kitchen.layout.orders or RECIPES
+    bonus = kitchen.layout.bonus
     return {
         name: [{"ingredients": [_INGREDIENTS[letter] for letter in recipe]} for recipe in recipes]
         for name, recipes in (("bonus_orders", bonus), ("all_orders", every))
@@ -215,7 +219,8 @@ def _team_episodes(chosen: IncludedEpisodes, left_out: list[str]) -> Iterator[tu
     """Every team's episode once; what else there is goes into ``left_out``."""
     seen = set()
     for item in chosen:
-        team, plan = item.episode.team, item.episode.plan
+        team = item.episode.team
+        plan = item.episode.plan
         if team is None:
             left_out.append(f"{describe_episode(item)} {NO_TEAM}")
             continue

@@ -37,4 +37,6 @@ def format_info_texts(values: Sequence[Any]) -> list[str]:
 
 def add_reset(column: InfoColumn) -> InfoColumn:
     """Put a reset's row before those of the steps: a log keeps no ``info`` of a reset."""
-    return ["", *column] if isinstance(column, list) else np.insert(column, 0, math.nan)
+    if isinstance(column, list):
+        return ["", *column]
+    return np.insert(column, 0, math.nan)

@@ -41,7 +41,12 @@ def draw_cells(
     """
     width = _WIDTH / len(groups)
     most = max(len(values) for values in groups.values())
-    size = 3.2 if most <= 30 else 2.2 if most <= 100 else 1.4
+    if most <= 30:
+        size = 3.2
+    elif most <= 100:
+        size = 2.2
+    else:
+        size = 1.4
     for number, (group, values) in enumerate(groups.items()):
         colour = SERIES[number % len(SERIES)]
         centre = (number - (len(groups) - 1) / 2) * width
@@ -67,7 +72,8 @@ def _draw_means(
 ) -> None:
     mean, low, high = mean_and_band(values)
     if limits is not None:
-        low, high = np.clip(low, *limits), np.clip(high, *limits)
+        low = np.clip(low, *limits)
+        high = np.clip(high, *limits)
     ax.plot(
         places, mean, f"{_MARKERS[number % len(_MARKERS)]}{_LINES[number % len(_LINES)]}", color="black",
         mfc=SERIES[number % len(SERIES)], mec="black", mew=0.9, ms=5.5, lw=1.1, zorder=4, gid=f"means: {group}",

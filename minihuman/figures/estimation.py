@@ -57,9 +57,15 @@ def draw_participants(
     from minihuman.figures.learning_curves import mean_and_band
 
     most = max((len(values) for values in groups.values()), default=1)
-    size = 4.2 if most <= 30 else 3.0 if most <= 100 else 1.8
+    if most <= 30:
+        size = 4.2
+    elif most <= 100:
+        size = 3.0
+    else:
+        size = 1.8
     for place, (group, values) in enumerate(groups.items()):
-        colour, told = SERIES[place % len(SERIES)], values[~np.isnan(values)]
+        colour = SERIES[place % len(SERIES)]
+        told = values[~np.isnan(values)]
         offsets = spread_dots(told)
         beside = max([0.1, *offsets]) + 0.08
         ax.plot(

@@ -83,13 +83,16 @@ def group_by_block(log: SessionLog) -> list[tuple[str, Sequence[EpisodeLog]]]:
 
 def strip_events(episode: EpisodeLog) -> EpisodeLog:
     """The episode without its key presses and pictures, so that those of a thousand sessions can be held at once."""
-    keys, frames = EventColumns.of(KeyPressed, ()), EventColumns.of(FrameShown, ())
+    keys = EventColumns.of(KeyPressed, ())
+    frames = EventColumns.of(FrameShown, ())
     return replace(episode, keys=keys, frames=frames, observations=None)
 
 
 def find_reward_limits(episodes: "pd.DataFrame") -> tuple[float, float] | None:
     """The bounds of a block's rewards, 0 and 1, which a band must not leave; None where a reward lies outside them."""
-    return (0.0, 1.0) if episodes["reward"].dropna().between(0, 1).all() else None
+    if episodes["reward"].dropna().between(0, 1).all():
+        return (0.0, 1.0)
+    return None
 
 
 _LIBRARIES = ("matplotlib", "numpy", "scipy", "pillow", "fonttools")

@@ -39,7 +39,8 @@ def share_and_band(
     values: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Share of ones and its 95 % interval (Wilson), each (episodes,), from (participants, episodes) of 0, 1 and NaN."""
-    there, ones = (~np.isnan(values)).sum(axis=0), np.nansum(values, axis=0)
+    there = (~np.isnan(values)).sum(axis=0)
+    ones = np.nansum(values, axis=0)
     with np.errstate(invalid="ignore"):
         share = ones / there
     low, high = np.array([wilson_interval(int(of), int(n)) for of, n in zip(ones, there, strict=True)]).T
@@ -70,8 +71,12 @@ def draw_learning(
         colour = SERIES[place % len(SERIES)]
         mean, low, high = share_and_band(values) if shares else mean_and_band(values, level=level)
         if limits is not None:
-            low, high = np.clip(low, *limits), np.clip(high, *limits)
-        at = np.arange(1, values.shape[1] + 1) if numbers is None else np.asarray(numbers)
+            low = np.clip(low, *limits)
+            high = np.clip(high, *limits)
+        if numbers is None:
+            at = np.arange(1, values.shape[1] + 1)
+        else:
+            at = np.asarray(numbers)
         if len(values) <= _FEW and not shares:
             for theirs in values:
                 ax.plot(at, theirs, color=colour, lw=0.4, alpha=0.35, gid=f"participant: {group}")

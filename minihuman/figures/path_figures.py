@@ -127,7 +127,10 @@ def draw_path(ax: Axes, episode: EpisodeLog) -> Axes:
         return ax
     _draw_partners(ax, episode)
     unit = episode.start.map.unit if episode.start.map else "m"
-    points = _spread(episode.poses[here][:, [0, 2]]) if unit == "cell" else episode.poses[here][:, [0, 2]]
+    if unit == "cell":
+        points = _spread(episode.poses[here][:, [0, 2]])
+    else:
+        points = episode.poses[here][:, [0, 2]]
     spent = (episode.t_ns[here] - episode.t_ns[0]) / max(1, int(episode.t_ns[-1] - episode.t_ns[0]))
     segments = np.stack([points[:-1], points[1:]], axis=1)
     moved = np.abs(np.diff(points, axis=0)).sum(axis=1) > 0
@@ -200,7 +203,10 @@ def episode_panel(ax: Axes, episode: EpisodeLog) -> Axes:
         )
         ax.axis("off")
     steps = len(episode.actions)
-    ended = f"{steps} steps" if episode.outcome == "goal" else f"{episode.outcome_word} ({steps})"
+    if episode.outcome == "goal":
+        ended = f"{steps} steps"
+    else:
+        ended = f"{episode.outcome_word} ({steps})"
     ax.set_title(f"{episode.number}", loc="left", fontweight="bold", pad=2)
     ax.set_title(ended, loc="right", x=0.96, fontsize=6.0, pad=2)
     return ax

@@ -119,7 +119,8 @@ def save_figure(figure: Figure, stem: Path, *, digest: str = "") -> tuple[Path, 
     A ``digest`` of what they show is in their metadata, under "Keywords".
     """
     stem.parent.mkdir(parents=True, exist_ok=True)
-    png, pdf = stem.with_name(stem.name + ".png"), stem.with_name(stem.name + ".pdf")
+    png = stem.with_name(stem.name + ".png")
+    pdf = stem.with_name(stem.name + ".pdf")
     keywords = {"Keywords": f"minihuman {digest}"} if digest else {}
     with figure_style():
         _lay_out(figure, dpi=300)  # the places worked out for the PNG are the PDF's
@@ -162,7 +163,8 @@ def _lay_out(figure: Figure, *, dpi: int) -> None:
     for text in figure.findobj(Text):
         if hasattr(text, "set_fontfeatures"):
             text.set_fontfeatures(("-liga",))
-    engine, own_dpi = figure.get_layout_engine(), figure.dpi
+    engine = figure.get_layout_engine()
+    own_dpi = figure.dpi
     FigureCanvasAgg(figure)
     figure.dpi = dpi
     if engine is not None and figure.axes:

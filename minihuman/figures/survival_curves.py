@@ -20,7 +20,8 @@ def survival_band(found: SurvivalCurve) -> tuple[NDArray[np.float64], NDArray[np
 
     Greenwood's variance on the log-log scale (Kalbfleisch and Prentice, 2002, section 1.4); NaN at a share of 0.
     """
-    share, at_risk = found.share, found.at_risk
+    share = found.share
+    at_risk = found.at_risk
     before = np.concatenate([[1.0], share[:-1]])
     with np.errstate(divide="ignore", invalid="ignore"):
         events = np.round(at_risk * (1 - share / before))
@@ -40,7 +41,8 @@ def draw_survival(ax: Axes, groups: Mapping[str, SurvivalTimes], *, label: str, 
     """
     last = max(float(waited.times.max()) for waited in groups.values())
     for place, (group, waited) in enumerate(groups.items()):
-        found, colour = kaplan_meier(waited), SERIES[place % len(SERIES)]
+        found = kaplan_meier(waited)
+        colour = SERIES[place % len(SERIES)]
         end = float(waited.times.max())
         times = np.concatenate([[0.0], found.times, [end]])
         share = np.concatenate([[1.0], found.share, [found.share[-1] if len(found.share) else 1.0]])
@@ -74,7 +76,8 @@ def survival_figure(
         last = max(float(waited.times.max()) for waited in groups.values())
         at = np.array([tick for tick in axes.get_xticks() if 0 <= tick <= last])
         for place, (group, waited) in enumerate(groups.items()):
-            line, colour = len(groups) - 1 - place, SERIES[place % len(SERIES)]
+            line = len(groups) - 1 - place
+            colour = SERIES[place % len(SERIES)]
             for time, count in zip(at, waited.waiting(at), strict=True):
                 below.text(time, line, str(count), ha="center", va="center", color=colour, fontsize=6.5)
             below.text(0, line + 0.45, f"at risk, {group}:", ha="left", va="center", color=colour, fontsize=6)

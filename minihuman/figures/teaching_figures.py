@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from minihuman.figures.style import MUTED, SERIES, figure_style, new_figure
 from minihuman.log.model.session_log import EpisodeLog
 
-AGENT, PERSON = SERIES[0], SERIES[1]
+AGENT = SERIES[0]
+PERSON = SERIES[1]
 _RATED = {1.0: ("^", SERIES[2], "good"), -1.0: ("v", SERIES[5], "bad")}
 
 

@@ -40,7 +40,8 @@ def draw_conditions(
         ax.plot(places + shift, values.T, color=colour, lw=0.5, alpha=0.35, marker=".", ms=2.5, gid=f"people: {name}")
         means, lows, highs = mean_and_band(values)
         if limits:
-            lows, highs = np.clip(lows, *limits), np.clip(highs, *limits)
+            lows = np.clip(lows, *limits)
+            highs = np.clip(highs, *limits)
         errors = np.nan_to_num(np.stack([means - lows, highs - means]))
         ax.errorbar(
             places + shift, means, errors, color="black", mfc=colour, mec="black", marker=_MARKERS[number % 7], ms=5,

@@ -178,7 +178,9 @@ class _Run:
         seed: int,
     ) -> None:
         self.steps = self.episodes = 0
-        self._policy, self._worlds, self._settings = policy, worlds, settings
+        self._policy = policy
+        self._worlds = worlds
+        self._settings = settings
         self._spread = np.array(SPREAD if spreads else 1, np.uint8)
         self._missions = missions
         self._optimizer = torch.optim.Adam(policy.parameters(), settings.learning_rate, eps=1e-5, fused=True)
@@ -199,7 +201,8 @@ class _Run:
         return CurvePoint(self.steps, self.episodes, mean, success, time.process_time())
 
     def _collect(self) -> Batch:
-        settings, policy = self._settings, self._policy
+        settings = self._settings
+        policy = self._policy
         kept: dict[str, list[torch.Tensor]] = {}
         rewards = torch.zeros(settings.rollout, settings.worlds)
         with torch.no_grad():
@@ -214,9 +217,11 @@ class _Run:
                 rewards[t] = self._step(actions.cpu().numpy())
             _, last, _ = policy.think_on(self._seen, self._hidden, self._starts)
         rollout = {name: torch.stack(parts) for name, parts in kept.items()}
-        rewards, ends = rewards.to(settings.device), torch.cat((rollout["starts"][1:], self._starts[None]))
+        rewards = rewards.to(settings.device)
+        ends = torch.cat((rollout["starts"][1:], self._starts[None]))
         following = torch.cat((rollout["values"][1:], last.T))
-        advantage, advantages = torch.zeros_like(last.squeeze(1)), []
+        advantage = torch.zeros_like(last.squeeze(1))
+        advantages = []
         for t in reversed(range(settings.rollout)):
             goes_on = settings.discount * (1 - ends[t])
             surprise = rewards[t] + goes_on * following[t] - rollout["values"][t]
@@ -228,7 +233,8 @@ class _Run:
     def _step(self, actions: NDArray[np.int64]) -> torch.Tensor:
         """Step every world; rewards float32[n], with the value of what lay behind a step limit."""
         raw, rewards, terminated, truncated, infos = self._worlds.step(actions)
-        rewards, over = np.asarray(rewards, np.float32), terminated | truncated
+        rewards = np.asarray(rewards, np.float32)
+        over = terminated | truncated
         self._returns += rewards
         for i in np.flatnonzero(over).tolist():
             self._recent.append((float(self._returns[i]), bool(terminated[i] and rewards[i] > 0)))
@@ -245,17 +251,23 @@ class _Run:
         return torch.from_numpy(rewards)
 
     def _learn(self, rollout: Batch, hidden: torch.Tensor) -> None:
-        settings, policy = self._settings, self._policy
+        settings = self._settings
+        policy = self._policy
         returns = rollout["advantages"] + rollout["values"]
-        parts = settings.worlds if settings.memory else settings.worlds * settings.rollout
+        if settings.memory:
+            parts = settings.worlds
+        else:
+            parts = settings.worlds * settings.rollout
         for _ in range(settings.epochs):
             for chosen in torch.randperm(parts).chunk(settings.minibatches):
                 if settings.memory:  # whole rollouts of some worlds
                     some = {name: part[:, chosen] for name, part in rollout.items()}
-                    of, begun = returns[:, chosen].flatten(), hidden[chosen]
+                    of = returns[:, chosen].flatten()
+                    begun = hidden[chosen]
                 else:
                     some = {name: part.flatten(0, 1)[chosen][None] for name, part in rollout.items()}
-                    of, begun = returns.flatten()[chosen], hidden[:0]
+                    of = returns.flatten()[chosen]
+                    begun = hidden[:0]
                 seen = {name.removeprefix("seen "): part for name, part in some.items() if name.startswith("seen ")}
                 log_probs, values = policy.think_through(seen, begun, some["starts"])
                 log_prob = log_probs.gather(1, some["actions"].flatten()[:, None]).squeeze(1)
@@ -275,7 +287,10 @@ class _Run:
     def _encode(self, raw: Any) -> Batch:
         """What worlds show, on the device: a batch's observation, or single ones in a list."""
         if isinstance(raw, list):
-            raw = {name: [one[name] for one in raw] for name in raw[0]} if isinstance(raw[0], dict) else np.stack(raw)
+            if isinstance(raw[0], dict):
+                raw = {name: [one[name] for one in raw] for name in raw[0]}
+            else:
+                raw = np.stack(raw)
         image = np.asarray(raw["image"] if isinstance(raw, dict) else raw) * self._spread
         seen = {"image": torch.from_numpy(np.ascontiguousarray(np.moveaxis(image, -1, 1)))}
         if self._missions:

@@ -71,15 +71,22 @@ def evaluate_policy(
     team = getattr(world, "team", None)
     first_action = int(env.action_space.start)
     encoder = eyesight.episode_encoder()
-    returns, steps, successes = [], [], 0
+    returns = []
+    steps = []
+    successes = 0
     for episode in range(episodes):
         raw, _ = env.reset(seed=held_out_seed(seed, episode))
-        total, length, ended, terminated, reward = 0.0, 0, False, False, 0.0
+        total = 0.0
+        length = 0
+        ended = False
+        terminated = False
+        reward = 0.0
         while not ended:
             if team is not None:  # what the other bodies do
                 world.joint = [choose(encoder.encode(world, team.observation(body))) for body in range(team.bodies)]
             raw, reward, terminated, truncated, _ = env.step(first_action + choose(encoder.encode(world, raw)))
-            total, length = total + float(reward), length + 1
+            total = total + float(reward)
+            length = length + 1
             ended = terminated or truncated or length == most_steps
         returns.append(total)
         steps.append(length)
@@ -173,7 +180,10 @@ def clone_policy(
     optimiser = torch.optim.Adam(
         policy.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True
     )
-    best, best_epoch, best_training, agreement = float("inf"), 0, float("nan"), 0.0
+    best = float("inf")
+    best_epoch = 0
+    best_training = float("nan")
+    agreement = 0.0
     kept = policy.state_dict()
     for epoch in range(1, settings.most_epochs + 1):
         losses = []
@@ -187,7 +197,9 @@ def clone_policy(
             judged = policy.log_probabilities(_pick(*held_out[:2], slice(None)))
         validation_loss = float(functional.nll_loss(judged, held_out[2]))
         if validation_loss < best:
-            best, best_epoch, best_training = validation_loss, epoch, float(np.mean(losses))
+            best = validation_loss
+            best_epoch = epoch
+            best_training = float(np.mean(losses))
             agreement = float((judged.argmax(dim=1) == held_out[2]).float().mean())
             kept = {name: value.clone() for name, value in policy.state_dict().items()}
         elif epoch - best_epoch >= settings.patience:
@@ -287,7 +299,8 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str) -> 
     training, validation = split_by_participant(
         demonstrations, share=study.cloning.validation_share, seed=study.cloning.seed
     )
-    rows, policy = [], None
+    rows = []
+    policy = None
     sizes = sorted({*(size for size in study.sizes if size < len(training.episodes)), len(training.episodes)})
     for size in sizes:
         policy, cloned = clone_policy(training.first(size), validation, eyes=eyes, settings=study.cloning)

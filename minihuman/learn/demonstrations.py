@@ -73,9 +73,11 @@ def replay_demonstration(log: SessionLog, episode: EpisodeLog, world: World, enc
     Raises:
         LearnError: if the world's observations are not those of the log.
     """
-    seen, team = tuple(replay_observations(log, episode, world, encoder)), episode.team
+    seen = tuple(replay_observations(log, episode, world, encoder))
+    team = episode.team
     own = [step for step in range(len(seen)) if team is None or team.sources[step][team.seat] == "person"]
-    actions, name = episode.actions[np.array(own, np.int64)], "" if team is None else team.team
+    actions = episode.actions[np.array(own, np.int64)]
+    name = "" if team is None else team.team
     return Demonstration(log.plan.participant.id, log.player, actions, tuple(seen[step] for step in own), name)
 
 

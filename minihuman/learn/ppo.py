@@ -76,7 +76,8 @@ class TrainingEnv(gymnasium.Env[Any, Any]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin the next episode. A seed given here is ignored: the job's own decides."""
         self._episode += 1
-        self._return, self._steps = 0.0, 0
+        self._return = 0.0
+        self._steps = 0
         raw, info = self.world.reset(seed=episode_seed(self._seed, self._episode))
         return self._encoder.encode(self.world, raw), info
 
@@ -116,12 +117,15 @@ class Rollout:
 
     def judge(self, last_value: float, ended: bool, *, gamma: float, gae_lambda: float) -> None:
         """Compute generalised advantage estimates (Schulman et al., 2016)."""
-        following, goes_on, running = np.float32(last_value), np.float32(not ended), np.float32(0)
+        following = np.float32(last_value)
+        goes_on = np.float32(not ended)
+        running = np.float32(0)
         for step in reversed(range(len(self.actions))):
             delta = self.rewards[step] + gamma * following * goes_on - self.values[step]
             running = np.float32(delta + gamma * gae_lambda * goes_on * running)
             self.advantages[step] = running
-            following, goes_on = self.values[step], 1 - self.starts[step]
+            following = self.values[step]
+            goes_on = 1 - self.starts[step]
 
 
 class LeanPpo(PPO):
@@ -169,13 +173,17 @@ class LeanPpo(PPO):
 
     def train(self) -> None:
         """Update the policy from the last rollout: ``n_epochs`` passes in minibatches drawn from NumPy's stream."""
-        policy, rollout = self.policy, self._rollout
+        policy = self.policy
+        rollout = self._rollout
         policy.set_training_mode(True)
         self._update_learning_rate(policy.optimizer)
         assert callable(self.clip_range)
         clip = self.clip_range(self._current_progress_remaining)
         images = torch.from_numpy(rollout.images).to(self.device)
-        missions = None if rollout.missions is None else torch.from_numpy(rollout.missions).to(self.device)
+        if rollout.missions is None:
+            missions = None
+        else:
+            missions = torch.from_numpy(rollout.missions).to(self.device)
         actions, advantages, log_probs, returns = (
             torch.from_numpy(values).to(self.device)
             for values in (
@@ -213,7 +221,10 @@ class _Chooser:
     """Draws an action as Stable-Baselines3 does; returns it with value and log-probability."""
 
     def __init__(self, policy: Policy) -> None:
-        self._think = make_forward(policy) if policy.device.type == "cpu" else policy.think_of
+        if policy.device.type == "cpu":
+            self._think = make_forward(policy)
+        else:
+            self._think = policy.think_of
 
     def __call__(self, seen: Observation) -> tuple[int, float, float]:
         logits, value = self._think(seen)

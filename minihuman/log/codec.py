@@ -108,18 +108,21 @@ class MessageCodec:
     """
 
     def __init__(self, kind: type[Any], message: type[Message], fields: Mapping[str, FieldCodec] | None = None) -> None:
-        hints, fields = get_type_hints(kind), fields or {}
+        hints = get_type_hints(kind)
+        fields = fields or {}
         names = msgspec.structs.fields(kind) if issubclass(kind, msgspec.Struct) else dataclasses.fields(kind)
         self._names = tuple(its.name for its in names)
         self._wire_names = tuple(fields[name].name if name in fields else name for name in self._names)
-        self._kind, self._message = kind, message
+        self._kind = kind
+        self._message = message
         self._from_message = _values_getter(self._wire_names)
         encoders: dict[str, Callable[[Any], Any]] = {}
         self._decoders: list[tuple[int, Callable[[Any], Any]]] = []
         self._vocabularies: list[tuple[int, tuple[str, ...]]] = []
         self._optional: list[tuple[int, str]] = []
         for place, (name, wire_name) in enumerate(zip(self._names, self._wire_names, strict=True)):
-            its, hint = message.DESCRIPTOR.fields_by_name[wire_name], hints[name]
+            its = message.DESCRIPTOR.fields_by_name[wire_name]
+            hint = hints[name]
             codec = fields.get(name, FieldCodec(wire_name))
             decode = codec.decode
             if decode is None and its.default_value == []:  # a repeated field's, in every release of protobuf
@@ -428,7 +431,9 @@ def _rows_of_kind(kind: str) -> tuple[EventRow, ...]:
 def load_activity_rows(kind: ActivityKind) -> tuple[EventRow, ...]:
     """Load the rows that a kind of activity names."""
     module, _, name = kind.messages.partition(":")
-    return tuple(getattr(import_module(module), name)) if module else ()
+    if module:
+        return tuple(getattr(import_module(module), name))
+    return ()
 
 
 def list_activity_topics(kinds: Iterable[str]) -> tuple[Topic, ...]:

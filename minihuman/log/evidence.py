@@ -10,4 +10,6 @@ Evidence = Literal["witnessed", "consistent"]
 
 def find_evidence(facts: Mapping[str, str]) -> Evidence:
     """Return ``consistent`` for a page's own data, which were imported, ``witnessed`` for a session that was run."""
-    return "consistent" if facts.get(COLLECTED) == PAGE else "witnessed"
+    if facts.get(COLLECTED) == PAGE:
+        return "consistent"
+    return "witnessed"

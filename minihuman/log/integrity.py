@@ -74,7 +74,8 @@ class HashChain:
         """Take a message in."""
         if find_topic(message.channel.topic) is None:
             return
-        channel, name = message.channel, "" if schema is None else schema.name
+        channel = message.channel
+        name = "" if schema is None else schema.name
         if (channel.topic, name) not in self._known:
             self._known.add((channel.topic, name))
             self._channel(channel, schema)

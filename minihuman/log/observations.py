@@ -39,7 +39,9 @@ class ObservationSequence(Sequence[Any]):
     def __getitem__(self, place: slice) -> Sequence[Any]: ...
     def __getitem__(self, place: int | slice) -> Any:
         steps = range(len(self))[place]
-        return self._read(steps) if isinstance(steps, int) else [self._read(step) for step in steps]
+        if isinstance(steps, int):
+            return self._read(steps)
+        return [self._read(step) for step in steps]
 
     def _read(self, step: int) -> Any:
         where = f"episode {self._episode + 1} step {step}"

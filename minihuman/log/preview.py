@@ -61,7 +61,8 @@ class PreviewEncoder:
 
     def finish(self) -> Iterator[tuple[str, Message]]:
         """Yield the poses of the episode so far: at its end, or where the segment ends without one."""
-        path, self._path = self._path, None
+        path = self._path
+        self._path = None
         if path is not None:
             yield topics.POSE, path
 
@@ -131,7 +132,10 @@ def _log_line(event: events.Event) -> tuple[Log.Level.ValueType, str, str] | Non
 LONG_SIDE_PX = 384
 MARGIN_PX = 12
 ARROW_PX = 9  # its least radius
-PAPER, FLOOR, WALL, AGENT = "#ffffff", "#f1efe9", "#33363b", "#0072b2"
+PAPER = "#ffffff"
+FLOOR = "#f1efe9"
+WALL = "#33363b"
+AGENT = "#0072b2"
 
 
 def draw_floor_plan_png(floor: Map, pose: Pose | None) -> bytes:

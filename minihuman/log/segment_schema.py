@@ -11,7 +11,9 @@ from minihuman.worlds.outcomes import LAST_REWARD
 
 def find_schema_version(plan: SessionPlan) -> int:
     """Find the schema version of a segment with this plan; each rule names what a reader of 2 would misread."""
-    return SCHEMA_VERSION if has_outcome_rules(plan) else PLAIN_SCHEMA_VERSION
+    if has_outcome_rules(plan):
+        return SCHEMA_VERSION
+    return PLAIN_SCHEMA_VERSION
 
 
 def has_outcome_rules(plan: SessionPlan) -> bool:

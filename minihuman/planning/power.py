@@ -88,7 +88,10 @@ def _play(plan: EpisodePlan, pool: tuple[str, ...], player: SimulatedParticipant
         press = player.press(world)
         if press is None:
             raise PlayerFailedError(f"the simulated participant gave no answer in {plan.world}", "no answer")
-        action = plan.noop or "" if isinstance(press, NoPress) else plan.key_map.keys.get(press.key, "")
+        if isinstance(press, NoPress):
+            action = plan.noop or ""
+        else:
+            action = plan.key_map.keys.get(press.key, "")
         presses += 1
         if action:
             transition = world.step(world.action_names.index(action))
@@ -169,7 +172,8 @@ def _play_share(toml: bytes, group: str, player: str, job: tuple[int, int]) -> p
 
 
 def _play_bare_share(protocol: Protocol, player: str, seed: int) -> pd.DataFrame:
-    rows, worlds = list[dict[str, object]](), dict[int, World]()
+    rows = list[dict[str, object]]()
+    worlds = dict[int, World]()
     for index in range(protocol.study.participants):
         plan = expand_protocol(protocol, enrol_participant(protocol, index))
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
@@ -329,7 +333,8 @@ def power_curve(
 def _power_at(measure: str, treated: Values, untreated: Values, size: int, *, studies: int, seed: int) -> PowerEstimate:
     test = _group_p if untreated.ndim == 1 else two_parts_p
     rng = np.random.default_rng([seed, size])
-    hits, counts = list[int](), [len(part) for part in np.array_split(range(studies), min(_POOLS, studies))]
+    hits = list[int]()
+    counts = [len(part) for part in np.array_split(range(studies), min(_POOLS, studies))]
     for count in counts:
         pool = rng.integers(len(untreated), size=len(untreated))
         found = 0
@@ -339,10 +344,14 @@ def _power_at(measure: str, treated: Values, untreated: Values, size: int, *, st
     power = sum(hits) / studies
     shares = np.array(hits) / np.array(counts)
     by_chance = power * (1 - power) * float(np.mean(1 / np.array(counts)))  # between pools that do not differ
-    between = max(float(shares.var(ddof=1)) - by_chance, 0.0) if len(shares) > 1 else 0.0
+    if len(shares) > 1:
+        between = max(float(shares.var(ddof=1)) - by_chance, 0.0)
+    else:
+        between = 0.0
     low, high = wilson_interval(sum(hits), studies)
     further = _Z * math.sqrt(between)
-    low, high = power - math.hypot(power - low, further), power + math.hypot(high - power, further)
+    low = power - math.hypot(power - low, further)
+    high = power + math.hypot(high - power, further)
     return PowerEstimate(measure, size, power, max(low, 0.0), min(high, 1.0), studies)
 
 
@@ -357,7 +366,10 @@ _CM = 1 / 2.54
 
 def describe_power(pool: ParticipantPool, effect: Effect, found: Sequence[PowerEstimate], *, player: str) -> str:
     """Describe the result, for the terminal and a preregistration."""
-    what = "no effect" if effect.excess == 1 else f"excess steps times {effect.excess:g} in one of two groups"
+    if effect.excess == 1:
+        what = "no effect"
+    else:
+        what = f"excess steps times {effect.excess:g} in one of two groups"
     lines = [
         f"Power for {what}, block {pool.block}: the share of {found[0].studies:,} studies with p < {ALPHA:g}",
         f"(permutation of |Welch's t| over participants' means), people drawn from {pool.people} simulated ones of",
@@ -394,9 +406,11 @@ def power_figure(found: Sequence[PowerEstimate]) -> Figure:
         axes = figure.subplots()
         for place, measure in enumerate(dict.fromkeys(one.measure for one in found)):
             rows = sorted((one for one in found if one.measure == measure), key=lambda one: one.participants)
-            sizes, colour = [one.participants for one in rows], SERIES[place % len(SERIES)]
+            sizes = [one.participants for one in rows]
+            colour = SERIES[place % len(SERIES)]
             axes.fill_between(sizes, [one.low for one in rows], [one.high for one in rows], color=colour, alpha=0.2)
-            label, powers = measure.replace("_", " "), [one.power for one in rows]
+            label = measure.replace("_", " ")
+            powers = [one.power for one in rows]
             axes.plot(sizes, powers, "os^DvPX"[place % 7] + "-", color=colour, markersize=3, label=label)
         axes.axhline(_LIKELY, color=MUTED, linewidth=0.6, linestyle=":")
         axes.set(xlabel="participants per group", ylabel="power", ylim=(0, 1.02))

@@ -34,7 +34,8 @@ _KEYS = {
 
 def build_preregistration(protocol: Protocol, plan: SessionPlan, power: str = "") -> str:
     """Write the text in Markdown; ``plan`` is any participant's, for the hashes, ``power`` the power analysis."""
-    slots, named = build_allocation_list(protocol), protocol.analysis
+    slots = build_allocation_list(protocol)
+    named = protocol.analysis
     environment = Environment(
         loader=PackageLoader("minihuman.planning", "templates"), undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, keep_trailing_newline=True,
@@ -83,7 +84,8 @@ def describe_planned_power(toml: bytes, effect: str, *, people: int = 60, studie
     """
     from minihuman.planning.power import Effect, compute_values, describe_power, power_curve, simulate_pool
 
-    wanted, protocol = Effect.parse(effect), decode_protocol(toml, "protocol")
+    wanted = Effect.parse(effect)
+    protocol = decode_protocol(toml, "protocol")
     if protocol.analysis.primary_measure and protocol.analysis.primary_measure not in _POWER:
         return f"Power of {protocol.analysis.primary_measure} cannot be simulated; it can for {', '.join(_POWER)}."
     size = max(protocol.study.participants // max(len(protocol.groups), 1), 4)

@@ -123,7 +123,9 @@ def _values(point: NDArray[np.float64]) -> dict[str, float]:
 
 def _from_line(name: str, at: float) -> float:
     at = min(max(at, -30.0), 30.0)
-    return 1 / (1 + math.exp(-at)) if name in _CHANCES else math.exp(at)
+    if name in _CHANCES:
+        return 1 / (1 + math.exp(-at))
+    return math.exp(at)
 
 
 @dataclass(frozen=True, slots=True)

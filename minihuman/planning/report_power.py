@@ -123,7 +123,8 @@ def estimate_report_power(
     Raises:
         ReportError: if the protocol has no such comparison.
     """
-    found, several = [], len(pool.groups) > 1
+    found = []
+    several = len(pool.groups) > 1
     possible = {
         "groups": several,
         "conditions": bool(pool.analysis.conditions),
@@ -155,7 +156,8 @@ def draw_study(pool: ReportPool, design: StudyDesign, size: int, rng: np.random.
         places = [*theirs.groupby("drawn").indices.values()]
         count = round(size * ratio * len(places) / theirs["person"].nunique())
         chosen = [places[one] for one in rng.integers(len(places), size=count)]
-        rows, number = theirs.iloc[np.concatenate(chosen)], np.repeat(np.arange(count), [*map(len, chosen)])
+        rows = theirs.iloc[np.concatenate(chosen)]
+        number = np.repeat(np.arange(count), [*map(len, chosen)])
         for name in ("participant", "person"):
             rows = rows.assign(**{name: [f"{at}/{who}" for at, who in zip(number, rows[name], strict=True)]})
         drawn.append(rows)
@@ -167,7 +169,8 @@ def draw_study(pool: ReportPool, design: StudyDesign, size: int, rng: np.random.
         }
         rows = rows[rows["session"] < rows["person"].map(left)]
     rows = rows[rows["exclusion_reason"].isna()]
-    values, move = rows[measure].astype(float), rows["move"]
+    values = rows[measure].astype(float)
+    move = rows["move"]
     if measure == "success":  # more failures, or fewer successes, become the other: no share leaves 0 to 1
         others = values.where(move < 0, 1 - values)
         chance = (move.abs() / rows["middle"].where(move < 0, 1 - rows["middle"])).fillna(0).clip(0, 1)
@@ -194,13 +197,18 @@ def _find_effect(pool: ReportPool, design: StudyDesign) -> tuple[str, bool, pd.D
     What is compared is moved to a common mean first: the difference is the design's, whatever the one by which the
     simulated groups or conditions differ. ``middle`` is the mean before.
     """
-    within, rows = design.on in ("conditions", "interaction"), pool.rows
+    within = design.on in ("conditions", "interaction")
+    rows = pool.rows
     cell = {"conditions": ["block"], "interaction": ["block", "group"]}.get(design.on, ["group", "session"])
-    compared = rows["block"].isin(pool.analysis.conditions) if within else rows["block"] == pool.target
+    if within:
+        compared = rows["block"].isin(pool.analysis.conditions)
+    else:
+        compared = rows["block"] == pool.target
     theirs = rows[compared & rows["exclusion_reason"].isna()]
     measure = _primary(pool, theirs)
     scaled, logs = take_logarithms(theirs, [measure])
-    values, means = scaled[measure].astype(float), scaled.groupby(["block", "group", "participant"])[measure].mean()
+    values = scaled[measure].astype(float)
+    means = scaled.groupby(["block", "group", "participant"])[measure].mean()
     middle = values.groupby([theirs[name] for name in cell]).transform("mean")
     common = values.mean() if within else values.groupby(theirs["session"]).transform("mean")
     first_condition = theirs["block"].isin(_list_first_blocks(pool))
@@ -215,7 +223,8 @@ def _find_effect(pool: ReportPool, design: StudyDesign) -> tuple[str, bool, pd.D
 
 def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tuple[str, float]]:
     """The corrected p of each comparison of the primary measure, as the report's page has it."""
-    analysis, order = pool.analysis, list(pool.groups)
+    analysis = pool.analysis
+    order = list(pool.groups)
     if on == "interaction":
         interaction = compute_interaction(rows, pool.design, analysis, tuple(order))
         if interaction is not None:
@@ -267,11 +276,10 @@ def describe_report_power(pool: ReportPool, design: StudyDesign, found: Sequence
         "interaction": f"in block {(*pool.analysis.conditions, '')[0]} of group {next(iter(pool.groups))} alone",
         "change": f"in the later sessions of group {next(iter(pool.groups))}, block {pool.target}",
     }[design.on]
-    sentence = (
-        ""
-        if pool.analysis.primary_measure
-        else " The protocol names no primary measure, so all are corrected together."
-    )
+    if pool.analysis.primary_measure:
+        sentence = ""
+    else:
+        sentence = " The protocol names no primary measure, so all are corrected together."
     ratios = ", ".join(f"{group} {ratio}" for group, ratio in pool.groups.items())
     lines = [
         f"Power for a difference of {design.shift:g} standard deviations {where}: the share of {found[0].studies:,}",

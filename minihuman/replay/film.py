@@ -26,8 +26,14 @@ SIZE_PX = (840, 420)
 VIEW_PX = (420, 420)
 STEPS_PER_S = 8
 FORMATS = ("mp4", "webm", "gif", "png")
-PAPER, PANEL, INK, FAINT, BLUE = "#ffffff", "#f4f5f7", "#1f2328", "#6e747c", "#0969da"
-_GIF_COLOURS, _GIF_PX = 32, (560, 280)  # it stores pictures of rooms badly
+PAPER = "#ffffff"
+PANEL = "#f4f5f7"
+INK = "#1f2328"
+FAINT = "#6e747c"
+BLUE = "#0969da"
+# it stores pictures of rooms badly
+_GIF_COLOURS = 32
+_GIF_PX = (560, 280)
 _LINES = 7  # steps listed
 _MOST_KEYS = 6  # drawn
 _SHEET = 6  # pictures of an episode on a contact sheet
@@ -42,9 +48,13 @@ class Lettering:
     size_px: int
 
 
-REGULAR, BOLD = select_typefaces("en"), select_typefaces("en", bold=True)
+REGULAR = select_typefaces("en")
+BOLD = select_typefaces("en", bold=True)
 MONOSPACED = TypefaceSet(first=Typeface(str(Path(get_data_path(), "fonts", "ttf", "DejaVuSansMono.ttf"))))
-TITLE, TEXT, MONO, KEY = Lettering(BOLD, 19), Lettering(REGULAR, 14), Lettering(MONOSPACED, 12), Lettering(BOLD, 22)
+TITLE = Lettering(BOLD, 19)
+TEXT = Lettering(REGULAR, 14)
+MONO = Lettering(MONOSPACED, 12)
+KEY = Lettering(BOLD, 22)
 _MIDDLE = 0.58  # of a line's type size, from its top
 
 
@@ -58,7 +68,8 @@ def draw_label(
     centred: bool = False,
 ) -> None:
     """Set a line from its upper left corner, or around its middle."""
-    faces, size_px = lettering.faces, lettering.size_px
+    faces = lettering.faces
+    size_px = lettering.size_px
     x, y = place
     middle = (x, y if centred else y + _MIDDLE * size_px)
     ink = ImageColor.getrgb(colour)[:3]
@@ -90,9 +101,10 @@ def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Pat
         raise LogError(
             f"{log.path} has no episode {episode}; its episodes are {', '.join(map(str, numbers)) or 'none'}"
         )
-    wanted = [one for one in log.episodes if len(one.actions)] if episode is None else [
-        [one for one in log.episodes if one.number == episode][-1]
-    ]  # fmt: skip
+    if episode is None:
+        wanted = [one for one in log.episodes if len(one.actions)]
+    else:
+        wanted = [[one for one in log.episodes if one.number == episode][-1]]
     if not any(len(one.actions) for one in wanted):
         raise LogError(f"{log.path}: there is no step to film; choose another episode")
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -120,7 +132,8 @@ def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Pat
 
 def compose_frames(log: SessionLog, episode: EpisodeLog, *, stride: int = 1) -> Iterator[Image.Image]:
     """The film's pictures of an episode: the reset's, every ``stride``-th step's, and the last step's, shown longer."""
-    times_ms, views = response_ms(episode), render_frames(episode, VIEW_PX)
+    times_ms = response_ms(episode)
+    views = render_frames(episode, VIEW_PX)
     last = len(views) - 1
     for step, view in enumerate(views):
         if step % stride == 0 or step == last:
@@ -134,13 +147,15 @@ def _compose(
     image = Image.new("RGB", SIZE_PX, PAPER)
     draw = ImageDraw.Draw(image)
     image.paste(view, (0, 0))
-    left, right = VIEW_PX[0] + 20, SIZE_PX[0] - 20
+    left = VIEW_PX[0] + 20
+    right = SIZE_PX[0] - 20
     draw_label(draw, (left, 14), episode.plan.world.rpartition("/")[2].rpartition(":")[2][:32], INK, TITLE)
     who = f"{log.plan.participant.id}, episode {episode.number}, {episode.plan.block_name}"
     draw_label(draw, (left, 40), who[:48], FAINT, TEXT)
     pressed = episode.step_keys[step - 1] if step else ""
     for place, (key, action) in enumerate(sorted(episode.plan.key_map.keys.items())[:_MOST_KEYS]):
-        x, y = left + place % 3 * 62, 74 + place // 3 * 78
+        x = left + place % 3 * 62
+        y = 74 + place // 3 * 78
         down = pressed == key
         draw.rounded_rectangle((x, y, x + 44, y + 44), 7, fill=BLUE if down else PANEL, outline=FAINT)
         name = key if len(key) < 3 else key[:5]
@@ -196,7 +211,8 @@ def draw_contact_sheet(log: SessionLog, episodes: Sequence[EpisodeLog]) -> Image
     draw = ImageDraw.Draw(sheet)
     draw_label(draw, (10, 10), f"{log.plan.study}: {log.plan.participant.id}, session {log.plan.session}", INK, TITLE)
     for row, episode in enumerate(rows):
-        y, views = 40 + row * (height + 8), render_frames(episode, _THUMB_PX)
+        y = 40 + row * (height + 8)
+        views = render_frames(episode, _THUMB_PX)
         words = (
             f"episode {episode.number}", episode.plan.block_name[:20], f"{len(episode.actions)} steps",
             f"{episode.outcome_word}, {episode.return_:.2f}",

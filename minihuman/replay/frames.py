@@ -58,7 +58,8 @@ def render_frames(episode: EpisodeLog, size_px: tuple[int, int] = SIZE_PX) -> li
 
 def _redrawn(episode: EpisodeLog, world: World, size_px: tuple[int, int]) -> Iterator[NDArray[np.uint8]]:
     plan = episode.plan
-    seen, actions = world.reset(plan.seed).observation_hash, episode.actions_taken
+    seen = world.reset(plan.seed).observation_hash
+    actions = episode.actions_taken
     for step in range(len(episode.actions) + 1):
         if step:
             seen = world.step(actions[step - 1]).observation_hash

@@ -48,7 +48,10 @@ def build_layout(logs: Sequence[SessionLog], *, with_view: bool) -> rrb.Blueprin
 def _single(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
     root = session_root(log)
     taught = any(episode.taught is not None for episode in log.episodes)
-    steering = [rrb.StateTimelineView(origin=f"{root}/steering", name="Policy and person")] if taught else []
+    if taught:
+        steering = [rrb.StateTimelineView(origin=f"{root}/steering", name="Policy and person")]
+    else:
+        steering = []
     others = sorted({seat for episode in log.episodes for seat in list_partner_seats(episode)})
     names = {"view": "View", **{f"view-seat-{seat}": f"View of seat {seat}" for seat in others}}
     views = [rrb.Spatial2DView(origin=f"{root}/{view}", name=name) for view, name in names.items()]
@@ -94,8 +97,10 @@ def _maps(log: SessionLog, name: str = "") -> rrb.Spatial2DView | rrb.Tabs:
 def _map_view(log: SessionLog, name: str, bounds: Sequence[Bounds]) -> rrb.Spatial2DView:
     visual = None
     if bounds:
-        x0, z0 = min(b[0] for b in bounds), min(b[1] for b in bounds)
-        x1, z1 = max(b[2] for b in bounds), max(b[3] for b in bounds)
+        x0 = min(b[0] for b in bounds)
+        z0 = min(b[1] for b in bounds)
+        x1 = max(b[2] for b in bounds)
+        z1 = max(b[3] for b in bounds)
         margin = _MARGIN * max(x1 - x0, z1 - z0)
         visual = rrb.VisualBounds2D(x_range=(x0 - margin, x1 + margin), y_range=(z0 - margin, z1 + margin))
     return rrb.Spatial2DView(origin=f"{session_root(log)}/map", name=name, visual_bounds=visual)
@@ -176,10 +181,12 @@ def viewer_environment() -> dict[str, str]:
 
 def show_recording(recording: Path, *, web: bool) -> int:
     """Show a recording until the viewer is closed, and give its exit status."""
-    command, environment = viewer_command(recording, web=web), viewer_environment()
+    command = viewer_command(recording, web=web)
+    environment = viewer_environment()
     if not web:
         return subprocess.call(command, env=environment)
-    page, source = _free_port(), _free_port()
+    page = _free_port()
+    source = _free_port()
     address = quote(f"rerun+http://{ADDRESS}:{source}/proxy", safe="")
     print(f"open http://{ADDRESS}:{page}?url={address}   (Ctrl-C ends it)", flush=True)
     ports = ["--web-viewer-port", str(page), "--port", str(source)]

@@ -52,14 +52,19 @@ class ReplayTimeline:
 
     @property
     def _first_ns(self) -> int:
-        return int(self.start_t_ns[0]) if len(self.start_t_ns) else 0
+        if len(self.start_t_ns):
+            return int(self.start_t_ns[0])
+        return 0
 
     def columns(self, t_ns: ArrayLike) -> list[rr.TimeColumn]:
         """The timelines' values at these times, ns since the session began."""
         times = np.asarray(t_ns, np.int64)
         place = np.searchsorted(self.start_t_ns, times, side="right") - 1
         steps = np.searchsorted(self.row_t_ns, times, side="right") - 1
-        episodes = np.where(place < 0, 0, self.numbers[place]) if len(self.numbers) else np.zeros(len(times), np.int64)
+        if len(self.numbers):
+            episodes = np.where(place < 0, 0, self.numbers[place])
+        else:
+            episodes = np.zeros(len(times), np.int64)
         columns = [
             rr.TimeColumn(SESSION_TIME, duration=times.astype("timedelta64[ns]")),
             rr.TimeColumn(PLAY_TIME, duration=np.maximum(times - self._first_ns, 0).astype("timedelta64[ns]")),
@@ -79,7 +84,8 @@ def align_episode_starts(logs: Sequence[SessionLog]) -> dict[int, int]:
         for episode in log.episodes:
             number = episode.number
             longest[number] = max(longest.get(number, 0), int(episode.t_ns[-1] - episode.t_ns[0]))
-    starts, now_ns = {}, 0
+    starts = {}
+    now_ns = 0
     for number in sorted(longest):
         starts[number] = now_ns
         now_ns += longest[number] + 1_000_000_000
@@ -88,7 +94,8 @@ def align_episode_starts(logs: Sequence[SessionLog]) -> dict[int, int]:
 
 def build_facts_page(log: SessionLog) -> str:
     """Who, what, when, how it ended, and one row an episode."""
-    plan, participant = log.plan, log.plan.participant
+    plan = log.plan
+    participant = log.plan.participant
     clean = "finished" if log.clean else "cut off"
     lines = [
         f"# {participant.id}, session {plan.session}",
@@ -126,7 +133,11 @@ def _row(episode: EpisodeLog) -> str:
     )
 
 
-WALL, PATH, TRAIL, AGENT, PARTNER = 0xC8C8C8FF, 0x0072B2FF, 0xE69F00FF, 0xD55E00FF, 0xCC79A7FF
+WALL = 0xC8C8C8FF
+PATH = 0x0072B2FF
+TRAIL = 0xE69F00FF
+AGENT = 0xD55E00FF
+PARTNER = 0xCC79A7FF
 _POINT = pa.list_(pa.field("item", pa.float32(), nullable=False), 2)
 _STRIP = pa.list_(pa.field("item", _POINT, nullable=False))
 _TRAIL_MOVES = 12
@@ -175,7 +186,9 @@ def send_views(recording: rr.RecordingStream, log: SessionLog, moments: ReplayTi
         LogError: if what a world shows now is not what was seen, and the log holds no pictures.
         WorldError: if a world cannot be run here, and the log holds no pictures.
     """
-    root, files, videos = session_root(log), dict[str, io.BytesIO](), dict[str, VideoWriter]()
+    root = session_root(log)
+    files = dict[str, io.BytesIO]()
+    videos = dict[str, VideoWriter]()
     times: dict[str, list[NDArray[np.int64]]] = defaultdict(list)
     with ExitStack() as stack:
         for episode in log.episodes:
@@ -366,7 +379,8 @@ def _send_steering(recording: rr.RecordingStream, root: str, log: SessionLog, mo
         names |= dict.fromkeys(said)
     for name, changes in lanes.items():
         if changes:
-            states, colours = list(names), [_ACTIONS[place % len(_ACTIONS)] for place in range(len(names))]
+            states = list(names)
+            colours = [_ACTIONS[place % len(_ACTIONS)] for place in range(len(names))]
             style = rr.StateConfiguration(values=states, labels=states, colors=colours)
             recording.log(f"{root}/steering/{name}", style, static=True)
             columns = rr.StateChange.columns(state=[action for _, action in changes])

@@ -39,11 +39,15 @@ MEASURES = {  # words, and the range of the histogram; what lies outside counts 
     "overlap": ("share of keys pressed before the last one was released", -0.05, 1.0),
 }
 BINS = 20
-N_INTERVALS, N_OTHERS = 20, 5  # the fewest intervals of a session, and of each side of a ratio
+# the fewest intervals of a session, and of each side of a ratio
+N_INTERVALS = 20
+N_OTHERS = 5
 BOUND = 3.0  # a ratio beyond 1000 is not claimed from some hundred simulated people
 FLAG = -2.0  # log10 of the ratio at which a session is flagged
 NOT_CALIBRATED = "not calibrated on people: fitted to simulated people and programs"
-_SAME_RUN, _SAME_MS = 5, 2.0  # so many times in a row, each as near as this, in another session
+# so many times in a row, each as near as this, in another session
+_SAME_RUN = 5
+_SAME_MS = 2.0
 _ANSWER_AT_ONCE = 40  # characters
 
 
@@ -75,13 +79,16 @@ def read_key_times(log: SessionLog) -> PressTimes:
 
 
 def _read_episode(episode: EpisodeLog) -> tuple[Array, ...] | None:
-    keys, begins = episode.keys, [begin for begin, _ in episode.pauses]
+    keys = episode.keys
+    begins = [begin for begin, _ in episode.pauses]
     t_ns = np.asarray(keys.column("t_ns")) - np.asarray(keys.column("waited_ns"))
-    down, codes = np.asarray(keys.column("down"), bool), keys.column("key").codes
+    down = np.asarray(keys.column("down"), bool)
+    codes = keys.column("key").codes
     verdict = keys.column("verdict")
     pressed = down & ~verdict.equals_any((*UNPRESSED_VERDICTS, "typing", "not_playing"))
     released = ~down & ~verdict.equals_any(("release_at_focus_loss",))  # no finger left the key then
-    at_ns, which = t_ns[pressed], codes[pressed]
+    at_ns = t_ns[pressed]
+    which = codes[pressed]
     if not len(at_ns):
         return None
     up_ns = np.full(len(at_ns), np.nan)
@@ -111,7 +118,10 @@ def measure_key_times(times: PressTimes) -> dict[str, float]:
         logs = logs - np.where(times.same, np.median(kinds[0]), np.median(kinds[1]))
     pairs = known[1:] & known[:-1]
     low, middle, high = np.quantile(intervals[known], (0.25, 0.5, 0.75))
-    held = np.maximum(times.holds_ms, 0.1) if len(times.holds_ms) >= N_OTHERS else np.full(1, np.nan)
+    if len(times.holds_ms) >= N_OTHERS:
+        held = np.maximum(times.holds_ms, 0.1)
+    else:
+        held = np.full(1, np.nan)
     found = {
         "median": np.log10(middle),
         "spread": np.log10((high - low) / middle + 1e-3),
@@ -159,7 +169,8 @@ def weigh_measures(
         bound: the largest ratio that is claimed, either way.
     """
     places = {name: place_in_bin(name, value) for name, value in measured.items() if np.isfinite(value)}
-    likelihoods, best = [], []
+    likelihoods = []
+    best = []
     for kinds in (model["people"], model["programs"]):
         fits = [np.log10(one["weight"]) + sum(one["log10"][name][at] for name, at in places.items()) for one in kinds]
         likelihoods.append(np.logaddexp.reduce(np.array(fits) * np.log(10)) / np.log(10))
@@ -249,14 +260,18 @@ def _find_facts(log: SessionLog, *, typing: bool) -> Iterator[str]:
         blind = int(np.append(False, [lost for _, lost in changes])[places].sum())
         if blind:
             yield f"{blind} keys were pressed while the page had no focus"
-    at_once = [len(event.text) for event in log.part_events if isinstance(event, TextTyped)] if typing else []
+    if typing:
+        at_once = [len(event.text) for event in log.part_events if isinstance(event, TextTyped)]
+    else:
+        at_once = []
     if at_once and max(at_once) >= _ANSWER_AT_ONCE:
         yield f"{max(at_once)} characters of an answer came at once: pasted, dictated or made by a program"
 
 
 def find_same_times(times: list[PressTimes]) -> dict[int, int]:
     """Which sessions have a run of key times that another one has too, and which one: a log that was replayed."""
-    rows, owners = [np.empty((0, _SAME_RUN))], [np.empty(0, int)]
+    rows = [np.empty((0, _SAME_RUN))]
+    owners = [np.empty(0, int)]
     for number, one in enumerate(times):
         if len(one.intervals_ms) >= _SAME_RUN:
             runs = np.lib.stride_tricks.sliding_window_view(one.intervals_ms, _SAME_RUN)
@@ -266,5 +281,8 @@ def find_same_times(times: list[PressTimes]) -> dict[int, int]:
     owner = np.concatenate(owners)
     pairs = scipy.spatial.cKDTree(np.concatenate(rows)).query_pairs(_SAME_MS, p=np.inf, output_type="ndarray")
     theirs = owner[pairs]
-    apart = theirs[theirs[:, 0] != theirs[:, 1]] if len(theirs) else np.empty((0, 2), int)
+    if len(theirs):
+        apart = theirs[theirs[:, 0] != theirs[:, 1]]
+    else:
+        apart = np.empty((0, 2), int)
     return {int(one): int(other) for first in (apart, apart[:, ::-1]) for one, other in first[::-1]}

@@ -115,7 +115,8 @@ def build_report(
     trial_blocks = frozenset(block for section in report_input.sections for block in section.blocks)
     episodes, blocks = leave_out_navigation(episodes, blocks, trial_blocks)
     levels = [section.measure_tables.get("trial_levels") for section in report_input.sections]
-    analysis, design = report_input.analysis, report_input.design
+    analysis = report_input.analysis
+    design = report_input.design
     results = compute_results(
         episodes,
         blocks,
@@ -127,7 +128,10 @@ def build_report(
     )
     included = unite_teams(blocks[blocks["exclusion_reason"].isna()], report_input.teams)
     interaction = compute_interaction(included, design, analysis, results.order)
-    cells = [] if interaction is None else [draw_interaction(interaction, out / "figures")]
+    if interaction is None:
+        cells = []
+    else:
+        cells = [draw_interaction(interaction, out / "figures")]
     first_block = choose_first_block(design, analysis, results, interaction)
     estimates = list(draw_estimates(blocks, results, out / "figures"))
     figures = _draw_figures(tables, report_input, (episodes, blocks), results, out / "figures")
@@ -147,7 +151,10 @@ def build_report(
     page.write_text(build_page(content, results, templates), encoding="utf-8", newline="\n")
     participants_page = out / "participants.html"
     participants_page.write_text(build_participants_page(study, blocks, results), encoding="utf-8", newline="\n")
-    script_files = write_scripts(out, study, results, episodes, scripts) if scripts else ()
+    if scripts:
+        script_files = write_scripts(out, study, results, episodes, scripts)
+    else:
+        script_files = ()
     drawn = (*content.figures, *models, *content.first_figures)
     return (page, participants_page, *table_files, *score_files, *script_files, *(figure.path for figure in drawn))
 
@@ -218,7 +225,8 @@ def _gather_content(
     tables: Tables, report_input: _ReportInput, results: Results, practice: Collection[tuple[str, str]]
 ) -> PageContent:
     """Gather what the page says besides the results; its figures, tables and mixed models are still to come."""
-    participants, episodes = report_input.participants, report_input.episodes
+    participants = report_input.participants
+    episodes = report_input.episodes
     qualities = [session.quality for session in tables.sessions if session.quality is not None]
     outlines = [session.outline for session in tables.sessions if session.outline is not None]
     simulated = int((participants["player"] != "human").sum())
@@ -296,7 +304,9 @@ def read_planned_analysis(protocols: Sequence[Protocol]) -> AnalysisSpec:
 def read_planned_design(protocols: Sequence[Protocol]) -> ExperimentDesign:
     """Read the design that the protocol states; an empty one where its versions differ."""
     named = {derive_design(protocol) for protocol in protocols}
-    return named.pop() if len(named) == 1 else ExperimentDesign()
+    if len(named) == 1:
+        return named.pop()
+    return ExperimentDesign()
 
 
 def find_practice(protocols: Sequence[Protocol], groups: Iterable[str]) -> frozenset[tuple[str, str]]:

@@ -136,7 +136,9 @@ def choose_first_block(
     In a mixed design the last block that all groups play is an arbitrary condition, unless the protocol names it.
     """
     answers_by_interaction = interaction is not None and design.primary_effect == "interaction"
-    return "" if answers_by_interaction and not analysis.block else results.target
+    if answers_by_interaction and not analysis.block:
+        return ""
+    return results.target
 
 
 def _tabulate_cells(rows: pd.DataFrame, measure: str, conditions: tuple[str, ...]) -> pd.DataFrame:

@@ -44,7 +44,9 @@ class BlockSpecs:
     def find(self, plan: PlanOutline, block: str) -> BlockSpec | None:
         """A block as a session's group has it; None if its protocol is not known."""
         protocol = self._protocols.get(plan.protocol_sha256)
-        return None if protocol is None else protocol.block_for(block, plan.group)
+        if protocol is None:
+            return None
+        return protocol.block_for(block, plan.group)
 
 
 def build_methods(
@@ -124,8 +126,14 @@ def _people(plans: Sequence[PlanOutline], simulated: int, specs: BlockSpecs, pro
     by_hand = sum(plan.by_hand for plan in plans)
     by_design = any(protocol.allocation.design for protocol in protocols)
     keys = _are_keys_drawn(plans, specs)
-    drawn = ("Keys" if keys else "Orders") if by_design else f"Groups{' and keys' if keys else ''}"
-    chosen = f"; in {by_hand} sessions the participant or group was chosen by hand" if by_hand else ""
+    if by_design:
+        drawn = "Keys" if keys else "Orders"
+    else:
+        drawn = f"Groups{' and keys' if keys else ''}"
+    if by_hand:
+        chosen = f"; in {by_hand} sessions the participant or group was chosen by hand"
+    else:
+        chosen = ""
     return (
         f"{sum(groups.values())} participants took part{days} ({parts}{_nobody(plans, simulated)}). "
         f"{drawn} came from an allocation list "
@@ -159,7 +167,9 @@ def _later_keys(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
         for one in plan.blocks
         if (spec := specs.find(plan, one.block_name)) is not None
     }
-    return "; keys that later sessions drew anew came from that seed alone" if policies & {*_DRAWN_ANEW} else ""
+    if policies & {*_DRAWN_ANEW}:
+        return "; keys that later sessions drew anew came from that seed alone"
+    return ""
 
 
 def _are_keys_drawn(plans: Sequence[PlanOutline], specs: BlockSpecs) -> bool:
@@ -187,14 +197,19 @@ def _strata(plans: Sequence[PlanOutline], *, by_design: bool = False) -> str:
         for stratum in sorted({stratum for stratum, _ in many})
     )
     asked = next(plan.stratified_by for plan in plans if plan.stratified_by)
-    lists = "the design knew the stratum" if by_design else "with one allocation list per stratum"
+    if by_design:
+        lists = "the design knew the stratum"
+    else:
+        lists = "with one allocation list per stratum"
     return f" Groups were stratified by the answer to {asked}, {lists} ({strata})."
 
 
 def _nobody(plans: Sequence[PlanOutline], simulated: int) -> str:
     if not simulated:
         return ""
-    return "; all simulated" if simulated == len(plans) else f"; {simulated} of the sessions simulated"
+    if simulated == len(plans):
+        return "; all simulated"
+    return f"; {simulated} of the sessions simulated"
 
 
 def _blocks(plans: Sequence[PlanOutline], specs: BlockSpecs) -> list[str]:
@@ -249,9 +264,9 @@ def _carried(known: Mapping[Cell, bool]) -> str:
                     for before, is_known in sorted(theirs.items())
                     if is_known
                 ]
-    return (
-        f" (except by {', '.join(groups_with_keys)}, who kept the keys of an earlier block)" if groups_with_keys else ""
-    )
+    if groups_with_keys:
+        return f" (except by {', '.join(groups_with_keys)}, who kept the keys of an earlier block)"
+    return ""
 
 
 def _describe(one: EpisodePlan, spec: BlockSpec | None) -> str:
@@ -259,7 +274,10 @@ def _describe(one: EpisodePlan, spec: BlockSpec | None) -> str:
     offered = sum(action in one.actions for action in one.key_map.keys.values())
     pool = len(one.key_map.keys) + len(one.key_map.spare_keys)
     others = sorted({action for action in one.key_map.keys.values() if action not in one.actions})
-    distractors = f", {', '.join(others)} on the other {len(one.key_map.keys) - offered}" if others else ""
+    if others:
+        distractors = f", {', '.join(others)} on the other {len(one.key_map.keys) - offered}"
+    else:
+        distractors = ""
     keys = (
         f"actions {', '.join(one.actions)} on {offered} keys of {pool}{distractors}; "
         f"{_SHOWN if one.show_keys else _TO_FIND}"
@@ -290,7 +308,9 @@ def _outcome(one: EpisodePlan, spec: BlockSpec | None) -> str:
 def _moved(spec: BlockSpec | None) -> str:
     """How the view got from one picture to the next, where it did not change at once."""
     moved = "; in windows, and in browsers whose page drew the world, the view moved to each new picture for"
-    return f"{moved} {spec.motion_ms:g} ms, from the beginning of which times count" if spec and spec.motion_ms else ""
+    if spec and spec.motion_ms:
+        return f"{moved} {spec.motion_ms:g} ms, from the beginning of which times count"
+    return ""
 
 
 def _episodes(one: EpisodePlan, spec: BlockSpec | None) -> str:
@@ -300,9 +320,9 @@ def _episodes(one: EpisodePlan, spec: BlockSpec | None) -> str:
         ends.append(f"until {spec.stop_criterion.successes} of the last {spec.stop_criterion.of} reached the goal")
     if spec is not None and spec.max_block_s:
         ends.append(f"for at most {spec.max_block_s:g} s in all")
-    return (
-        f"up to {one.episodes_in_block} episodes ({', '.join(ends)})" if ends else f"{one.episodes_in_block} episodes"
-    )
+    if ends:
+        return f"up to {one.episodes_in_block} episodes ({', '.join(ends)})"
+    return f"{one.episodes_in_block} episodes"
 
 
 def _pace(one: EpisodePlan) -> str:
@@ -310,7 +330,10 @@ def _pace(one: EpisodePlan) -> str:
     if one.pace == "on_key":
         return "each press of a key made one step" + (", a held key more of them" if one.auto_repeat else "")
     without = "none without a key" if one.noop is None else f"{one.noop} without a key"
-    onset = "the first picture" if one.onset_at_reset else "the onsets that the world names"
+    if one.onset_at_reset:
+        onset = "the first picture"
+    else:
+        onset = "the onsets that the world names"
     return f"one step every {one.step_period_ms:g} ms, {without}, reaction times from {onset}"
 
 
@@ -319,7 +342,10 @@ def _measures(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
     are_trials = bool(blocks) and all(is_of_trials(block, spec) for block, spec in blocks)
     names = [name for name in FORMULAS if name in TRIAL_BLOCK_MEASURES or not are_trials]
     parts = "; ".join(f"{MEASURES[name]} \N{EN DASH} {FORMULAS[name]}" for name in names)
-    several = "; of several sessions it is the mean of theirs" if len({plan.session for plan in plans}) > 1 else ""
+    if len({plan.session for plan in plans}) > 1:
+        several = "; of several sessions it is the mean of theirs"
+    else:
+        several = ""
     return f"Unless stated otherwise, a participant's value is the mean over the included episodes{several}. {parts}."
 
 
@@ -345,7 +371,10 @@ def _software(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality
         return run_with
     blocks = sorted({name for plan in with_kernels for name in plan.computed})
     kernels = sorted({run["page_kernels"] for one in qualities for run in one.software if "page_kernels" in run})
-    of = f"in {len(with_kernels)} of {len(computes)} sessions " if len(with_kernels) < len(computes) else ""
+    if len(with_kernels) < len(computes):
+        of = f"in {len(with_kernels)} of {len(computes)} sessions "
+    else:
+        of = ""
     return (
         f"{run_with} In browsers {of}the page stepped and drew {'blocks' if len(blocks) > 1 else 'block'} "
         f"{' and '.join(blocks)} ahead of the server (kernels {' and '.join(kernels)}), which compared every step with "

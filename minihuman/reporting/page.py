@@ -164,7 +164,10 @@ def ask_question(
 ) -> str:
     """What the study compares, in one sentence, after the protocol's own question."""
     stated = f"{design.question} " if design and design.question else ""
-    measure = label_measure(analysis.primary_measure) if analysis.primary_measure else "every measure"
+    if analysis.primary_measure:
+        measure = label_measure(analysis.primary_measure)
+    else:
+        measure = "every measure"
     if design and interaction and design.primary_effect == "interaction":
         return (
             f"{stated}Asked: whether differences between conditions {_join(interaction.conditions)} in {measure} "
@@ -185,7 +188,9 @@ def ask_question(
 
 
 def _join(names: Sequence[str]) -> str:
-    return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
+    if len(names) > 1:
+        return f"{', '.join(names[:-1])} and {names[-1]}"
+    return names[0]
 
 
 def _answer(target: BlockResults | None, found: Results, facts: PageContent) -> list[str]:
@@ -203,8 +208,13 @@ def _answer(target: BlockResults | None, found: Results, facts: PageContent) -> 
     if found.within and not is_about_interaction:
         primary = [one for one in found.within.comparisons if found.within.roles[one.measure] == "primary"]
         said += [paired_statement(one) for one in primary]
-    interaction = list(state_interaction(facts.interaction)) if facts.interaction else []
-    return [*interaction, *said] if is_about_interaction else [*said, *interaction]
+    if facts.interaction:
+        interaction = list(state_interaction(facts.interaction))
+    else:
+        interaction = []
+    if is_about_interaction:
+        return [*interaction, *said]
+    return [*said, *interaction]
 
 
 def _count_excluded(exclusions: pd.DataFrame) -> str:
@@ -226,7 +236,9 @@ def _within(found: WithinResults | None) -> dict[str, Any] | None:
 
 
 def _interaction(found: InteractionResults | None) -> dict[str, Table] | None:
-    return None if found is None else {"cells": cells_table(found), "table": interaction_table(found)}
+    if found is None:
+        return None
+    return {"cells": cells_table(found), "table": interaction_table(found)}
 
 
 def build_participants_page(study: str, blocks: pd.DataFrame, found: Results) -> str:
@@ -349,7 +361,8 @@ def _unbroken(first: str, second: str) -> str:
 def _comparisons(one: BlockResults) -> Table:
     """A row per comparison; of several pairs of groups a column says which."""
     pairs = dict.fromkeys((each.first, each.second) for each in one.comparisons)
-    several, named = len(pairs) > 1, _has_roles(one)
+    several = len(pairs) > 1
+    named = _has_roles(one)
 
     def row(each: GroupComparison) -> tuple[str, ...]:
         return (

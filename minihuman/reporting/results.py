@@ -243,7 +243,10 @@ def compute_results(
     ``trial_levels`` are the measures of trials by the levels of their labels. ``design`` says which blocks are one
     condition; without it each block is its own.
     """
-    units = {} if teams is None else {str(name): find_units(rows) for name, rows in teams.groupby("block")}
+    if teams is None:
+        units = {}
+    else:
+        units = {str(name): find_units(rows) for name, rows in teams.groupby("block")}
     analysis = analysis or AnalysisSpec()
     counted_people = participants[participants["exclusion_reason"].isna()]
     counted = episodes[episodes["exclusion_reason"].isna()]
@@ -385,7 +388,10 @@ def compare_labels(
         conditions=conditions,
     )
     found = compare_within(measured, of_levels) if len(conditions) > 1 else None
-    return replace(found, effects=(), label=label) if found else None  # levels alternate: they have no position
+    # levels alternate: they have no position
+    if found:
+        return replace(found, effects=(), label=label)
+    return None
 
 
 def read_label(episodes: pd.DataFrame, label: str) -> "pd.Series[str]":
@@ -440,7 +446,10 @@ def compute_block_results(
     comparisons = compare_measures(scaled_means, roles, order, logs)
     changed = list_changes(scaled, measured)
     has_excess = "log_excess_steps" in episodes and episodes["log_excess_steps"].notna().any()
-    lines = episodes.rename(columns={"log_excess_steps": _LOG_EXCESS}) if has_excess else episodes
+    if has_excess:
+        lines = episodes.rename(columns={"log_excess_steps": _LOG_EXCESS})
+    else:
+        lines = episodes
     found = BlockResults(
         block=block,
         worlds=tuple(dict.fromkeys(episodes["world"])),
@@ -494,7 +503,8 @@ def compare_adjusted(
     Participants without a covariate are left out. None where the protocol names no covariates; a pair with too few
     participants for the slopes has its reason.
     """
-    primary, covariates = analysis.primary_measure, list(analysis.covariates)
+    primary = analysis.primary_measure
+    covariates = list(analysis.covariates)
     if not covariates or primary not in each:
         return ()
     known = each.dropna(subset=[primary, *covariates])

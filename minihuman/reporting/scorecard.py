@@ -52,7 +52,10 @@ class Costs:
 
     def add(self, other: "Costs") -> "Costs":
         """Both together; a sum of two currencies is in "mixed"."""
-        currency = "mixed" if self.currency and self.currency != other.currency else other.currency
+        if self.currency and self.currency != other.currency:
+            currency = "mixed"
+        else:
+            currency = other.currency
         sums = {one.name: getattr(self, one.name) + getattr(other, one.name) for one in fields(Costs)}
         return Costs(**sums | {"currency": currency})
 
@@ -197,12 +200,18 @@ def _summarize_answers(answers: pd.DataFrame) -> pd.DataFrame:
     """The mean of numbers, else the most frequent option, by question and player."""
 
     def summarize(given: pd.DataFrame) -> str:
-        said, has_options = given["said"].value_counts(), given["kind"].iloc[0].startswith("choice")
-        what = f"{said.index[0]}: {said.iloc[0] / len(given):.0%}" if has_options else f"{given['number'].mean():.2f}"
+        said = given["said"].value_counts()
+        has_options = given["kind"].iloc[0].startswith("choice")
+        if has_options:
+            what = f"{said.index[0]}: {said.iloc[0] / len(given):.0%}"
+        else:
+            what = f"{given['number'].mean():.2f}"
         return f"{what} (n = {len(given)})"
 
     last = answers.drop_duplicates(["run", *_QUESTION], keep="last").groupby([*_QUESTION, "player"])
-    return last[_ANSWER[4:]].apply(summarize).unstack(fill_value="") if len(answers) else pd.DataFrame()
+    if len(answers):
+        return last[_ANSWER[4:]].apply(summarize).unstack(fill_value="")
+    return pd.DataFrame()
 
 
 def read_player_rows(tables: Tables) -> PlayerRows:
@@ -216,7 +225,10 @@ def read_player_rows(tables: Tables) -> PlayerRows:
     logs = list(_read_model_logs(tables, participants))
     rows = pd.concat([completed.merge(players, on=_SESSION), pd.DataFrame(_list_unfinished(logs))], ignore_index=True)
     protocol = next((tables.read_protocol(session) for session in tables.sessions if session.study), None)
-    practice = {block.name for block in protocol.blocks if not block.analysed} if protocol else set()
+    if protocol:
+        practice = {block.name for block in protocol.blocks if not block.analysed}
+    else:
+        practice = set()
     parent = f"{tables.source.parent}/"
     rows = rows.assign(run=parent + rows["participant"])
     answers = numbers_and_options.merge(players, on=_SESSION)
@@ -294,7 +306,8 @@ def _name_players(players: Iterable[str]) -> dict[str, str]:
 
 def _score(rows: pd.DataFrame, name: str, reference: str, costs: Costs, seed: int, draws: int) -> ScoredPlayer | None:
     """One player's line; None where it shares no level with the reference."""
-    mine, theirs = rows[rows["player"] == name], rows[rows["player"] == reference]
+    mine = rows[rows["player"] == name]
+    theirs = rows[rows["player"] == reference]
     shared = mine[_LEVEL].drop_duplicates().merge(theirs[_LEVEL].drop_duplicates())
     if not len(shared):
         return None
@@ -348,7 +361,8 @@ def _note(lines: Sequence[ScoredPlayer], reference: str, named: str, players: se
 def write_scorecard(card: Scorecard, out: Path, *, stem: str = "scores") -> tuple[Path, ...]:
     """Write the table as CSV and Markdown, and the figure; return their paths. Answers have a CSV of their own."""
     out.mkdir(parents=True, exist_ok=True)
-    page, answers = out / f"{stem}.md", [out / f"{stem}_answers.csv"] if len(card.answers) else []
+    page = out / f"{stem}.md"
+    answers = [out / f"{stem}_answers.csv"] if len(card.answers) else []
     page.write_text(format_scorecard(card), encoding="utf-8", newline="\n")
     for path in answers:
         card.answers.to_csv(path, lineterminator="\n")
@@ -396,7 +410,9 @@ def format_scorecard(card: Scorecard) -> str:
 
 
 def _interval(one: Estimate) -> str:
-    return "" if np.isnan(one.value) else f"{one.value:.2f} [{one.low:.2f}, {one.high:.2f}]"
+    if np.isnan(one.value):
+        return ""
+    return f"{one.value:.2f} [{one.low:.2f}, {one.high:.2f}]"
 
 
 def _number(value: float) -> str:
@@ -404,7 +420,8 @@ def _number(value: float) -> str:
 
 
 def _values(line: ScoredPlayer) -> Mapping[str, object]:
-    score, costs = line.score, line.costs
+    score = line.score
+    costs = line.costs
     named = {
         "success": score.success,
         "efficiency": score.efficiency,

@@ -57,7 +57,10 @@ def difference_statement(one: GroupComparison, block: str) -> str:
     said = f"{name[0].upper()}{name[1:]}, block {block}: {one.first} {per} {one.second} "
     if one.reason and math.isnan(one.p):
         return f"{said}was not compared ({one.reason})."
-    never = " Groups of these sizes cannot reach p < 0.05, whatever the difference." if one.smallest_p >= 0.05 else ""
+    if one.smallest_p >= 0.05:
+        never = " Groups of these sizes cannot reach p < 0.05, whatever the difference."
+    else:
+        never = ""
     size = ""
     if not math.isnan(one.g):
         size = f"; standardised difference g {format_number(one.g, 2)}, interval {format_interval(one.g_interval, 2)}"
@@ -79,7 +82,10 @@ def _as_stated(one: GroupComparison | PairedComparison) -> str:
 def paired_statement(one: PairedComparison) -> str:
     """How far apart two conditions are within participants, in one sentence."""
     name = label_measure(one.measure)
-    never = " So few participants cannot reach p < 0.05, whatever the difference." if one.smallest_p >= 0.05 else ""
+    if one.smallest_p >= 0.05:
+        never = " So few participants cannot reach p < 0.05, whatever the difference."
+    else:
+        never = ""
     per = "over" if one.is_log else "minus"
     return (
         f"{name[0].upper()}{name[1:]}, within participants: {one.first} {per} {one.second} "
@@ -112,7 +118,9 @@ def crossover_table(found: WithinResults) -> Table | None:
         )
         for one in found.effects
     ]  # fmt: skip
-    return Table(("measure", "effect", "degrees of freedom", "F", "p"), rows, words=2) if rows else None
+    if rows:
+        return Table(("measure", "effect", "degrees of freedom", "F", "p"), rows, words=2)
+    return None
 
 
 def _as_factor(one: GroupComparison) -> str:
@@ -120,7 +128,8 @@ def _as_factor(one: GroupComparison) -> str:
     of = _FACTORS.get(one.measure)
     if of is None or math.isnan(one.interval[0]):
         return ""
-    factor, bounds = math.exp(one.difference), (math.exp(one.interval[0]), math.exp(one.interval[1]))
+    factor = math.exp(one.difference)
+    bounds = (math.exp(one.interval[0]), math.exp(one.interval[1]))
     return f"; as a factor of {of}: {format_number(factor, 2)}, {format_interval(bounds, 2)}"
 
 
@@ -173,7 +182,9 @@ def reliability_table(found: Sequence[Reliability]) -> Table | None:
         )
         for one in found
     ]  # fmt: skip
-    return Table(("measure", "participants", "episodes", "one episode: ICC", "all: split-half"), rows) if rows else None
+    if rows:
+        return Table(("measure", "participants", "episodes", "one episode: ICC", "all: split-half"), rows)
+    return None
 
 
 def session_table(one: BlockResults) -> Table | None:
@@ -185,7 +196,9 @@ def session_table(one: BlockResults) -> Table | None:
     changes = {(each.measure, each.group, each.sessions[1]): each for each in one.changes}
 
     def session_cell(row: Mapping[str, Any] | None) -> str:
-        return format_mean_sd(row["mean"], row["sd"]) if row is not None and row["n"] else "\N{EN DASH}"
+        if row is not None and row["n"]:
+            return format_mean_sd(row["mean"], row["sd"])
+        return "\N{EN DASH}"
 
     def change_cells(change: SessionChange | None) -> tuple[str, ...]:
         if change is None:
@@ -224,7 +237,9 @@ def session_changes_table(one: BlockResults) -> Table | None:
         )
         for (first, later), each in one.changes_compared
     ]  # fmt: skip
-    return Table(("measure", "groups", "n", "difference of changes", "p", "p (Holm)"), rows, words=2) if rows else None
+    if rows:
+        return Table(("measure", "groups", "n", "difference of changes", "p", "p (Holm)"), rows, words=2)
+    return None
 
 
 def parts_table(found: Sequence[TwoPartComparison]) -> Table | None:
@@ -253,7 +268,9 @@ def list_missing_parts(found: Sequence[TwoPartComparison]) -> list[str]:
 
 
 def _part(part: PartComparison) -> str:
-    return format_number(part.estimate) if part.reason else format_with_interval(part.estimate, part.interval)
+    if part.reason:
+        return format_number(part.estimate)
+    return format_with_interval(part.estimate, part.interval)
 
 
 _MOST_ANSWERS = 8  # of a question, that are listed one by one
@@ -294,7 +311,10 @@ def answers_table(found: pd.DataFrame) -> Table | None:
             most = tuple((str(answer), int(count)) for answer, count in counts.head(_MOST_ANSWERS).items())
             said = AnswerCounts(most, max(len(counts) - _MOST_ANSWERS, 0))
         right = given["right"].dropna()
-        share = f"{100 * float(right.astype(float).mean()):.0f} %" if len(right) else "\N{EN DASH}"
+        if len(right):
+            share = f"{100 * float(right.astype(float).mean()):.0f} %"
+        else:
+            share = "\N{EN DASH}"
         took = format_number(float(given["answer_ms"].median()) / 1000)
         when = [str(number) for name, number in zip(("session", "time"), which, strict=True) if name in whens]
         rows.append((str(part), str(item), *when, said, str(len(given)), share, took))
@@ -328,7 +348,8 @@ def quality_section(qualities: Sequence[RecordingQuality]) -> QualitySection:
         "key to flip: median", "95 %", "99 % (ms)", "focus lost", "pauses", "segments",
     )  # fmt: skip
     if not any(map(_sat, qualities)):  # nothing was timed
-        rows, heads = [row[:3] + row[9:] for row in rows], heads[:3] + heads[9:]
+        rows = [row[:3] + row[9:] for row in rows]
+        heads = heads[:3] + heads[9:]
     displays = sorted(
         {", ".join(f"{name} {value}" for name, value in shown.items()) for one in qualities for shown in one.displays}
     )
@@ -447,7 +468,9 @@ def clauses_table(rows: pd.DataFrame) -> Table | None:
         )
         for row in to_records(rows)
     ]  # fmt: skip
-    return Table(("block", "clause", "group", "asked", "done", "step"), cells, words=3) if cells else None
+    if cells:
+        return Table(("block", "clause", "group", "asked", "done", "step"), cells, words=3)
+    return None
 
 
 class FlowSection(NamedTuple):
@@ -468,7 +491,8 @@ def flow_section(source: Path, participants: pd.DataFrame) -> FlowSection | None
     try:
         if not source.is_dir() or not open_enrolment_log(source).begun:
             return None
-        found, by_hand = count_participant_flow(source), count_all_interventions(source)
+        found = count_participant_flow(source)
+        by_hand = count_all_interventions(source)
     except (AllocationError, LogError):  # no other number depends on it; the error names folders: it is not given here
         return FlowSection(None)
     counting = participants[participants["exclusion_reason"].isna()].groupby("group")["participant"].nunique()

@@ -39,7 +39,9 @@ _BOUNDED_MEASURES = frozenset(
 
 def _find_limits(measure: str, values: "pd.Series[float]") -> tuple[float, float] | None:
     """The bounds that a measure cannot leave, where none of its values does; None where there are none."""
-    return (0.0, 1.0) if measure in _BOUNDED_MEASURES and values.dropna().between(0, 1).all() else None
+    if measure in _BOUNDED_MEASURES and values.dropna().between(0, 1).all():
+        return (0.0, 1.0)
+    return None
 
 
 def draw_estimates(blocks: pd.DataFrame, found: Results, out: Path) -> Iterator[ReportFigure]:
@@ -54,8 +56,10 @@ def draw_estimates(blocks: pd.DataFrame, found: Results, out: Path) -> Iterator[
         groups = {group: means.loc[group].to_numpy(float) for group in found.order if group in means.index}
         differences = [Difference(each.first, each.second, each.difference, each.interval) for each in one.headline]
         name = label_measure(measure)
-        short, title = name.partition(" (")[0].partition(":")[0], name_measure(name, one.block, width=110)
-        stem, limits = out / f"{one.block}_result", _find_limits(measure, rows[measure])
+        short = name.partition(" (")[0].partition(":")[0]
+        title = name_measure(name, one.block, width=110)
+        stem = out / f"{one.block}_result"
+        limits = _find_limits(measure, rows[measure])
         png, _ = draw_figure_files(
             stem, "estimation.estimation_figure", groups, differences, measure=short, title=title, limits=limits
         )
@@ -124,7 +128,8 @@ def draw_reaction_times(times: pd.DataFrame, found: Results, out: Path) -> Itera
         shares = shares.div(shares.sum(axis=1), axis=0)
         groups = {group: shares.loc[group].to_numpy(float) for group in found.order if group in shares.index}
         edges_ms = 2.0 ** (np.arange(bins.start, bins.stop + 1) / _BINS_PER_OCTAVE)
-        stem, title = out / f"{one.block}draw_reaction_times", name_measure("reaction times", one.block)
+        stem = out / f"{one.block}draw_reaction_times"
+        title = name_measure("reaction times", one.block)
         png, _ = draw_figure_files(stem, "estimation.reaction_time_figure", groups, edges_ms, title=title)
         caption = (
             f"Reaction times in block {one.block}, {_BINS_PER_OCTAVE} bins per doubling: a thin line per participant, "
@@ -141,7 +146,10 @@ def draw_learning_curves(episodes: pd.DataFrame, found: Results, out: Path) -> I
         for measure, label, limits in CURVES:
             curves = collect_learning_curves(rows, measure, order=found.order)
             if curves and rows["episode_in_block"].nunique() > 1 and rows[measure].notna().any():
-                cannot_leave = limits if rows[measure].dropna().between(*limits).all() else None
+                if rows[measure].dropna().between(*limits).all():
+                    cannot_leave = limits
+                else:
+                    cannot_leave = None
                 stem = out / f"{block}_{measure}"
                 title = name_measure(label, block)
                 axis = {"measure": _AXIS[measure], "limits": cannot_leave, "title": title}
@@ -170,7 +178,8 @@ def draw_sessions(blocks: pd.DataFrame, found: Results, out: Path) -> Iterator[R
         }
         name = label_measure(measure)
         limits = _find_limits(measure, rows[measure])
-        title, short = name_measure(name, one.block), name.partition(" (")[0].partition(":")[0]
+        title = name_measure(name, one.block)
+        short = name.partition(" (")[0].partition(":")[0]
         axis = {"measure": short, "limits": limits, "xlabel": "session", "numbers": sessions, "title": title}
         png, _ = draw_figure_files(out / f"{one.block}_sessions", "learning_curves.learning_figure", curves, **axis)
         caption = f"{name[0].upper()}{name[1:]} in block {one.block}, session by session: mean, 95 % interval."
@@ -188,7 +197,8 @@ def draw_waiting_times(found: Results, out: Path) -> Iterator[ReportFigure]:
             if groups:
                 alone = name == "keys"  # a time per participant; episodes of one are not independent
                 title = name_measure(f"share of {what}", one.block)
-                stem, axis = out / f"{one.block}_waiting_{name}", {"label": label, "title": title}
+                stem = out / f"{one.block}_waiting_{name}"
+                axis = {"label": label, "title": title}
                 png, _ = draw_figure_files(stem, "survival_curves.survival_figure", groups, independent=alone, **axis)
                 band = "95 % intervals (Greenwood, log-log); " if alone else ""
                 caption = f"Share of {what} (Kaplan and Meier); {band}ticks: censored. Below: the number at risk."

@@ -94,13 +94,17 @@ def format_number(value: float, digits: int = 3, *, sign: str = "-") -> str:
 def format_interval(bounds: tuple[float, float], digits: int = 3, *, sign: str = "-") -> str:
     """From one bound to the other."""
     low, high = (format_number(bound, digits, sign=sign) for bound in bounds)
-    return "n/a" if math.isnan(bounds[0]) else f"{low} to {high}"
+    if math.isnan(bounds[0]):
+        return "n/a"
+    return f"{low} to {high}"
 
 
 def format_with_interval(value: float, bounds: tuple[float, float], digits: int = 3, *, sign: str = "-") -> str:
     """A number, and its interval in brackets where it has one."""
     number = format_number(value, digits, sign=sign)
-    return number if math.isnan(bounds[0]) else f"{number} ({format_interval(bounds, digits, sign=sign)})"
+    if math.isnan(bounds[0]):
+        return number
+    return f"{number} ({format_interval(bounds, digits, sign=sign)})"
 
 
 def format_difference(
@@ -125,7 +129,9 @@ def format_pair(first: str, second: str) -> str:
     return f"{first} \N{MINUS SIGN} {second}"
 
 
-REPORT, CAPTIONED_TABLE, STYLE = "report.html.j2", "captioned_table.html.j2", "report.css"
+REPORT = "report.html.j2"
+CAPTIONED_TABLE = "captioned_table.html.j2"
+STYLE = "report.css"
 PARTICIPANTS = "participants.html.j2"
 
 

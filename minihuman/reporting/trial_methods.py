@@ -19,7 +19,10 @@ def describe_stimuli(spec: BlockSpec | None) -> str:
     if spec is None or spec.stimuli is None:
         return ""
     stimuli = spec.stimuli
-    table = f"the table {stimuli.file!r}" if stimuli.file else f"a table of {len(stimuli.rows)} rows"
+    if stimuli.file:
+        table = f"the table {stimuli.file!r}"
+    else:
+        table = f"a table of {len(stimuli.rows)} rows"
     if stimuli.order == "fixed":
         return f"{table}, in its order"
     more = []

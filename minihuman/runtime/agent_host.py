@@ -142,7 +142,10 @@ class AgentHost(RequestHandler):
         if self._learner is None:
             return NewPolicy(t_ns, want.policy, "there is no learner here")
         if not self._learner.busy:
-            start = str(self._policies.checked(want.policy)) if self._policies.path(want.policy).is_file() else ""
+            if self._policies.path(want.policy).is_file():
+                start = str(self._policies.checked(want.policy))
+            else:
+                start = ""
             request = LearnerRequest(
                 logs=[str(path) for path in self._logs()],
                 part=want.name,
@@ -230,7 +233,9 @@ class AgentHost(RequestHandler):
         return self._agents[policy]
 
     def _load(self, policy: str) -> BaseAgent:
-        return make_agent(policy) if is_registered_agent(policy) else make_policy_agent(self._policies.checked(policy))
+        if is_registered_agent(policy):
+            return make_agent(policy)
+        return make_policy_agent(self._policies.checked(policy))
 
     def _begin(self, agent: BaseAgent, play: RunningEpisode) -> None:
         """Let it begin an episode; in the middle of one it is shown all that came before, as it may remember."""
@@ -300,7 +305,10 @@ def _make_host(
     disputes = any(
         isinstance(part.plan, PreferencesPlan) and part.plan.pairing == "disagreement" for part in plan.parts
     )
-    learner = LearnerProcess() if disputes or any(block.agent.learner for block in plans) else None
+    if disputes or any(block.agent.learner for block in plans):
+        learner = LearnerProcess()
+    else:
+        learner = None
     if learner is not None:
         learner.start()
     if any(block.agent.learner or block.agent.policy in protocol.files for block in plans):

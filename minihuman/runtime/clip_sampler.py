@@ -37,7 +37,10 @@ class ClipSampler:
         pairs = []
         for number in range(count):
             first = self.draw(replace(want, place=0, again=None), candidate=number)
-            other = None if first is None else self.draw(replace(want, place=1, again=first), candidate=number)
+            if first is None:
+                other = None
+            else:
+                other = self.draw(replace(want, place=1, again=first), candidate=number)
             if first is not None and other is not None:
                 pairs.append((first, other))
         return pairs

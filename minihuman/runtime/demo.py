@@ -125,7 +125,8 @@ def _episode(
     """One layout; whether another is wanted."""
     mission = world.reset(seed).mission
     judge = OutcomeJudge(find_world_rule(play.world).rule)
-    steps, reward = 0, 0.0
+    steps = 0
+    reward = 0.0
     while True:
         hint = f"Seed {seed}, step {steps}.   Backspace: another layout   Escape: leave"
         picture = world.frame(play.view, window.picture_px or (640, 480), play.palette)
@@ -134,7 +135,8 @@ def _episode(
         if key in (None, _ANEW):
             return key == _ANEW
         happened = world.step(world.action_names.index(keys[key]))
-        steps, reward = steps + 1, reward + happened.reward
+        steps = steps + 1
+        reward = reward + happened.reward
         outcome = judge.judge_step(happened.collect_facts(judge.rule, return_=reward))
         if outcome is not None:
             window.show(_over(outcome, steps, reward))

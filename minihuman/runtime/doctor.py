@@ -35,7 +35,9 @@ MAX_PICTURE_MS = 1000 / 30  # two frames of the commonest display
 
 
 def _times_ms(window: BlockingWindow, block: BlockSpec, world: World) -> list[float]:
-    times_ms, over, actions = [], True, cycle(block.actions)
+    times_ms = []
+    over = True
+    actions = cycle(block.actions)
     for number in range(_STEPS):
         if over:
             world.reset(number)
@@ -125,7 +127,10 @@ def _versions() -> Finding:
 
 def _clock_resolution() -> Finding:
     resolution_ns = time.get_clock_info("perf_counter").resolution * 1e9
-    coarse = "its clock ticks slower than once a millisecond" if resolution_ns > 1e6 else ""
+    if resolution_ns > 1e6:
+        coarse = "its clock ticks slower than once a millisecond"
+    else:
+        coarse = ""
     return Finding("clock", f"monotonic, {resolution_ns:.0f} ns", coarse)
 
 
@@ -142,7 +147,10 @@ def _texts(protocol: Protocol) -> Finding:
     problems = list(dict.fromkeys(find_illegible_in_study(protocol)))
     if not problems:
         return Finding("texts", f"every text of the study can be read, in {protocol.study.language!r}")
-    others = f" (and {len(problems) - 1} more; minihuman check names all)" if len(problems) > 1 else ""
+    if len(problems) > 1:
+        others = f" (and {len(problems) - 1} more; minihuman check names all)"
+    else:
+        others = ""
     return Finding("texts", problems[0] + others, "a text of the study cannot be read here")
 
 
@@ -179,8 +187,14 @@ def _frames(window: BlockingWindow, *, synced: bool) -> Iterator[Finding]:
     flips_ns = [window.show(screen).flip_ns for screen in _flicker(window, _FRAMES)]
     between_ms = np.diff(flips_ns[_FRAMES // 6 :]) / 1e6
     p50, p95, p99 = np.percentile(between_ms, (50, 95, 99))
-    slow = f"1 frame in 100 takes over {_SLOWEST_FRAME_MS:.0f} ms" if p99 > _SLOWEST_FRAME_MS else ""
-    refresh = f"{1000 / p50:.1f} Hz measured" if synced else "the flip does not wait for the display"
+    if p99 > _SLOWEST_FRAME_MS:
+        slow = f"1 frame in 100 takes over {_SLOWEST_FRAME_MS:.0f} ms"
+    else:
+        slow = ""
+    if synced:
+        refresh = f"{1000 / p50:.1f} Hz measured"
+    else:
+        refresh = "the flip does not wait for the display"
     yield Finding("refresh", refresh)
     yield Finding("frame time", f"median {p50:.2f} ms, 95 % {p95:.2f} ms, 99 % {p99:.2f} ms", slow)
     late_ms = _key_to_flip_ms(window)
@@ -221,7 +235,10 @@ def _flicker(window: BlockingWindow, count: int) -> Iterator[Screen]:
 def _disk(data: Path) -> Iterator[Finding]:
     make_private_folder(data)
     free = shutil.disk_usage(data).free
-    full = f"only {free / 1e9:.1f} GB are free under {data}" if free < _LEAST_FREE_BYTES else ""
+    if free < _LEAST_FREE_BYTES:
+        full = f"only {free / 1e9:.1f} GB are free under {data}"
+    else:
+        full = ""
     yield Finding("free space", f"{free / 1e9:.1f} GB under {data}", full)
     times_ms = []
     with tempfile.TemporaryFile(dir=data) as file:
@@ -232,5 +249,8 @@ def _disk(data: Path) -> Iterator[Finding]:
             sync_file(file.fileno())
             times_ms.append((time.perf_counter_ns() - started_ns) / 1e6)
     median, p99 = np.percentile(times_ms, (50, 99))
-    slow = f"1 fsync in 100 takes over {_SLOWEST_SYNC_MS:.0f} ms under {data}" if p99 > _SLOWEST_SYNC_MS else ""
+    if p99 > _SLOWEST_SYNC_MS:
+        slow = f"1 fsync in 100 takes over {_SLOWEST_SYNC_MS:.0f} ms under {data}"
+    else:
+        slow = ""
     yield Finding("fsync", f"median {median:.2f} ms, 99 % {p99:.2f} ms, worst {max(times_ms):.2f} ms", slow)

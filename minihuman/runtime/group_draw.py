@@ -42,7 +42,9 @@ class GroupDrawHost(RequestHandler):
             plan = plan_drawn_session(self._protocol, self._data, self._undrawn, want.stratum)
             self._next = self._then(plan)
             return SlotDrawn(t_ns, plan)
-        return None if self._next is None else self._next.answer(want, play, t_ns)
+        if self._next is None:
+            return None
+        return self._next.answer(want, play, t_ns)
 
     def close(self) -> None:
         """Close the next host."""

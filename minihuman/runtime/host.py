@@ -50,7 +50,10 @@ def host_session(
         OSError: if the data folder cannot be written.
     """
     worlds = collect_world_facts(list_world_ids(plan))
-    wanted = decode_logged_protocol(plan.protocol_toml).devices if plan.protocol_toml else ()
+    if plan.protocol_toml:
+        wanted = decode_logged_protocol(plan.protocol_toml).devices
+    else:
+        wanted = ()
     if markers:
         pylsl()  # before there is a log: without it nothing is to begin
     with open_devices(wanted, clock) as (devices, of_devices), ExitStack() as opened:
@@ -72,7 +75,9 @@ def host_session(
 
         def open_log() -> Recorder:
             log = McapRecorder(data, session.plan, started_ns=clock.started_unix_ns)
-            return DeviceRecorder(log, devices, from_ns=clock()) if devices else log
+            if devices:
+                return DeviceRecorder(log, devices, from_ns=clock())
+            return log
 
         recorder: Recorder = DeferredRecorder(plan, open_log)
         if markers:  # the stream is there from now on, for those who want to listen; what it says waits, too

@@ -175,16 +175,19 @@ class ModelWindow(Window):
                 return f"the session's limit of {limit:g} {unit} is reached"
         if session.play is not None:
             now = session.play.plan.episode, session.play.steps
-            self._useless = (self._useless + (self._attempt == 1)) if now == self._step else 0
+            if now == self._step:
+                self._useless = self._useless + (self._attempt == 1)
+            else:
+                self._useless = 0
             self._step = now
-            return f"{MAX_USELESS_KEYS} keys in a row led to no step" if self._useless > MAX_USELESS_KEYS else ""
+            if self._useless > MAX_USELESS_KEYS:
+                return f"{MAX_USELESS_KEYS} keys in a row led to no step"
+            return ""
         question = getattr(self._screen, "question", "")
         self._question = (question, self._question[1] + 1 if question == self._question[0] else 1)
-        return (
-            f"a question was answered {MAX_SAME_QUESTION} times and not left"
-            if question and self._question[1] > MAX_SAME_QUESTION
-            else ""
-        )
+        if question and self._question[1] > MAX_SAME_QUESTION:
+            return f"a question was answered {MAX_SAME_QUESTION} times and not left"
+        return ""
 
     def _stop(self, reason: str) -> None:
         self._record.coming = [Stop(self._clock(), "player_failed", reason)]

@@ -130,7 +130,8 @@ def save_screenshots(plans: Sequence[SessionPlan], out: Path, size_px: Size = (1
     """Write every screen as a PNG, and all of them on one contact sheet."""
     out.mkdir(parents=True, exist_ok=True)
     screens, missing = render_screens(plans, size_px)
-    pictures, paths = [], []
+    pictures = []
+    paths = []
     for number, (name, screen) in enumerate(screens, 1):
         path = out / f"{number:03}-{name}.png"
         image = Image.fromarray(compose_screen(screen, size_px))
@@ -143,12 +144,14 @@ def save_screenshots(plans: Sequence[SessionPlan], out: Path, size_px: Size = (1
 
 
 def _contact_sheet(pictures: list[tuple[str, Image.Image]]) -> Image.Image:
-    wide, high = _THUMB_PX[0] + 8, _THUMB_PX[1] + _LABEL_PX + 8
+    wide = _THUMB_PX[0] + 8
+    high = _THUMB_PX[1] + _LABEL_PX + 8
     rows = -(-len(pictures) // _ACROSS)
     sheet = Image.new("RGB", (min(_ACROSS, max(1, len(pictures))) * wide, max(1, rows) * high), BACKGROUND)
     draw = ImageDraw.Draw(sheet)
     for place, (name, image) in enumerate(pictures):
-        left, top = place % _ACROSS * wide + 4, place // _ACROSS * high + 4
+        left = place % _ACROSS * wide + 4
+        top = place // _ACROSS * high + 4
         draw.text((left, top), name, fill=INK, font=ImageFont.load_default(14))
         sheet.paste(image, (left, top + _LABEL_PX))
     return sheet
@@ -157,4 +160,6 @@ def _contact_sheet(pictures: list[tuple[str, Image.Image]]) -> Image.Image:
 def _words(screen: Screen, *, but_sums: bool) -> tuple[str, ...]:
     """What tells a screen from another: its title, text and page; not what counts down, fills or was earned."""
     words = tuple(str(getattr(screen, name, "")) for name in ("title", "body", "page", "question"))
-    return tuple(_SUM.sub("0", text) for text in words) if but_sums else words
+    if but_sums:
+        return tuple(_SUM.sub("0", text) for text in words)
+    return words

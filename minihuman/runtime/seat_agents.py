@@ -89,7 +89,10 @@ class SimulatedAgent(BaseAgent):
         """Give the action of the key that is pressed the probability 1."""
         press = self._participant.press(world)
         names = world.action_names
-        name = "" if press is None or isinstance(press, NoPress) else self._keys.get(press.key, "")
+        if press is None or isinstance(press, NoPress):
+            name = ""
+        else:
+            name = self._keys.get(press.key, "")
         number: int = names.index(name) if name in names else world.unwrapped.team.idle_action
         return np.array([action == number for action in range(len(names))], np.float32)
 

@@ -32,7 +32,9 @@ from minihuman.runtime.machine import SessionClock
 from minihuman.runtime.team_host import TeamTable
 
 POLL_NS = 4_000_000  # how soon a new screen of a seat is seen: the display's thread waits for keys meanwhile
-GAP_PX, GROUND = 12, (22, 25, 30)  # between pictures
+# between pictures
+GAP_PX = 12
+GROUND = (22, 25, 30)
 _STOP_KEYS = RESERVED_KEYS - {"enter"}
 _QUESTIONS = (Phase.PAUSED, Phase.UNFOCUSED, Phase.QUIT_QUESTION, Phase.ABORT_QUESTION)  # about all sessions
 
@@ -46,7 +48,9 @@ class SeatWindow(Window):
         self.session: SessionMachine | None = None  # once it has begun
         self.screen: Screen | None = None
         self.label = f"{number}"
-        self._whole, self._clock, self._seats = whole, clock, seats
+        self._whole = whole
+        self._clock = clock
+        self._seats = seats
         self._keys: Mapping[str, str] = {}  # that had an action last
         self._inputs: queue.SimpleQueue[Input | tuple[Screen, ScreenShown] | None] = queue.SimpleQueue()
 
@@ -91,7 +95,9 @@ class SeatWindow(Window):
         except queue.Empty:
             return []
         if isinstance(given, tuple):
-            return [replace(given[1], t_ns=self._clock())] if given[0] is self.screen else []
+            if given[0] is self.screen:
+                return [replace(given[1], t_ns=self._clock())]
+            return []
         return [] if given is None else [given]
 
     def facts(self) -> dict[str, str]:
@@ -102,7 +108,9 @@ class SeatWindow(Window):
     def picture_px(self) -> tuple[int, int] | None:
         """Its share of the room."""
         room = self._whole.picture_px
-        return None if room is None else ((room[0] - GAP_PX * (self._seats - 1)) // self._seats, room[1])
+        if room is None:
+            return None
+        return ((room[0] - GAP_PX * (self._seats - 1)) // self._seats, room[1])
 
     def close(self) -> None:
         """The whole is not its own to close."""
@@ -119,7 +127,8 @@ class SharedWindow:
 
     def __init__(self, window: Window, clock: Clock, seats: int) -> None:
         self.seats = tuple(SeatWindow(window, clock, number, seats) for number in range(1, seats + 1))
-        self._window, self._clock = window, clock
+        self._window = window
+        self._clock = clock
         self._displayed: list[tuple[SeatWindow, Screen]] = []
         self._down: dict[str, Sequence[SeatWindow]] = {}  # whose keys are down
 

@@ -182,7 +182,10 @@ class SimulatedWindow(Window, SimulatedPerson):
         if self._withheld == (play, play.steps):
             return
         self.begin_episode(play)
-        self._useless_presses = 0 if play.steps != self._steps_at_last_key else self._useless_presses + 1
+        if play.steps != self._steps_at_last_key:
+            self._useless_presses = 0
+        else:
+            self._useless_presses = self._useless_presses + 1
         self._steps_at_last_key = play.steps
         if self._useless_presses > MOST_USELESS_PRESSES:
             message = f"{MOST_USELESS_PRESSES} keys in a row led to no step of {play.plan.world}"

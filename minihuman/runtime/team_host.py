@@ -304,7 +304,9 @@ class TeamMember(RequestHandler):
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
         """The team, the start of an episode or a joint action; None as long as others are waited for."""
         if not isinstance(want, TeamRequest | ReadyRequest | JointRequest):
-            return None if self._then is None else self._then.answer(want, play, t_ns)
+            if self._then is None:
+                return None
+            return self._then.answer(want, play, t_ns)
         has_submitted = not isinstance(want, JointRequest) or want.action is not None
         with self.table.lock:
             answer = self._ask(want, play)
@@ -315,7 +317,9 @@ class TeamMember(RequestHandler):
                 self.table.take_seat(answer, want.block, want.plan, self)
                 writes = want.plan.team.chat and not self._patient
                 return TeamJoined(t_ns, answer, secrets.token_hex(16) if writes else "")
-        return None if answer is None or isinstance(answer, Team) else replace(answer, t_ns=t_ns)
+        if answer is None or isinstance(answer, Team):
+            return None
+        return replace(answer, t_ns=t_ns)
 
     def _ask(
         self, want: TeamRequest | ReadyRequest | JointRequest, play: RunningEpisode | None

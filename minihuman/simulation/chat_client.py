@@ -23,7 +23,8 @@ from minihuman.errors import MinihumanError, SimulationError
 from minihuman.simulation.model_conversation import Prompt
 from minihuman.storage.deadlines import call_within
 
-BASE_URL, API_KEY = "OPENAI_BASE_URL", "OPENAI_API_KEY"
+BASE_URL = "OPENAI_BASE_URL"
+API_KEY = "OPENAI_API_KEY"
 DEFAULT_URL = "https://api.openai.com/v1"
 MAX_ANSWER_BYTES = 8_000_000
 MAX_ERROR = 300  # characters of what a provider says of an error
@@ -113,7 +114,8 @@ class ChatClient(ModelClient):
         address = os.environ.get(BASE_URL, "").strip() or DEFAULT_URL
         try:
             url = urlsplit(address)
-            host, self._port = url.hostname, url.port
+            host = url.hostname
+            self._port = url.port
         except ValueError:  # its text holds the address
             host = None
         if not host or url.scheme not in ("http", "https") or re.search(r"[^!-~]", address):
@@ -136,7 +138,10 @@ class ChatClient(ModelClient):
             status, content = self._post(body)
         except (OSError, http.client.HTTPException, ValueError) as error:
             self.close()
-            name = "timeout" if isinstance(error, TimeoutError) else type(error).__name__
+            if isinstance(error, TimeoutError):
+                name = "timeout"
+            else:
+                name = type(error).__name__
             # an error's text may hold the address
             raise ModelUnavailableError(name, temporary=not isinstance(error, ValueError)) from None
         latency_ms = (time.perf_counter() - started_s) * 1_000
@@ -153,11 +158,12 @@ class ChatClient(ModelClient):
 
     def _post(self, body: bytes) -> tuple[int, bytes]:
         if self._connection is None:
-            self._connection = (
-                http.client.HTTPConnection(self._host, self._port, timeout=self._timeout_s)
-                if self._tls is None
-                else http.client.HTTPSConnection(self._host, self._port, timeout=self._timeout_s, context=self._tls)
-            )
+            if self._tls is None:
+                self._connection = http.client.HTTPConnection(self._host, self._port, timeout=self._timeout_s)
+            else:
+                self._connection = http.client.HTTPSConnection(
+                    self._host, self._port, timeout=self._timeout_s, context=self._tls
+                )
         exchange = partial(self._exchange, self._connection, body)
         return call_within(self._timeout_s, exchange, shut=partial(_shut, self._connection))
 
@@ -173,7 +179,8 @@ class ChatClient(ModelClient):
     def _read(self, content: bytes, latency_ms: float) -> ChatAnswer:
         try:
             found = json.loads(content)
-            choice, usage = found["choices"][0], found.get("usage") or {}
+            choice = found["choices"][0]
+            usage = found.get("usage") or {}
             message = choice["message"]
             return ChatAnswer(
                 text=self._clean(message.get("content")),
@@ -198,4 +205,6 @@ class ChatClient(ModelClient):
     def _clean(self, text: Any) -> str:
         """A text without the key, whatever a server echoes."""
         cleaned = (text if isinstance(text, str) else "").encode("utf-8", "replace").decode()
-        return cleaned.replace(self._key, "[key]") if len(self._key) >= MIN_SECRET else cleaned
+        if len(self._key) >= MIN_SECRET:
+            return cleaned.replace(self._key, "[key]")
+        return cleaned

@@ -190,15 +190,22 @@ class HumanLikeParticipant(SimulatedParticipant):
 
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
         """Start an episode; known keys carry over if the key map is the same."""
-        before, self._plan, self._pool = self._plan, plan, pool
+        before = self._plan
+        self._plan = plan
+        self._pool = pool
         if before is None or _key_positions(plan) != _key_positions(before):
-            self._understood, self._fruitless = {}, {}
+            self._understood = {}
+            self._fruitless = {}
         elif plan.block != before.block:
             kept = [key for key in self._understood if self._rng.random() >= self.person.key_forgetting]
-            self._understood, self._fruitless = {key: plan.key_map.keys[key] for key in kept}, {}
+            self._understood = {key: plan.key_map.keys[key] for key in kept}
+            self._fruitless = {}
         if plan.show_keys:
             self._understood = dict(plan.key_map.keys)
-        self._detour, self._last, self._lost, self._no_effect = [], None, False, False
+        self._detour = []
+        self._last = None
+        self._lost = False
+        self._no_effect = False
         if find_stimulus(world.unwrapped) is not None:
             self._responder.begin()
             return
@@ -236,7 +243,9 @@ class HumanLikeParticipant(SimulatedParticipant):
         keys = {action: key for key, action in self._plan.key_map.keys.items()}
         responses = [action for action in self._plan.actions if action in keys]
         response = self._responder.respond(stimulus, responses, self._plan.response_deadline_ms)
-        return KeyPress(keys[response.response], response.time_ms) if response.response in keys else NoPress()
+        if response.response in keys:
+            return KeyPress(keys[response.response], response.time_ms)
+        return NoPress()
 
     def _learn(self, key: str, before: int, seen: int) -> None:
         """Learn from what the last key did."""

@@ -46,7 +46,8 @@ from minihuman.log.observations import encode_png
 NS_PER_MS = 1_000_000
 HOLD_MS = 90.0
 TOKENS_PER_PICTURE = 1_500  # an estimate, for calls whose answer is lost
-WAIT, SKIP = "wait", "skip"
+WAIT = "wait"
+SKIP = "skip"
 ANSWER_RULES = "2"  # the fact "answer_rules" of a session; before, every question offered to leave it out
 
 RULES = (
@@ -83,19 +84,32 @@ class AnswerRule:
         word = said.rstrip(".").strip().lower()
         if self.keys:
             key = dict(self.named).get(word, word.removeprefix("key ").strip())
-            return f"key {key}" if key in self.keys else WAIT if word == WAIT and self.may_wait else None
+            if key in self.keys:
+                return f"key {key}"
+            if word == WAIT and self.may_wait:
+                return WAIT
+            return None
         if self.buttons:
             button = word.replace(" ", "_")
-            return f"button {button}" if button in self.buttons else None
+            if button in self.buttons:
+                return f"button {button}"
+            return None
         if word == SKIP and self.may_skip:
             return SKIP
         if self.targets:
-            numbers = [int(number) for number in re.findall(r"\d+", word)] if _NUMBERS.fullmatch(word) else []
+            if _NUMBERS.fullmatch(word):
+                numbers = [int(number) for number in re.findall(r"\d+", word)]
+            else:
+                numbers = []
             right = all(1 <= number <= len(self.targets) for number in numbers) and (self.many or len(numbers) == 1)
-            return f"choose {' '.join(map(str, numbers))}" if numbers and right else None
+            if numbers and right:
+                return f"choose {' '.join(map(str, numbers))}"
+            return None
         if self.number:
             try:
-                return f"slide {float(word)}" if 0 <= float(word) <= 100 else None
+                if 0 <= float(word) <= 100:
+                    return f"slide {float(word)}"
+                return None
             except ValueError:
                 return None
         typed = "".join(letter for letter in said if letter.isprintable())
@@ -108,7 +122,8 @@ def find_answer_rule(screen: Screen, session: SessionMachine) -> AnswerRule | No
         case PlayScreen() if session.play is not None:
             named = tuple((action.lower(), key) for key, action in screen.legend)
             wait = session.part.real_time
-            keys, or_wait = session.plan.key_pool, f", or '{WAIT}' to press none" if wait else ""
+            keys = session.plan.key_pool
+            or_wait = f", or '{WAIT}' to press none" if wait else ""
             request = f"Answer with one key of: {' '.join(keys)}{or_wait}."
             return AnswerRule("play", request, keys=keys, named=named, may_wait=wait)
         case PageScreen(buttons=buttons) if screen.page == screen.pages:
@@ -117,7 +132,8 @@ def find_answer_rule(screen: Screen, session: SessionMachine) -> AnswerRule | No
                 request = " or ".join(f"'{name}' ({label})" for name, label in labels.items())
                 return AnswerRule("page", f"Answer with {request}.", buttons=tuple(labels))
         case QuestionScreen(item=item) if isinstance(part := session.part, QuestionsActivity):
-            rule, known = _find_question_rule(item), part.context.facts.get("answer_rules", "1") == ANSWER_RULES
+            rule = _find_question_rule(item)
+            known = part.context.facts.get("answer_rules", "1") == ANSWER_RULES
             if known and part.draft.question.required:
                 return rule
             return replace(rule, request=f"{rule.request} '{SKIP}' leaves it out.", may_skip=True)
@@ -128,7 +144,10 @@ def _find_question_rule(item: Any) -> AnswerRule:
     match item:
         case OptionList(options=options, many=many, chosen=chosen):
             targets = tuple(f"option:{number}" for number in range(len(options)))
-            request = "Answer with the numbers of all that apply." if many else "Answer with one option's number."
+            if many:
+                request = "Answer with the numbers of all that apply."
+            else:
+                request = "Answer with one option's number."
             return AnswerRule("question", request, targets=targets, many=many, chosen=chosen)
         case RatingScale(points=points):
             targets = tuple(f"option:{number}" for number in range(len(points)))
@@ -160,7 +179,10 @@ def list_inputs(reading: str, rule: AnswerRule, t_ns: int) -> list[Input]:
             return _click(t_ns, what)
         case "choose":
             wanted = {int(number) - 1 for number in what.split()}
-            numbers = sorted(wanted ^ set(rule.chosen)) if rule.many else sorted(wanted)
+            if rule.many:
+                numbers = sorted(wanted ^ set(rule.chosen))
+            else:
+                numbers = sorted(wanted)
             clicks = [(rule.targets[number], 0.5) for number in numbers]
         case "slide":
             clicks = [("slider", float(what) / 100)]
@@ -245,14 +267,20 @@ class Conversation:
             messages += [{"role": "user", "content": said}, {"role": "assistant", "content": answer}]
         picture = self._draw(screen)
         plain = [*messages, {"role": "user", "content": text}]
-        drawn = b"" if picture is None else str(picture.shape).encode() + picture.tobytes()
+        if picture is None:
+            drawn = b""
+        else:
+            drawn = str(picture.shape).encode() + picture.tobytes()
         digest = hashlib.sha256(drawn).hexdigest() if drawn else ""
         sha256 = hashlib.sha256(json.dumps([plain, digest], ensure_ascii=False).encode()).hexdigest()
         tokens = sum(len(one["content"].encode()) for one in plain) // 3 + TOKENS_PER_PICTURE * (picture is not None)
         png = None if picture is None else encode_png(picture)
         content: Any = text if png is None else [{"type": "text", "text": text}, _make_image_part(png)]
         sent = [*messages, {"role": "user", "content": content}]
-        observation = _list_observation(session) if self._spec.modality != "picture" else None
+        if self._spec.modality != "picture":
+            observation = _list_observation(session)
+        else:
+            observation = None
         return Prompt(sent, sha256, digest, tokens, text, _join(*self._read), rule, png, observation)
 
     def _draw(self, screen: Screen) -> NDArray[np.uint8] | None:
@@ -342,7 +370,9 @@ class SpentTotals:
 
 def find_picture_size(spec: ModelSpec) -> tuple[int, int] | None:
     """The largest picture of a world on the screens that a model is sent; None where it is sent words only."""
-    return None if spec.modality == "text" else picture_size_px(spec.size_px)
+    if spec.modality == "text":
+        return None
+    return picture_size_px(spec.size_px)
 
 
 def count_price(spec: ModelSpec, prompt_tokens: int, completion_tokens: int) -> float:
@@ -372,7 +402,10 @@ class ConversationRecord:
                 return f"call {call.call}: the screen asks for no answer"
             prompt = self.conversation.build_prompt(session.screen, self.rule, session)
             if (prompt.sha256, prompt.picture_sha256) != (call.prompt_sha256, call.picture_sha256):
-                which = "picture" if prompt.picture_sha256 != call.picture_sha256 else "prompt"
+                if prompt.picture_sha256 != call.picture_sha256:
+                    which = "picture"
+                else:
+                    which = "prompt"
                 wrong = (
                     f"call {call.call}: the {which} sent has digest {getattr(call, f'{which}_sha256')[:16]}, here not"
                 )

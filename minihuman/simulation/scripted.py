@@ -145,7 +145,9 @@ class ObserverParticipant(SimulatedParticipant):
         Raises:
             SimulationError: if the trial has no such option, or no correct response that has a key.
         """
-        its, value, correct = self._settings, plan.options.get(self._settings["option"]), plan.options.get("correct")
+        its = self._settings
+        value = plan.options.get(self._settings["option"])
+        correct = plan.options.get("correct")
         key = next((key for key, action in plan.key_map.keys.items() if action == correct), None)
         if not isinstance(value, int | float) or value <= 0 or key is None:
             raise SimulationError(

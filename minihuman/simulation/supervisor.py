@@ -60,7 +60,10 @@ class Supervisor:
     def begin(self, world: World) -> None:
         """Start an episode; the agent is in control."""
         self._searcher = None if self._is.full_knowledge else GridExplorer(world)
-        self._path, self._begun, self._due_ms, self._steered = [], False, None, 0
+        self._path = []
+        self._begun = False
+        self._due_ms = None
+        self._steered = 0
 
     def plan(self, world: World) -> list[str]:
         """Look at the world and plan the next actions, as far as it knows; empty where it knows nothing."""
@@ -98,7 +101,8 @@ class Supervisor:
             self._due_ms = t_ms + max(0.0, float(normal + self._rng.exponential(self._is.tau_ms)))
         if self._due_ms is None or t_ms < self._due_ms:
             return False
-        self._due_ms, self._steered = None, 0
+        self._due_ms = None
+        self._steered = 0
         return bool(self._path)
 
     def hands_back(self) -> bool:
@@ -110,7 +114,9 @@ class Supervisor:
         return True
 
     def _count_anew(self) -> None:
-        self._left, self._made, self._begun = len(self._path), 0, True
+        self._left = len(self._path)
+        self._made = 0
+        self._begun = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -282,7 +288,8 @@ class SupervisorParticipant(SimulatedTeacher):
 
     def _rate(self, world: World, watched: WatchedStep) -> KeyPress | None:
         """Rate the last step. Steps made while a press was due are not rated."""
-        before, left = self._judged, 0 if watched.reached else _count_steps_left(world)
+        before = self._judged
+        left = 0 if watched.reached else _count_steps_left(world)
         self._judged = watched.step, left
         if before is None or before[0] + 1 != watched.step or before[1] is None or left is None:
             return None
@@ -310,14 +317,17 @@ def _count_gained_steps(stretch: EpisodeClip) -> int | None:
     """The steps by which a clip shortened the path; None in a world without a planner."""
     with closing(World(stretch.world, json.loads(stretch.options))) as world:
         world.reset(stretch.seed)
-        before, reached = None, False
+        before = None
+        reached = False
         for step, action in enumerate(stretch.actions):
             if step == stretch.first:
                 before = _count_steps_left(world)
             came = world.step(action)
             reached = came.terminated and came.reward > 0
         left = 0 if reached else _count_steps_left(world)
-    return None if before is None or left is None else before - left
+    if before is None or left is None:
+        return None
+    return before - left
 
 
 def _parse_settings(argument: str) -> dict[str, dict[str, Any]]:

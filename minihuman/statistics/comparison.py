@@ -198,8 +198,10 @@ class PermutationTest:
     def regrouped_p(self, shift: float = 0.0) -> float:
         """The share of regroupings that are at least as far apart as the groups, once the first is moved by -shift."""
         (n, m), d = self.n, self.difference - shift
-        sums, squares = self.sums + d * self.members, self.squares + d * (2 * self.own_sums + d * self.members)
-        total, total_squares = n * d, self.sum_of_squares + n * d * d
+        sums = self.sums + d * self.members
+        squares = self.squares + d * (2 * self.own_sums + d * self.members)
+        total = n * d
+        total_squares = self.sum_of_squares + n * d * d
         scale = total_squares / (n + m)
         rest = total - sums
         apart = (sums / n - rest / m) ** 2
@@ -220,7 +222,9 @@ class PermutationTest:
 
     def interval(self) -> tuple[float, float]:
         """The 95 % interval of the difference; NaN where it has none."""
-        return invert_test(self.p, self.difference, self.error) if self.has_interval else _NOTHING
+        if self.has_interval:
+            return invert_test(self.p, self.difference, self.error)
+        return _NOTHING
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -248,7 +252,9 @@ class AdjustedTest:
         apart = np.abs(self.shifts + d * self.own_shifts) / np.sqrt(np.maximum(error, 1 / _LARGEST_T))
         regrouped = (int(np.count_nonzero(apart >= observed * (1 - _TIES))) + 1) / (len(apart) + 1)
         floor = floor_freedom(self.n, self.freedom)
-        return max(regrouped, float(2 * scipy.special.stdtr(floor, -observed))) if floor else regrouped
+        if floor:
+            return max(regrouped, float(2 * scipy.special.stdtr(floor, -observed)))
+        return regrouped
 
     def interval(self) -> tuple[float, float]:
         """The 95 % interval of the adjusted difference."""
@@ -266,7 +272,8 @@ def adjust_groups(a: tuple[Values, Values], b: tuple[Values, Values]) -> tuple[V
         None where fewer than LEAST_FREEDOM residual degrees of freedom are left, a group has fewer than
         LEAST_ESTIMATED, or the covariates leave nothing to compare.
     """
-    n, m = len(a[0]), len(b[0])
+    n = len(a[0])
+    m = len(b[0])
     values, covariates = (np.concatenate(both) for both in zip(a, b, strict=True))
     freedom = n + m - 2 - covariates.shape[1]
     if freedom < LEAST_FREEDOM or min(n, m) < LEAST_ESTIMATED:
@@ -288,7 +295,9 @@ def adjust_groups(a: tuple[Values, Values], b: tuple[Values, Values]) -> tuple[V
     (difference,), residuals = fit(e[None])
     rng = np.random.default_rng(SEED)
     if has_limit(n, m, n + m):
-        shifts, own_shifts, squares = rng.standard_normal(RESAMPLES), np.zeros(1), np.array([[1.0], [0.0], [0.0]])
+        shifts = rng.standard_normal(RESAMPLES)
+        own_shifts = np.zeros(1)
+        squares = np.array([[1.0], [0.0], [0.0]])
     else:
         order = rng.permuted(np.tile(np.arange(n + m), (RESAMPLES, 1)), axis=1)
         (shifts, left), (own_shifts, own_left) = fit(e[order]), fit(x[order])
@@ -311,14 +320,16 @@ def invert_test(p: Callable[[float], float], estimate: float, error: float) -> t
 
 
 def _search_bound(p: Callable[[float], float], estimate: float, step: float, *, zero_rejected: bool) -> float:
-    inside, outside = estimate, math.nan
+    inside = estimate
+    outside = math.nan
     if -estimate * step > 0:  # 0 lies on this side, and what p says of it stands
         inside, outside = (estimate, 0.0) if zero_rejected else (0.0, math.nan)
     while math.isnan(outside):
         if p(inside + step) < ALPHA:
             outside = inside + step
         else:
-            inside, step = inside + step, 2 * step
+            inside = inside + step
+            step = 2 * step
     while abs(outside - inside) > 1e-6 * abs(step):
         middle = (inside + outside) / 2
         inside, outside = (inside, middle) if p(middle) < ALPHA else (middle, outside)
@@ -352,7 +363,10 @@ def permutation_tests(pairs: Sequence[tuple[Values, Values]]) -> list[Permutatio
             squares = deviations[at] ** 2
             parts = np.array([squares[:n].sum() / (n * (n - 1)), squares[n:].sum() / (m * (m - 1))])
             error = math.sqrt(parts.sum())
-            freedom = float(parts.sum() ** 2 / (parts**2 / (n - 1, m - 1)).sum()) if error > 0 else math.nan
+            if error > 0:
+                freedom = float(parts.sum() ** 2 / (parts**2 / (n - 1, m - 1)).sum())
+            else:
+                freedom = math.nan
             found[place] = PermutationTest(
                 (n, m), a - b, error, freedom, float(squares.sum()), totals[:, -1], totals[:, at],
                 totals[:, 2 * count + at], totals[:, count + at], drawn,
@@ -391,7 +405,9 @@ def has_limit(n: int, m: int, values: int) -> bool:
 
 def count_regroupings(n: int, m: int) -> float:
     """How many ways there are to form groups of these sizes; infinity where there are too many to go through."""
-    return math.comb(n + m, n) if min(n, m) <= 3 or n + m <= _ALWAYS_DRAWN else math.inf
+    if min(n, m) <= 3 or n + m <= _ALWAYS_DRAWN:
+        return math.comb(n + m, n)
+    return math.inf
 
 
 def draw_regroupings(n: int, m: int) -> Iterable[Values]:
@@ -407,7 +423,8 @@ def _kept_regroupings(n: int, m: int) -> tuple[Values, ...]:
 
 
 def _make_regroupings(n: int, m: int) -> Iterator[Values]:
-    total, at_once = n + m, max(1, _AT_ONCE // (n + m))
+    total = n + m
+    at_once = max(1, _AT_ONCE // (n + m))
     if count_regroupings(n, m) <= RESAMPLES:
         yield _membership(np.array(list(combinations(range(total), n))), total)
         return
@@ -547,7 +564,8 @@ def compute_power(n: tuple[int, int]) -> PowerAnalysis:
 
 def _found_with(chance: float, n: tuple[int, int]) -> float:
     """The difference in standard deviations that is found with such a chance, by halving what it lies between."""
-    low, high = 0.0, _LARGEST_G
+    low = 0.0
+    high = _LARGEST_G
     while high - low > _NEAR_ENOUGH:
         middle = (low + high) / 2
         low, high = (middle, high) if t_test_power(middle, n) < chance else (low, middle)
@@ -561,7 +579,10 @@ def t_test_power(d: float, n: tuple[int, int], *, level: float = LEVEL) -> float
     critical = float(scipy.special.stdtrit(freedom, (1 + level) / 2))
     above = 1.0 - float(scipy.special.nctdtr(freedom, shift, critical))
     # the other tail is nothing by then, and SciPy's is NaN
-    below = float(scipy.special.nctdtr(freedom, shift, -critical)) if shift < _ONE_SIDED else 0.0
+    if shift < _ONE_SIDED:
+        below = float(scipy.special.nctdtr(freedom, shift, -critical))
+    else:
+        below = 0.0
     return above + below
 
 

@@ -63,14 +63,19 @@ def compare_contrast_scores(scores: Sequence[Values]) -> InteractionTest:
         for order in _draw_orders(len(pooled), contrasts)
     )
     p = (at_least + 1) / (RESAMPLES + 1)
-    floor = _approximate_p(scores, observed) if len(n) == 2 else _bootstrap_p(scores, observed, scale)
+    if len(n) == 2:
+        floor = _approximate_p(scores, observed)
+    else:
+        floor = _bootstrap_p(scores, observed, scale)
     return InteractionTest(n, freedom, observed, max(p, floor))
 
 
 def _measure_scale(pooled: Values) -> float:
     """Return the largest variance in any direction; 0 where there is none but rounding's."""
     largest = float(np.linalg.eigvalsh(np.atleast_2d(np.cov(pooled, rowvar=False)))[-1])
-    return largest if largest > _SINGULAR**2 * float((pooled**2).max()) else 0.0
+    if largest > _SINGULAR**2 * float((pooled**2).max()):
+        return largest
+    return 0.0
 
 
 def _split_resamples(scores: int) -> Iterator[int]:

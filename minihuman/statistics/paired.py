@@ -46,7 +46,9 @@ class PairedTest:
     @property
     def smallest_p(self) -> float:
         """The smallest p that so many differences can reach."""
-        return 1 / (RESAMPLES + 1) if self.drawn else 2.0 ** (1 - self.n)
+        if self.drawn:
+            return 1 / (RESAMPLES + 1)
+        return 2.0 ** (1 - self.n)
 
     def p(self, shift: float = 0.0) -> float:
         """The two-sided p of a mean difference of ``shift``."""
@@ -217,7 +219,8 @@ def compare_growth(rows: pd.DataFrame, measure: str, *, order: Sequence[str] = (
     middle = told["episode_in_block"].mean()
     lines: dict[str, list[tuple[float, float]]] = {}
     at = told.assign(at=told["episode_in_block"] - middle, value=told[measure]).groupby(["group", "participant"])
-    mean, episodes = at[["at", "value"]].transform("mean"), at["at"].nunique()
+    mean = at[["at", "value"]].transform("mean")
+    episodes = at["at"].nunique()
     apart = pd.DataFrame({"at": told["episode_in_block"] - middle - mean["at"], "value": told[measure] - mean["value"]})
     sums = apart.assign(product=apart["at"] * apart["value"], square=apart["at"] ** 2)
     sums = sums.groupby([told["group"], told["participant"]])[["product", "square"]].sum()
@@ -325,7 +328,8 @@ def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) 
     among, kind, people = np.unique(among, axis=0, return_inverse=True, return_counts=True)
     products = np.zeros((len(among), 2, 2, *[design.shape[1]] * 2))  # summed over people with the same episodes
     np.add.at(products, kind.ravel(), between[:, :, None, :, None] * between[:, None, :, None, :])
-    total, freedom = design.T @ design, len(design) - design.shape[1] + 1
+    total = design.T @ design
+    freedom = len(design) - design.shape[1] + 1
 
     def profile(entries: Values | Sequence[float]) -> tuple[float, Values, Values]:
         first, shared, rest = (*entries, 0.0, 0.0, 0.0)[:3]
@@ -352,7 +356,8 @@ def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) 
 
 def estimate_mean(name: str, values: Values) -> GrowthTerm:
     """A mean over people, with its t interval and the p of its being 0; NaN where they all have one value."""
-    mean, n = float(values.mean()), len(values)
+    mean = float(values.mean())
+    n = len(values)
     if not np.ptp(values):
         return GrowthTerm(name, mean, (math.nan, math.nan), math.nan, n)
     error = float(values.std(ddof=1)) / math.sqrt(n)

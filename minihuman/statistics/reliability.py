@@ -41,7 +41,8 @@ def estimate_reliability(measure: str, rows: pd.DataFrame) -> Reliability | None
     within = rows["value"] - rows.groupby(who)["value"].transform("mean")
     between = rows.groupby(who)["value"].transform("mean") - rows.groupby("group")["value"].transform("mean")
     freedom = len(rows) - len(people)
-    inside, across = float((within**2).sum()) / freedom, float((between**2).sum()) / spare
+    inside = float((within**2).sum()) / freedom
+    across = float((between**2).sum()) / spare
     sizes = people["size"].groupby("group").agg(lambda each: each.sum() - (each**2).sum() / each.sum())
     length = float(sizes.sum()) / spare  # episodes of a participant, as unequal numbers count
     odd = rows.groupby(who).cumcount() % 2

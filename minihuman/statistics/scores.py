@@ -93,7 +93,10 @@ def score_player(
         }
         for who, weights in ((player, of_player), (reference, of_reference))
     )
-    least = np.zeros(draws + 1) if floor is None else _weighted_mean(floor.efficiency, of_floor, level_weights)
+    if floor is None:
+        least = np.zeros(draws + 1)
+    else:
+        least = _weighted_mean(floor.efficiency, of_floor, level_weights)
     with np.errstate(invalid="ignore", divide="ignore"):
         normalised = (means["efficiency"] - least) / (theirs["efficiency"] - least)
         relative = theirs["steps"] / means["steps"]

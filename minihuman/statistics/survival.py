@@ -107,14 +107,16 @@ def _test(waited: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") ->
     rank = math.ceil(ALPHA * (len(apart) + extra)) - extra
     if rank < 1 or not math.isfinite(apart[rank - 1]):
         return refused
-    observed, critical = float(own.apart[0]), float(apart[rank - 1]) * (1 + _TIES)
+    observed = float(own.apart[0])
+    critical = float(apart[rank - 1]) * (1 + _TIES)
     p = (int(np.count_nonzero(apart >= observed * (1 - _TIES))) + extra) / (len(apart) + extra)
     parts = np.array([float(part[0]) for part in own.parts])
     satterthwaite = float(parts.sum() ** 2 / (parts**2 / (n[0] - 1, n[1] - 1)).sum())
     if freedom := floor_freedom(n, satterthwaite):
         p = max(p, float(2 * scipy.special.stdtr(freedom, -observed)))
         critical = max(critical, float(scipy.special.stdtrit(freedom, 1 - ALPHA / 2)))
-    difference, half = float(own.means[0][0] - own.means[1][0]), critical * float(own.error[0])
+    difference = float(own.means[0][0] - own.means[1][0])
+    half = critical * float(own.error[0])
     return (difference - half, difference + half), p
 
 
@@ -157,7 +159,9 @@ def _compare_means(waited: SurvivalTimes, members: Values) -> _RestrictedMeans:
     """The restricted means of two groups; ``members`` is (regroupings, n), 1 for participants in the first."""
     times, place = np.unique(waited.times, return_inverse=True)
     at = scipy.sparse.csr_array((np.ones(len(place)), (place, np.arange(len(place)))), (len(times), len(place)))
-    whole, events, first = np.bincount(place), at @ waited.observed, members.T
+    whole = np.bincount(place)
+    events = at @ waited.observed
+    first = members.T
     left, came = (np.asarray(at @ each, np.float64) for each in (first, waited.observed[:, None] * first))
     groups = [_Group.follow(left, came), _Group.follow(whole[:, None] - left, events[:, None] - came)]
     until = np.minimum(np.minimum(*(one.known_until(times) for one in groups)), times[-1])
@@ -191,7 +195,8 @@ class _Group:
         area = width.copy()
         area[1:] *= self.share[:-1]
         area = np.cumsum(area, axis=0)
-        rest, size = area[-1] - area, float(self.at_risk[0, 0])
+        rest = area[-1] - area
+        size = float(self.at_risk[0, 0])
         variance = (rest**2 * self.came / np.maximum(self.at_risk * (self.at_risk - self.came), 1)).sum(axis=0)
         return area[-1], variance * size / (size - 1)
 

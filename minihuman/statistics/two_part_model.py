@@ -110,7 +110,8 @@ def fit_gee(people: Sequence[Values], *, odds: bool = False) -> Marginal:
     depend on the correlation of one person's episodes; Mancl and DeRouen's correction divides each person's residual by
     one less its weight.
     """
-    values, n = np.concatenate(people), np.array([len(one) for one in people], float)
+    values = np.concatenate(people)
+    n = np.array([len(one) for one in people], float)
     starts = np.concatenate([[0], np.cumsum(n[:-1])]).astype(int)
     means = np.add.reduceat(values, starts) / n
     pairs = float((n * (n - 1) / 2).sum())
@@ -137,7 +138,8 @@ def _compared(a: Marginal, b: Marginal) -> PartComparison:
     if not sum(parts) > 0:
         return _missing("nobody differs from the others of the group")
     freedom = sum(parts) ** 2 / (parts[0] ** 2 / (a.people - 1) + parts[1] ** 2 / (b.people - 1))
-    apart, error = a.at - b.at, math.sqrt(sum(parts))
+    apart = a.at - b.at
+    error = math.sqrt(sum(parts))
     half = float(scipy.special.stdtrit(freedom, (1 + LEVEL) / 2)) * error
     told: Callable[[float], float] = math.exp if a.odds else float
     p = float(2 * scipy.special.stdtr(freedom, -abs(apart) / error))
@@ -148,7 +150,9 @@ def _each(rows: pd.DataFrame, measure: str) -> list[Values]:
     """Each person's episodes."""
     told = rows.dropna(subset=[measure]).sort_values("participant", kind="stable")
     who = told["participant"].to_numpy()
-    return np.split(told[measure].to_numpy(np.float64), np.flatnonzero(who[1:] != who[:-1]) + 1) if len(told) else []
+    if len(told):
+        return np.split(told[measure].to_numpy(np.float64), np.flatnonzero(who[1:] != who[:-1]) + 1)
+    return []
 
 
 def summarise_people(rows: pd.DataFrame, measure: str) -> Values:
@@ -163,7 +167,8 @@ def summarise_people(rows: pd.DataFrame, measure: str) -> Values:
 def two_parts_p(a: Values, b: Values) -> float:
     """The p of no difference in either part; ``a`` and ``b`` have one row a person, (n, 2)."""
     together = np.concatenate([a, b])
-    n, total = len(a), len(a) + len(b)
+    n = len(a)
+    total = len(a) + len(b)
     observed = _sum_of_squares(together[None, :, :], n)[0]
     if has_limit(n, total - n, int(np.count_nonzero(~np.isnan(together), axis=0).min())):
         return _limit_p(together, n, float(observed))
@@ -174,7 +179,9 @@ def two_parts_p(a: Values, b: Values) -> float:
         return float((_sum_of_squares(together[np.array(every)], n) >= observed - 1e-9).mean())
     rng = np.random.default_rng(SEED)
     at_once = max(1, _AT_ONCE // total)
-    as_far, left = 1, RESAMPLES  # the grouping that was observed is one of those that chance could have made
+    # the grouping that was observed is one of those that chance could have made
+    as_far = 1
+    left = RESAMPLES
     while left:
         now = min(left, at_once)
         orders = rng.random((now, total)).argsort(axis=1)
@@ -204,7 +211,8 @@ def _sum_of_squares(values: NDArray[np.float64], n: int) -> NDArray[np.float64]:
 
 def _welch_squared(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     (mean_a, error_a), (mean_b, error_b) = _mean_and_error(a), _mean_and_error(b)
-    apart, error = mean_a - mean_b, error_a + error_b
+    apart = mean_a - mean_b
+    error = error_a + error_b
     found = np.where(np.abs(apart) < 1e-12, 0.0, apart**2 / np.maximum(error, 1e-12))
     return np.where(np.isnan(found), 0.0, found)
 

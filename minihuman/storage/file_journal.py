@@ -125,13 +125,18 @@ class FileJournal(Journal[Line]):
             finished = content[: len(content) - len(unfinished)]
             chain = self._chain.copy()
             lines = [self._open(chain, line, self._count + number) for number, line in enumerate(new_lines, 1)]
-            half = self._open(chain.copy(), unfinished, self._count + len(new_lines) + 1) if unfinished else None
+            if unfinished:
+                half = self._open(chain.copy(), unfinished, self._count + len(new_lines) + 1)
+            else:
+                half = None
             self._chain = chain
             self._lines += [line for line in lines if line is not None]
             self._count += len(new_lines)
             self._at += len(finished)
             self._last = (self._last + finished)[-_REMEMBERED:]
-            return LinesRead(self._lines) if half is None else (*self._lines, half)
+            if half is None:
+                return LinesRead(self._lines)
+            return (*self._lines, half)
 
     def _open(self, chain: LineChain, line: bytes, number: int) -> Line | None:
         if self._chained and not (line := chain.open(line, number)):
@@ -170,9 +175,11 @@ class _LockedFile(LockedJournal[Line]):
         start = read_at(self._fd, _LONGEST, tail).rpartition(b"\n")[2]
         end = b"" if not start else b"\n"
         if start and self._chain is not None:
-            end = (
-                b" \n" if start.endswith(b"}") and TAIL.search(start) is None else b"\n"
-            )  # else it would read as whole
+            # else it would read as whole
+            if start.endswith(b"}") and TAIL.search(start) is None:
+                end = b" \n"
+            else:
+                end = b"\n"
             self._chain.pass_over(start + end[:-1])
         encoded = [msgspec.json.encode(line) for line in lines]
         if self._chain is not None:

@@ -116,7 +116,9 @@ class LockedJournal(abc.ABC, Generic[Line]):
     @property
     def lines(self) -> Sequence[Line]:
         """Every line, with those that were added here."""
-        return (*self._before, *self._added) if self._added else self._before
+        if self._added:
+            return (*self._before, *self._added)
+        return self._before
 
     def append(self, *lines: Line) -> None:
         """Add lines, all or none; they last when the journal is let go of, at the latest.

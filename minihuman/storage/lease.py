@@ -94,7 +94,9 @@ class LeaseTable(abc.ABC):
 
 def open_lease_table(study_dir: Path) -> LeaseTable | None:
     """The leases of a study; None where its journals are files."""
-    return PostgresLeaseTable(url) if (url := find_database_url(study_dir)) else None
+    if url := find_database_url(study_dir):
+        return PostgresLeaseTable(url)
+    return None
 
 
 _TABLES = """
@@ -149,7 +151,9 @@ class PostgresLeaseTable(LeaseTable):
             row = cursor.execute(ask, [session, secrets.token_hex(8), TTL_S]).fetchone()
         assert row is not None
         fence, name, ended, is_held, copied, idle_s = row
-        return None if is_held else LeaseGrant(fence, name, ended, copied, float(idle_s))
+        if is_held:
+            return None
+        return LeaseGrant(fence, name, ended, copied, float(idle_s))
 
     def renew(self, renewals: Sequence[LeaseRenewal]) -> dict[str, bool]:
         """Renew them in the order of their names, so that no two servers wait for each other."""

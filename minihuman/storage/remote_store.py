@@ -207,7 +207,9 @@ def open_remote_store(data: Path, *, may_be_new: bool = True) -> RemoteStore | N
         RemoteStoreError: if it is a folder that has to be there and is not.
     """
     path = data / STORE_URL_FILE_NAME
-    return open_store_url(path.read_text(encoding="utf-8").strip(), may_be_new=may_be_new) if path.is_file() else None
+    if path.is_file():
+        return open_store_url(path.read_text(encoding="utf-8").strip(), may_be_new=may_be_new)
+    return None
 
 
 def open_store_url(url: str, *, may_be_new: bool = True) -> RemoteStore:

@@ -16,7 +16,8 @@ from minihuman.runtime.simulated_session import simulate
 from minihuman.testing.checks import build_short_study, require
 from minihuman.testing.participant_contract import WORLD
 
-PARTICIPANTS, EPISODES = 2, 2
+PARTICIPANTS = 2
+EPISODES = 2
 
 
 def check_exporter(exporter: str | Exporter, world: str = WORLD, options: dict[str, Any] | None = None) -> None:

@@ -19,7 +19,9 @@ if TYPE_CHECKING:  # PyTorch is imported only where a learner is checked
     from minihuman.learn.teaching.learner import Learner, LearningResult
 
 WORLD = "minihuman/MiniGrid-Empty-5x5-v0"
-EPISODES, MAX_STEPS, N_ACTIONS = 6, 20, 3
+EPISODES = 6
+MAX_STEPS = 20
+N_ACTIONS = 3
 STEP_NS = 600 * 10**6  # between pictures
 DELAY_NS = 500 * 10**6  # from a picture to the press that rates it
 SHORT_S = 0.05  # so short that a learner of many updates does not finish
@@ -41,7 +43,8 @@ def check_learner(make: "str | Callable[[str], Learner]", settings: str = "", da
     from minihuman.learn.teaching.learner import make_fresh_policy
 
     dataset = dataset or build_teaching_dataset()
-    start, digest = make_fresh_policy(dataset, np.random.default_rng(5)), dataset.sha256()
+    start = make_fresh_policy(dataset, np.random.default_rng(5))
+    digest = dataset.sha256()
     before = _weights(start)
     for policy in (None, start):
         first = _learn(make, settings, dataset, policy, noise=1)
@@ -76,7 +79,8 @@ def build_teaching_dataset() -> "Dataset":
         for lesson in lessons
         for t_ns, by_person in zip(lesson.shown_ns[1:], lesson.by_person[:-1], strict=True)
     ]
-    good, bad = lessons[0].name, lessons[-1].name
+    good = lessons[0].name
+    bad = lessons[-1].name
     pairs = [Comparison(LessonFragment(good, k, k + 1), LessonFragment(bad, k, k + 1), "left") for k in range(3)]
     return empty.with_more(lessons, ratings, pairs)
 
@@ -88,7 +92,9 @@ def _play_lesson(world: World, dataset: "Dataset", number: int) -> "Lesson":
     world.reset(number)
     encoder = dataset.eyesight.episode_encoder()
     n_agent = 4 if number % 2 else 0
-    images, actions, rewards = [], list[int](), list[float]()
+    images = []
+    actions = list[int]()
+    rewards = list[float]()
     ended = False
     while not ended:
         images.append(encoder.encode(world.unwrapped, world.observation)["image"])
@@ -117,7 +123,10 @@ def _play_lesson(world: World, dataset: "Dataset", number: int) -> "Lesson":
 def _make(make: "str | Callable[[str], Learner]", settings: str) -> "Learner":
     from minihuman.learn.teaching.learner import Learner, make_learner
 
-    learner = make_learner(f"{make}:{settings}") if isinstance(make, str) else make(settings)
+    if isinstance(make, str):
+        learner = make_learner(f"{make}:{settings}")
+    else:
+        learner = make(settings)
     require(isinstance(learner, Learner), f"{type(learner).__name__} is not a minihuman.ext.Learner")
     return learner
 

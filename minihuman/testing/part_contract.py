@@ -112,7 +112,8 @@ def check_activity(kind: str, *, block: dict[str, Any] | None = None, **settings
 
 def _check_part(protocol: Protocol) -> Iterator[Event]:
     """Check a session in memory, and one of a log; yield the first one's events."""
-    first, again = _run(protocol), _run(protocol)
+    first = _run(protocol)
+    again = _run(protocol)
     require(repr(first) == repr(again), "the same inputs gave other events; it reads a clock, or draws by itself")
     for rule in find_violations(first):
         require(False, rule)
@@ -127,7 +128,8 @@ def _check_part(protocol: Protocol) -> Iterator[Event]:
 
 
 def _run(protocol: Protocol) -> list[Event]:
-    clock, recorder = VirtualClock(), MemoryRecorder()
+    clock = VirtualClock()
+    recorder = MemoryRecorder()
     session = SessionMachine(expand_protocol(protocol, enrol_participant(protocol, 0)), World, {}, picture_px=None)
     window = _DrawingWindow(make_participant(_PLAYER, np.random.default_rng(0)), session, clock)
     run_session(session, window, recorder, clock)
@@ -175,7 +177,8 @@ def _check_copies(protocol: Protocol) -> None:
     session = SessionMachine(expand_protocol(protocol, enrol_participant(protocol, 0)), World, {}, picture_px=None)
     session.receive(ScreenShown(0, 0, 0))
     copied = copy_session(session, lambda *_: None)
-    part, copied_part = session.part, copied.part
+    part = session.part
+    copied_part = copied.part
     assert isinstance(part, QuestionsActivity)
     assert isinstance(copied_part, QuestionsActivity)
     assert isinstance(session.screen, QuestionScreen)
@@ -191,7 +194,8 @@ def _check_copies(protocol: Protocol) -> None:
 
 
 def _check_value(kind: str, event: Answered, draft: AnswerDraft) -> None:
-    value, answer_type = msgspec.json.decode(event.value), find_question_kind(kind).answer_type
+    value = msgspec.json.decode(event.value)
+    answer_type = find_question_kind(kind).answer_type
     codes = draft.question.all_codes
     fits = {
         "code": value in codes,
@@ -233,7 +237,8 @@ def check_design(
         asked = [_ask_study(made[0], people, length) for length in range(n + 1)]
         again = [_ask_study(made[1], people, length) for length in reversed(range(n + 1))][::-1]
     else:
-        asked, history = [], list[PlayedEpisode]()
+        asked = []
+        history = list[PlayedEpisode]()
         for length in range(n + 1):
             asked.append(_ask(made[0], history[:length]))
             options, episode_seed, *_ = asked[-1]
@@ -247,8 +252,11 @@ def _make(make: str | type[Design | EnrolmentDesign], settings: Mapping[str, Any
     if not isinstance(make, str):
         require(issubclass(make, Design | EnrolmentDesign), f"{make.__name__} is no Design and no EnrolmentDesign")
         return make(settings)
-    spec, kind = DesignSpec(make, dict(settings)), load_plugin(GROUP, make, ProtocolError, what="design")
-    return make_enrolment_design(spec) if issubclass(kind, EnrolmentDesign) else make_design(spec)
+    spec = DesignSpec(make, dict(settings))
+    kind = load_plugin(GROUP, make, ProtocolError, what="design")
+    if issubclass(kind, EnrolmentDesign):
+        return make_enrolment_design(spec)
+    return make_design(spec)
 
 
 def _ask(design: Design | EnrolmentDesign, history: list[PlayedEpisode]) -> tuple[Any, ...]:

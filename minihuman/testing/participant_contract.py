@@ -74,7 +74,8 @@ def _record_keys(
     player: SimulatedParticipant, world: str, options: dict[str, Any], episodes: int, max_steps: int
 ) -> Keys:
     protocol = build_short_study(world, options, episodes=episodes, max_steps=max_steps)
-    clock, recorder = VirtualClock(), MemoryRecorder()
+    clock = VirtualClock()
+    recorder = MemoryRecorder()
     session = SessionMachine(expand_protocol(protocol, enrol_participant(protocol, 0)), World, {}, picture_px=None)
     try:
         run_session(session, SimulatedWindow(_WatchedParticipant(player), session, clock), recorder, clock)
@@ -161,14 +162,18 @@ def check_agent(
 
 
 def _make_agent(make: str | Callable[[str], BaseAgent], argument: str) -> BaseAgent:
-    agent = make_agent(f"{make}:{argument}") if isinstance(make, str) else make(argument)
+    if isinstance(make, str):
+        agent = make_agent(f"{make}:{argument}")
+    else:
+        agent = make(argument)
     require(isinstance(agent, BaseAgent), f"{type(agent).__name__} is not a minihuman.ext.BaseAgent")
     return agent
 
 
 def _play(agent: BaseAgent, plan: EpisodePlan, world: World) -> NDArray[np.float32]:
     """Play one episode; return the probabilities of every step, (steps, actions)."""
-    rng, rows = np.random.default_rng(plan.seed), list[NDArray[np.float32]]()
+    rng = np.random.default_rng(plan.seed)
+    rows = list[NDArray[np.float32]]()
     world.reset(plan.seed)
     before = world.state_hash()
     agent.begin(plan, world)
@@ -183,7 +188,8 @@ def _play(agent: BaseAgent, plan: EpisodePlan, world: World) -> NDArray[np.float
 
 
 def _read_probabilities(agent: BaseAgent, world: World) -> NDArray[np.float32]:
-    before, n = world.state_hash(), len(world.action_names)
+    before = world.state_hash()
+    n = len(world.action_names)
     try:
         found = agent.action_probabilities(world)
     except MinihumanError:
@@ -192,7 +198,10 @@ def _read_probabilities(agent: BaseAgent, world: World) -> NDArray[np.float32]:
         require(False, f"action_probabilities() raised {type(error).__name__}: {error}; {_CONSEQUENCE}")
     require(world.state_hash() == before, "action_probabilities() changed the world; an agent only looks at it")
     is_row = isinstance(found, np.ndarray) and found.shape == (n,) and found.dtype == np.float32
-    what = f"{found.dtype}{list(found.shape)}" if isinstance(found, np.ndarray) else type(found).__name__
+    if isinstance(found, np.ndarray):
+        what = f"{found.dtype}{list(found.shape)}"
+    else:
+        what = type(found).__name__
     require(is_row, f"action_probabilities() gave {what}; it gives float32[{n}], one per action of the world")
     require(bool(np.isfinite(found).all() and (found >= 0).all()), f"a probability of {found} is below 0 or no number")
     require(abs(float(found.sum()) - 1) <= TOLERANCE, f"the probabilities sum to {float(found.sum()):.4g}, not to 1")

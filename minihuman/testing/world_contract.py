@@ -50,7 +50,10 @@ class WorldReport:
     def __str__(self) -> str:
         search = self.search
         own = ", ".join(f"{name} ({times} times)" for name, times in sorted(search.changed.items()))
-        after = "a step after the end is refused" if self.refuses_after_end else f"none came within {MAX_STEPS} steps"
+        if self.refuses_after_end:
+            after = "a step after the end is refused"
+        else:
+            after = f"none came within {MAX_STEPS} steps"
         return "\n".join(
             [
                 f"{self.world} keeps what a world promises:",
@@ -126,7 +129,8 @@ def _says_what_it_is(world: World) -> None:
     _require_inside(world, "reset")
     require(isinstance(observed.mission, str), f"{world.id}: its mission is not text")
     if world.pose() is not None:
-        pose, plan = world.pose(), world.map()
+        pose = world.pose()
+        plan = world.map()
         assert pose is not None
         require(bool(np.isfinite((pose.x, pose.y, pose.z, pose.yaw_rad)).all()), f"{world.id}: its pose is {pose}")
         require(plan is not None, f"{world.id}: it has a pose and no map")
@@ -200,7 +204,9 @@ def _comes_back(world: World, seed: int, actions: list[int]) -> None:
 def _comes_back_from(world: World, seed: int, before_it: list[int], after_it: list[int]) -> None:
     if any(step[1] or step[2] for step in _play(world, seed, before_it)):
         return  # over with its first step: there is no middle to come back to
-    saved, before, own = world.save(), world.state_hash(), _own_attributes(world)
+    saved = world.save()
+    before = world.state_hash()
+    own = _own_attributes(world)
     first = list(_go_on(world, after_it))
     world.restore(saved)
     require(world.state_hash() == before, f"{world.id}: restored, it has another state hash")
@@ -225,7 +231,8 @@ def _search(world: World, seed: int, most_steps: int) -> WorldSearch:
     if not isinstance(world.unwrapped, NativeWorld):
         return search
     first = world.reset(seed)
-    waiting, seen = deque([world.save()]), {_situation(world, first.observation_hash)}
+    waiting = deque([world.save()])
+    seen = {_situation(world, first.observation_hash)}
     while waiting and search.steps < most_steps:
         saved = waiting.popleft()
         world.restore(saved)
@@ -335,7 +342,8 @@ def _describe_plan(world: World, seed: int) -> str:
     """What the world offers simulated participants, which take the shortest path with their own mistakes."""
     world.reset(seed)
     try:
-        path, bounds = world.shortest_path(), world.path_length_bounds()
+        path = world.shortest_path()
+        bounds = world.path_length_bounds()
     except WorldError as error:
         return f"shortest_path() says {error}; they play at random where it does"
     if path is None:

@@ -74,7 +74,8 @@ class ProgramClient(ModelClient):
     def end(self, reason: str) -> None:
         """Say that there is no further screen, and why."""
         with self._changed:
-            self._prompt, self.over = None, reason
+            self._prompt = None
+            self.over = reason
             self._changed.notify_all()
 
     def answer(self, number: int, text: str) -> bool:
@@ -92,7 +93,8 @@ class ProgramClient(ModelClient):
             self._changed.wait_for(lambda: self._prompt is not None or self.over, ANSWER_WAIT_S)
             if self._prompt is None:
                 return {"number": self._number, "over": self.over or None}
-            prompt, rule = self._prompt, self._prompt.rule
+            prompt = self._prompt
+            rule = self._prompt.rule
             return {
                 "number": self._number,
                 "over": None,
@@ -203,7 +205,8 @@ def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.
             if self.path == "/sessions":
                 self._begin(body)
             elif (client := self._client()) is not None:
-                number, answer = body.get("number"), body.get("answer")
+                number = body.get("number")
+                answer = body.get("answer")
                 if not isinstance(number, int) or not isinstance(answer, str):
                     self._reply(400, {"error": 'send {"number": the screen\'s, "answer": a text}'})
                 elif not client.answer(number, answer.encode("utf-8", "replace").decode()):

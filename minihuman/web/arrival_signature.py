@@ -37,7 +37,10 @@ def read_arrival_key(environment: Mapping[str, str] = os.environ) -> bytes:
             raise ArrivalKeyError(f"{KEY_FILE_VARIABLE} names {file_name!r}, which cannot be read: {error}") from error
     key = key.strip()
     if len(key) < _MIN_KEY_CHARACTERS:
-        source = KEY_VARIABLE if key and not file_name else f"{KEY_VARIABLE} or {KEY_FILE_VARIABLE}"
+        if key and not file_name:
+            source = KEY_VARIABLE
+        else:
+            source = f"{KEY_VARIABLE} or {KEY_FILE_VARIABLE}"
         raise ArrivalKeyError(
             f"require_signed_arrival is true, but the key for signatures has {len(key)} characters; set {source} to at "
             f'least {_MIN_KEY_CHARACTERS}, such as `python -c "import secrets; print(secrets.token_hex(32))"` prints'

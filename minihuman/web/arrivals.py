@@ -191,7 +191,8 @@ class Arrivals:
             LogError: if an earlier log is damaged, or is being written.
             OSError: if it cannot be kept where every server has it.
         """
-        leases, lease = self.leases, admission.lease
+        leases = self.leases
+        lease = admission.lease
         return plan_next_session(
             self.protocol,
             self._data,
@@ -233,7 +234,8 @@ class Arrivals:
         if not key:
             (token,) = self.recruits.issue(1)
             key = hash_link_token(token)
-        participant, plan = self.recruits.find_participant(key), None
+        participant = self.recruits.find_participant(key)
+        plan = None
         if participant is None:
             first = self._first_time(key, who)
             if isinstance(first, Rejection):
@@ -302,7 +304,8 @@ class Arrivals:
             with suppress(RemoteStoreError):  # it is away: what is here is what there is
                 self._sync(participant)
         for session in range(1, max(1, len(self.protocol.sessions)) + 1):
-            lease, ended = None, self._read_end(participant, session)
+            lease = None
+            ended = self._read_end(participant, session)
             if not ended and self.leases is not None and f"{participant}/{session}" not in self.hosted:
                 lease = self._lease(self.leases, participant, session)
                 ended = lease.grant.ended or self._read_end(participant, session)

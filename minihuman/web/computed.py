@@ -93,7 +93,8 @@ class ComputedEpisode:
             own = self._world.digest(stepped.reward, terminated=stepped.terminated, truncated=stepped.truncated)
         if message.digest == own:
             if own:
-                self._differs, self._unknown = False, 0
+                self._differs = False
+                self._unknown = 0
             return ""
         self.is_elsewhere = True
         self._unknown += not message.digest

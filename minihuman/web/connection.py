@@ -316,7 +316,10 @@ class Connection(PageSession):
         except messages.MessageError:
             raise
         except WorldError as error:  # of a picture for the page, which the session itself does not draw
-            log_text = error.log_text if isinstance(error, WorldCodeError) else str(error)
+            if isinstance(error, WorldCodeError):
+                log_text = error.log_text
+            else:
+                log_text = str(error)
             self.host.stop(Stop(self.host.last_at_ns, "world_error", log_text))
         except Exception as error:  # a bug of ours: this session ends, the others go on
             LOG.exception("a session failed")

@@ -117,7 +117,9 @@ def check_eligibility(
         return "window"
     if online.max_rtt_ms and browser.rtt_ms is not None and browser.rtt_ms > online.max_rtt_ms:
         return "latency"
-    return "gamepad" if needs_gamepad and not browser.gamepad else ""
+    if needs_gamepad and not browser.gamepad:
+        return "gamepad"
+    return ""
 
 
 MAX_TOUCH_KEYS = 12  # buttons of 48 px that leave half of a phone's screen to the world
@@ -186,7 +188,9 @@ def classify_ending(reason: EndReason, *, agreed: bool, part_kind: str = "") -> 
 
 def get_session_code(protocol: Protocol, session: int) -> str:
     """The completion code of a session's own; "" where it has none."""
-    return protocol.sessions[session - 1].completion_code if session <= len(protocol.sessions) else ""
+    if session <= len(protocol.sessions):
+        return protocol.sessions[session - 1].completion_code
+    return ""
 
 
 def build_completion(online: WebSpec, end: WebEnding, *, session_code: str = "", person: str = "") -> Completion:

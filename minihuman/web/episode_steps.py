@@ -53,7 +53,9 @@ class EpisodeSteps:
 
     def find_scene(self, step: int) -> int:
         """Return the scene that a step led to, if it was made and is known."""
-        return self._scenes[step] if 0 <= step < len(self._scenes) else UNKNOWN_SCENE
+        if 0 <= step < len(self._scenes):
+            return self._scenes[step]
+        return UNKNOWN_SCENE
 
     # What the page showed
 

@@ -75,7 +75,8 @@ def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck 
 
 
 def _expand(short: Any) -> NumberedMessage:
-    at_ns, kind = 1000 * short.at, type(short)
+    at_ns = 1000 * short.at
+    kind = type(short)
     if kind is _Tick:
         return NumberedMessage(short.n, at_ns, TickMessage(short.digest))
     if (short.ago if kind is _Press else max(short.flip, short.submit)) > short.at:
@@ -84,7 +85,8 @@ def _expand(short: Any) -> NumberedMessage:
         stamp_ns = at_ns - 1000 * short.ago
         what = KeyMessage(short.key, short.down == 1, stamp_ns, short.symbol, short.repeat, digest=short.digest)
         return NumberedMessage(short.n, at_ns, what)
-    flip_ns, submit_ns = at_ns - 1000 * short.flip, at_ns - 1000 * short.submit
+    flip_ns = at_ns - 1000 * short.flip
+    submit_ns = at_ns - 1000 * short.submit
     shown = DisplayedMessage(submit_ns, flip_ns, episode=short.episode, step=short.step, node=short.node)
     return NumberedMessage(short.n, at_ns, shown)
 

@@ -80,7 +80,9 @@ class Outbox:
         if self._ahead.graph is None:
             return None
         play = self.steps.find_corrected(message, self._ahead.graph.pictures)
-        return None if play is None else play.describe_correction(at_ns, message.step, submit_ns, flip_ns)
+        if play is None:
+            return None
+        return play.describe_correction(at_ns, message.step, submit_ns, flip_ns)
 
     @property
     def _ignores_releases(self) -> bool:
@@ -91,7 +93,9 @@ class Outbox:
     def waits_for(self, message: messages.PageMessage) -> bool:
         """Whether the page waits for word of where a message led: it knows of a step that it computed."""
         if isinstance(message, messages.KeyMessage):
-            return not message.digest if message.down else not self._ignores_releases
+            if message.down:
+                return not message.digest
+            return not self._ignores_releases
         if isinstance(message, messages.TickMessage):
             return not message.digest
         return not isinstance(message, _WITHOUT_EFFECT)
@@ -285,7 +289,9 @@ class Outbox:
         session = self._session
         if session.over:
             return None
-        return session.part.limit_ns if self.is_computed and session.part.real_time else session.next_tick_ns
+        if self.is_computed and session.part.real_time:
+            return session.part.limit_ns
+        return session.next_tick_ns
 
     def _correct(self, computed: ComputedEpisode, play: RunningEpisode | None) -> None:
         """Tell a page that computes where the session is, if it may be elsewhere or does not know since a pause."""

@@ -124,7 +124,10 @@ class _Writer:
             lines.append(f'  {form.__struct_config__.tag_field}: "{form.__struct_config__.tag}";')
         is_sent_by_page = form in self._sent_by_page
         for field in _list_fields(form):
-            mark = "?" if field.is_optional and (is_sent_by_page or is_typeddict(form)) else ""
+            if field.is_optional and (is_sent_by_page or is_typeddict(form)):
+                mark = "?"
+            else:
+                mark = ""
             lines.append(f"  {field.name}{mark}: {self._write_type(field.annotation)};")
         return "\n".join([*lines, "}", ""])
 

@@ -133,7 +133,8 @@ class LookAheadGraph:
 
     def look(self, action: int) -> bool:
         """See where an action leads from here; False if that is known or cannot be."""
-        root, world = self.root, self.world
+        root = self.root
+        world = self.world
         if self.blind or root.closed or action in root.edges:
             return False
         try:
@@ -158,8 +159,13 @@ class LookAheadGraph:
 
     def take_new(self) -> LookAheadUpdate | None:
         """What the page does not know yet."""
-        nodes, edges, self._new_nodes, self._new_edges = self._new_nodes, self._new_edges, [], []
-        return LookAheadUpdate(self.plan.episode, nodes, edges) if nodes or edges else None
+        nodes = self._new_nodes
+        edges = self._new_edges
+        self._new_nodes = []
+        self._new_edges = []
+        if nodes or edges:
+            return LookAheadUpdate(self.plan.episode, nodes, edges)
+        return None
 
     def _scene(self, world: World, *, closed: bool = False) -> SceneNode:
         """The scene that a world is in."""
@@ -167,7 +173,8 @@ class LookAheadGraph:
         known = self._scenes.get(here)
         if known is not None and (closed or not known.closed):
             return known
-        look, cache = (self.plan.view, self._picture_px, self.plan.palette), self._image_cache
+        look = (self.plan.view, self._picture_px, self.plan.palette)
+        cache = self._image_cache
         tiles = world.picture_tiles(*look)
         picture_hash = 0
         if tiles is not None:
@@ -246,8 +253,10 @@ class ScreenPrefetcher:
 
     def take_new(self) -> ScreenPrefetch | None:
         """What the page does not know yet."""
-        screens, edges = self._new_screens, self._new_edges
-        self._new_screens, self._new_edges = [], []
+        screens = self._new_screens
+        edges = self._new_edges
+        self._new_screens = []
+        self._new_edges = []
         return ScreenPrefetch(screens, edges) if edges else None
 
     def _look_at(self, copied: _CopiedScreen) -> None:
@@ -378,7 +387,9 @@ class FilmPrefetcher:
 
     def start_from(self, screen: Screen, name: int) -> None:
         """Start from a screen that was sent with its first pictures."""
-        self._name, self._films, step = name, (), 0
+        self._name = name
+        self._films = ()
+        step = 0
         if isinstance(screen, FilmsScreen):
             self._films, step = screen.films, screen.shown_step
         places = [

@@ -181,7 +181,9 @@ CONVERTERS: Mapping[type, Callable[[Any, NumberPicture], Mapping[str, Any]]] = {
 
 
 ImageEncoding = Literal["auto", "lossless", "jpeg"]
-ZLIB, JPEG, TILED = 0, 1, 2
+ZLIB = 0
+JPEG = 1
+TILED = 2
 JPEG_QUALITY = 85
 _LEVEL = 1  # of ISA-L's four: a tenth of zlib's time at its first, and smaller
 _FLAT = 0.12  # of its bytes: what zlib makes smaller than this is drawn of few colours, and stays exact
@@ -259,7 +261,8 @@ class ImageCache:
 
     def take_new(self) -> list[PictureMessage]:
         """What is to be sent."""
-        new, self._new = self._new, []
+        new = self._new
+        self._new = []
         return new
 
 

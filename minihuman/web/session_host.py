@@ -240,7 +240,9 @@ class SessionHost:
     def _long_request(self) -> ActivityRequest | None:
         """The request whose answer takes long, where it can be taken now; while an episode is played it has to wait."""
         request = None if self.session.over else self.session.request
-        return request if request is not None and request.takes_long else None
+        if request is not None and request.takes_long:
+            return request
+        return None
 
     def _take_prepared(self, at_ns: int) -> inputs.Input | None:
         """Return the answer that took long; if an episode has begun since the page is asked again after it."""
@@ -280,7 +282,9 @@ class SessionHost:
     def _play(self, message: messages.PageMessage, at_ns: int) -> list[Event]:
         is_present = isinstance(message, messages.DisplayedMessage) and self.outbox.is_present(message)
         page_input = self._inputs.convert(message, at_ns, is_present=is_present)
-        return [] if page_input is None else self.session.receive(page_input, at_ns=at_ns, draws=self._draws)
+        if page_input is None:
+            return []
+        return self.session.receive(page_input, at_ns=at_ns, draws=self._draws)
 
     def _step_shown(self, message: messages.DisplayedMessage, at_ns: int) -> list[Event]:
         """Take word of a step's picture, compared with where the session was then."""

@@ -89,7 +89,8 @@ def parse_seeds(text: str) -> range:
     match = re.fullmatch(r"(\d{1,18})(?:-(\d{1,18}))?", text.strip())
     if match is None:
         raise WorldError(f"seeds {text!r} are no range; give the first and the last, such as 0-99")
-    first, last = int(match[1]), int(match[2] or match[1])
+    first = int(match[1])
+    last = int(match[2] or match[1])
     if not 0 <= last - first < _MOST_SEEDS:
         raise WorldError(f"seeds {text!r} are {last - first + 1}; pack 1 to {_MOST_SEEDS}")
     return range(first, last + 1)
@@ -112,7 +113,9 @@ def _make_world(entry: CatalogueEntry, options: dict[str, Any]) -> Any:
 
 def _write_rows(folder: Path, env: GridEngine, entry: CatalogueEntry, seeds: Sequence[int]) -> dict[str, Any]:
     """Pack a grid world's first states: the random streams of all seeds, then the rows, then the missions."""
-    rows, words, missions = [], [], []
+    rows = []
+    words = []
+    missions = []
     for seed in seeds:
         observation, _ = env.reset(seed=seed)
         state = env.save()

@@ -26,7 +26,8 @@ from minihuman.worlds.observation_spaces import find_outside
 
 EPISODE_STEPS = 100  # that are played of an episode, at most
 SLOW_START_S = 1.0
-N_STEPS_BEFORE_SAVE, N_STEPS_AFTER_SAVE = 5, 20
+N_STEPS_BEFORE_SAVE = 5
+N_STEPS_AFTER_SAVE = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +66,9 @@ class Moment(NamedTuple):
     @property
     def place(self) -> str:
         """Where it was: "step 3 of seed 0"."""
-        return f"step {self.step} of seed {self.seed}" if self.step else f"the reset with seed {self.seed}"
+        if self.step:
+            return f"step {self.step} of seed {self.seed}"
+        return f"the reset with seed {self.seed}"
 
     def find_difference(self, other: "Moment") -> str:
         """The name of the first part that differs, "" if none does; NaN equals NaN."""
@@ -139,7 +142,8 @@ def play(world: World, rehearsal: Rehearsal, *, draws: bool, watch: "_ValueWatch
     """
     actions = np.random.default_rng(rehearsal.seeds[0])
     moments: list[Moment] = []
-    steps, episodes = 0, 0
+    steps = 0
+    episodes = 0
     while steps < rehearsal.steps and episodes < rehearsal.steps:
         seed = rehearsal.seeds[episodes % len(rehearsal.seeds)]
         episodes += 1
@@ -168,7 +172,10 @@ def _take(
         transition = act()
         if world.pose() is not None and not moment.step:
             world.map()
-        picture = world.frame(rehearsal.view, rehearsal.size_px, rehearsal.palette) if draws else None
+        if draws:
+            picture = world.frame(rehearsal.view, rehearsal.size_px, rehearsal.palette)
+        else:
+            picture = None
         moment = moment._replace(
             observation=transition.observation_hash,
             state=world.state_hash(),
@@ -221,7 +228,9 @@ class _ValueWatch:
             return ""
         with contain_errors(self._world.id, "render()"):
             picture = self._world.render((640, 480))
-        return "" if picture.dtype == np.uint8 else str(picture.dtype)
+        if picture.dtype == np.uint8:
+            return ""
+        return str(picture.dtype)
 
     def report_pictures(self) -> None:
         """Report pictures of several sizes, and those of another type than uint8."""
@@ -240,10 +249,13 @@ def _describe_difference(moments: Sequence[Moment], others: Sequence[Moment]) ->
     """Where two plays differ first, "the observation at step 3 of seed 0"; pictures count where both were drawn."""
     for moment, other in zip(moments, others, strict=False):
         if not (moment.picture and other.picture):
-            moment, other = moment._replace(picture=0), other._replace(picture=0)
+            moment = moment._replace(picture=0)
+            other = other._replace(picture=0)
         if part := moment.find_difference(other):
             return f"the {part} at {moment.place}"
-    return "" if len(moments) == len(others) else "how many steps were made"
+    if len(moments) == len(others):
+        return ""
+    return "how many steps were made"
 
 
 def _explain_replay(rehearsal: Rehearsal, drawn: str, plain: Sequence[Moment]) -> str:
@@ -257,7 +269,10 @@ def _explain_replay(rehearsal: Rehearsal, drawn: str, plain: Sequence[Moment]) -
             "random numbers from np_random in it"
         )
     unseeded = plain[0].observation == again[0].observation and plain[0].state != again[0].state
-    what = "call super().reset(seed=seed) in reset()" if unseeded else "draw every random number from self.np_random"
+    if unseeded:
+        what = "call super().reset(seed=seed) in reset()"
+    else:
+        what = "draw every random number from self.np_random"
     return (
         f"nondeterministic: two plays of one seed differ, first in {undrawn}, so no log proves it; {what}, or set "
         "record_observations = true in its block, which keeps what was seen"

@@ -39,7 +39,10 @@ def draw_arrangement(rng: np.random.Generator, *, ambiguous: bool = False) -> Ar
     ``ambiguous`` draws each colour and kind on its own, as the published grid did: 15.8 % of missions then fit a
     second object.
     """
-    drawn = rng.integers(len(COLOURS), size=4) if ambiguous else rng.permutation(len(COLOURS))[:4]
+    if ambiguous:
+        drawn = rng.integers(len(COLOURS), size=4)
+    else:
+        drawn = rng.permutation(len(COLOURS))[:4]
     colours = drawn.tolist()
     kinds = rng.integers(len(KINDS), size=4).tolist()
     objects = tuple((COLOURS[colour], KINDS[kind]) for colour, kind in zip(colours, kinds, strict=True))

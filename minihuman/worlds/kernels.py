@@ -66,7 +66,12 @@ def kernel(
         hold_gil: The same for a call so short that releasing the lock would take longer.
         variables: NumPy's types of variables whose first value says too little.
     """
-    options = _NOGIL if nogil else _HOLD_GIL if hold_gil else {}
+    if nogil:
+        options = _NOGIL
+    elif hold_gil:
+        options = _HOLD_GIL
+    else:
+        options = {}
 
     def made(function: F) -> F:
         written = KernelSource(function, options, variables, signatures, only)
@@ -237,7 +242,9 @@ def _fitting(value: Any) -> Any:
         return value.item()
     if isinstance(value, np.ndarray):
         usual = np.dtype(value.dtype.name)
-        return value if value.dtype is usual and type(value) is np.ndarray else np.asarray(value).view(usual)
+        if value.dtype is usual and type(value) is np.ndarray:
+            return value
+        return np.asarray(value).view(usual)
     return value
 
 

@@ -46,7 +46,9 @@ def find_mismatch(observation: Any, space: gymnasium.Space[Any], name: str = "th
             if not (whole or is_scalar):
                 return f"{name} is {describe_value(observation)}, and its space holds a whole number"
             inside = int(space.start) <= int(observation) < int(space.start) + int(space.n)
-            return "" if inside else _outside_range(observation, space, name)
+            if inside:
+                return ""
+            return _outside_range(observation, space, name)
     return ""
 
 
@@ -101,10 +103,13 @@ def _find_bad_part(observation: Any, space: gymnasium.Space[Any], name: str) -> 
 def _find_bad_number(array: NDArray[Any], observation: Any, space: spaces.Box, name: str) -> str:
     if not isinstance(observation, np.ndarray | np.generic):
         return f"{name} is {describe_value(observation)}, and must be an array of {space.dtype}"
-    low, high = np.asarray(space.low), np.asarray(space.high)
+    low = np.asarray(space.low)
+    high = np.asarray(space.high)
     bad = np.argwhere(~((array >= low) & (array <= high)))
     if len(bad):
         at = tuple(bad[0].tolist())
         place = f"{name}[{', '.join(map(str, at))}]" if at else name
         return f"{place} is {array[at]:g}, and its space holds {low[at]:g} to {high[at]:g}"
-    return f"{name} is of type {array.dtype}, and its space is of {space.dtype}" if array.dtype != space.dtype else ""
+    if array.dtype != space.dtype:
+        return f"{name} is of type {array.dtype}, and its space is of {space.dtype}"
+    return ""

@@ -184,7 +184,9 @@ def add_any_step(rule: str) -> str:
 
 def _normalize_condition(text: str) -> str:
     match = _COMPARISON.fullmatch(text)
-    return text if match is None else f"{match[1]} {match[2]} {float(match[3]):g}"
+    if match is None:
+        return text
+    return f"{match[1]} {match[2]} {float(match[3]):g}"
 
 
 def _parse_condition(text: str) -> Condition:
@@ -195,7 +197,9 @@ def _parse_condition(text: str) -> Condition:
     match = _COMPARISON.fullmatch(text)
     if match is None:
         raise ProtocolError(f"has {text!r}, which is no condition; use {_EXAMPLES}")
-    quantity, compare, bound = match[1], _OPERATORS[match[2]], float(match[3])
+    quantity = match[1]
+    compare = _OPERATORS[match[2]]
+    bound = float(match[3])
     if quantity == "return":
         return lambda step: compare(step.return_, bound)
     return lambda step: compare(step.reward, bound)

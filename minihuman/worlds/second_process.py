@@ -40,11 +40,9 @@ def play_in_second_process(rehearsal: Rehearsal) -> Sequence[Moment] | str:
             return f"it took more than {TIMEOUT_S:g} s there"
         if not out.is_file():
             lines = completed.stderr.decode(errors="replace").strip().splitlines()
-            return (
-                lines[-1]
-                if completed.returncode == 2 and lines
-                else f"the process ended with status {completed.returncode}"
-            )
+            if completed.returncode == 2 and lines:
+                return lines[-1]
+            return f"the process ended with status {completed.returncode}"
         return msgspec.msgpack.decode(out.read_bytes(), type=list[Moment])
 
 

@@ -42,7 +42,8 @@ def _reached(*modules: str) -> set[str]:
 
     Each source is read once a process, when it first counts: an edit made later is not part of what runs now.
     """
-    seen, new = set(modules), list(modules)
+    seen = set(modules)
+    new = list(modules)
     while new:
         found = _imports(new.pop()) - seen - {f"{_OURS}.worlds.kernels"}
         seen |= found
@@ -81,7 +82,10 @@ def _path(module: str, suffix: str = ".py") -> Traversable:
 @cache
 def _imports(module: str) -> frozenset[str]:
     """The modules of ours that a module's source imports; those it only seems to do no harm."""
-    package = module if _path(module, "/__init__.py").is_file() else module.rpartition(".")[0]
+    if _path(module, "/__init__.py").is_file():
+        package = module
+    else:
+        package = module.rpartition(".")[0]
     found: set[str] = set()
     for source, names, plain in _IMPORT.findall((_source(module) or "").replace("\\\n", " ")):
         bases = [source] if source else plain.split(",")

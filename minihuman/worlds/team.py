@@ -69,7 +69,10 @@ class TeamWorld(abc.ABC):
 
     def choose_seed(self, seed: int | None) -> int:
         """Return the seed of a new episode: the given one, or one drawn from the last, at first from chance."""
-        chosen = int(np.random.default_rng(self._last_seed).integers(2**63)) if seed is None else seed
+        if seed is None:
+            chosen = int(np.random.default_rng(self._last_seed).integers(2**63))
+        else:
+            chosen = seed
         self._last_seed = chosen
         return chosen
 
@@ -217,7 +220,9 @@ def find_team(world_id: str) -> Callable[..., TeamWorld] | None:
     if isinstance(made, str):
         where, _, attribute = made.partition(":")
         made = getattr(importlib.import_module(where), attribute, None)
-    return partial(made, **spec.kwargs) if spec and isinstance(made, type) and issubclass(made, TeamWorld) else None
+    if spec and isinstance(made, type) and issubclass(made, TeamWorld):
+        return partial(made, **spec.kwargs)
+    return None
 
 
 def make_team(world_id: str, **options: Any) -> TeamWorld:

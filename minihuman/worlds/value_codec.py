@@ -9,7 +9,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-_ARRAY, _SCALAR = 1, 2  # MessagePack extensions
+# MessagePack extensions
+_ARRAY = 1
+_SCALAR = 2
 
 
 def encode_value(value: Any) -> bytes:

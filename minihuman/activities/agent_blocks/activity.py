@@ -95,7 +95,9 @@ class AgentPlayActivity(PlayActivity):
                 self.number, part, agent, self._learning, first_unknown, self._next_policy or self._first_policy
             )
         is_advised = self.advised is not None and self.advised.step == self._current.steps
-        return None if is_advised or not self.policy else AdviceRequest(self.policy, self._current.steps)
+        if is_advised or not self.policy:
+            return None
+        return AdviceRequest(self.policy, self._current.steps)
 
     def receive(self, happened: Input) -> None:
         """Take an input."""

@@ -56,7 +56,9 @@ def autonomy_gain_per_min(episodes: Sequence[TaughtEpisode]) -> float:
     shares = np.array([float((~taught.by_person).mean()) for _, taught in episodes])
     spread = minutes - minutes.mean()
     total = float((spread**2).sum())
-    return float((spread * shares).sum() / total) if total > 0 else float("nan")
+    if total > 0:
+        return float((spread * shares).sum() / total)
+    return float("nan")
 
 
 def teaching_figures(logs: Mapping[str, SessionLog], out: Path) -> Iterator[ReportFigure]:

@@ -56,4 +56,6 @@ class AgentBlockSimulator(PartSimulator):
             with name_failures():
                 press = participant.watch(play.world, build_watched_step(part, play, self.person.now_ns))
             return None if press is None else check_press(press)
-        return ask_key(participant, play) if part.controller == "person" else None
+        if part.controller == "person":
+            return ask_key(participant, play)
+        return None

@@ -94,7 +94,9 @@ class CorrectionActivity(Activity):
     @property
     def reviewed_episode(self) -> tuple[EpisodeClip, int] | None:
         """The episode and step under review, for simulated participants; None if there is none."""
-        return None if self._episode is None or self.phase is not Phase.LOOKING else (self._episode, self._step)
+        if self._episode is None or self.phase is not Phase.LOOKING:
+            return None
+        return (self._episode, self._step)
 
     @property
     def review_id(self) -> tuple[int, int]:
@@ -175,7 +177,10 @@ class CorrectionActivity(Activity):
 
     def _seen(self, screen_shown: ScreenShown) -> None:
         now = self._step if self.play is None else self.play.steps
-        step = now if screen_shown.step is None or self.play is None else min(screen_shown.step, now)
+        if screen_shown.step is None or self.play is None:
+            step = now
+        else:
+            step = min(screen_shown.step, now)
         place = (self.number, self._number, step)
         self.context.emit(CorrectionSeen(self.context.now_ns, *place, screen_shown.submit_ns, screen_shown.flip_ns))
 

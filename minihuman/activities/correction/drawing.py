@@ -13,7 +13,10 @@ def draw_film(screen: FilmScreen, size_px: Size) -> Sheet:
     margin = height * MARGIN
     wide = width - 2 * margin
     paste_picture(sheet, screen.pictures[screen.step], (margin, height * 0.05, width - margin, height * 0.82))
-    y, thick, left, right = height * 0.85, max(3, round(height / 180)), width * 0.2, width * 0.8
+    y = height * 0.85
+    thick = max(3, round(height / 180))
+    left = width * 0.2
+    right = width * 0.8
     along = left + (right - left) * screen.step / max(1, len(screen.pictures) - 1)
     sheet.draw.rectangle((left, y, right, y + thick), fill=theme.SURFACE)
     sheet.draw.rectangle((left, y, along, y + thick), fill=theme.HIGHLIGHT)

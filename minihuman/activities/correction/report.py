@@ -15,4 +15,6 @@ def build_section(source: SectionSource) -> ReportSection | None:
         for name, log in logs.items()
         if log.corrections
     ]
-    return ReportSection("Teaching", [CaptionedTable(Table(_HEADS, rows), _CAPTION)], rank=1) if rows else None
+    if rows:
+        return ReportSection("Teaching", [CaptionedTable(Table(_HEADS, rows), _CAPTION)], rank=1)
+    return None

@@ -28,6 +28,9 @@ def build_page_screen(
     buttons: tuple[Button, ...] = (Button("back", words["button.back"]),) if page else ()
     buttons += (Button("decline", decline_label),) if decline_label else ()
     buttons += (Button("go_on", button if at_end else words["button.next"]),)
-    progress = words.fill("page.progress", page=page + 1, pages=pages) if pages > 1 else ""
+    if pages > 1:
+        progress = words.fill("page.progress", page=page + 1, pages=pages)
+    else:
+        progress = ""
     prompt = last if at_end else words["page.prompt"]
     return PageScreen(title, body, page + 1, pages, prompt, buttons, progress, picture, marks, words.locale)

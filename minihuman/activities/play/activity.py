@@ -124,7 +124,9 @@ class PlayActivity(Activity):
     @property
     def feedback_text(self) -> str:
         """The feedback on the last episode; "" if there is none."""
-        return self.plan.feedback.get(self._play.outcome or "", "") if self._play else ""
+        if self._play:
+            return self.plan.feedback.get(self._play.outcome or "", "")
+        return ""
 
     # The port
 

@@ -51,11 +51,16 @@ class BlockTimeLimits:
         due_ns = self.due_ns
         if due_ns is None or now_ns < due_ns:
             return ""
-        return "block_max_s" if self.block_is_over(now_ns) else "max_s"
+        if self.block_is_over(now_ns):
+            return "block_max_s"
+        return "max_s"
 
     def block_is_over(self, now_ns: int) -> bool:
         """Whether the block's time has been played."""
-        running_ns = 0 if self._running_since_ns is None else now_ns - self._running_since_ns
+        if self._running_since_ns is None:
+            running_ns = 0
+        else:
+            running_ns = now_ns - self._running_since_ns
         return bool(self._block_ns) and self._block_played_ns + running_ns >= self._block_ns
 
     @property

@@ -35,7 +35,9 @@ class EpisodeSequence:
     def next_plan(self) -> EpisodePlan:
         """The next episode, as a design wants it where the block has one."""
         plan = self._context.plan.episodes[self._context.next_episode]
-        return plan if self._design is None else self._design.resolve(plan)
+        if self._design is None:
+            return plan
+        return self._design.resolve(plan)
 
     @property
     def interval_ms(self) -> float:

@@ -165,5 +165,7 @@ class BlockScreens:
     def _progress(self, play: RunningEpisode) -> str:
         total = self._context.points if self._plan.show_points else None
         if not self._shows_progress:
-            return "" if total is None else format_total(self._context.words, total)
+            if total is None:
+                return ""
+            return format_total(self._context.words, total)
         return format_progress(self._context, self._plan, play.plan, total)

@@ -141,7 +141,9 @@ class PreferencesActivity(Activity):
         if self.phase is not Phase.COMPARING:
             return None
         first, second = self._offered
-        return (second, first) if self._first_is_right[self._pair] else (first, second)
+        if self._first_is_right[self._pair]:
+            return (second, first)
+        return (first, second)
 
     @property
     def pair_id(self) -> tuple[int, int]:

@@ -13,11 +13,15 @@ def draw_pair(screen: PairScreen, size_px: Size) -> Sheet:
     margin = height * MARGIN
     wide = width - 2 * margin
     sheet.put_line((width / 2, height * 0.07), screen.title, round(height / 20), wide, theme.INK)
-    top, bottom, gap = height * 0.14, height * 0.80, margin
+    top = height * 0.14
+    bottom = height * 0.80
+    gap = margin
     paste_picture(sheet, screen.left, (margin, top, width / 2 - gap, bottom))
     paste_picture(sheet, screen.right, (width / 2 + gap, top, width - margin, bottom))
-    y, thick = height * 0.835, max(3, round(height / 180))
-    left, right = width * 0.3, width * 0.7
+    y = height * 0.835
+    thick = max(3, round(height / 180))
+    left = width * 0.3
+    right = width * 0.7
     sheet.draw.rectangle((left, y, right, y + thick), fill=theme.SURFACE)
     sheet.draw.rectangle((left, y, left + (right - left) * screen.along, y + thick), fill=theme.HIGHLIGHT)
     sheet.put_line((width / 2, height * 0.895), screen.prompt, round(height / 30), wide, theme.INK)

@@ -16,7 +16,9 @@ _MS_PER_S = 1e3
 def build_section(source: SectionSource) -> ReportSection | None:
     """Build the table of comparisons; None where there were none."""
     rows = _build_rows(source.read_logs(source.table("preferences")))
-    return ReportSection("Teaching", [CaptionedTable(Table(_HEADS, rows), _CAPTION)], rank=2) if rows else None
+    if rows:
+        return ReportSection("Teaching", [CaptionedTable(Table(_HEADS, rows), _CAPTION)], rank=2)
+    return None
 
 
 def _build_rows(logs: Mapping[str, SessionLog]) -> list[tuple[str, ...]]:

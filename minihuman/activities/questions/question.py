@@ -62,7 +62,9 @@ class QuestionItemSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Every right answer; empty where none is right or wrong."""
         if self.right is None:
             return ()
-        return self.right if isinstance(self.right, tuple) else (self.right,)
+        if isinstance(self.right, tuple):
+            return self.right
+        return (self.right,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +134,9 @@ class AnswerDraft(abc.ABC):
     @property
     def error(self) -> tuple[str, dict[str, Any]] | None:
         """Why the answer cannot be given: the key of an interface word and its fields."""
-        return ("note.required", {}) if self.question.required and self.value is None else None
+        if self.question.required and self.value is None:
+            return ("note.required", {})
+        return None
 
 
 ItemErrors = Iterator[tuple[str, str]]  # a field of the item, and what is wrong with it
@@ -184,7 +188,10 @@ def find_question_kind(name: str) -> QuestionKind:
 def build_draft(question: QuestionItemSpec, *, rtl: bool, language: str | None = None) -> AnswerDraft:
     """An empty answer to a question; ``language`` as in `AnswerDraft`."""
     kind = find_question_kind(question.kind)
-    settings = None if kind.settings is None else msgspec.convert(question.settings or {}, kind.settings)
+    if kind.settings is None:
+        settings = None
+    else:
+        settings = msgspec.convert(question.settings or {}, kind.settings)
     return kind.draft(question, settings, rtl=rtl, language=language)
 
 
@@ -238,13 +245,17 @@ def is_correct(question: QuestionItemSpec, value: AnswerValue) -> bool | None:
 def parse_digit(key: str) -> int:
     """The number on a digit key, of the keypad too; 0 for any other key."""
     plain = key.removeprefix("kp_")
-    return int(plain) if plain.isdecimal() and len(plain) == 1 else 0
+    if plain.isdecimal() and len(plain) == 1:
+        return int(plain)
+    return 0
 
 
 def parse_option(target: str) -> int | None:
     """The number of the option that a target names; None if it names none."""
     kind, _, number = target.partition(":")
-    return int(number) if kind == "option" and number.isdecimal() else None
+    if kind == "option" and number.isdecimal():
+        return int(number)
+    return None
 
 
 def horizontal_step(key: str, *, rtl: bool) -> int:

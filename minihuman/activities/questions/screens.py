@@ -17,7 +17,10 @@ def build_question_screen(
     """One question and its answer so far."""
     buttons: tuple[Button, ...] = (Button("back", words["button.back"]),) if number else ()
     buttons += (Button("go_on", words["button.go_on"]),)
-    progress = words.fill("question.progress", number=number + 1, count=count) if count > 1 else ""
+    if count > 1:
+        progress = words.fill("question.progress", number=number + 1, count=count)
+    else:
+        progress = ""
     question = draft.question
     prompt = words.find(f"prompt.{question.kind}", find_question_kind(question.kind).prompt)
     return QuestionScreen(title, question.ask, draft.widget(), prompt, buttons, progress, note, words.locale)

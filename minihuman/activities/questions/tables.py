@@ -35,7 +35,9 @@ def _build_answer_row(event: Answered, log: SessionLog) -> TableRow:
 def _format_answer(answer: object) -> str:
     if isinstance(answer, str):
         return answer
-    return "" if answer is None else json.dumps(answer, ensure_ascii=False)
+    if answer is None:
+        return ""
+    return json.dumps(answer, ensure_ascii=False)
 
 
 def _build_change_row(event: AnswerChanged, log: SessionLog) -> TableRow:

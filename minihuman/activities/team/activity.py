@@ -318,7 +318,9 @@ class TeamPlayActivity(PlayActivity):
                     *self._describe_role(),
                     *(self._describe_partners() if self.plan.team.partner_disclosure == "always" else ()),
                 )
-                return replace(ready, body="\n\n".join(filter(None, (ready.body, *lines)))) if lines else ready
+                if lines:
+                    return replace(ready, body="\n\n".join(filter(None, (ready.body, *lines))))
+                return ready
         return super()._screen()
 
     @property
@@ -331,7 +333,9 @@ class TeamPlayActivity(PlayActivity):
 
     def _describe_role(self) -> tuple[str, ...]:
         roles = self.plan.team.roles
-        return (self.context.words.fill("team.role", role=roles[self.formed.seat]),) if roles and self.formed else ()
+        if roles and self.formed:
+            return (self.context.words.fill("team.role", role=roles[self.formed.seat]),)
+        return ()
 
     def _describe_partners(self) -> tuple[str, ...]:
         assert self.formed is not None
@@ -352,7 +356,9 @@ class TeamPlayActivity(PlayActivity):
             text = words["team.waits"]
         elif self.playing and self._has_partner_gone:
             text = words[_WORDS_OF_ABSENCE[self.plan.team.partner_disclosure]]
-        return replace(screen, controller="person", controller_text=text) if text else screen
+        if text:
+            return replace(screen, controller="person", controller_text=text)
+        return screen
 
 
 TEAM = ActivityKind(

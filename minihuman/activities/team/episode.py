@@ -124,7 +124,10 @@ class TeamEpisode(RunningEpisode):
         """Make the joint step: its event, the rewards by seat, and what this seat had submitted."""
         mine = self.submitted
         self.submitted = None
-        key = mine if mine is not None and joint.sources[self.team.seat] == "person" else None
+        if mine is not None and joint.sources[self.team.seat] == "person":
+            key = mine
+        else:
+            key = None
         env = self.world.unwrapped
         env.joint = joint.actions
         with catch_world_errors():

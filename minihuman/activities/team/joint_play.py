@@ -133,14 +133,18 @@ class JointPlay:
     def find_news(self, want: JointRequest, now_s: float, *, is_real_time: bool) -> SeatSighted | None:
         """Tell a seat of another, or of itself, that is seen otherwise than it knows."""
         news = self.presence.find_news(want.states, now_s, is_real_time=is_real_time)
-        return None if news is None else SeatSighted(0, news.seat, news.state, round(news.for_s * MS_PER_S))
+        if news is None:
+            return None
+        return SeatSighted(0, news.seat, news.state, round(news.for_s * MS_PER_S))
 
     def answer_message(self, want: JointRequest, now_s: float) -> MessageGiven | None:
         """Take a seat's messages, and return the next one of another that it has not received."""
         if self.messages.send(want.sent, now_s):
             self._concern_others(want.team.seat)
         message = self.messages.find_next(want.team.seat, want.received, now_s)
-        return None if message is None else MessageGiven(0, message)
+        if message is None:
+            return None
+        return MessageGiven(0, message)
 
     def submit(self, want: JointRequest, now_s: float, *, is_real_time: bool) -> JointTaken | TeamLost | StepDue | None:
         """Take a seat's input for a step; None as long as others are waited for.
@@ -216,7 +220,9 @@ class JointPlay:
             if not self._hand_over(self.presence.find_thinkers(missing, now_s), now_s):
                 return TeamLost(0, "partner_left")
             missing = self.presence.present - self._open_step.seats
-        return None if missing else self._open_step.find_due(frozenset())
+        if missing:
+            return None
+        return self._open_step.find_due(frozenset())
 
     def _find_delay(self, want: JointRequest, missing: Collection[int], now_s: float) -> Delay:
         """Find how late the missing inputs are by the server's clock, whatever the others' pages say of the time."""

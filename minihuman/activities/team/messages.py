@@ -70,12 +70,16 @@ class TeamMessages:
     @property
     def _keys(self) -> tuple[object, ...]:
         """The keys that do something while nothing is typed."""
-        return (*ENTER_KEYS, REPORT_KEY, self.rules.ping) if self.rules.chat else (self.rules.ping,)
+        if self.rules.chat:
+            return (*ENTER_KEYS, REPORT_KEY, self.rules.ping)
+        return (self.rules.ping,)
 
     def _judge(self, press: KeyDown) -> KeyVerdict:
         if press.repeat:
             return "repeat"
-        return "accepted" if press.key in ENTER_KEYS or self.draft is None else "typing"
+        if press.key in ENTER_KEYS or self.draft is None:
+            return "accepted"
+        return "typing"
 
     def _open_draft(self) -> None:
         question = QuestionItemSpec("chat", "text", "", longest=MESSAGE_LETTERS)
@@ -148,8 +152,12 @@ class TeamMessages:
         words = self.context.words
         if seat == self.seat:
             return words["team.you"]
-        return self.rules.roles[seat] if self.rules.roles else words.fill("team.person", number=seat + 1)
+        if self.rules.roles:
+            return self.rules.roles[seat]
+        return words.fill("team.person", number=seat + 1)
 
     def _format_text(self, message: MessageShown) -> str:
         text = message.text or "…"
-        return f"{text} ({self.context.words['team.reported']})" if message.digest == self._reported else text
+        if message.digest == self._reported:
+            return f"{text} ({self.context.words['team.reported']})"
+        return text

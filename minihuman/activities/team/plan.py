@@ -56,7 +56,9 @@ def find_seat_agent(kind: str) -> str:
     seat_kind, _, name = kind.partition(":")
     if seat_kind == SIMULATED:
         return kind
-    return "optimal" if seat_kind == "planner" and not name else name
+    if seat_kind == "planner" and not name:
+        return "optimal"
+    return name
 
 
 class TeamPlayPlan(PlayPlan, frozen=True):

@@ -45,12 +45,16 @@ class SeatPresence:
     def find_page_sign_s(self) -> float:
         """Return the time of the page's last sign of life, or when it was first waited for."""
         since_s = self.waited_since_s or 0.0
-        return since_s if self.signs.page_s is None else self.signs.page_s
+        if self.signs.page_s is None:
+            return since_s
+        return self.signs.page_s
 
     def find_person_sign_s(self) -> float:
         """Return the time of the person's last sign of life, or when they were first waited for."""
         since_s = self.waited_since_s or 0.0
-        return since_s if self.signs.person_s is None else max(self.signs.person_s, since_s)
+        if self.signs.person_s is None:
+            return since_s
+        return max(self.signs.person_s, since_s)
 
 
 class TeamPresence:
@@ -151,7 +155,9 @@ class TeamPresence:
             if sighting.state != "here" and now_s - sighting.since_s >= self._rules.partner_wait_s
         ]
         overdue.sort(key=lambda seat: (sightings[seat].since_s, seat == asking))
-        return overdue if len(overdue) < len(sightings) else overdue[:-1]
+        if len(overdue) < len(sightings):
+            return overdue
+        return overdue[:-1]
 
     def find_thinkers(self, seats: Iterable[int], now_s: float) -> list[int]:
         """Find those of the seats whose people have given no sign of life for as long as they may think."""

@@ -26,7 +26,9 @@ def build_section(source: SectionSource) -> ReportSection | None:
     rows = [_describe_block(block, played) for block, played in teams.groupby("block", sort=False)]
     heads = ("block", "team episodes", "person", "idle", "agent", "mean absent", f"absent over {_ABSENT_ENOUGH:.0%}")
     found = [row for row in rows if row is not None]
-    return ReportSection("Who played", [CaptionedTable(Table(heads, found), _CAPTION)]) if found else None
+    if found:
+        return ReportSection("Who played", [CaptionedTable(Table(heads, found), _CAPTION)])
+    return None
 
 
 def _describe_block(block: object, episodes: pd.DataFrame) -> tuple[str, ...] | None:

@@ -35,4 +35,6 @@ class StepClock:
         if now_s - self.opened_s >= self._thinking_wait_s:
             return "overdue"
         late_s = now_s - (self.opened_s if due_s is None else due_s)
-        return "late" if late_s * MS_PER_S >= self._late_ms else "in_time"
+        if late_s * MS_PER_S >= self._late_ms:
+            return "late"
+        return "in_time"

@@ -90,7 +90,9 @@ def _iterate_levels(people: pd.DataFrame) -> Iterator[tuple[str, str, str, str, 
 
 def _format_over_people(rows: pd.DataFrame, measure: str) -> str:
     values = rows[measure].dropna()
-    return format_mean_sd(float(values.mean()), float(values.std())) if len(values) else "n/a"
+    if len(values):
+        return format_mean_sd(float(values.mean()), float(values.std()))
+    return "n/a"
 
 
 def _tabulate(people: pd.DataFrame, measures: Sequence[str], caption: str) -> list[CaptionedTable]:
@@ -127,7 +129,9 @@ def _tabulate_detection(people: pd.DataFrame) -> list[CaptionedTable]:
         "(Macmillan and Creelman, 2005), for every participant with the log-linear correction: 0.5 added to each count "
         "and 1 to the trials (Hautus, 1995). Mean (standard deviation) over participants."
     )
-    return _tabulate(told, _DETECTION, caption) if len(told) else []
+    if len(told):
+        return _tabulate(told, _DETECTION, caption)
+    return []
 
 
 def _tabulate_differences(people: pd.DataFrame) -> list[CaptionedTable]:
@@ -153,7 +157,9 @@ def _tabulate_differences(people: pd.DataFrame) -> list[CaptionedTable]:
         "Levels of each label compared within participants, over those who have both. Difference, 95 % interval and p: "
         "paired permutation test; p (Holm) is corrected over the comparisons of one label in one block."
     )
-    return [CaptionedTable(Table(heads, rows, words=4), caption)] if rows else []
+    if rows:
+        return [CaptionedTable(Table(heads, rows, words=4), caption)]
+    return []
 
 
 def compute_effects(people: pd.DataFrame, measure: str) -> pd.DataFrame:
@@ -168,7 +174,9 @@ def compute_effects(people: pd.DataFrame, measure: str) -> pd.DataFrame:
                 rows.append(
                     effect.assign(block=str(block), label=str(label), levels=format_pair(str(first), str(second)))
                 )
-    return pd.concat(rows) if rows else pd.DataFrame(columns=["participant", "group", "effect", "block", "label"])
+    if rows:
+        return pd.concat(rows)
+    return pd.DataFrame(columns=["participant", "group", "effect", "block", "label"])
 
 
 def _tabulate_group_differences(people: pd.DataFrame) -> list[CaptionedTable]:
@@ -190,7 +198,9 @@ def _tabulate_group_differences(people: pd.DataFrame) -> list[CaptionedTable]:
         "Groups compared, on all trials and on the differences between levels (the interaction of group and label): "
         "two-sided permutation test of Welch's t; p (Holm) is corrected over the comparisons of one block and kind."
     )
-    return [CaptionedTable(Table(heads, rows, words=4), caption)] if rows else []
+    if rows:
+        return [CaptionedTable(Table(heads, rows, words=4), caption)]
+    return []
 
 
 def _format_group_comparisons(

@@ -20,7 +20,9 @@ from minihuman.activities.trials.plan import StimuliSpec
 from minihuman.errors import ProtocolError
 from minihuman.worlds.catalogue import TRIAL_WORLDS
 
-IMAGE, COUNT = "image", "times"  # columns with a meaning of their own: a PNG beside the protocol, how often a row comes
+# columns with a meaning of their own: a PNG beside the protocol, how often a row comes
+IMAGE = "image"
+COUNT = "times"
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 _DECIMAL_COMMA = re.compile(r"-?\d+,\d+")
 _TEXT_OPTIONS = frozenset({"text", "left", "right"})  # "3,5" is shown there as it is written
@@ -106,7 +108,10 @@ def _read_csv(content: bytes, name: str) -> Iterator[TableRow]:
     if states_separator:
         text = rest
         skipped = 1
-    separator = states_separator[1] if states_separator else _find_separator(text, name)
+    if states_separator:
+        separator = states_separator[1]
+    else:
+        separator = _find_separator(text, name)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
     try:
         header = next(reader, [])
@@ -125,7 +130,10 @@ def _read_csv(content: bytes, name: str) -> Iterator[TableRow]:
 
 def _decode(content: bytes, name: str) -> str:
     """Decode a table: UTF-8 with or without a byte-order mark, or UTF-16 with one."""
-    encoding = "utf-16" if content.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        encoding = "utf-16"
+    else:
+        encoding = "utf-8-sig"
     try:
         text = content.decode(encoding)
     except UnicodeDecodeError as error:

@@ -17,7 +17,10 @@ def _build_trial_row(episode: EpisodeLog) -> TableRow | None:
     if plan.world not in TRIAL_WORLDS and not plan.labels:
         return None
     correct = str(plan.options.get("correct", ""))
-    response = episode.start.action_names[episode.actions[-1]] if len(episode.actions) else ""
+    if len(episode.actions):
+        response = episode.start.action_names[episode.actions[-1]]
+    else:
+        response = ""
     times_ms = response_ms(episode)
     first_ms = float(times_ms[0]) if len(times_ms) else math.nan
     is_made = response not in ("", NO_RESPONSE) and not math.isnan(first_ms)

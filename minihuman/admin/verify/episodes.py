@@ -42,7 +42,9 @@ def describe_other_rules(log: SessionLog) -> str:
     """
     recorded = dict.fromkeys(segment.facts["rules"] for segment in log.segments if "rules" in segment.facts)
     recorded.pop(rules_digest(), None)
-    return f"recorded by rules {' and '.join(recorded)}, checked by rules {rules_digest()}" if recorded else ""
+    if recorded:
+        return f"recorded by rules {' and '.join(recorded)}, checked by rules {rules_digest()}"
+    return ""
 
 
 def verify_episodes(log: SessionLog, make_world: WorldFactory = World) -> EpisodeVerification:
@@ -172,8 +174,13 @@ def verify_teams(study: Path) -> Iterator[tuple[str, bool]]:
 def _read_member(study: Path, entry: TeamRecorded, seat: str) -> SessionLog | None:
     """A member's log; None of one who withdrew or has none."""
     code = entry.members.get(seat)
-    folder = None if code is None else session_folder(study.parent, study.name, code, entry.session)
-    return read_log(folder) if folder is not None and folder.is_dir() and list_sessions(folder) else None
+    if code is None:
+        folder = None
+    else:
+        folder = session_folder(study.parent, study.name, code, entry.session)
+    if folder is not None and folder.is_dir() and list_sessions(folder):
+        return read_log(folder)
+    return None
 
 
 def _find_episodes(log: SessionLog | None, entry: TeamRecorded) -> _Played:
@@ -194,7 +201,10 @@ def _compare_members(found: dict[int, _Played]) -> Iterator[str]:
     for (seat, played), (other_seat, others) in permutations(found.items(), 2):
         for (number, attempt), (episode, team) in played.items():
             acted = any(sources[other_seat] != "agent" for sources in team.sources)
-            attempts = {at: one for (of, at), one in others.items() if of == number} if acted else {}
+            if acted:
+                attempts = {at: one for (of, at), one in others.items() if of == number}
+            else:
+                attempts = {}
             if not attempts:
                 continue
             same = {at: _count_same(team, one) for at, (_, one) in attempts.items()}
@@ -202,7 +212,8 @@ def _compare_members(found: dict[int, _Played]) -> Iterator[str]:
             other, theirs = attempts[best]
             n = min(len(team.actions), len(theirs.actions))
             both = sorted(((seat, episode, team), (other_seat, other, theirs)), key=lambda one: one[0])
-            seats, where = " and ".join(str(one[0]) for one in both), f"episode {number + 1} of the block"
+            seats = " and ".join(str(one[0]) for one in both)
+            where = f"episode {number + 1} of the block"
             hashes = episode.state_hashes[: n + 1] == other.state_hashes[: n + 1]
             if same[best] < n:
                 logged = ", ".join(f"seat {one} logged {its.actions[same[best]].tolist()}" for one, _, its in both)

@@ -118,7 +118,9 @@ class MessageVerifier:
             self._drawn.append(message)
             self._previews.is_pose_per_step |= schema == PoseInFrame.DESCRIPTOR.full_name
             return None, []
-        drawn, self._drawn, self._last = self._drawn, [], message
+        drawn = self._drawn
+        self._drawn = []
+        self._last = message
         where = f"message {message.sequence} on {topic}"
         try:
             event = self._decode(topic, message.data)
@@ -173,7 +175,8 @@ def _is_as_written(again: Message, logged: bytes) -> bool:
 
 def _without_later_defaults(plan_json: str, logged_json: str) -> str:
     """Return a part's plan, as read from the logged one, without the fields that reading added with their defaults."""
-    plan, logged = msgspec.json.decode(plan_json), msgspec.json.decode(logged_json)
+    plan = msgspec.json.decode(plan_json)
+    logged = msgspec.json.decode(logged_json)
     if not isinstance(plan, dict) or not isinstance(logged, dict):
         return plan_json
     return msgspec.json.encode({name: value for name, value in plan.items() if name in logged}).decode()
@@ -186,7 +189,8 @@ def _bytes_match(topic: str, again: bytes, found: bytes) -> bool:
     try:
         if _without_picture(again) != _without_picture(found):
             return False
-        expected, logged = _picture(again), _picture(found)
+        expected = _picture(again)
+        logged = _picture(found)
         if topic == topics.MAP_IMAGE:  # Pillow 10 and 12 put the outline of a disc on different pixels
             return _differ_by_a_pixel(expected, logged)
         return bool((expected == logged).all())
@@ -325,7 +329,9 @@ def _compare_segment(segment: _LogSegment, make_world: WorldFactory) -> Iterator
 
 def _read(path: Path) -> _LogContents:
     """Everything of a log, with what is wrong with single records."""
-    found, scan, chain = _LogContents(), LogScanner(path), HashChain()
+    found = _LogContents()
+    scan = LogScanner(path)
+    chain = HashChain()
     proof: MessageVerifier | None = None
     for record in scan:
         match record:
@@ -437,7 +443,10 @@ def _end(segment: _LogSegment, so_far: Sequence[_LogSegment], *, finished: bool)
     if end.get(CHAIN_KEY) != segment.head:
         logged = end.get(CHAIN_KEY, "none")
         yield f"the hash chain is {segment.head[:16]}, its end says {logged[:16]}: something was changed"
-    ended = segment.events[-1] if segment.events and isinstance(segment.events[-1], SessionEnded) else None
+    if segment.events and isinstance(segment.events[-1], SessionEnded):
+        ended = segment.events[-1]
+    else:
+        ended = None
     completed = {
         event.episode
         for earlier in so_far
@@ -491,7 +500,8 @@ def _plan(segment: _LogSegment) -> Iterator[str]:
         yield f"plan: {error}"
         return
     for name in SessionPlan.__struct_fields__:
-        logged, now = getattr(plan, name), getattr(again, name)
+        logged = getattr(plan, name)
+        now = getattr(again, name)
         if name == "parts":
             now = tuple(_as_part_before(protocol, plan, *parts) for parts in zip_longest(now, logged))
         if name == "words":  # a language has got more of them since
@@ -560,7 +570,10 @@ def _as_planned_before(episode: EpisodePlan | None, logged: EpisodePlan | None) 
     if episode is None or logged is None:
         return episode
     options = {k: v for k, v in episode.options.items() if k != "trig" or k in logged.options}
-    held = options if options.get("image") == logged.options.get("image") else resolve_files(options)
+    if options.get("image") == logged.options.get("image"):
+        held = options
+    else:
+        held = resolve_files(options)
     if not logged.labels and not set(episode.labels).isdisjoint(logged.options):
         return msgspec.structs.replace(episode, options=held | episode.labels, labels={})
     return msgspec.structs.replace(episode, options=held)
@@ -568,7 +581,8 @@ def _as_planned_before(episode: EpisodePlan | None, logged: EpisodePlan | None) 
 
 def _slot(protocol: Protocol, segment: _LogSegment, plan: SessionPlan) -> Iterator[str]:
     """Hold group and stratum against the allocation list, and the stratum against the answer."""
-    who, slots = plan.participant, build_allocation_list(protocol)
+    who = plan.participant
+    slots = build_allocation_list(protocol)
     if not 0 <= who.place < len(slots):
         yield f"plan: slot {who.place} is outside the allocation list of {len(slots)}"
         return
@@ -704,14 +718,18 @@ def _read_protocol(sessions: Iterable[Path]) -> Protocol | None:
     """The protocol of a study's first log, where it has designs of the study; None if there is none."""
     for log in sessions:
         protocol = decode_logged_protocol(read_log(log).plan.protocol_toml)
-        return protocol if protocol.allocation.design or protocol.allocation.stopping else None
+        if protocol.allocation.design or protocol.allocation.stopping:
+            return protocol
+        return None
     return None
 
 
 def _read_ends(log: Path) -> tuple[str, ...]:
     """The segments of a log that have a chain head; none of a log that cannot be read."""
     found = read_summary(log)
-    return tuple(end["segment"] for end in found.ends if CHAIN_KEY in end) if found is not None else ()
+    if found is not None:
+        return tuple(end["segment"] for end in found.ends if CHAIN_KEY in end)
+    return ()
 
 
 def verify_manifest(study: Path, seal: str) -> Iterator[tuple[str, bool]]:

@@ -79,7 +79,9 @@ def verify_pictures(log: SessionLog, make_world: WorldFactory = World) -> Pictur
                     return _judge_difference(recorded, episode, difference, pictures)
                 pictures += len(shown)
                 verdict = "equal"
-    return None if verdict is None else PictureVerification(verdict, pictures)
+    if verdict is None:
+        return None
+    return PictureVerification(verdict, pictures)
 
 
 def find_shown_pictures(episode: EpisodeLog) -> dict[int, int]:

@@ -81,7 +81,8 @@ def locate_picture(picture: NDArray[np.uint8], size_px: Size) -> Box:
 
 
 def _place(width: int, height: int, size_px: Size) -> Box:
-    top, bottom = round(size_px[1] * _TOP), size_px[1] - round(size_px[1] * _BOTTOM)
+    top = round(size_px[1] * _TOP)
+    bottom = size_px[1] - round(size_px[1] * _BOTTOM)
     return (size_px[0] - width) // 2, top + (bottom - top - height) // 2, width, height
 
 
@@ -116,17 +117,26 @@ def draw_surroundings(play_frame: PlayFrame, size_px: Size) -> Sheet:
 def draw_mark(screen: PlayScreen, size_px: Size) -> Image.Image:
     """A frame around the held picture in the outcome's colour, and its sign and sum in a corner; the rest clear."""
     height, width = screen.picture.shape[:2]
-    shown = _fit(screen.picture, *picture_size_px(size_px)) if width else screen.picture
+    if width:
+        shown = _fit(screen.picture, *picture_size_px(size_px))
+    else:
+        shown = screen.picture
     left, top, width, height = _place(shown.shape[1], shown.shape[0], size_px)
     layer = Image.new("RGBA", size_px, (0, 0, 0, 0))
-    draw, colour = ImageDraw.Draw(layer), _MARKS[screen.mark]
+    draw = ImageDraw.Draw(layer)
+    colour = _MARKS[screen.mark]
     stroke = max(3, round(size_px[1] / 90))
     draw.rectangle((left, top, left + width - 1, top + height - 1), outline=colour, width=stroke)
     reach = size_px[1] * 0.045
     type_px = round(size_px[1] / 26)
     faces = select_typefaces(screen.locale.language, fonts=screen.locale.fonts)
-    score_px = measure_width_px(screen.score_text, faces, type_px) + reach * 0.6 if screen.score_text else 0.0
-    x, y = left + width / 2 - score_px / 2, top + reach * 1.6  # the agent itself is often at the bottom
+    if screen.score_text:
+        score_px = measure_width_px(screen.score_text, faces, type_px) + reach * 0.6
+    else:
+        score_px = 0.0
+    # the agent itself is often at the bottom
+    x = left + width / 2 - score_px / 2
+    y = top + reach * 1.6
     box = (x - reach * 1.3, y - reach, x + reach * 1.3 + score_px, y + reach)
     draw.rounded_rectangle(box, radius=reach * 0.4, fill=(*theme.BACKGROUND, 235), outline=colour, width=stroke // 2)
     _sign(draw, screen.mark, (x, y), reach * 0.55, colour, stroke)
@@ -220,7 +230,8 @@ def draw_steering(frame: NDArray[np.uint8], screen: PlayScreen, picture: Box) ->
     _edges(frame, box, stroke, colour, ground if screen.controller == "agent" and not screen.flash else colour)
     text = _SIGNS.get(screen.flash, screen.controller_text)
     line = _line(text, screen.locale.language, colour, ground, box[2], round(height * _LINE))
-    below, start = box[1] + box[3], (width - line.shape[1]) // 2
+    below = box[1] + box[3]
+    start = (width - line.shape[1]) // 2
     rows = min(len(line), height - below)
     frame[below : below + rows, start : start + line.shape[1]] = line[:rows]
     left = min(start, box[0])
@@ -229,7 +240,8 @@ def draw_steering(frame: NDArray[np.uint8], screen: PlayScreen, picture: Box) ->
 
 def _edges(frame: NDArray[np.uint8], box: Box, stroke: int, colour: sheet.Colour, gap: sheet.Colour) -> None:
     left, top, width, height = box
-    along_x, along_y = _dashes(width, stroke, colour, gap), _dashes(height, stroke, colour, gap)
+    along_x = _dashes(width, stroke, colour, gap)
+    along_y = _dashes(height, stroke, colour, gap)
     frame[top : top + stroke, left : left + width] = along_x
     frame[top + height - stroke : top + height, left : left + width] = along_x
     frame[top : top + height, left : left + stroke] = along_y[:, None]
@@ -270,7 +282,8 @@ def paste_picture(sheet: Sheet, picture: NDArray[np.uint8], box: RectPx) -> None
         return
     scale = min((right - left) / width, (bottom - top) / height)
     size = max(1, round(width * scale)), max(1, round(height * scale))
-    x, y = round((left + right - size[0]) / 2), round((top + bottom - size[1]) / 2)
+    x = round((left + right - size[0]) / 2)
+    y = round((top + bottom - size[1]) / 2)
     resampling = Image.Resampling.BOX if scale < 1 else Image.Resampling.NEAREST
     sheet.page.paste(Image.fromarray(picture).resize(size, resampling), (x, y))
     sheet.draw.rectangle((x - 2, y - 2, x + size[0] + 1, y + size[1] + 1), outline=theme.EDGE, width=2)

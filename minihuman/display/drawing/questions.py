@@ -15,7 +15,8 @@ from minihuman.experiment.machine.screens import (
 
 _TYPE = 1 / 30
 _WIDE = 1.16  # of the height
-_TOP, _BOTTOM = 0.15, 0.82
+_TOP = 0.15
+_BOTTOM = 0.82
 
 
 def draw_question(screen: QuestionScreen, size_px: Size) -> Sheet:
@@ -25,7 +26,8 @@ def draw_question(screen: QuestionScreen, size_px: Size) -> Sheet:
     high = sheet.high
     top = (height - high) / 2
     wide = _WIDE * high
-    left, right = (width - wide) / 2, (width + wide) / 2
+    left = (width - wide) / 2
+    right = (width + wide) / 2
     sheet.put_line((width / 2, top + high * 0.085), screen.title, round(high / 18), wide, theme.INK)
     room = _room(screen) * high
     lines, type_px = sheet.fitted(screen.question, round(high * _TYPE), wide, room)
@@ -57,7 +59,8 @@ def draw_question(screen: QuestionScreen, size_px: Size) -> Sheet:
 def question_fits(screen: QuestionScreen, size_px: Size) -> bool:
     """Whether its words fit in the smallest type there may be."""
     sheet = Sheet(size_px, screen.locale)
-    room, wide = _room(screen) * sheet.high, _WIDE * sheet.high
+    room = _room(screen) * sheet.high
+    wide = _WIDE * sheet.high
     lines, type_px = sheet.fitted(screen.question, round(sheet.high * _TYPE), wide, room)
     if type_px < round(sheet.high * MIN_TYPE_SIZE) or len(lines) * type_px * LINE_HEIGHT > room:
         return False
@@ -75,7 +78,9 @@ def _room(screen: QuestionScreen) -> float:
         return 0.10
     if not isinstance(screen.item, OptionList):
         return 0.30
-    return max(0.10, 0.58 - 0.075 * len(screen.item.options)) if len(screen.item.options) < 7 else 0.10
+    if len(screen.item.options) < 7:
+        return max(0.10, 0.58 - 0.075 * len(screen.item.options))
+    return 0.10
 
 
 def _option_rows(sheet: Sheet, item: OptionList, wide: float, high: float) -> tuple[list[list[str]], int] | None:
@@ -97,14 +102,20 @@ def _choices(sheet: Sheet, item: OptionList, box: tuple[float, float, float, flo
     for number, lines in enumerate(rows):
         tall = len(lines) * type_px * 1.2 + type_px * 0.6
         chosen = number in item.chosen
-        outline = theme.HIGHLIGHT if chosen else theme.EDGE if number != item.cursor else theme.MUTED_INK
+        if chosen:
+            outline = theme.HIGHLIGHT
+        elif number != item.cursor:
+            outline = theme.EDGE
+        else:
+            outline = theme.MUTED_INK
         stroke = max(1, round(sheet.high / (240 if chosen else 450)))
         sheet.draw.rounded_rectangle(
             (left, y, right, y + tall), radius=type_px * 0.35, fill=theme.SURFACE, outline=outline, width=stroke
         )
         sheet.spots.append(Spot(f"option:{number}", left, y, right, y + tall))
         _tick(sheet, item.many, chosen, (left, right), y + tall / 2, type_px)
-        start, end = left + type_px * 2.6, right - type_px * 2.6
+        start = left + type_px * 2.6
+        end = right - type_px * 2.6
         line_y = y + type_px * 0.3 + type_px * 0.6
         for line in lines:
             place = (end, line_y) if sheet.locale.rtl else (start, line_y)
@@ -119,7 +130,8 @@ def _choices(sheet: Sheet, item: OptionList, box: tuple[float, float, float, flo
 
 def _tick(sheet: Sheet, many: bool, chosen: bool, sides: tuple[float, float], y: float, type_px: int) -> None:
     x = sides[1] - type_px * 1.3 if sheet.locale.rtl else sides[0] + type_px * 1.3
-    reach, stroke = type_px * 0.42, max(2, round(type_px / 10))
+    reach = type_px * 0.42
+    stroke = max(2, round(type_px / 10))
     box = (x - reach, y - reach, x + reach, y + reach)
     if not many:
         sheet.draw.ellipse(box, outline=theme.HIGHLIGHT if chosen else theme.MUTED_INK, width=stroke)
@@ -175,10 +187,16 @@ def _statement_lines(sheet: Sheet, item: RatingMatrix, wide: float) -> list[list
 def _matrix(sheet: Sheet, item: RatingMatrix, box: tuple[float, float, float, float]) -> None:
     """A row for each statement, its points beside it in reading order; what they mean stands above them."""
     left, top, right, bottom = box
-    rtl, small, wide = sheet.locale.rtl, sheet.min_type_px, right - left
+    rtl = sheet.locale.rtl
+    small = sheet.min_type_px
+    wide = right - left
     low, high = (left, right - wide * _STATEMENT_SHARE) if rtl else (left + wide * _STATEMENT_SHARE, right)
-    unit, words = (high - low) / len(item.points), all(not point.isdecimal() for point in item.points)
-    heads = [sheet.wrap(point, small, unit * 0.96) for point in item.points] if words else []
+    unit = (high - low) / len(item.points)
+    words = all(not point.isdecimal() for point in item.points)
+    if words:
+        heads = [sheet.wrap(point, small, unit * 0.96) for point in item.points]
+    else:
+        heads = []
     if words:
         for place, lines in enumerate(reversed(heads) if rtl else heads):
             for number, line in enumerate(lines):
@@ -199,7 +217,8 @@ def _matrix(sheet: Sheet, item: RatingMatrix, box: tuple[float, float, float, fl
             sheet.put((x, y + offset), line, small, theme.INK, "r" if rtl else "l")
         for point, label in enumerate(item.points):
             place = len(item.points) - 1 - point if rtl else point
-            x, chosen = low + unit * (place + 0.5), item.chosen[row] == point
+            x = low + unit * (place + 0.5)
+            chosen = item.chosen[row] == point
             circle = (x - reach, y - reach, x + reach, y + reach)
             fill, outline = (theme.HIGHLIGHT,) * 2 if chosen else (theme.SURFACE, theme.MUTED_INK)
             sheet.draw.ellipse(circle, fill=fill, outline=outline, width=max(2, round(sheet.high / 360)))
@@ -222,7 +241,8 @@ def _ends(sheet: Sheet, low: str, high: str, sides: tuple[float, float], y: floa
 def _slider(sheet: Sheet, item: Slider, box: tuple[float, float, float, float]) -> None:
     """A line with ticks and a mark, which is not there until it is set."""
     left, top, right, _ = box
-    y, rtl = top + sheet.high * 0.12, sheet.locale.rtl
+    y = top + sheet.high * 0.12
+    rtl = sheet.locale.rtl
     stroke = max(2, round(sheet.high / 300))
     sheet.draw.line([(left, y), (right, y)], fill=theme.MUTED_INK, width=stroke)
     for tick in range(item.ticks + 1):
@@ -231,7 +251,8 @@ def _slider(sheet: Sheet, item: Slider, box: tuple[float, float, float, float]) 
         sheet.draw.line([(x, y - tall), (x, y + tall)], fill=theme.MUTED_INK, width=stroke)
     if item.position is not None:
         position = 1 - item.position if rtl else item.position
-        x, reach = left + (right - left) * position, sheet.high * 0.022
+        x = left + (right - left) * position
+        reach = sheet.high * 0.022
         sheet.draw.ellipse(
             (x - reach, y - reach, x + reach, y + reach), fill=theme.HIGHLIGHT, outline=theme.INK, width=stroke
         )
@@ -245,10 +266,12 @@ def _shapes(sheet: Sheet, item: ShapeCanvas, box: tuple[float, float, float, flo
     """Boxes and ellipses with their labels, on the largest canvas there is room for."""
     left, top, right, bottom = box
     wide = min(right - left, (bottom - top) * item.aspect)
-    left, high = (left + right - wide) / 2, wide / item.aspect
+    left = (left + right - wide) / 2
+    high = wide / item.aspect
     stroke = max(2, round(sheet.high / 360))
     for shape in item.shapes:
-        x, y = left + shape.x * wide, top + shape.y * high
+        x = left + shape.x * wide
+        y = top + shape.y * high
         corners = (x, y, x + shape.width * wide, y + shape.height * high)
         draw = sheet.draw.ellipse if shape.is_round else sheet.draw.rectangle
         draw(corners, fill=theme.HIGHLIGHT if shape.chosen else theme.SURFACE, outline=theme.EDGE, width=stroke)

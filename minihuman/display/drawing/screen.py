@@ -89,14 +89,18 @@ def find_spot(screen: Screen, size_px: Size, x: float, y: float) -> tuple[str, f
     if not isinstance(screen, PageScreen | QuestionScreen):
         return "", 0.0
     spot = next((spot for spot in _sheet(screen, size_px).spots if spot.holds(x * size_px[0], y * size_px[1])), None)
-    return ("", 0.0) if spot is None else (spot.name, spot.along(x * size_px[0]))
+    if spot is None:
+        return ("", 0.0)
+    return (spot.name, spot.along(x * size_px[0]))
 
 
 def locate_in_picture(screen: PlayScreen, size_px: Size, x: float, y: float) -> tuple[float, float] | None:
     """Where (x, y), 0..1 of the screen, lies in the world's picture, 0..1 of it; None beside it."""
     left, top, width, height = locate_picture(screen.picture, size_px)
     inside = (x * size_px[0] - left) / width, (y * size_px[1] - top) / height
-    return inside if all(0 <= share < 1 for share in inside) else None
+    if all(0 <= share < 1 for share in inside):
+        return inside
+    return None
 
 
 def measure_along_spot(screen: Screen, size_px: Size, name: str, x: float) -> float:
@@ -110,7 +114,9 @@ def measure_along_spot(screen: Screen, size_px: Size, name: str, x: float) -> fl
 def _paint(frame: NDArray[np.uint8], screen: PlayScreen) -> Box:
     """What changes while an episode is played: the world's picture, and who steers where an agent may."""
     box = paint_picture(frame, screen.picture)
-    return draw_steering(frame, screen, box) if screen.controller else box
+    if screen.controller:
+        return draw_steering(frame, screen, box)
+    return box
 
 
 def _put(frame: NDArray[np.uint8], layer: Image.Image) -> None:
@@ -147,7 +153,8 @@ def _blank(screen: BlankScreen, size_px: Size) -> Image.Image:
     blank = sheet.Sheet(size_px, screen.locale)
     if screen.cross:
         (width, height), draw = size_px, blank.draw
-        reach, stroke = height / 60, max(2, round(height / 240))
+        reach = height / 60
+        stroke = max(2, round(height / 240))
         draw.line([(width / 2 - reach, height / 2), (width / 2 + reach, height / 2)], fill=sheet.INK, width=stroke)
         draw.line([(width / 2, height / 2 - reach), (width / 2, height / 2 + reach)], fill=sheet.INK, width=stroke)
     return blank.page

@@ -50,7 +50,9 @@ OVERFLOW_TYPE_SIZE = 1 / 60  # a text too long even so is set smaller rather tha
 
 def find_colour(colour: Colour, theme: str) -> Colour:
     """What a colour of the dark theme is in a theme."""
-    return LIGHT.get(colour, colour) if theme == "light" else colour
+    if theme == "light":
+        return LIGHT.get(colour, colour)
+    return colour
 
 
 class LightDraw(ImageDraw.ImageDraw):
@@ -142,7 +144,10 @@ class Sheet:
         """Centre one line on a place, in smaller type if it would be too long; if it is even so, break it there."""
         while type_px > self.min_type_px and self.width_px(words, type_px) > wide:
             type_px -= 1
-        lines = [words] if self.width_px(words, type_px) <= wide else self.wrap(words, type_px, wide)
+        if self.width_px(words, type_px) <= wide:
+            lines = [words]
+        else:
+            lines = self.wrap(words, type_px, wide)
         x, y = place
         for row, line in enumerate(lines):
             self.put((x, y + (row - (len(lines) - 1) / 2) * type_px * TIGHT_LINE_HEIGHT), line, type_px, colour, "m")
@@ -175,7 +180,9 @@ class Sheet:
 
     def buttons(self, buttons: tuple[Button, ...], y: float) -> None:
         """Set buttons side by side around the middle, in reading order, and make each a spot."""
-        type_px, pad, gap = round(self.high / 34), self.high * 0.025, self.high * 0.03
+        type_px = round(self.high / 34)
+        pad = self.high * 0.025
+        gap = self.high * 0.03
         widths = [max(self.width_px(button.label, type_px) + 2 * pad, self.high * 0.14) for button in buttons]
         x = (self.size_px[0] - sum(widths) - gap * (len(widths) - 1)) / 2
         tall = type_px * 2.0
@@ -273,7 +280,8 @@ def draw_keycap(
         outline=HIGHLIGHT if pressed else EDGE,
         width=max(1, round(height / 28)),
     )
-    bold, plain = select_typefaces(language, bold=True), select_typefaces(language)
+    bold = select_typefaces(language, bold=True)
+    plain = select_typefaces(language)
     size_px = max(least_px, round(height * 0.48))
     while size_px > least_px and measure_width_px(words, bold, size_px) > (right - left) * 0.8:
         size_px -= 1
@@ -286,6 +294,8 @@ def draw_keycap(
     place = (middle, top + height * (0.6 if above else 0.5))
     draw_line(draw, place, words, faces=bold, size_px=size_px, colour=ink, anchor="m")
     if pressed:
-        x, y, reach = right - height * 0.24, top + height * 0.2, height * 0.07
+        x = right - height * 0.24
+        y = top + height * 0.2
+        reach = height * 0.07
         tick = [(x - reach, y), (x - reach * 0.2, y + reach * 0.8), (x + reach * 1.2, y - reach)]
         draw.line(tick, fill=ink, width=max(1, round(height / 22)))

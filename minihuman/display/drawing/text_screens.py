@@ -86,10 +86,12 @@ def _keyboard(sheet: Sheet, screen: TextScreen, box: tuple[float, float, float, 
     printed = {key: (cap, above) for key, cap, above in screen.labels}
     caps, wide, high = arrange_keycaps(tuple(pressed))
     unit = min((right - left) / wide, (bottom - top) / high, (bottom - top) / 2.5)
-    x0, y0 = (left + right - wide * unit) / 2, (top + bottom - high * unit) / 2
+    x0 = (left + right - wide * unit) / 2
+    y0 = (top + bottom - high * unit) / 2
     gap = unit * 0.05
     for cap in caps:
-        x, y = x0 + cap.x * unit, y0 + cap.y * unit
+        x = x0 + cap.x * unit
+        y = y0 + cap.y * unit
         place = (x + gap, y + gap, x + cap.width * unit - gap, y + unit - gap)
         words, above = printed.get(cap.key, (key_label(cap.key), key_caption(cap.key)))
         draw_keycap(
@@ -107,7 +109,8 @@ def draw_page(screen: PageScreen, size_px: Size) -> Sheet:
     high = sheet.high
     top = (height - high) / 2
     wide = text.PAGE_COLUMN_WIDTH * high
-    left, right = (width - wide) / 2, (width + wide) / 2
+    left = (width - wide) / 2
+    right = (width + wide) / 2
     sheet.put_line((width / 2, top + high * 0.085), screen.title, round(high / 18), wide, theme.INK)
     y = top + high * text.TEXT_TOP
     room = high * (text.TEXT_BOTTOM - text.TEXT_TOP)
@@ -148,12 +151,18 @@ def _picture(
     height, width = picture.shape[:2]
     scale = min((right - left) * (0.5 if marks else 1.0) / width, (bottom - top) / height)
     size = max(1, round(width * scale)), max(1, round(height * scale))
-    x0, y0 = (left + right - size[0]) / 2, (top + bottom - size[1]) / 2
-    resampling = Image.Resampling.NEAREST if scale > 1 and scale == int(scale) else Image.Resampling.LANCZOS
+    x0 = (left + right - size[0]) / 2
+    y0 = (top + bottom - size[1]) / 2
+    if scale > 1 and scale == int(scale):
+        resampling = Image.Resampling.NEAREST
+    else:
+        resampling = Image.Resampling.LANCZOS
     sheet.page.paste(Image.fromarray(picture).resize(size, resampling), (round(x0), round(y0)))
-    type_px, reach = round(sheet.high / 36), sheet.high * 0.02
+    type_px = round(sheet.high / 36)
+    reach = sheet.high * 0.02
     for mark in sorted(marks, key=lambda mark: mark.y):
-        x, y = x0 + mark.x * size[0], y0 + mark.y * size[1]
+        x = x0 + mark.x * size[0]
+        y = y0 + mark.y * size[1]
         on_right = mark.x >= 0.5
         end = x0 + size[0] + reach if on_right else x0 - reach
         stroke = max(2, round(sheet.high / 360))

@@ -71,7 +71,10 @@ class KeyRepeater:
         if key in self._down:
             return []
         self._down[key] = symbol
-        self._repeating = _RepeatingKey(key, symbol, t_ns + REPEAT_DELAY_NS) if cause == "finger" else None
+        if cause == "finger":
+            self._repeating = _RepeatingKey(key, symbol, t_ns + REPEAT_DELAY_NS)
+        else:
+            self._repeating = None
         return [KeyDown(t_ns, key, symbol, cause=cause)]
 
     def release(self, t_ns: int, key: str, symbol: str) -> list[KeyDown | KeyUp]:
@@ -85,7 +88,8 @@ class KeyRepeater:
     def release_all(self, t_ns: int) -> list[KeyUp]:
         """Release every key as the focus goes: when a finger leaves it, another window is told."""
         self._repeating = None
-        keys, self._down = self._down, {}
+        keys = self._down
+        self._down = {}
         return [
             KeyUp(t_ns + place, key, symbol, cause="focus_loss") for place, (key, symbol) in enumerate(keys.items())
         ]
@@ -165,7 +169,10 @@ class BlockingWindow(Window):
         Raises:
             LogError: as ``written`` does; the display stays as it is.
         """
-        self._moving = screen if isinstance(screen, PlayScreen) and screen.motion else None
+        if isinstance(screen, PlayScreen) and screen.motion:
+            self._moving = screen
+        else:
+            self._moving = None
         self._moves_from_ns = self._clock()
         return self._put(screen if self._moving is None else self._on_its_way(self._moving), written)
 
@@ -185,7 +192,8 @@ class BlockingWindow(Window):
         changed = repaint_screen(self._frame, self._shown, screen)
         self._shown = screen
         if self._accepts != (screen.accepts_text, screen.accepts_pointer):
-            self._accepts, self._pressed_in = (screen.accepts_text, screen.accepts_pointer), None
+            self._accepts = (screen.accepts_text, screen.accepts_pointer)
+            self._pressed_in = None
             self._want(text=screen.accepts_text, pointer=screen.accepts_pointer)
         try:
             written()
@@ -241,7 +249,9 @@ class BlockingWindow(Window):
     def _typed(self, text: str) -> list[Input]:
         """Convert typed text to inputs; control characters come as keys."""
         printable = "".join(letter for letter in text if letter.isprintable())
-        return [TextInput(self._clock(), printable)] if printable and self._accepts[0] else []
+        if printable and self._accepts[0]:
+            return [TextInput(self._clock(), printable)]
+        return []
 
     def _pointer(
         self,
@@ -257,11 +267,14 @@ class BlockingWindow(Window):
         if isinstance(self._shown, PlayScreen):
             inside = locate_in_picture(self._shown, self.size_px, x, y)
             self._pressed_in = self._pressed_in if kind is PointerMoved else None  # a press that led here is over
-            return [kind(t_ns, *inside, "picture", cause=cause)] if kind is PointerPressed and inside else []
+            if kind is PointerPressed and inside:
+                return [kind(t_ns, *inside, "picture", cause=cause)]
+            return []
         if self._pressed_in is None:
             target, along = find_spot(self._shown, self.size_px, x, y)
         else:
-            target, along = self._pressed_in, measure_along_spot(self._shown, self.size_px, self._pressed_in, x)
+            target = self._pressed_in
+            along = measure_along_spot(self._shown, self.size_px, self._pressed_in, x)
         self._pressed_in = None if kind is PointerReleased else target
         self._pointer_at = (x, y)
         return [kind(t_ns, x, y, target, along, cause)]

@@ -91,7 +91,9 @@ def key_from_xkb(position: str, keycode: int) -> str:
 def key_from_symbol(name: str) -> str:
     """Our name for a pyglet symbol, taken to sit where it sits on a US keyboard; "symbol_plus" for one without."""
     known = _BY_SYMBOL.get(name, name.lower())
-    return known if known in KEY_NAMES else f"symbol_{name.lower()}"
+    if known in KEY_NAMES:
+        return known
+    return f"symbol_{name.lower()}"
 
 
 _USE_CORE_KEYBOARD = 0x100

@@ -196,7 +196,10 @@ class PygameWindow(BlockingWindow):
     def _open(size_px: Size, *, fullscreen: bool) -> None:
         """Open with vsync where the display has a refresh rate and the driver grants it, else without."""
         screen_px = pygame.display.get_desktop_sizes()[0]
-        size_px = screen_px if fullscreen else (min(size_px[0], screen_px[0]), min(size_px[1], screen_px[1]))
+        if fullscreen:
+            size_px = screen_px
+        else:
+            size_px = (min(size_px[0], screen_px[0]), min(size_px[1], screen_px[1]))
         flags = pygame.FULLSCREEN if fullscreen else pygame.RESIZABLE
         if any(pygame.display.get_desktop_refresh_rates()):
             try:
@@ -241,7 +244,9 @@ class PygameWindow(BlockingWindow):
 
     def _release_unseen_key(self, key: str, t_ns: int) -> list[Input]:
         self._down_at_focus = [other for other in self._down_at_focus if other != key]
-        return self._key(False, key, "", t_ns) if self._held.is_down(key) else []
+        if self._held.is_down(key):
+            return self._key(False, key, "", t_ns)
+        return []
 
     def _timed(self, events: list[pygame.event.Event]) -> Iterator[tuple[pygame.event.Event, KeyMove]]:
         """Events and what the X server, if any, says of them: SDL tells no times, and invents presses and releases."""
@@ -297,7 +302,9 @@ class PygameWindow(BlockingWindow):
             modifiers = 0
         if modifiers & pygame.KMOD_RALT and sys.platform == "win32":
             modifiers = 0  # where the system reports AltGr as Ctrl and right Alt
-        return "shortcut" if modifiers and event.key not in _MODIFIER_KEYS else "finger"
+        if modifiers and event.key not in _MODIFIER_KEYS:
+            return "shortcut"
+        return "finger"
 
     def _read_gamepad(self, gamepad: Gamepad, event: pygame.event.Event, t_ns: int) -> list[Input]:
         inputs: list[Input] = []
@@ -382,7 +389,9 @@ def _name_move(event: pygame.event.Event) -> tuple[str, bool] | None:
     if event.type in _KEYS:
         return key_from_scancode(event.scancode), event.type == pygame.KEYDOWN
     is_click = event.type in (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP) and event.button == pygame.BUTTON_LEFT
-    return (MAIN_BUTTON, event.type == pygame.MOUSEBUTTONDOWN) if is_click else None
+    if is_click:
+        return (MAIN_BUTTON, event.type == pygame.MOUSEBUTTONDOWN)
+    return None
 
 
 def _drop_invented_releases(

@@ -67,7 +67,8 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         screen = find_screen()
         settings: dict[str, Any] = {"fullscreen": True, "screen": screen}
         if size_px is not None:
-            wide, high = min(size_px[0], screen.width), min(size_px[1], screen.height)
+            wide = min(size_px[0], screen.width)
+            high = min(size_px[1], screen.height)
             settings = {"width": wide, "height": high, "resizable": True}
         super().__init__(caption=title, vsync=True, **settings)
         if ON_X11:
@@ -105,7 +106,8 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         symbol = xlib.XKeysymToString(keysym.value) or b""
         key = key_from_xkb(self._positions.get(keycode, ""), keycode)
         is_shortcut = bool(event.xkey.state & _SHORTCUT_STATE) and not _is_modifier(keysym.value)
-        down, name = event.type == xlib.KeyPress, symbol.decode("ascii", "replace")
+        down = event.type == xlib.KeyPress
+        name = symbol.decode("ascii", "replace")
         self.dispatch_event("on_key", down, key, name, event.xkey.time, is_shortcut)
         return True
 
@@ -173,7 +175,9 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
     def refresh_hz(self) -> str:
         """What the display claims; "unknown" where it claims nothing."""
         mode = self.screen.get_mode()
-        return str(mode.rate) if mode is not None and mode.rate else "unknown"
+        if mode is not None and mode.rate:
+            return str(mode.rate)
+        return "unknown"
 
 
 PygletNativeWindow.register_event_type("on_key")

@@ -93,7 +93,8 @@ class PygletWindow(BlockingWindow):
         if self._to_repaint:
             self._to_repaint = False
             self._repaint()
-        arrived, self._inputs = self._inputs, []
+        arrived = self._inputs
+        self._inputs = []
         return arrived
 
     def _on_key(self, down: bool, key: str, symbol: str, server_ms: int | None, is_shortcut: bool) -> None:
@@ -111,11 +112,15 @@ class PygletWindow(BlockingWindow):
             self._inputs += self._key(True, key, symbol, t_ns, cause)
 
     def _find_held_keys(self) -> Sequence[str]:
-        return self._record.find_held_keys() if self._record else ()
+        if self._record:
+            return self._record.find_held_keys()
+        return ()
 
     def _time(self, server_ms: int | None) -> int:
         event_ms = server_ms if self._server_time else None
-        return self._clock() if event_ms is None else convert_server_time(event_ms, self._clock)
+        if event_ms is None:
+            return self._clock()
+        return convert_server_time(event_ms, self._clock)
 
     def _on_text(self, text: str) -> None:
         self._inputs += self._typed(text)
@@ -128,7 +133,10 @@ class PygletWindow(BlockingWindow):
             button_ms = None if kind is PointerMoved else self._window.button_ms
             cause: PointerCause = "finger"
             if kind is PointerPressed and self._record is not None and button_ms is not None:
-                cause = "finger" if self._record.is_press_in_window(MAIN_BUTTON, button_ms) else "held_before_focus"
+                if self._record.is_press_in_window(MAIN_BUTTON, button_ms):
+                    cause = "finger"
+                else:
+                    cause = "held_before_focus"
             self._inputs += self._pointer(kind, (x + 0.5) / width, 1 - (y + 0.5) / height, self._time(button_ms), cause)
 
     def _want(self, *, text: bool, pointer: bool) -> None:

@@ -25,11 +25,17 @@ _OLDEST_MS = 60_000
 _EVENT_TIMEOUT_S = 0.002  # the server tells us and the toolkit at once
 _MAX_KEY_TIMES = 4096
 _MAX_PRESSES = 64  # of one key
-_FOCUS_IN, _FOCUS_OUT, _PROPERTY_NOTIFY, _MAPPING_NOTIFY, _GENERIC_EVENT = 9, 10, 28, 34, 35
+_FOCUS_IN = 9
+_FOCUS_OUT = 10
+_PROPERTY_NOTIFY = 28
+_MAPPING_NOTIFY = 34
+_GENERIC_EVENT = 35
 _ALT_GRAPH_KEYSYMS = (0xFE03, 0xFF7E)  # ISO_Level3_Shift, Mode_switch
 _FOCUS_DETAILS_OF_OTHERS = (2, 5, 6, 7)  # inside the window, by the pointer, of the root: the window's own stays
 _FOCUS_CHANGE_MASK = 1 << 21
-_RAW_PRESSES, _RAW_RELEASES = (13, 15), (14, 16)  # of a key, of a button
+# of a key, of a button
+_RAW_PRESSES = (13, 15)
+_RAW_RELEASES = (14, 16)
 MAIN_BUTTON = "main_button"  # the mouse's, among the keys whose times are recorded
 _ALL_MASTER_DEVICES = 1
 _KEY_REPEAT = 1 << 16
@@ -105,7 +111,8 @@ def convert_server_time(server_ms: int, clock: Clock) -> int:
 
     A stamp that cannot be true (of the future, over a minute old) gives the time now.
     """
-    now_ns, monotonic_ns = clock(), time.monotonic_ns()
+    now_ns = clock()
+    monotonic_ns = time.monotonic_ns()
     age_ms = (monotonic_ns // _NS_PER_MS - server_ms) % _TICKS
     if age_ms > _OLDEST_MS:
         return now_ns
@@ -141,7 +148,9 @@ class _Server:
             self._display = ctypes.c_void_p()
 
     def _declare(self) -> None:
-        display, window, event = ctypes.c_void_p, ctypes.c_ulong, ctypes.POINTER(_Event)
+        display = ctypes.c_void_p
+        window = ctypes.c_ulong
+        event = ctypes.POINTER(_Event)
         functions: tuple[tuple[Any, ...], ...] = (
             ("XOpenDisplay", display, ctypes.c_char_p),
             ("XCloseDisplay", ctypes.c_int, display),
@@ -165,7 +174,8 @@ class _Server:
         )  # fmt: skip
         for name, returns, *takes in functions:
             function = self._x[name]  # a function object of our own: others in this process declare theirs
-            function.restype, function.argtypes = returns, takes
+            function.restype = returns
+            function.argtypes = takes
             setattr(self._x, name, function)
 
     def _same_clock(self) -> bool:
@@ -309,10 +319,12 @@ class X11InputRecord(_Server):
         return [key for key in sorted(self._down) if key != MAIN_BUTTON and not self._presses[key][-1].is_in_window]
 
     def _listen(self, xi: Any) -> None:
-        display, window = ctypes.c_void_p, ctypes.c_ulong
+        display = ctypes.c_void_p
+        window = ctypes.c_ulong
         xi.XIQueryVersion.argtypes = display, *[ctypes.POINTER(ctypes.c_int)] * 2
         xi.XISelectEvents.argtypes = display, window, ctypes.POINTER(_Mask), ctypes.c_int
-        major, minor = ctypes.c_int(2), ctypes.c_int(2)
+        major = ctypes.c_int(2)
+        minor = ctypes.c_int(2)
         if xi.XIQueryVersion(self._display, ctypes.byref(major), ctypes.byref(minor)) != 0:
             raise OSError("the X server does not support XInput 2")
         bits = (ctypes.c_ubyte * 4)()
@@ -327,7 +339,8 @@ class X11InputRecord(_Server):
         self._x.XSelectInput(self._display, window, _FOCUS_CHANGE_MASK)
         keys_down = (ctypes.c_ubyte * 32)()
         self._x.XQueryKeymap(self._display, keys_down)
-        focus, revert_to = ctypes.c_ulong(), ctypes.c_int()
+        focus = ctypes.c_ulong()
+        revert_to = ctypes.c_int()
         self._x.XGetInputFocus(self._display, ctypes.byref(focus), ctypes.byref(revert_to))
         self._focused = focus.value == window
         now_ms = time.monotonic_ns() // _NS_PER_MS % _TICKS

@@ -519,7 +519,10 @@ class _StreamChecker:
         self._where = f"event {number}, {type(event).__name__}"
         self._rule(isinstance(event, SessionStarted) == (number == 0), "SessionStarted is the first event, and only it")
         self._rule(not self._ended, "nothing follows SessionEnded")
-        last_ns = self._sampled_ns.get(event.device, 0) if isinstance(event, Sampled) else self._t_ns
+        if isinstance(event, Sampled):
+            last_ns = self._sampled_ns.get(event.device, 0)
+        else:
+            last_ns = self._t_ns
         self._rule(event.t_ns >= last_ns, f"time goes back from {last_ns} to {event.t_ns} ns")
         match event:
             case Sampled():
@@ -576,7 +579,11 @@ class _StreamChecker:
         self._rule(self._playing is None, "one episode at a time")
         self._rule(event.plan.episode == self._next, f"episode {self._next} is next, not {event.plan.episode}")
         self._rule(event.plan.key_map == self._key_map, "an episode's key map was drawn before")
-        self._playing, self._last_step, self._steps, self._return, self._paused = event, None, 0, 0.0, False
+        self._playing = event
+        self._last_step = None
+        self._steps = 0
+        self._return = 0.0
+        self._paused = False
         self._observations, self._shown = 0, event.plan.episode
         self._judge = OutcomeJudge(event.plan.outcome_rule)
         self._outcome = None
@@ -610,7 +617,8 @@ class _StreamChecker:
         self._outcome = self._judge.judge_step(event)
 
     def _episode_ended(self, event: EpisodeEnded) -> None:
-        playing, last = self._playing, self._last_step
+        playing = self._playing
+        last = self._last_step
         if playing is None or event.episode != playing.plan.episode:
             self._rule(False, "only the running episode ends")
             return
@@ -626,7 +634,8 @@ class _StreamChecker:
         elif event.cause:
             expected = self._judge.judge_time_limit()
         self._rule(event.outcome == expected, f"the last step makes it {expected}, not {event.outcome}")
-        self._playing, self._paused = None, False
+        self._playing = None
+        self._paused = False
         self._next += event.outcome != "abandoned"
 
     def _rule(self, holds: bool, rule: str) -> None:

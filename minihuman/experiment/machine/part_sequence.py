@@ -36,7 +36,9 @@ def list_remaining_parts(plan: SessionPlan, parts: Sequence[PlannedPart]) -> lis
     left = [number for number in range(len(parts)) if not _is_done(number, parts[number], plan)]
     new = [parts[number] for number in left if not _is_repeated(parts[number])]
     only_closing = all(_closes_session(part) for part in new)
-    return [] if only_closing and not (new and plan.standing.part) else left
+    if only_closing and not (new and plan.standing.part):
+        return []
+    return left
 
 
 def is_only_closing_left(parts: Sequence[PlannedPart], begin: int) -> bool:

@@ -53,7 +53,9 @@ def compute_bonus(bonus: BonusSpec, points: float, waited_ns: int = 0, stranded:
 def format_points(value: float) -> str:
     """A number of points without needless decimals."""
     shown = round(value, 1)
-    return f"{shown:.1f}".rstrip("0").rstrip(".") if shown else "0"
+    if shown:
+        return f"{shown:.1f}".rstrip("0").rstrip(".")
+    return "0"
 
 
 class PointsNumber(float):
@@ -61,9 +63,13 @@ class PointsNumber(float):
 
     def __format__(self, spec: str) -> str:
         """Format as `format_points` unless ``spec`` is given."""
-        return float.__format__(self, spec) if spec else format_points(self)
+        if spec:
+            return float.__format__(self, spec)
+        return format_points(self)
 
 
 def isolate_signs(words: InterfaceWords, text: str) -> str:
     """A text in which signs stay before their numbers: from right to left, Unicode's rules put them behind."""
-    return _SIGNED.sub("\u200e\\g<0>", text) if words.rtl else text
+    if words.rtl:
+        return _SIGNED.sub("\u200e\\g<0>", text)
+    return text

@@ -51,10 +51,16 @@ class catch_world_errors:  # noqa: N801 - used as `contextlib.suppress` is
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if isinstance(error, WorldCodeError):
-            cause = error.__cause__ if isinstance(error.__cause__, Exception) else error
+            if isinstance(error.__cause__, Exception):
+                cause = error.__cause__
+            else:
+                cause = error
             raise WorldFailedError(error.log_text) from cause
         if isinstance(error, Exception):
-            message = str(error) if isinstance(error, WorldError) else f"{type(error).__name__}: {error}"
+            if isinstance(error, WorldError):
+                message = str(error)
+            else:
+                message = f"{type(error).__name__}: {error}"
             raise WorldFailedError(message) from error
 
 
@@ -247,26 +253,34 @@ class RunningEpisode:
         if self.next_tick_ns is None or t_ns < self.next_tick_ns:
             return None
         if not self.real_time:  # nothing was pressed before the deadline
-            return None if self._noop is None else self.step(t_ns, self._noop, key="", key_t_ns=t_ns)
+            if self._noop is None:
+                return None
+            return self.step(t_ns, self._noop, key="", key_t_ns=t_ns)
         self.next_tick_ns += self._period_ns * ((t_ns - self.next_tick_ns) // self._period_ns + 1)
         if self.repeats_held:
             return self._step_held(t_ns)
-        press, self._queued = self._queued, None
+        press = self._queued
+        self._queued = None
         if press is not None:
             return self.step(t_ns, press.action, key=press.key, key_t_ns=press.t_ns)
-        return None if self._noop is None else self.step(t_ns, self._noop, key="", key_t_ns=t_ns)
+        if self._noop is None:
+            return None
+        return self.step(t_ns, self._noop, key="", key_t_ns=t_ns)
 
     def _step_held(self, t_ns: int) -> Stepped | None:
         """Step with the keys that are down or were pressed since the last tick, so that no press is lost.
 
         The step's key is the latest of them, which counts as a response at the first tick after its press alone.
         """
-        pressed, self._pressed = self._pressed, {}
+        pressed = self._pressed
+        self._pressed = {}
         before = [key for key in self._keys_down if key in self._action_of and key not in pressed]
         keys = [*before, *pressed]  # the latest last
         moved = self._moved_components()
         if not keys and not moved:
-            return None if self._noop is None else self.step(t_ns, self._noop, key="", key_t_ns=t_ns)
+            if self._noop is None:
+                return None
+            return self.step(t_ns, self._noop, key="", key_t_ns=t_ns)
         with catch_world_errors():
             number, vector = self.world.actions.combine([self._action_of[key] for key in keys] or [0])
             for component, share in moved.items():
@@ -299,9 +313,13 @@ class RunningEpisode:
         with catch_world_errors():
             number, vector = self.world.actions.resolve(action)
             transition = self.world.step(vector or number)
-            pose, self._state_hash = self.world.pose(), self.world.state_hash()
+            pose = self.world.pose()
+            self._state_hash = self.world.state_hash()
             success = transition.find_success(self._judge.rule)
-            info_json = transition.encode_info(self.plan.record_info) if self.plan.record_info else ""
+            if self.plan.record_info:
+                info_json = transition.encode_info(self.plan.record_info)
+            else:
+                info_json = ""
         self.actions.append(number)
         if not self.real_time:
             self.next_tick_ns = None  # the deadline runs from the next picture
@@ -309,7 +327,10 @@ class RunningEpisode:
         spent = self.steps >= self.plan.max_steps and not transition.terminated
         truncated = transition.truncated or spent
         is_answer = key and (held is None or key in held)  # to the latest picture that was there when it was pressed
-        seen_ns = [flip_ns for flip_ns in self._flips_ns if flip_ns <= key_t_ns] if is_answer else []
+        if is_answer:
+            seen_ns = [flip_ns for flip_ns in self._flips_ns if flip_ns <= key_t_ns]
+        else:
+            seen_ns = []
         stepped = Stepped(
             t_ns=t_ns,
             episode=self.plan.episode,
@@ -359,7 +380,9 @@ class RunningEpisode:
     def _judge_cause(self, cause: EndCause) -> Outcome:
         if cause == "agent_failed":
             return "agent_failed"
-        return self._judge.judge_time_limit() if cause else "abandoned"
+        if cause:
+            return self._judge.judge_time_limit()
+        return "abandoned"
 
     @property
     def _period_ns(self) -> int:

@@ -98,7 +98,9 @@ class KeyState:
     @property
     def end_ns(self) -> int | None:
         """When Escape has been held long enough to end the session; None while it is not held over the question."""
-        return None if self._escape_since_ns is None else self._escape_since_ns + HOLD_TO_END_NS
+        if self._escape_since_ns is None:
+            return None
+        return self._escape_since_ns + HOLD_TO_END_NS
 
 
 PAUSE_KEY = "f8"
@@ -176,7 +178,9 @@ class SessionMachine:
     @property
     def phase(self) -> StrEnum:
         """Where it is: in a part, the part's own phase."""
-        return self.part.phase if self._phase is Phase.PART else self._phase
+        if self._phase is Phase.PART:
+            return self.part.phase
+        return self._phase
 
     @property
     def now_ns(self) -> int:
@@ -215,12 +219,16 @@ class SessionMachine:
         """When the session wants a Tick, if nothing else comes before; None: never."""
         if self._phase is Phase.PART:
             return self.part.next_tick_ns
-        return self._keys.end_ns if self._phase is Phase.QUIT_QUESTION else None
+        if self._phase is Phase.QUIT_QUESTION:
+            return self._keys.end_ns
+        return None
 
     @property
     def play(self) -> RunningEpisode | None:
         """The running episode, for simulated participants that look at its world; None between episodes."""
-        return part.play if self._phase is Phase.PART and (part := self._parts.part).playing else None
+        if self._phase is Phase.PART and (part := self._parts.part).playing:
+            return part.play
+        return None
 
     @property
     def part(self) -> Activity:
@@ -235,7 +243,9 @@ class SessionMachine:
     @property
     def request(self) -> ActivityRequest | None:
         """What the running part needs from the session host; None for nothing."""
-        return self.part.request if self._phase is Phase.PART else None
+        if self._phase is Phase.PART:
+            return self.part.request
+        return None
 
     def close(self) -> None:
         """Let go of the world."""

@@ -76,7 +76,10 @@ def _list(protocol: Protocol, of: str) -> tuple[AllocationSlot, ...]:
     maps = {
         protocol.block_for(block.name, group.name).key_map for block in protocol.blocks for group in protocol.groups
     }
-    kept = _positions(protocol, f"kept{of}", groups) if "constant" in maps else [()] * count
+    if "constant" in maps:
+        kept = _positions(protocol, f"kept{of}", groups)
+    else:
+        kept = [()] * count
     orders = _orders(protocol, groups, of)
     return tuple(
         AllocationSlot(
@@ -123,7 +126,8 @@ def _orders(protocol: Protocol, groups: list[int], of: str) -> list[tuple[tuple[
 
 
 def _order(protocol: Protocol, order: OrderSpec, group: int, place: int, index: int, of: str) -> tuple[int, ...]:
-    count, seed = len(order.parts), protocol.study.seed
+    count = len(order.parts)
+    seed = protocol.study.seed
     match order.order:
         case "fixed":
             return tuple(range(count))
@@ -145,7 +149,9 @@ def build_latin_square(count: int) -> tuple[tuple[int, ...], ...]:
     for step in range(1, count):
         first.append((first[-1] + (step if step % 2 else -step)) % count)
     rows = [tuple((place + row) % count for place in first) for row in range(count)]
-    return tuple(rows + [row[::-1] for row in rows]) if count % 2 else tuple(rows)
+    if count % 2:
+        return tuple(rows + [row[::-1] for row in rows])
+    return tuple(rows)
 
 
 def find_slot(protocol: Protocol, index: int, stratum: str | None = None) -> AllocationSlot:
@@ -188,7 +194,8 @@ def _groups(protocol: Protocol, count: int, of: str) -> list[int]:
 
 def _positions(protocol: Protocol, draw: str, groups: list[int]) -> list[tuple[int, ...]]:
     """For each slot and one draw, where in the pool each action lies; columns for the most actions of any block."""
-    pool, seed = len(protocol.keys.pool), protocol.study.seed
+    pool = len(protocol.keys.pool)
+    seed = protocol.study.seed
     actions = max((len(block.actions) for block in protocol.blocks), default=0)
     used = [[[0] * pool for _ in range(actions)] for _ in protocol.groups]
     result: list[tuple[int, ...]] = []

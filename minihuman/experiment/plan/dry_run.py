@@ -60,8 +60,12 @@ def _describe_pay(plan: SessionPlan, bonus: BonusSpec) -> Iterator[str]:
     teams = [team for team in teams if len(team.persons) > 1]
     if not teams:
         return
-    rate, wait_s = bonus.waiting_per_min or 0.0, sum(team.lobby_s for team in teams)
-    waiting = f", and {rate:g} for each minute in a lobby, at most {wait_s / 60:g} min" if rate else ""
+    rate = bonus.waiting_per_min or 0.0
+    wait_s = sum(team.lobby_s for team in teams)
+    if rate:
+        waiting = f", and {rate:g} for each minute in a lobby, at most {wait_s / 60:g} min"
+    else:
+        waiting = ""
     least = f"at least {compute_bonus(bonus, 0.0, stranded=True):g}"
     after = {"end": least, "agent": "as if played, with a stand-in"}
     pay = {
@@ -107,7 +111,12 @@ def _describe_part(plan: SessionPlan, number: int, part: PlannedPart) -> Iterato
         case PlayPlan() as play:
             yield from _describe_block(plan, number, play)
         case PagePlan() as page:
-            what = "consent" if page.agree else "last words" if page.closing else "page"
+            if page.agree:
+                what = "consent"
+            elif page.closing:
+                what = "last words"
+            else:
+                what = "page"
             pictures = f", {len(page.pictures)} pictures" if page.pictures else ""
             example = ", an example of the world" if page.example else ""
             yield f"part {number}: {part.name}, {what} of {_format_count(len(page.pages), 'page')}{pictures}{example}"
@@ -117,8 +126,14 @@ def _describe_part(plan: SessionPlan, number: int, part: PlannedPart) -> Iterato
                 right = "" if item.right is None else f", right: {item.right}"
                 yield f"  {item.name}  {item.kind}{right}"
             if any(item.right is not None for item in asked.items):
-                back = "" if asked.back_to is None else f", wrong answers lead back to part {asked.back_to + 1}"
-                then = "the session ends" if asked.failed == "end" else "the session goes on"
+                if asked.back_to is None:
+                    back = ""
+                else:
+                    back = f", wrong answers lead back to part {asked.back_to + 1}"
+                if asked.failed == "end":
+                    then = "the session ends"
+                else:
+                    then = "the session goes on"
                 yield f"  tries  {asked.tries}{back}, then {then}"
         case _:
             yield f"part {number}: {part.name}, {part.kind}"
@@ -153,11 +168,17 @@ def _describe_block(plan: SessionPlan, number: int, play: PlayPlan) -> Iterator[
 
 def _describe_pace(first: EpisodePlan) -> str:
     if first.pace == "real_time":
-        onset = "the first picture" if first.onset_at_reset else "the world's info['onset'], NULL where it names none"
+        if first.onset_at_reset:
+            onset = "the first picture"
+        else:
+            onset = "the world's info['onset'], NULL where it names none"
         held = ", as long as its key is held" if first.hold == "repeat" else ""
         rest = f"without a key {first.noop or 'none'}; response_ms from {onset}"
         return f"a step every {first.step_period_ms:g} ms{held}, {rest}"
-    deadline = f", {first.noop} after {first.response_deadline_ms:g} ms" if first.response_deadline_ms else ""
+    if first.response_deadline_ms:
+        deadline = f", {first.noop} after {first.response_deadline_ms:g} ms"
+    else:
+        deadline = ""
     return "one press one step" + deadline + (", held keys repeat" if first.auto_repeat else "")
 
 
@@ -203,12 +224,18 @@ def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool
         try:
             try_world(block)
         except Exception as error:  # a bug of ours, as foreign worlds' errors are WorldErrors
-            reason = str(error) if isinstance(error, WorldError) else f"{type(error).__name__}: {error}"
+            if isinstance(error, WorldError):
+                reason = str(error)
+            else:
+                reason = f"{type(error).__name__}: {error}"
             raise ProtocolError(f"{where} cannot be played ({reason.removeprefix(f'{block.world}: ')})") from error
         report = _examine_block(block, examined, provable=provable)
         if report.broken:
             raise ProtocolError(f"{where} cannot be played ({report.broken[0]})")
-        refused = [*report.unsound, *(() if block.record_observations else report.unprovable)] if provable else []
+        if provable:
+            refused = [*report.unsound, *(() if block.record_observations else report.unprovable)]
+        else:
+            refused = []
         if refused:
             raise ProtocolError(f"{where}: {refused[0]}")
         lines = (*report.notices, *report.unprovable) if block.record_observations else report.notices
@@ -253,7 +280,10 @@ def _list_block_notices(block: BlockSpec) -> Iterator[str]:
             return
         world.name_actions(block.actions)
         used = {*block.actions, *block.distractors, block.noop_action}
-        unused = [name for name in world.action_names if name not in used] if world.actions.is_discrete else []
+        if world.actions.is_discrete:
+            unused = [name for name in world.action_names if name not in used]
+        else:
+            unused = []
         stated = world.unwrapped.metadata.get("render_fps")
         rate = stated if isinstance(stated, int | float) else None
     if unused:
@@ -396,5 +426,8 @@ def _explain_world_error(block: BlockSpec, error: WorldError) -> str:
         upstream = "miniworld" if name.startswith("MiniWorld") else "minigrid"
         return f"there is none of that name alone; write {_OURS + name!r}, or {f'{upstream}:{name}'!r} for the original"
     close = difflib.get_close_matches(block.world, ours, n=1) or difflib.get_close_matches(f"{_OURS}{name}", ours, n=1)
-    meant = f"; did you mean {close[0]!r}? `minihuman worlds` lists ours" if close else ""
+    if close:
+        meant = f"; did you mean {close[0]!r}? `minihuman worlds` lists ours"
+    else:
+        meant = ""
     return f"{reason}{meant}"

@@ -101,9 +101,12 @@ class Thompson(EnrolmentDesign):
         """The group whose draw from its distribution is the highest."""
         from scipy.special import betaincinv  # only an enrolment needs it
 
-        prior, chances, best = self.settings.prior, dict[str, float](), dict[str, float]()
+        prior = self.settings.prior
+        chances = dict[str, float]()
+        best = dict[str, float]()
         for (group, (won, lost)), share in zip(statistics.items(), draw(len(statistics)), strict=True):
-            wins, losses = prior[0] + won, prior[1] + lost
+            wins = prior[0] + won
+            losses = prior[1] + lost
             chances[group] = round_estimate(wins / (wins + losses))
             best[group] = round(float(betaincinv(wins, losses, share)), 9)
         return EnrolmentDecision(max(best, key=lambda group: best[group]), estimates=chances)
@@ -142,7 +145,8 @@ class GroupSequential(EnrolmentDesign):
         """Whether the difference is beyond the look's boundary, or the last look is taken."""
         from minihuman.experiment.plan.group_sequential import compute_adjusted_p, compute_welch_z, find_boundaries
 
-        looks, at = self.settings.looks, int(statistics["look"])
+        looks = self.settings.looks
+        at = int(statistics["look"])
         if not at:
             return EnrolmentDecision()
         fractions = [look / looks[-1] for look in looks]
@@ -161,5 +165,6 @@ class GroupSequential(EnrolmentDesign):
 
 def _describe(enrolled: Sequence[EnrolledParticipant], group: str) -> list[float]:
     values = [one.value for one in enrolled if one.group == group and one.value is not None]
-    mean, variance = np.mean(values or [0.0]), np.var(values, ddof=1) if len(values) > 1 else 0.0
+    mean = np.mean(values or [0.0])
+    variance = np.var(values, ddof=1) if len(values) > 1 else 0.0
     return [len(values), round_estimate(float(mean)), round_estimate(float(variance))]

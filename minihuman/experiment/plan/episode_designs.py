@@ -46,7 +46,10 @@ class Staircase(Design):
 
     def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
         """The value after the run of successes, or the failure."""
-        its, place, run, direction = self.settings, self.settings.start, 0, 0
+        its = self.settings
+        place = self.settings.start
+        run = 0
+        direction = 0
         reversals: list[int] = []
         for episode in history:
             run = run + 1 if episode.success else 0
@@ -112,14 +115,16 @@ class QuestPlus(Design):
 
     def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
         """The value that is expected to tell the most about the threshold."""
-        its, places = self.settings, {value: place for place, value in enumerate(self.settings.values)}
+        its = self.settings
+        places = {value: place for place, value in enumerate(self.settings.values)}
         scores = np.zeros(self._chance.shape[1:], np.int64)
         for episode in history:
             if (place := places.get(episode.options.get(its.option, 0.0))) is not None:
                 scores = scores + self._log_chance[episode.success][place]
         weights = np.exp((scores - scores.max()) / _LOG_UNIT)
         weights /= weights.sum()
-        share, log = weights.sum(axis=1), self._log_thresholds
+        share = weights.sum(axis=1)
+        log = self._log_thresholds
         mean = float(share @ log)
         sd = float(np.sqrt(max(share @ (log - mean) ** 2, 0.0)))
         known = (
@@ -174,7 +179,9 @@ class LevelReplay(Design):
 
     def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
         """A new level, or one that is played again."""
-        its, seen = self.settings, dict[int, tuple[float, int]]()  # regret, and when
+        # regret, and when
+        its = self.settings
+        seen = dict[int, tuple[float, int]]()
         for when, episode in enumerate(history):
             if (level := self._find_level(episode)) is not None:
                 seen[level] = (round_estimate(max(0.0, its.best_return - episode.return_)), when)

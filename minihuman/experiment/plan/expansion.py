@@ -86,7 +86,10 @@ def expand_protocol(
     episodes = [_state_outcome_rule(episode, rules[episode.block]) for episode in planned]
     parts = tuple(plan_parts(protocol, participant, session, names, blocks, episodes))
     agreed = [part.plan for part in parts if isinstance(part.plan, PagePlan) and part.plan.agree]
-    consent_text = find_consent_text(protocol, participant.group, names) if agreed else ""
+    if agreed:
+        consent_text = find_consent_text(protocol, participant.group, names)
+    else:
+        consent_text = ""
     return SessionPlan(
         study=protocol.study.name,
         study_version=protocol.study.version,
@@ -123,12 +126,16 @@ def _require_few_episodes(blocks: list[BlockSpec], session: int) -> None:
 
 
 def _state_outcome_rule(episode: EpisodePlan, rule: str) -> EpisodePlan:
-    return msgspec.structs.replace(episode, outcome_rule=rule) if rule else episode
+    if rule:
+        return msgspec.structs.replace(episode, outcome_rule=rule)
+    return episode
 
 
 def _find_closing_text(protocol: Protocol) -> str:
     closing = protocol.study.closing
-    return load_study_words(protocol)["closing.text"] if closing is None else closing
+    if closing is None:
+        return load_study_words(protocol)["closing.text"]
+    return closing
 
 
 def _list_texts(protocol: Protocol, block: BlockSpec) -> BlockText:
@@ -206,7 +213,9 @@ def _draw_layout_seeds(
         return block.seeds
     purpose = f"layouts-{number}-{block.name}-session-{session}"
     seeds = draw_seeds(block.episodes, seed=protocol.study.seed, purpose=purpose, index=participant.index)
-    return seeds if block.seeds == "new" else seeds[:1] * block.episodes
+    if block.seeds == "new":
+        return seeds
+    return seeds[:1] * block.episodes
 
 
 if not TYPE_CHECKING:

@@ -20,7 +20,8 @@ def spend_alpha(fraction: float, alpha: float) -> float:
 def find_boundaries(fractions: Sequence[float], alpha: float = 0.05) -> tuple[float, ...]:
     """The |z| at which a study stops, for each look; ``fractions`` of the information rise to 1."""
     spent = [0.0, *(spend_alpha(fraction, alpha) for fraction in fractions)]
-    walk, found = _Walk(), list[float]()
+    walk = _Walk()
+    found = list[float]()
     for at, fraction in enumerate(fractions):
         due = spent[at + 1] - spent[at]
         found.append(float(scipy.optimize.brentq(lambda z, t=fraction, due=due: walk.exit(z, t) - due, 0.5, 12.0)))
@@ -52,18 +53,22 @@ class _Walk:
 
     def exit(self, z: float, fraction: float) -> float:
         """The chance to be at |z| or beyond at a fraction of the information, and not to have stopped before."""
-        spread, bound = np.sqrt(fraction - self._fraction), z * np.sqrt(fraction)
+        spread = np.sqrt(fraction - self._fraction)
+        bound = z * np.sqrt(fraction)
         upper = scipy.special.ndtr((self._scores - bound) / spread)
         return float(self._weights @ (upper + scipy.special.ndtr((-self._scores - bound) / spread)))
 
     def advance(self, boundary: float, fraction: float) -> None:
         """Follow those who are inside the boundary."""
-        spread, bound = np.sqrt(fraction - self._fraction), boundary * np.sqrt(fraction)
+        spread = np.sqrt(fraction - self._fraction)
+        bound = boundary * np.sqrt(fraction)
         scores = np.linspace(-bound, bound, _POINTS)
         density = np.exp(-(((scores[:, None] - self._scores) / spread) ** 2) / 2) @ self._weights
         weights = density * (scores[1] - scores[0]) / (spread * np.sqrt(2 * np.pi))
         weights[[0, -1]] /= 2
-        self._scores, self._weights, self._fraction = scores, weights, fraction
+        self._scores = scores
+        self._weights = weights
+        self._fraction = fraction
 
 
 def compute_welch_z(first: Sequence[float], second: Sequence[float]) -> float:

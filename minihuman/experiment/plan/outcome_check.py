@@ -69,7 +69,8 @@ def check_outcome_rules(protocol: Protocol, source: str) -> tuple[str, ...]:
 
 def _require_no_need(protocol: Protocol, block: BlockSpec, rule: StatedRule, tried: TriedWorld, source: str) -> None:
     """Refuse a rule whose key is no yes or no, and whatever needs success that is not known."""
-    where, key = f"{source}: block {block.name!r}", parse_outcome_rule(rule.rule).info_key
+    where = f"{source}: block {block.name!r}"
+    key = parse_outcome_rule(rule.rule).info_key
     if key:
         content = _describe(find_info(tried.values, key))
         raise ProtocolError(
@@ -109,14 +110,18 @@ def _describe_info(block: BlockSpec, rule: StatedRule, tried: TriedWorld) -> Ite
 
 
 def _list_keys(tried: TriedWorld) -> str:
-    return f"info had {', '.join(tried.values)}" if tried.values else "info was empty"
+    if tried.values:
+        return f"info had {', '.join(tried.values)}"
+    return "info was empty"
 
 
 def _describe(content: Any) -> str:
     shape = getattr(content, "shape", None)
     if shape is not None:
         return f"an array of shape {tuple(shape)}"
-    return f"a dictionary of {len(content)}" if isinstance(content, Mapping) else f"{content!r:.60}"
+    if isinstance(content, Mapping):
+        return f"a dictionary of {len(content)}"
+    return f"{content!r:.60}"
 
 
 def list_success_needs(protocol: Protocol, block: BlockSpec) -> list[str]:

@@ -33,7 +33,9 @@ def list_changed_words(protocol: Protocol) -> dict[str, str]:
     instead = flatten_words(protocol.words)
     if protocol.study.theme != "dark":
         instead["theme"] = protocol.study.theme  # so that it is in the log, with how else words are shown
-    return instead if language == ENGLISH or language not in LANGUAGES else {**load_words(language), **instead}
+    if language == ENGLISH or language not in LANGUAGES:
+        return instead
+    return {**load_words(language), **instead}
 
 
 def load_study_words(protocol: Protocol) -> InterfaceWords:
@@ -131,7 +133,9 @@ def _plan_page(protocol: Protocol, page: PageSpec, words: InterfaceWords) -> Pag
 
 def _pagination_of(pages: Sequence[str]) -> int | msgspec.UnsetType:
     """Return the rules by which a text was divided; unset where there was nothing to divide."""
-    return PAGINATION_RULES if len(pages) > 1 else msgspec.UNSET
+    if len(pages) > 1:
+        return PAGINATION_RULES
+    return msgspec.UNSET
 
 
 def find_paged_text(protocol: Protocol, name: str, group: str) -> str | None:
@@ -207,7 +211,10 @@ def _plan_play(
     count = len(blocks)
     own_episodes = [episode for episode in episodes if episode.block == number]
     last = number + 1 == count
-    title = words.fill("progress.part", part=number + 1, parts=count) if count > 1 else ""
+    if count > 1:
+        title = words.fill("progress.part", part=number + 1, parts=count)
+    else:
+        title = ""
     feedback = dict.fromkeys(OUTCOMES, block.feedback) if isinstance(block.feedback, str) else dict(block.feedback)
     instruction = paginate_text(block.instructions) if block.instructions else ()
     return PlayPlan(

@@ -67,7 +67,10 @@ def _check_uses(protocol: Protocol, source: str) -> None:
         ProtocolError: if not, a line each.
     """
     levels = list_levels(protocol)
-    known = f"its labels are {', '.join(levels)}" if levels else "its tables of stimuli have no labels"
+    if levels:
+        known = f"its labels are {', '.join(levels)}"
+    else:
+        known = "its tables of stimuli have no labels"
     mistakes = []
     if (label := protocol.analysis.condition_label) and label not in levels:
         mistakes.append(f"$.analysis.conditions: has 'label:{label}', which is no label; {known}")
@@ -152,7 +155,10 @@ def _explain_unplayable(
     reason = _play(block, shared | options)
     if not reason:
         return
-    guilty = {} if needs_table else {column: _play(block, shared | {column: options[column]}) for column in options}
+    if needs_table:
+        guilty = {}
+    else:
+        guilty = {column: _play(block, shared | {column: options[column]}) for column in options}
     if not any(guilty.values()):  # no column is wrong by itself: which one, if left out, lets the others be played?
         others = {column: {name: options[name] for name in options if name != column} for column in options}
         guilty = {column: reason for column in options if not _play(block, shared | others[column])}
@@ -175,7 +181,10 @@ def _play(block: BlockSpec, options: dict[str, Any]) -> str:
     except Exception as error:  # whatever a world raises would end a participant's session
         if isinstance(error, WorldError):
             cause = error.__cause__
-            reason = cause if isinstance(cause, WorldError | TypeError | ValueError) else error
+            if isinstance(cause, WorldError | TypeError | ValueError):
+                reason = cause
+            else:
+                reason = error
             return str(reason).removeprefix(f"{block.world}: ")
         return f"{type(error).__name__}: {error}"
     return ""

@@ -99,7 +99,8 @@ class CurrentNames:
         """A path in present names as the file has it."""
         rest = ""
         while path not in self.written and (step := LAST_STEP.search(path)):
-            path, rest = path[: step.start()], step[0] + rest
+            path = path[: step.start()]
+            rest = step[0] + rest
         return self.written.get(path, path) + rest
 
 

@@ -50,11 +50,15 @@ def check_carried_key_maps(protocol: Protocol) -> Iterator[FieldError]:
 
 
 def _check_pair(protocol: Protocol, path: str, group: GroupSpec, first: str, second: str) -> Iterator[FieldError]:
-    before, block = _find_group_block(protocol, first, group), _find_group_block(protocol, second, group)
+    before = _find_group_block(protocol, first, group)
+    block = _find_group_block(protocol, second, group)
     if before is None or block is None or block.key_map != "carry_over" or len(before.actions) == len(block.actions):
         return
     counts = f"{len(block.actions)} actions carried from {len(before.actions)}"
-    what = f"is {second!r}" if path.endswith("]") else f"has {second!r} after {first!r} in group {group.name!r}"
+    if path.endswith("]"):
+        what = f"is {second!r}"
+    else:
+        what = f"has {second!r} after {first!r} in group {group.name!r}"
     yield path, f"{what} with {counts}; give both blocks as many, or use key_map = 'new'"
 
 
@@ -126,7 +130,8 @@ def check_newer_design_rules(protocol: Protocol) -> list[FieldError]:
 
 
 def _check_words(protocol: Protocol) -> Iterator[FieldError]:
-    own, known = flatten_words(protocol.words), load_words("en")
+    own = flatten_words(protocol.words)
+    known = load_words("en")
     for key, value in own.items():
         if key not in known and not key.startswith(("action.", "mission.", "prompt.")):
             yield f"$.words.{key}", "is not a word of the interface; minihuman/experiment/words/en.toml has them all"
@@ -136,7 +141,8 @@ def _check_words(protocol: Protocol) -> Iterator[FieldError]:
 
 def _check_missing_words(protocol: Protocol) -> Iterator[FieldError]:
     """Name the words that a language of the study's own lacks. A log may lack newer ones: English serves."""
-    language, own = protocol.study.language, flatten_words(protocol.words)
+    language = protocol.study.language
+    own = flatten_words(protocol.words)
     if language in LANGUAGES:
         return
     unused: tuple[str, ...] = ("action.", "mission.", "key.", *LATER_WORDS)
@@ -168,7 +174,10 @@ def _check_reserved_names(protocol: Protocol) -> Iterator[FieldError]:
         for number, part in enumerate(getattr(protocol, field)):
             instead, whose, comes = by_itself.get(part.name, ("", "", False))
             if comes and not getattr(part, instead, False):
-                way = f", or set {instead} = true" if instead and field == "pages" else ""
+                if instead and field == "pages":
+                    way = f", or set {instead} = true"
+                else:
+                    way = ""
                 yield f"$.{field}[{number}].name", f"is {part.name!r}, as {whose} is called; call it otherwise{way}"
 
 
@@ -213,7 +222,9 @@ def _check_part_lists(protocol: Protocol) -> Iterator[FieldError]:
         if name and name not in with_orders
     )
     for number, day in enumerate(protocol.sessions):
-        path, days, code = f"$.sessions[{number}]", day.days_after_previous or (), day.completion_code
+        path = f"$.sessions[{number}]"
+        days = day.days_after_previous or ()
+        code = day.completion_code
         days_path = f"{path}.days_after_previous"
         yield from select_errors(
             [
@@ -257,7 +268,9 @@ def _list_units(order: OrderSpec) -> Iterator[tuple[str, Sequence[str]]]:
 
 def _check_questionnaire(asked: QuestionnaireSpec, protocol: Protocol) -> Iterator[FieldError]:
     parts = {part.name for field in _PARTS for part in getattr(protocol, field)}
-    form, back, attempts = asked.form, asked.return_to, asked.max_attempts
+    form = asked.form
+    back = asked.return_to
+    attempts = asked.max_attempts
     yield from select_errors(
         [
             (not asked.items and not form, "items", "is empty; the part needs items, or the name of a form"),
@@ -272,7 +285,10 @@ def _check_questionnaire(asked: QuestionnaireSpec, protocol: Protocol) -> Iterat
             yield f"items[{place}].name", f"is {twice[0]!r} again; give each its own name"
         for name in item.only_if or {}:
             if name not in names or asked.shuffle:
-                known = "none, as they are shuffled" if asked.shuffle else ", ".join(names) or "none"
+                if asked.shuffle:
+                    known = "none, as they are shuffled"
+                else:
+                    known = ", ".join(names) or "none"
                 yield f"items[{place}].only_if", f"names {name!r}, which is no earlier question; earlier ones: {known}"
         names += item.asked
         yield from ((f"items[{place}].{field}", what) for field, what in check_item(item))
@@ -296,7 +312,8 @@ def _check_correct_answers(asked: QuestionnaireSpec) -> Iterator[FieldError]:
 
 def _check_groups(protocol: Protocol) -> Iterator[FieldError]:
     for number, group in enumerate(protocol.groups):
-        path, ratio = f"$.groups[{number}]", group.allocation_ratio
+        path = f"$.groups[{number}]"
+        ratio = group.allocation_ratio
         yield from select_errors(
             [
                 (not 1 <= ratio <= 100, f"{path}.allocation_ratio", f"is {ratio}; use 1 to 100"),
@@ -437,7 +454,8 @@ def _check_unused_fields(protocol: Protocol) -> Iterator[FieldError]:
         if asked.items and asked.form
     )
     for number, block in enumerate(protocol.blocks):
-        path, own = f"$.blocks[{number}]", ({}, *block.group_overrides.values())
+        path = f"$.blocks[{number}]"
+        own = ({}, *block.group_overrides.values())
         kinds = [its.get("kind", block.kind) for its in own]
         none = f"is given, but a {block.kind} block has none; use kind ="
         yield from select_errors(

@@ -141,7 +141,9 @@ class ExclusionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def measured_label(self) -> str:
         """The label of a trial that is measured; "" for another measure."""
-        return self.measure.removeprefix("label:") if self.measure.startswith("label:") else ""
+        if self.measure.startswith("label:"):
+            return self.measure.removeprefix("label:")
+        return ""
 
 
 class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -182,10 +182,8 @@ def _check_study(study: StudySpec) -> list[FieldError]:
 
 
 def _check_allocation_size(protocol: Protocol) -> list[FieldError]:
-    count, blocks = (
-        protocol.study.participants,
-        max(len(protocol.blocks), *(len(one.blocks) for one in protocol.groups)),
-    )
+    count = protocol.study.participants
+    blocks = max(len(protocol.blocks), *(len(one.blocks) for one in protocol.groups))
     if count * blocks <= MAX_ALLOCATED_BLOCKS:
         return []
     return [("$.study.participants", f"is {count} with {blocks} blocks each; ask for {MAX_ALLOCATED_BLOCKS // blocks}")]
@@ -196,7 +194,10 @@ def _check_keys(keys: KeysSpec) -> list[FieldError]:
     for number, key in enumerate(keys.pool):
         if key not in BUTTON_NAMES:
             close = difflib.get_close_matches(key, BUTTON_NAMES, n=1)
-            hint = f"did you mean {close[0]!r}?" if close else f"keys are called {KEY_NAMES_TEXT}"
+            if close:
+                hint = f"did you mean {close[0]!r}?"
+            else:
+                hint = f"keys are called {KEY_NAMES_TEXT}"
             found.append((f"$.keys.pool[{number}]", f"is {key!r}, which is not a key; {hint}"))
         elif key in RESERVED_KEYS:
             found.append((f"$.keys.pool[{number}]", f"is {key!r}, which the session itself uses; choose another"))
@@ -279,7 +280,8 @@ def _check_block(block: BlockSpec, protocol: Protocol) -> list[FieldError]:
 
 def _check_unused_block_fields(block: BlockSpec, keys: KeysSpec) -> list[FieldError]:
     """What is given and does nothing."""
-    on_key, real_time = block.pace == "on_key", block.pace == "real_time"
+    on_key = block.pace == "on_key"
+    real_time = block.pace == "real_time"
     deadline = block.response_deadline_ms
     kind = f"is for blocks that are played, not for kind {block.kind!r}; remove it"
     binds_devices = bool(block.axes or block.spot)

@@ -224,7 +224,9 @@ def check_about(about: AboutSpec) -> list[FieldError]:
         ]
     )
     for number, author in enumerate(about.authors):
-        path, orcid, email = f"$.about.authors[{number}]", author.orcid, author.email
+        path = f"$.about.authors[{number}]"
+        orcid = author.orcid
+        email = author.email
         looks = "which is not an ORCID; an ORCID looks like 0000-0002-1825-0097"
         found += select_errors(
             [
@@ -241,7 +243,8 @@ def check_about(about: AboutSpec) -> list[FieldError]:
     ]
     names = [column.name for column in about.participant_columns]
     for number, column in enumerate(about.participant_columns):
-        path, name = f"$.about.participant_columns[{number}]", column.name
+        path = f"$.about.participant_columns[{number}]"
+        name = column.name
         is_name = _COLUMN.fullmatch(name) and name not in ("participant", "participant_id")
         found += select_errors(
             [
@@ -290,7 +293,9 @@ class AnalysisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def condition_label(self) -> str:
         """The label of trials whose levels are the conditions; "" where they are blocks."""
         (name,) = self.conditions if len(self.conditions) == 1 else ("",)
-        return name.removeprefix("label:") if name.startswith("label:") else ""
+        if name.startswith("label:"):
+            return name.removeprefix("label:")
+        return ""
 
     def find_plugin_measures(self) -> tuple[str, ...]:
         """The named measures that are no column of the table of blocks, each once."""
@@ -302,9 +307,12 @@ def check_analysis(
     analysis: AnalysisSpec, blocks: tuple[str, ...], *, practice: tuple[str, ...] = ()
 ) -> list[FieldError]:
     """Every (path, complaint) about an analysis that cannot be made."""
-    primary, conditions, block = analysis.primary_measure, analysis.conditions, analysis.block
+    primary = analysis.primary_measure
+    conditions = analysis.conditions
+    block = analysis.block
     margin = analysis.equivalence_margin
-    known, played = f"there are {', '.join(COMPARABLE_MEASURES)}", f"blocks: {', '.join(blocks)}"
+    known = f"there are {', '.join(COMPARABLE_MEASURES)}"
+    played = f"blocks: {', '.join(blocks)}"
     measures = (
         ("primary_measure", (primary,)),
         ("secondary_measures", analysis.secondary_measures),
@@ -389,7 +397,9 @@ def check_devices(devices: tuple[DeviceSpec, ...]) -> list[FieldError]:
     """Every (path, complaint) about values that have the right type but cannot be."""
     found = check_names("devices", devices)
     for number, device in enumerate(devices):
-        path, channels, units = f"$.devices[{number}]", device.channels, device.units
+        path = f"$.devices[{number}]"
+        channels = device.channels
+        units = device.units
         found += select_errors(
             [
                 (not device.plugin, f"{path}.plugin", "is empty; name a plug-in, such as lsl:NAME"),
@@ -527,7 +537,8 @@ class WebSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def check_web(online: WebSpec) -> list[FieldError]:
     """Every (path, complaint) about values that have the right type but cannot be."""
     codes = msgspec.structs.asdict(online.completion_codes)
-    complete, given = online.completion_codes.complete, list(codes.values())
+    complete = online.completion_codes.complete
+    given = list(codes.values())
     sizes = (("image_size_px", 16, 4096), ("min_window_size_px", 0, 8192))
     bounds = (
         *(("reconnect_timeout_s", 0, 86_400), ("idle_timeout_s", 0, 86_400), ("max_rtt_ms", 0, 60_000)),

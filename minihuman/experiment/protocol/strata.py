@@ -149,7 +149,8 @@ def _check_number_of_strata(protocol: Protocol) -> Iterator[FieldError]:
 
 
 def _check_cuts(asked: AllocationSpec) -> list[FieldError]:
-    cuts, number = asked.cut_points, f"{asked.stratify_by!r} is a number"
+    cuts = asked.cut_points
+    number = f"{asked.stratify_by!r} is a number"
     return select_errors(
         [
             (not cuts, "cut_points", f"is missing, but {number}; say where it is cut, as cut_points = [30]"),
@@ -186,7 +187,8 @@ def _check_parts_before(protocol: Protocol) -> Iterator[FieldError]:
     part = protocol.allocation.stratify_by.partition(".")[0]
     if len(protocol.groups) < 2:
         yield "stratify_by", "is given, but there is one group; a draw is between two or more"
-    orders, blocks = {order.name for order in protocol.orders}, {block.name for block in protocol.blocks}
+    orders = {order.name for order in protocol.orders}
+    blocks = {block.name for block in protocol.blocks}
     first: list[str] | None = None
     for group in protocol.groups:
         listed = protocol.sessions[0].parts if protocol.sessions else group.parts

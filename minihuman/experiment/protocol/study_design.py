@@ -104,22 +104,30 @@ def _choose_effect(names: set[FactorName]) -> PrimaryEffect:
 
 def _find_groups(protocol: Protocol) -> Factor | None:
     names = tuple(group.name for group in protocol.groups)
-    return Factor("group", names, is_within=False) if len(names) > 1 else None
+    if len(names) > 1:
+        return Factor("group", names, is_within=False)
+    return None
 
 
 def _find_strata(protocol: Protocol) -> Factor | None:
     strata = build_strata(protocol)
-    return Factor("stratum", strata.names, is_within=False) if strata is not None else None
+    if strata is not None:
+        return Factor("stratum", strata.names, is_within=False)
+    return None
 
 
 def _find_conditions(condition_of_block: Mapping[str, str]) -> Factor | None:
     levels = tuple(dict.fromkeys(condition_of_block.values()))
-    return Factor("condition", levels, is_within=True) if len(levels) > 1 else None
+    if len(levels) > 1:
+        return Factor("condition", levels, is_within=True)
+    return None
 
 
 def _find_sessions(protocol: Protocol) -> Factor | None:
     names = tuple(session.name for session in protocol.sessions)
-    return Factor("session", names, is_within=True) if len(names) > 1 else None
+    if len(names) > 1:
+        return Factor("session", names, is_within=True)
+    return None
 
 
 def _find_orders(protocol: Protocol, condition_of_block: Mapping[str, str]) -> Factor | None:
@@ -129,4 +137,6 @@ def _find_orders(protocol: Protocol, condition_of_block: Mapping[str, str]) -> F
         for order in protocol.orders
         if order.order != "fixed" and any(part in condition_of_block for unit in order.units for part in unit)
     )
-    return Factor("order", names, is_within=False) if names else None
+    if names:
+        return Factor("order", names, is_within=False)
+    return None

@@ -48,7 +48,8 @@ def _statements(text: str) -> list[tuple[int, str]]:
     """The first line of every statement, with its number: what goes on inside strings and brackets is passed over."""
     lines = text.split("\n")
     starts: list[tuple[int, str]] = [(1, lines[0])]
-    number, depth = 1, 0
+    number = 1
+    depth = 0
     for token in _TOKEN.finditer(text):
         word = token[0]
         if word == "\n":
@@ -115,7 +116,9 @@ def suggest_names(wrong: str, known: Iterable[str]) -> str:
     """What may have been meant, or all there is."""
     names = list(known)
     close = difflib.get_close_matches(wrong, names, n=1)
-    return f"did you mean {close[0]!r}?" if close else f"known fields: {', '.join(names)}"
+    if close:
+        return f"did you mean {close[0]!r}?"
+    return f"known fields: {', '.join(names)}"
 
 
 def format_value(value: object) -> str:
@@ -123,7 +126,9 @@ def format_value(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     words = repr(value)
-    return words if len(words) <= _SHOWN else words[: _SHOWN - 3] + "..."
+    if len(words) <= _SHOWN:
+        return words
+    return words[: _SHOWN - 3] + "..."
 
 
 def build_protocol_error(
@@ -149,8 +154,13 @@ def _name_table(path: str, tree: dict[str, Any]) -> str:
     if table not in _NAMED or not number or not isinstance(found, list):
         return ""
     place = int(number.rstrip("]"))
-    name = found[place].get("name") if place < len(found) and isinstance(found[place], dict) else None
-    return f" ({_NAMED[table]} {name!r})" if isinstance(name, str) else ""
+    if place < len(found) and isinstance(found[place], dict):
+        name = found[place].get("name")
+    else:
+        name = None
+    if isinstance(name, str):
+        return f" ({_NAMED[table]} {name!r})"
+    return ""
 
 
 def _value(value: object, hint: Any, path: str) -> Iterator[FieldError]:
@@ -181,12 +191,16 @@ def _structs(hint: Any) -> tuple[type[msgspec.Struct] | None, bool]:
         return only, False
     if get_origin(only) is tuple:
         inner, many = _structs(get_args(only)[0])
-        return (inner, True) if inner is not None and not many else (None, False)
+        if inner is not None and not many:
+            return (inner, True)
+        return (None, False)
     return None, False
 
 
 def _options(hint: Any) -> tuple[Any, ...]:
-    return get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
+    if get_origin(hint) in (Union, types.UnionType):
+        return get_args(hint)
+    return (hint,)
 
 
 def _leaf(value: object, hint: Any, path: str, message: str) -> FieldError:
@@ -222,13 +236,16 @@ def _example_of_type(one: Any, name: str) -> str:
             return f"a number, as in {name} = 1.5"
         case _ if one is str:
             return f'a text in quotes, as in {name} = "..."'
-    origin, inner = get_origin(one), get_args(one)
+    origin = get_origin(one)
+    inner = get_args(one)
     if origin is Literal:
         return " or ".join(f'"{word}"' for word in inner)
     if origin is tuple:
         sample = {int: "1, 2", float: "0.5, 1.5"}.get(inner[0], '"...", "..."')
         struct, _ = _structs(one)
-        return f"[[{name}]]" if struct is not None else f"a list, as in {name} = [{sample}]"
+        if struct is not None:
+            return f"[[{name}]]"
+        return f"a list, as in {name} = [{sample}]"
     if origin is dict:
         return f"a table, as in {name} = {{ ... }}"
     return f"a table [{name}]"

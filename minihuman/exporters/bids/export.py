@@ -124,7 +124,8 @@ class _Dataset:
 
     def add(self, counted: SelectedSession) -> None:
         """Write one session."""
-        log, out = counted.log, self._out
+        log = counted.log
+        out = self._out
         if log.plan.study != self._study:
             raise ExportError(
                 f"{log.path} is from study {log.plan.study!r}, the other logs from {self._study!r}; export one study "
@@ -132,7 +133,8 @@ class _Dataset:
             )
         who = make_subject_label(log.plan.participant.id, self._labels)
         session = f"ses-{log.plan.session:02d}"
-        stem, folder = f"{who}_{session}_task-{self._task}", out / who / session
+        stem = f"{who}_{session}_task-{self._task}"
+        folder = out / who / session
         counting = frozenset((episode.number, episode.attempt) for episode in counted.episodes)
         asked = [episode for episode, is_asked in zip(log.episodes, counted.asked, strict=True) if is_asked]
         devices = get_plan_devices(log.plan)

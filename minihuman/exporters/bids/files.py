@@ -73,7 +73,9 @@ def _cell(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, float):
-        return f"{value:.9f}".rstrip("0").rstrip(".") if abs(value) < 1e9 else repr(value)
+        if abs(value) < 1e9:
+            return f"{value:.9f}".rstrip("0").rstrip(".")
+        return repr(value)
     return re.sub(r"[\t\r\n]+", " ", str(value)) or MISSING
 
 
@@ -202,11 +204,15 @@ def _keys(segment: Segment, episodes: Sequence[EpisodeLog]) -> Iterator[_Row]:
             continue
         if press.key in held:
             yield held.pop(press.key)  # it came up elsewhere
-        place, action = {}, ""
+        place = {}
+        action = ""
         at = int(np.searchsorted(begins, press.t_ns, side="left")) - 1  # what begins an episode is no key of it
         if at >= 0 and press.t_ns <= episodes[at].t_ns[-1]:
             place = _place(episodes[at])
-            action = "" if press.action is None else episodes[at].start.action_names[press.action]
+            if press.action is None:
+                action = ""
+            else:
+                action = episodes[at].start.action_names[press.action]
         held[press.key] = _row(
             "key", press.t_ns, segment, key=table_key_name(press.key), action=action, verdict=press.verdict, **place
         )
@@ -218,7 +224,12 @@ def _place(episode: EpisodeLog) -> _Row:
 
 
 def _row(kind: str, t_ns: int, segment: Segment, *, duration: float | None = None, **more: Any) -> _Row:
-    lasted = duration if duration is not None else None if kind == "key" else 0.0
+    if duration is not None:
+        lasted = duration
+    elif kind == "key":
+        lasted = None
+    else:
+        lasted = 0.0
     return {"onset": (t_ns - segment.start_ns) * _S, "duration": lasted, "trial_type": kind, **more}
 
 
@@ -431,4 +442,6 @@ def _column(item: str, time: int) -> str:
 def _value(event: Answered) -> Any:
     """The option's code, the number or the text; several codes as a JSON list."""
     value: Any = json.loads(event.value)
-    return json.dumps(value, ensure_ascii=False) if isinstance(value, list | Mapping) else value
+    if isinstance(value, list | Mapping):
+        return json.dumps(value, ensure_ascii=False)
+    return value

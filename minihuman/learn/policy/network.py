@@ -308,8 +308,10 @@ def make_forward(policy: Policy) -> Callable[[Observation], ForwardPass]:
     see = _image_features(features.image)
     mission = features.mission
     assert mission is None or isinstance(mission, nn.Linear)
-    actor, critic = policy.mlp_extractor.policy_net, policy.mlp_extractor.value_net
-    action_net, value_net = policy.action_net, policy.value_net
+    actor = policy.mlp_extractor.policy_net
+    critic = policy.mlp_extractor.value_net
+    action_net = policy.action_net
+    value_net = policy.value_net
     assert isinstance(action_net, nn.Linear)
     assert isinstance(value_net, nn.Linear)
 
@@ -344,10 +346,14 @@ def _image_features(eyes: nn.Module) -> Callable[[torch.Tensor], torch.Tensor]:
         x = image.permute(1, 2, 0).to(torch.float32, memory_format=torch.contiguous_format).div_(255)
         height, width, channels = x.shape
         for kernel, side, stride, bias in kernels:
-            rows, columns, row = (height - side) // stride + 1, (width - side) // stride + 1, width * channels
+            rows = (height - side) // stride + 1
+            columns = (width - side) // stride + 1
+            row = width * channels
             patches = x.as_strided((rows, columns, side, side * channels), (row * stride, channels * stride, row, 1))
             x = torch.addmm(bias, patches.reshape(rows * columns, -1), kernel).relu_()
-            height, width, channels = rows, columns, len(bias)
+            height = rows
+            width = columns
+            channels = len(bias)
         return _linear(last, x.t().reshape(-1)).relu_()
 
     return see

@@ -84,9 +84,12 @@ class ObservationEncoder:
             assert remembered is not None, "an EpisodeEncoder passes the remembered cells"
             image = encode_remembered_grid(world, remembered)
         else:
-            image = (
-                encode_whole_grid(world) if self.sight == "whole" else raw["image"] if isinstance(raw, dict) else raw
-            )
+            if self.sight == "whole":
+                image = encode_whole_grid(world)
+            elif isinstance(raw, dict):
+                image = raw["image"]
+            else:
+                image = raw
         if codes and self.scaling == "spread":
             image = image * np.array(SPREAD, np.uint8)
         seen: Observation = {"image": np.ascontiguousarray(np.moveaxis(image, -1, 0))}
@@ -104,7 +107,10 @@ class ObservationEncoder:
             side = whole if self.sight == "whole" else min(whole, 2 * REACH + 1)
             return 3, side, side
         inner = world.observation_space
-        picture = inner["image"] if isinstance(inner, spaces.Dict) and "image" in inner.spaces else inner
+        if isinstance(inner, spaces.Dict) and "image" in inner.spaces:
+            picture = inner["image"]
+        else:
+            picture = inner
         if (
             not isinstance(picture, spaces.Box)
             or len(picture.shape) != 3

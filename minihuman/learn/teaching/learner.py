@@ -74,14 +74,20 @@ def minimise_loss(
     """
     optimiser = torch.optim.Adam(parameters.parameters(), lr=learning_rate, weight_decay=weight_decay, fused=True)
     generator = torch.Generator().manual_seed(int(rng.integers(2**63)))
-    done, losses = 0, list[float]()
-    average = {name: torch.zeros_like(values) for name, values in parameters.named_parameters()} if averaged else {}
+    done = 0
+    losses = list[float]()
+    if averaged:
+        average = {name: torch.zeros_like(values) for name, values in parameters.named_parameters()}
+    else:
+        average = {}
     if checkpoint is not None and checkpoint.exists():
         saved = read_checkpoint(checkpoint)
         parameters.load_state_dict(saved["weights"])
         optimiser.load_state_dict(saved["optimiser"])
         generator.set_state(saved["generator"])
-        done, losses, average = saved["updates"], saved["losses"], saved["average"]
+        done = saved["updates"]
+        losses = saved["losses"]
+        average = saved["average"]
     ends = time.monotonic() + budget_s
     while done < updates and (done == 0 or time.monotonic() < ends):
         loss = loss_of(generator)
@@ -259,8 +265,12 @@ def make_learner(name: str) -> Learner:
 def choose_encoder(dataset: Dataset) -> EncoderName:
     """Choose the network that suits the observations."""
     if get_image_shape(dataset.space)[1] >= SMALLEST_PICTURE:
-        return "map" if dataset.eyesight.sight == "whole" else "atari"
-    return "near" if dataset.eyesight.sight == "remembered" else "codes"
+        if dataset.eyesight.sight == "whole":
+            return "map"
+        return "atari"
+    if dataset.eyesight.sight == "remembered":
+        return "near"
+    return "codes"
 
 
 def make_fresh_policy(dataset: Dataset, rng: np.random.Generator) -> Policy:

@@ -134,7 +134,8 @@ def _dataset(
 def _lessons(taken: Sequence[LoggedEpisode], world: World, encoder: EpisodeEncoder, actions: int) -> Iterator[Lesson]:
     for log, episode in taken:
         seen = list(replay_observations(log, episode, world, encoder))
-        n, taught = len(episode.actions), episode.taught
+        n = len(episode.actions)
+        taught = episode.taught
         said = None
         if taught is not None and taught.probabilities.any():
             said = np.ascontiguousarray(taught.probabilities[:, :actions])
@@ -167,7 +168,8 @@ def _corrections(taken: Sequence[LoggedEpisode], world: World, encoder: EpisodeE
         n = len(each.actions)
         if not n:
             continue
-        seen, hashes = list[Observation](), list[int]()
+        seen = list[Observation]()
+        hashes = list[int]()
         world.reset(each.seed)
         for step, action in enumerate((*each.before, *each.actions)):
             looked = encoder.encode(world.unwrapped, world.observation)
@@ -198,7 +200,8 @@ def _corrections(taken: Sequence[LoggedEpisode], world: World, encoder: EpisodeE
 def _shown_ns(episode: EpisodeLog) -> NDArray[np.int64]:
     """When the picture before each step reached the display; when the step before was made, where it never did."""
     shown = np.array(episode.t_ns[:-1], np.int64)
-    steps, flips = episode.frames.column("step"), episode.frames.column("flip_ns")
+    steps = episode.frames.column("step")
+    flips = episode.frames.column("flip_ns")
     for step, flip_ns in zip(reversed(steps), reversed(flips), strict=True):  # the first flip of a step stays
         if step < len(shown):
             shown[step] = flip_ns

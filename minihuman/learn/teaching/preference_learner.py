@@ -80,7 +80,8 @@ class RewardModel:
 
     def chances(self, dataset: Dataset, pairs: Sequence[tuple[LessonFragment, LessonFragment]]) -> NDArray[np.float64]:
         """Each member's probability that the right side of each pair is better, (members, pairs)."""
-        steps, first = collect_steps(dataset.lessons), get_first_rows(dataset)
+        steps = collect_steps(dataset.lessons)
+        first = get_first_rows(dataset)
         raw = torch.as_tensor(self._raw(steps.observations, steps.actions))
         longest = _longest([side for pair in pairs for side in pair])
         left, right = (_rows([pair[place] for pair in pairs], first, longest) for place in (0, 1))
@@ -127,7 +128,8 @@ def fit_reward(
             f"none of the {len(dataset.comparisons)} comparisons prefers a clip or rates two as equal; compare more "
             "pairs"
         )
-    steps, first = collect_steps(dataset.lessons), get_first_rows(dataset)
+    steps = collect_steps(dataset.lessons)
+    first = get_first_rows(dataset)
     alike = _alike(steps)
     longest = _longest([side for each in comparisons for side in (each.left, each.right)])
     sides = [_rows([getattr(each, side) for each in comparisons], first, longest) for side in ("left", "right")]
@@ -346,7 +348,8 @@ def optimise_policy(
     """Train a policy with PPO on rewards that ``worth`` gives, from ``start`` on or from fresh weights."""
     world = RewardModelEnv(dataset, worth, seed=seed)
     ppo = PpoSettings(n_steps=settings.n_steps, n_epochs=settings.n_epochs, learning_rate=settings.learning_rate)
-    state, own = np.random.get_state(), torch.get_rng_state()
+    state = np.random.get_state()
+    own = torch.get_rng_state()
     try:
         agent = make_ppo(world, settings=ppo, eyes=choose_encoder(dataset), seed=seed, device="cpu")
         agent.gamma, agent.ent_coef = settings.gamma, settings.entropy

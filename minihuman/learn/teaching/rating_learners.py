@@ -65,7 +65,9 @@ def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
     lessons = [lesson for lesson in dataset.lessons if len(lesson.actions)]
     if not lessons:
         raise LearnError(f"none of the {len(dataset.lessons)} lessons has a step; play an episode first")
-    first, told = 0, dict[str, list[NDArray[np.int64]]]()  # by session: when each outcome was seen, and its row
+    # by session: when each outcome was seen, and its row
+    first = 0
+    told = dict[str, list[NDArray[np.int64]]]()
     periods = np.concatenate([np.diff(lesson.shown_ns) for lesson in lessons])
     period_ns = int(np.median(periods)) if len(periods) else 0
     for lesson in lessons:
@@ -84,7 +86,8 @@ def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
         last = int(np.searchsorted(seen_ns, rating.t_ns - SHORTEST_MS * 1e6, side="right"))
         chosen = np.arange(max(0, last - candidates), last)[::-1]
         delays = (rating.t_ns - seen_ns[chosen]) / 1e6
-        chosen, delays = chosen[delays <= LONGEST_MS], delays[delays <= LONGEST_MS]
+        chosen = chosen[delays <= LONGEST_MS]
+        delays = delays[delays <= LONGEST_MS]
         steps[place, : len(chosen)], after[place, : len(chosen)] = row[chosen], delays
     fits = (steps >= 0).any(axis=1)
     if not fits.any():
@@ -199,7 +202,8 @@ class Tamer(Learner):
             get_credit_weights(presses.after_ms, delay or UNKNOWN_DELAY_MS, settings.spread_ms), dtype=torch.float32
         )
         fits = weights.sum(dim=1) > 0  # the others are too far from any picture
-        weights, about = weights[fits], torch.as_tensor(presses.steps)[fits].clamp(min=0)
+        weights = weights[fits]
+        about = torch.as_tensor(presses.steps)[fits].clamp(min=0)
         said = torch.as_tensor(presses.values, dtype=torch.float32)[fits]
         judge = ActionValues(fresh)
 
@@ -269,15 +273,15 @@ class DeepCoach(Learner):
         """
         settings: CoachSettings = self.settings
         presses, steps = collect_presses(request.dataset)
-        mine = (
-            make_fresh_policy(request.dataset, request.rng)
-            if request.policy is None
-            else copy_policy(request.policy, request.dataset)
-        )
+        if request.policy is None:
+            mine = make_fresh_policy(request.dataset, request.rng)
+        else:
+            mine = copy_policy(request.policy, request.dataset)
         delay = settings.delay_ms or find_delay(presses, steps)
         about, _ = presses.about(delay or UNKNOWN_DELAY_MS)
         fits = np.flatnonzero(about >= 0)
-        row, value = torch.as_tensor(about[fits]), torch.as_tensor(presses.values[fits], dtype=torch.float32)
+        row = torch.as_tensor(about[fits])
+        value = torch.as_tensor(presses.values[fits], dtype=torch.float32)
         since_reset = [np.arange(len(lesson.actions)) for lesson in request.dataset.lessons]
         into = torch.as_tensor(np.concatenate(since_reset))
         then = torch.as_tensor(_chances_then(request.dataset), dtype=torch.float32)

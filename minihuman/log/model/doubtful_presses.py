@@ -68,4 +68,6 @@ def _judge(press: KeyPressed, gain_ns: int, facts: dict[str, str], *, is_first: 
         return DoubtfulPress(press.key, press.t_ns, pressed_ns < gain_ns - _SURELY_BEFORE_NS)
     is_repeat = window == "pyglet" and is_first and pressed_ns < gain_ns + _AUTO_REPEAT_NS
     is_held_button = press.symbol == "gamepad" and is_first and pressed_ns < gain_ns + _PAD_FRAME_NS
-    return DoubtfulPress(press.key, press.t_ns, is_certain=False) if is_repeat or is_held_button else None
+    if is_repeat or is_held_button:
+        return DoubtfulPress(press.key, press.t_ns, is_certain=False)
+    return None

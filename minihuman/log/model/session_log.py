@@ -115,7 +115,9 @@ class Segment:
                 case Resumed() if began_ns is not None:
                     found.append((began_ns, note.t_ns))
                     began_ns = None
-        return tuple(found) if began_ns is None else (*found, (began_ns, max(began_ns, self.end_ns)))
+        if began_ns is None:
+            return tuple(found)
+        return (*found, (began_ns, max(began_ns, self.end_ns)))
 
 
 def notes_in_session_time(notes: Iterable[SegmentNote], start_ns: int) -> tuple[SegmentNote, ...]:
@@ -142,7 +144,9 @@ CUT_OFF = "cut_off"  # instead of an outcome or an end reason, where the log bro
 
 def pose_as_row(pose: Pose | None) -> tuple[float, float, float, float]:
     """A pose as a row of ``Episode.poses``: NaN where the world could not tell."""
-    return (np.nan,) * 4 if pose is None else (pose.x, pose.y, pose.z, pose.yaw_rad)
+    if pose is None:
+        return (np.nan,) * 4
+    return (pose.x, pose.y, pose.z, pose.yaw_rad)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -339,7 +343,9 @@ class EpisodeLog:
             return self.outcome == "goal"
         rule = parse_outcome_rule(self.plan.outcome_rule)  # broken off: no success where success is known at all
         was_said = self.successes is not None and not np.isnan(self.successes).all()
-        return False if not rule.may_be_unknown or was_said else None
+        if not rule.may_be_unknown or was_said:
+            return False
+        return None
 
     @property
     def return_(self) -> float:
@@ -349,7 +355,9 @@ class EpisodeLog:
 
 def list_partner_seats(episode: EpisodeLog) -> tuple[int, ...]:
     """The seats of the others in an episode's team; none where one body played."""
-    return () if episode.team is None else episode.team.partner_seats
+    if episode.team is None:
+        return ()
+    return episode.team.partner_seats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

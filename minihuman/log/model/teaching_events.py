@@ -33,9 +33,9 @@ class PairComparison:
     @property
     def answer_ms(self) -> float:
         """From the first picture on the display to the key; NaN where the log does not have that time."""
-        return (
-            (self.preference.pressed_ns - self.preference.shown_ns) / 1e6 if self.preference.shown_ns else float("nan")
-        )
+        if self.preference.shown_ns:
+            return (self.preference.pressed_ns - self.preference.shown_ns) / 1e6
+        return float("nan")
 
 
 def gather_comparisons(events: Iterable[object]) -> tuple[PairComparison, ...]:
@@ -94,7 +94,8 @@ def gather_corrections(events: Iterable[object]) -> tuple[CorrectionRecord, ...]
                 looked[event.part, event.episode, event.attempt] = event
             case CorrectionBegun():
                 close("stopped")
-                begun, steps = event, []
+                begun = event
+                steps = []
             case CorrectionStepped():
                 steps.append(event)
             case CorrectionEnded():
@@ -151,7 +152,9 @@ class TeachingRecord:
     def agreement(self, actions: NDArray[np.int64]) -> float:
         """The share of the person's steps at which the policy would have done the same; NaN without any."""
         mine = self.by_person & (self.policy_actions != NO_ADVICE)
-        return float((self.policy_actions[mine] == actions[mine]).mean()) if mine.any() else np.nan
+        if mine.any():
+            return float((self.policy_actions[mine] == actions[mine]).mean())
+        return np.nan
 
 
 def gather_teaching(events: Sequence[ActivityEvent], *, steps: int, actions: int, policy: str) -> TeachingRecord | None:

@@ -19,7 +19,11 @@ ByteArray = NDArray[np.uint8]
 Uint64Array = NDArray[np.uint64]  # the bytes from each place on
 MessageOffsets = NDArray[np.int64]  # (n,) a byte of each message
 
-_VARINT, _FIXED64, _LENGTH, _FIXED32 = 0, 1, 2, 5  # wire types
+# wire types
+_VARINT = 0
+_FIXED64 = 1
+_LENGTH = 2
+_FIXED32 = 5
 _WIRE_TYPE = {
     FieldDescriptor.TYPE_INT64: _VARINT,
     FieldDescriptor.TYPE_UINT64: _VARINT,
@@ -30,13 +34,17 @@ _WIRE_TYPE = {
     FieldDescriptor.TYPE_MESSAGE: _LENGTH,
 }
 _VARINT_BITS = 70  # ten groups of seven are the most that a varint has
-_SEVEN, _EIGHTH = np.uint64(0x7F), np.uint64(0x80)  # a byte's part of the number, and whether another byte follows
+# a byte's part of the number, and whether another byte follows
+_SEVEN = np.uint64(0x7F)
+_EIGHTH = np.uint64(0x80)
 _ONES, _SEVENS, _EIGHTHS = (byte * np.uint64(0x0101010101010101) for byte in (np.uint64(1), _SEVEN, _EIGHTH))
 _PAIRS = tuple(  # how far the upper of two neighbours moves down to the lower, and the lower ones' bits
     (np.uint64(bits), np.uint64(lower))
     for bits, lower in ((1, 0x007F007F007F007F), (2, 0x00003FFF00003FFF), (4, 0x000000000FFFFFFF))
 )
-_SPREAD, _DOWN = np.uint64(0x9E3779B97F4A7C15), np.uint64(53)  # to one of 2,048 slots, by the upper bits of a product
+# to one of 2,048 slots, by the upper bits of a product
+_SPREAD = np.uint64(0x9E3779B97F4A7C15)
+_DOWN = np.uint64(53)
 _FIRST_BYTES = np.array([(1 << 8 * count) - 1 for count in range(8)], np.uint64)  # none to seven of eight
 BEYOND = bytes(16)  # behind the last message, so that a number cut off there can be read before it is refused
 
@@ -109,7 +117,8 @@ class _Field:
         if not count:
             return
         rows = slice(None) if count == len(its) else np.flatnonzero(its)
-        here, ends = at[rows] + (2 if self._second else 1), self._ends[rows]
+        here = at[rows] + (2 if self._second else 1)
+        ends = self._ends[rows]
         if self._wire_type == _FIXED64:
             self._numbers[rows] = self._eights[here]
             here += 8
@@ -176,20 +185,23 @@ def _varints(eights: Uint64Array, at: MessageOffsets) -> tuple[Uint64Array, Mess
     for bits, lower in _PAIRS:  # sevens become fourteens, those twenty-eights, those the number
         numbers = (numbers & lower) | ((numbers & ~lower) >> bits)
     at = at + ((within & _ONES) * _ONES >> np.uint64(56)).astype(np.int64)
-    more, shift = np.flatnonzero(stops == 0), 56
+    more = np.flatnonzero(stops == 0)
+    shift = 56
     while more.size:
         if shift >= _VARINT_BITS:
             raise ValueError("a varint is longer than 10 bytes")
         byte = eights[at[more]] & np.uint64(0xFF)
         numbers[more] |= (byte & _SEVEN) << np.uint64(shift)
         at[more] += 1
-        more, shift = more[byte > 127], shift + 7
+        more = more[byte > 127]
+        shift = shift + 7
     return numbers, at
 
 
 def _texts(data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> CategoricalTexts:
     """The texts between the places, compared by seven bytes and their count at a time."""
-    eights, lengths = _eights(data), ends - begins
+    eights = _eights(data)
+    lengths = ends - begins
     codes = np.zeros_like(lengths)
     for offset in range(0, max(1, int(lengths.max(initial=0))), 7):
         rest = (lengths - offset).clip(0, 7).astype(np.uint64)
@@ -207,7 +219,8 @@ def _distinct(values: Uint64Array) -> tuple[MessageOffsets, NDArray[np.int64]]:
     holders = np.full(1 << 64 - int(_DOWN), -1)
     holders[slots] = np.arange(len(values))
     is_held = holders >= 0
-    places, codes = holders[is_held], (np.cumsum(is_held) - 1)[slots]
+    places = holders[is_held]
+    codes = (np.cumsum(is_held) - 1)[slots]
     if (values[places[codes]] == values).all():
         return places, codes
     _, places, codes = np.unique(values, return_index=True, return_inverse=True)

@@ -139,7 +139,9 @@ def build_key_columns(column: Callable[[str], FieldColumn], count: int) -> Event
 
     def values(name: str) -> Any:
         found = column(name)
-        return np.where(found.is_present, found.values, NO_ACTION) if name == "action" else found.values
+        if name == "action":
+            return np.where(found.is_present, found.values, NO_ACTION)
+        return found.values
 
     return EventColumns(events.KeyPressed, cache(values), range(count))
 
@@ -288,7 +290,10 @@ class SessionAssembler:
                         chunk.data[begin:end] for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)
                     ]
                     if topic in (topics.OBSERVATION, topics.SAMPLE):
-                        kept = self._observed if topic == topics.OBSERVATION else self._sampled
+                        if topic == topics.OBSERVATION:
+                            kept = self._observed
+                        else:
+                            kept = self._sampled
                         kept[0].extend(numbers)
                         kept[1].extend(payloads)
                     else:
@@ -353,7 +358,8 @@ class SessionAssembler:
         nexts = [*(span.begin for span in self._spans[1:]), None]
         attempts: Counter[int] = Counter()
         for number, (span, start, its) in enumerate(zip(self._spans, starts, steps, strict=True)):
-            episode, segment = start.plan.episode, segments[span.segment]
+            episode = start.plan.episode
+            segment = segments[span.segment]
             check_step_numbers(episode, episode_numbers[its], step_numbers[its])
             attempts[episode] += 1
             with_reset = slice(its.start + number, its.stop + number + 1)  # every episode before has a reset too
@@ -434,7 +440,9 @@ class SessionAssembler:
         """What was observed in an episode; a log may break off between an observation and its step."""
         places, messages = self._observed
         its = messages[bisect(places, span.begin) : None if span.end is None else bisect(places, span.end)]
-        return ObservationSequence(span.start.plan.episode, its[: steps + 1]) if len(its) > steps else None
+        if len(its) > steps:
+            return ObservationSequence(span.start.plan.episode, its[: steps + 1])
+        return None
 
     def _take(self, place: int, event: events.Event | None) -> None:
         if not self._parts and not isinstance(event, events.SessionStarted):
@@ -471,7 +479,9 @@ class SessionAssembler:
             case SeatsReadied():
                 self._ready = event
             case events.PartStarted():
-                self._policy, self._formed, self._ready = "", None, None
+                self._policy = ""
+                self._formed = None
+                self._ready = None
             case events.ModelCall() | events.DesignDecided():
                 return  # who sits in the seat, or what comes next: not what happens in the episode
             case events.ActivityEvent() if (
@@ -483,7 +493,9 @@ class SessionAssembler:
         """End the last episode, if it has not ended."""
         if self._spans and self._spans[-1].end is None:
             span = self._spans[-1]
-            span.end, span.outcome, span.end_cause = place, outcome, cause
+            span.end = place
+            span.outcome = outcome
+            span.end_cause = cause
 
 
 def _build_teaching(span: _EpisodeDraft, steps: int, start_ns: int) -> TeachingRecord | None:

@@ -254,7 +254,8 @@ class FileWriter:
 
         With a ``GroupCommit`` it returns at once: what is shown waits for ``durable_writes``.
         """
-        job, self._last = self._last, None
+        job = self._last
+        self._last = None
         if job is None:
             return
         if self._stuck is not None and not self._stuck.over:  # a picture has waited for the disk already

@@ -77,7 +77,8 @@ class LogCopier:
 
     def copy_file(self, scan: LogScanner, *, draw: bool = False) -> None:
         """Copy every record that the scan finds; add previews, unless the file has them."""
-        self._previews, self._draw = None, draw
+        self._previews = None
+        self._draw = draw
         for record in scan:
             match record:
                 case LogMessage():
@@ -107,7 +108,8 @@ class LogCopier:
         if name == names.SEGMENT_METADATA:
             self.starts.append(record.metadata)
             self.counts.clear()
-            self.end_reason, self.last_sequence = "", 0
+            self.end_reason = ""
+            self.last_sequence = 0
             self.lasted_ns = self._first_ns = 0
         elif name == names.END_METADATA:
             self.ends.append(record.metadata)
@@ -151,7 +153,8 @@ class LogCopier:
             self._start(message, schema)
         self._write_head()
         if topic in RECORD_TOPICS:
-            self.last_sequence, self._last = message.sequence, message
+            self.last_sequence = message.sequence
+            self._last = message
         if self._previews is not None:
             self._add_previews(self._previews.encode(topic, message.data), message)
         self._add(message, schema)
@@ -180,8 +183,10 @@ class LogCopier:
         if self._draw and names.SEGMENT_METADATA in self._head:
             self._previews = PreviewEncoder(int(self._head[names.SEGMENT_METADATA].metadata["started_unix_ns"]))
         number = self._channel(message.channel, schema)
-        topic, encoding = message.channel.topic, message.channel.message_encoding
-        schemas, channels = [], [Channel(number, topic, encoding, message.channel.metadata, schema_id=0)]
+        topic = message.channel.topic
+        encoding = message.channel.message_encoding
+        schemas = []
+        channels = [Channel(number, topic, encoding, message.channel.metadata, schema_id=0)]
         if schema is not None:
             channels[0].schema_id = self._schemas[schema.name, schema.data]
             schemas.append(Schema(channels[0].schema_id, schema.data, schema.encoding, schema.name))
@@ -190,9 +195,12 @@ class LogCopier:
         self._write_head(copied, message.log_time)
 
     def _write_head(self, copied: bytes = b"", log_time: int = 0) -> None:
-        head, self._head = self._head, {}
-        attached, self._attached = self._attached, []
-        held, self._held = self._held, []
+        head = self._head
+        self._head = {}
+        attached = self._attached
+        self._attached = []
+        held = self._held
+        self._held = []
         for record in head.values():
             self.metadata(record.name, record.metadata)
         if copied:
@@ -210,7 +218,8 @@ class LogCopier:
         with suppress(Exception):  # of foreign bytes; the message itself is kept
             drawings += previews
         for topic, drawn in drawings:
-            name, data = drawn.DESCRIPTOR.full_name, drawn.SerializeToString(deterministic=True)
+            name = drawn.DESCRIPTOR.full_name
+            data = drawn.SerializeToString(deterministic=True)
             schema = Schema(id=0, data=topics.schema_bytes(type(drawn)), encoding="protobuf", name=name)
             channel = Channel(id=0, topic=topic, message_encoding="protobuf", metadata={}, schema_id=0)
             self._add(LogMessage(channel, UNNUMBERED, message.log_time, message.publish_time, data), schema)
@@ -287,8 +296,13 @@ class FinalizedLog:
         if not self.readable:
             return f"{self.path}: kept nothing; {self.damage}"
         line = f"{self.path}: kept {self.steps} steps of {self.episodes} episodes; ended: {self.end_reason}"
-        kept = f"; an unchanged copy is {self.damaged_copy_path}" if self.damaged else ""
-        return f"{line}; the file was {self.damage}{kept}" if self.damage else line
+        if self.damaged:
+            kept = f"; an unchanged copy is {self.damaged_copy_path}"
+        else:
+            kept = ""
+        if self.damage:
+            return f"{line}; the file was {self.damage}{kept}"
+        return line
 
 
 def finish_log(
@@ -311,7 +325,10 @@ def finish_log(
         LogError: if the session's log is damaged or holds another run of this segment; the live file stays.
         OSError: if the disk is full; the live file stays.
     """
-    starts = {} if _is_blank(where.part) else read_segment_starts(where.part, first=True)
+    if _is_blank(where.part):
+        starts = {}
+    else:
+        starts = read_segment_starts(where.part, first=True)
     if not starts:  # nothing was played yet, or the file's start is gone
         aside = put_aside(where.part, "unreadable")
         return FinalizedLog(aside, False, 0, 0, CUT_OFF, "it holds no session plan", damaged_copy_path=aside)
@@ -433,7 +450,10 @@ def _repaired(log: Path) -> FinalizedLog:
             copy.missing(gap for gap in scan.missing if gap not in scan.declared)
             last = int(copy.starts[-1]["segment"])
             for segment in sorted(segments - {int(facts["segment"]) for facts in copy.ends if "segment" in facts}):
-                facts = copy.summarize_segment() if segment == last else {"reason": CUT_OFF}
+                if segment == last:
+                    facts = copy.summarize_segment()
+                else:
+                    facts = {"reason": CUT_OFF}
                 copy.end(segment, **facts, clean=False, stopped=f"{names.FINISHED_LOG_WAS}{lacks}")
             copy.metadata(names.REPAIRED_METADATA, {"damage": lacks})
         aside = put_aside(log, "as-found", linked=True)
@@ -443,7 +463,8 @@ def _repaired(log: Path) -> FinalizedLog:
         raise LogError(f"{log} could not be repaired and is unchanged: {error.strerror}") from error
     finally:
         _remove(temporary)
-    steps, episodes = copy.total[topics.STEP], copy.total[topics.EPISODE_START]
+    steps = copy.total[topics.STEP]
+    episodes = copy.total[topics.EPISODE_START]
     ended = copy.end_reason or CUT_OFF
     return FinalizedLog(log, True, steps, episodes, ended, lacks, damaged_copy_path=aside, was_finished=True)
 

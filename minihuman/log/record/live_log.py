@@ -53,9 +53,12 @@ class ChunkBuilder:
         """Return the chunk, b"" if it is empty, and start the next."""
         if not self._records:
             return b""
-        records, times_ns = b"".join(self._records), self._times_ns
-        self._records, self._times_ns = [], []
-        size, crc = len(records), zlib.crc32(records)
+        records = b"".join(self._records)
+        times_ns = self._times_ns
+        self._records = []
+        self._times_ns = []
+        size = len(records)
+        crc = zlib.crc32(records)
         return _CHUNK.pack(Opcode.CHUNK, _OF_A_CHUNK + size, min(times_ns), max(times_ns), size, crc, 0, size) + records
 
 
@@ -107,7 +110,8 @@ class LiveLogEncoder:
         for topic in filter(None, map(find_topic, rare)):
             live._channel(topic)
         live._bytes.take()  # the file has its beginning
-        live.messages, live.steps = messages, steps
+        live.messages = messages
+        live.steps = steps
         return live
 
     @property
@@ -141,7 +145,8 @@ class LiveLogEncoder:
 
         The copy comes behind the attachments: where a write was torn, a plan that can be read has all that is its own.
         """
-        writer, started_ns = self._writer, self._started_ns
+        writer = self._writer
+        started_ns = self._started_ns
         writer.start(profile=PROFILE, library=LIBRARY_NAME)
         head = [
             Metadata(SEGMENT_METADATA, build_segment_metadata(event.plan, started_ns)),
@@ -169,7 +174,8 @@ class LiveLogEncoder:
         return [self._channel(topic) for topic in topics if not topic.is_preview]
 
     def _channel(self, topic: Topic) -> Channel:
-        kind, data = topic.message.DESCRIPTOR.full_name, schema_bytes(topic.message)
+        kind = topic.message.DESCRIPTOR.full_name
+        data = schema_bytes(topic.message)
         if kind not in self._schemas:
             number = self._writer.register_schema(kind, "protobuf", data)
             self._schemas[kind] = Schema(number, data, "protobuf", kind)
@@ -188,7 +194,8 @@ class LiveLogEncoder:
         self.messages += 1
         self.steps += isinstance(event, Stepped)
         data = message.SerializeToString(deterministic=True)
-        log_ns, caused = self._started_ns + event.t_ns, self._started_ns + event_cause_ns(event)
+        log_ns = self._started_ns + event.t_ns
+        caused = self._started_ns + event_cause_ns(event)
         if new:  # the library writes the channel into the same chunk
             self._writer.add_message(self._channels[topic], log_ns, data, caused, self.messages)
             self._writer.flush()
@@ -228,7 +235,8 @@ class _DrainedStream:
         """Nothing goes anywhere before it is taken."""
 
     def take(self) -> bytes:
-        taken, self._held = bytes(self._held), bytearray()
+        taken = bytes(self._held)
+        self._held = bytearray()
         return taken
 
 

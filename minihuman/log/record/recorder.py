@@ -160,7 +160,8 @@ class BufferedRecorder(WrappedRecorder):
         self.settle()
 
     def _begin_waiting(self) -> None:
-        waiting, self._waiting = self._waiting, []
+        waiting = self._waiting
+        self._waiting = []
         if waiting:
             self._recorder.begin(waiting)
 
@@ -218,8 +219,10 @@ class DeferredRecorder(WrappedRecorder):
             self._waiting.append(events)
             agreed = any(isinstance(event, Noted) and event.kind == "consent" for event in events)
             if events and (agreed or not self._asks):
-                self._recorder, self._waits = self._open_recorder(), False
-                waiting, self._waiting = self._waiting, []
+                self._recorder = self._open_recorder()
+                self._waits = False
+                waiting = self._waiting
+                self._waiting = []
                 for taken in waiting:
                     self._recorder.begin(taken)
 

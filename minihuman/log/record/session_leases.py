@@ -220,7 +220,10 @@ class SessionLeases:
             LeaseLostError: if another server has the session.
             OSError: if the database cannot be asked, or the log cannot be read.
         """
-        files = {log.name.removesuffix(UNFINISHED_SUFFIX): log.read_bytes()} if log is not None and log.exists() else {}
+        if log is not None and log.exists():
+            files = {log.name.removesuffix(UNFINISHED_SUFFIX): log.read_bytes()}
+        else:
+            files = {}
         if not self._table.store(lease.session, lease.grant.fence, files):
             lease.lost = True
             raise LeaseLostError(f"{lease.session} now runs on another server")
@@ -257,7 +260,9 @@ def _holds_copy(path: Path, copy: bytes) -> bool:
     if not path.exists():
         return False
     content = path.read_bytes()
-    return content.startswith(copy) if path.name.endswith(PART_SUFFIX) else content == copy
+    if path.name.endswith(PART_SUFFIX):
+        return content.startswith(copy)
+    return content == copy
 
 
 def name_session(study: str, participant: str, session: int) -> str:

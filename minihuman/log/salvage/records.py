@@ -111,7 +111,9 @@ class ChunkMessages:
     def times(self) -> tuple[int, int] | None:
         """The first and the last log time among them; None where there are none."""
         log_times = self._heads["log_time"]
-        return (int(log_times.min()), int(log_times.max())) if len(self) else None
+        if len(self):
+            return (int(log_times.min()), int(log_times.max()))
+        return None
 
     def __iter__(self) -> Iterator[LogMessage]:
         heads = self._heads[["channel", "sequence", "log_time", "publish_time"]].tolist()
@@ -147,7 +149,8 @@ def _indexed(index: Sequence[bytes]) -> ByteOffsets:
 def _starts(data: bytes, known: ByteOffsets) -> ByteOffsets:
     """Where each record begins, given where some do."""
     ends = known + RECORD_HEADER.size + _at_each(data, np.dtype("<u8"))[known + 1].astype(np.int64)
-    before, behind = np.concatenate([[0], ends]), np.concatenate([known, [len(data)]])
+    before = np.concatenate([[0], ends])
+    behind = np.concatenate([known, [len(data)]])
     gaps = np.flatnonzero(before != behind)
     walked = (_walked(data, int(before[gap]), int(behind[gap])) for gap in gaps)
     return np.sort(np.concatenate([known, *walked]))
@@ -156,7 +159,9 @@ def _starts(data: bytes, known: ByteOffsets) -> ByteOffsets:
 def _walked(data: bytes, begin: int, end: int) -> ByteOffsets:
     """Where each record between two places begins."""
     found: list[int] = []
-    at, length, head = begin, _LENGTH.unpack_from, RECORD_HEADER.size
+    at = begin
+    length = _LENGTH.unpack_from
+    head = RECORD_HEADER.size
     while at < end:
         found.append(at)
         at += head + length(data, at + 1)[0]
@@ -186,7 +191,8 @@ def parse_chunk(content: bytes) -> bytes:
     chunk: Chunk = Chunk.read(as_data_stream(content))
     if _CHUNK_BYTES + len(chunk.compression.encode()) + len(chunk.data) != len(content):
         raise ValueError("a chunk differs from its stated size")
-    size, data = chunk.uncompressed_size, chunk.data
+    size = chunk.uncompressed_size
+    data = chunk.data
     if size > MAX_RECORD_BYTES:
         raise ValueError(f"a chunk has {size} bytes; at most {MAX_RECORD_BYTES} are allowed")
     if chunk.compression == _ZSTD:

@@ -71,7 +71,9 @@ class MissingMessages:
     def without(self, found: Sequence[int]) -> "list[MissingMessages]":
         """The messages still missing once these are found; only the first can be among them."""
         first = self.first + (self.first in found)
-        return [MissingMessages(self.segment, first, self.last)] if first <= self.last else []
+        if first <= self.last:
+            return [MissingMessages(self.segment, first, self.last)]
+        return []
 
 
 FileRecord = ChunkMessages | Metadata | Attachment
@@ -158,7 +160,10 @@ class LogScanner:
             size = len(view)
             if found is None:
                 torn = _CUT_OFF in reason or not view[at:].strip(b"\0")  # a power cut may leave a write's size alone
-                self.stop_reason = f"cut off at byte {at}" if torn else f"damaged at byte {at}: {reason}"
+                if torn:
+                    self.stop_reason = f"cut off at byte {at}"
+                else:
+                    self.stop_reason = f"damaged at byte {at}: {reason}"
                 return size
             if not self.gaps:
                 self._declare(view)
@@ -192,7 +197,8 @@ class LogScanner:
             case Metadata():
                 self._seen[record.name] = record
             case ChunkMessages() | None if self._copy is not None:
-                copy, self._copy = self._copy, None
+                copy = self._copy
+                self._copy = None
                 if record is None or not record.count(PLAN):
                     found = copy.records.heads["sequence"].tolist()
                     self.missing = [left for gap in self.missing for left in gap.without(found)]
@@ -252,7 +258,8 @@ class LogScanner:
         """Note where a segment begins, what it lacks at its end, and which messages are declared missing."""
         facts = metadata.metadata
         if metadata.name == SEGMENT_METADATA:
-            self._segment, self._sequence = _number(facts.get("segment", "")), 0
+            self._segment = _number(facts.get("segment", ""))
+            self._sequence = 0
         elif metadata.name == END_METADATA:
             last = _number(facts.get("last_message", ""))
             if _number(facts.get("segment", "")) == self._segment and 0 < self._sequence < last:
@@ -327,7 +334,8 @@ class LogScanner:
                 continue
             counted += [number for number in self._between if number < sequence]
             counted.append(sequence)
-            last, self._between = sequence, []
+            last = sequence
+            self._between = []
         return np.array(counted, np.uint32)
 
     def _gaps_between(self, sequences: NDArray[np.uint32]) -> list[MissingMessages]:
@@ -376,4 +384,6 @@ def _schema(content: bytes) -> Schema:
 
 
 def _number(text: str) -> int:
-    return int(text) if text.isdecimal() and len(text) < 10 else 0
+    if text.isdecimal() and len(text) < 10:
+        return int(text)
+    return 0

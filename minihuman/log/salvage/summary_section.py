@@ -93,7 +93,9 @@ def _summary_begin(data: bytes, size: int) -> int | None:
     if not data.endswith(MAGIC) or at < 0 or _HEAD.unpack_from(data, at) != (Opcode.FOOTER, _FOOTER.size):
         return None
     begin: int = _FOOTER.unpack_from(data, at + _HEAD.size)[0]
-    return begin if len(MAGIC) + _HEAD.size + _CRC.size <= begin <= size - (len(data) - at) else None
+    if len(MAGIC) + _HEAD.size + _CRC.size <= begin <= size - (len(data) - at):
+        return begin
+    return None
 
 
 def _parse_summary(fd: int, data: bytes) -> LogSummary | None:
@@ -130,7 +132,8 @@ def _metadata(content: bytes) -> tuple[str, dict[str, str]]:
     """A metadata record's name and facts, field by field: the library's own reader takes ten times as long."""
     name, at = _text(content, 0)
     at += _LENGTH.size
-    end, texts = at + _length(content, at - _LENGTH.size)[0], list[str]()
+    end = at + _length(content, at - _LENGTH.size)[0]
+    texts = list[str]()
     while at < end:  # a key and its value in turn, as ``_text`` reads them
         begin = at + 4
         at = begin + _length(content, at)[0]
@@ -147,7 +150,8 @@ def _text(content: bytes, at: int) -> tuple[str, int]:
 
 def _records(data: bytes, at: int, *, among: Container[int]) -> Iterator[tuple[int, bytes]]:
     """Every whole record's kind and content from a byte on, of these kinds."""
-    head, end = _HEAD.unpack_from, len(data)
+    head = _HEAD.unpack_from
+    end = len(data)
     while at + _HEAD.size <= end:
         kind, length = head(data, at)
         at += _HEAD.size

@@ -139,7 +139,8 @@ class DeviceRecorder(WrappedRecorder):
 
     def _taken(self) -> list[Sampled]:
         """What waits, if it may be written; what came before the session or after it is no part of it."""
-        waiting, self._waiting = self._waiting, []
+        waiting = self._waiting
+        self._waiting = []
         return waiting if self._running else []
 
     def _run(self) -> None:
@@ -147,7 +148,10 @@ class DeviceRecorder(WrappedRecorder):
             try:
                 fresh = [sampled for name in self._devices for sampled in self._fresh(name)]
                 with self._lock:
-                    self._since_s = self._since_s if self._waiting else time.monotonic()
+                    if self._waiting:
+                        self._since_s = self._since_s
+                    else:
+                        self._since_s = time.monotonic()
                     self._waiting += fresh
                     if self._running and self._waiting and time.monotonic() - self._since_s > MAX_SAMPLE_DELAY_S:
                         self._recorder.begin(self._taken())  # settle() is the session's: it waits for its own events

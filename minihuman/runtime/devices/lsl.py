@@ -105,7 +105,8 @@ def measure_lsl_at_zero_s(clock: Clock) -> float:
     looks = []
     for _ in range(20):
         before_ns = time.perf_counter_ns()
-        session_ns, lsl_s = clock(), library.local_clock()
+        session_ns = clock()
+        lsl_s = library.local_clock()
         looks.append((time.perf_counter_ns() - before_ns, lsl_s - session_ns / 1e9))
     return float(min(looks)[1])
 

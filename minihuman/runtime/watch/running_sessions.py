@@ -89,7 +89,9 @@ class ThrottledCall(Generic[T]):
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
-_KEYS, _TIMES, _NOTES = 12, 60, 200
+_KEYS = 12
+_TIMES = 60
+_NOTES = 200
 
 
 @dataclass(slots=True)
@@ -122,7 +124,10 @@ class LiveSession:
                 self.plan = event.plan
                 self.window = event.facts.get("window", "")
             case events.EpisodeStarted():
-                self.episode, self.actions, self.outcome, self.return_ = event, [], "", 0.0
+                self.episode = event
+                self.actions = []
+                self.outcome = ""
+                self.return_ = 0.0
             case events.Stepped():
                 self.actions.append(event.action)
                 self.return_ = event.return_
@@ -148,11 +153,15 @@ class LiveSession:
             case events.Noted():
                 self.notes.append((event.t_ns, event.kind, event.text))
             case events.SessionEnded():
-                self.ended = f"{event.reason}: {event.detail}" if event.detail else event.reason
+                if event.detail:
+                    self.ended = f"{event.reason}: {event.detail}"
+                else:
+                    self.ended = event.reason
 
     def facts(self, silent_s: float = 0.0) -> dict[str, object]:
         """For the page: plain values, times in seconds or ms; ``silent_s`` is how long ago the latest event was."""
-        plan, started = self.plan, self.episode
+        plan = self.plan
+        started = self.episode
         if plan is None:
             return {}
         texts = len(plan.texts)
@@ -217,11 +226,14 @@ class ScreenPreview:
         if self._world is not None:
             with suppress(Exception):
                 self._world[1].close()
-        self._world, self._at, self._png = None, (-1, 0), b""
+        self._world = None
+        self._at = (-1, 0)
+        self._png = b""
 
     def _drawn(self, live: LiveSession, episode: int) -> bytes:
         assert live.episode is not None
-        plan, wanted = live.episode.plan, (episode, len(live.actions))
+        plan = live.episode.plan
+        wanted = (episode, len(live.actions))
         if wanted == self._at:
             return self._png
         key = (plan.world, plan.options)
@@ -274,11 +286,15 @@ class RunningSessions:
     def picture(self, name: str) -> bytes:
         """What the participant of a running session sees now, as PNG; b"" if it is none."""
         watched = self._watched.get(name)
-        return watched.picture.png(watched.live) if watched else b""
+        if watched:
+            return watched.picture.png(watched.live)
+        return b""
 
     def log_of(self, name: str) -> Path | None:
         """The log that a running session will have; None if it is none that was looked at."""
-        return SegmentPath.of_part(self._study_dir / name).log if name in self._watched else None
+        if name in self._watched:
+            return SegmentPath.of_part(self._study_dir / name).log
+        return None
 
     def _facts(self, name: str, part: Path) -> dict[str, object]:
         watched = self._watched.setdefault(name, _Watched())
@@ -293,7 +309,8 @@ class RunningSessions:
     def _read(watched: _Watched, part: Path) -> None:
         try:
             found = part.stat()
-            size, watched.written_s = found.st_size, found.st_mtime
+            size = found.st_size
+            watched.written_s = found.st_mtime
             if size == watched.size:
                 return
             live = LiveSession()
@@ -302,4 +319,6 @@ class RunningSessions:
         except (LogError, OSError) as error:  # finished just now, or nothing whole in it yet
             watched.problem = str(error)
             return
-        watched.live, watched.size, watched.problem = live, size, ""
+        watched.live = live
+        watched.size = size
+        watched.problem = ""

@@ -127,14 +127,17 @@ class _Page:
     """A participant's page: it presses keys at random, and repeats at any server what was not acknowledged."""
 
     def __init__(self, token: str, find_host: Callable[[], str], rng: random.Random) -> None:
-        self.token, self.end = token, ""
+        self.token = token
+        self.end = ""
         self.acknowledged: Counter[tuple[str, int]] = Counter()  # key and time in ns
         self.hosts: set[str] = set()
         self._find_host, self._rng, self._stream = find_host, rng, f"{rng.getrandbits(64):x}"
-        self._segment, self._zero_s = "", 0.0
+        self._segment = ""
+        self._zero_s = 0.0
         self._last_ns = self._said = self._heard = 0
         self._unacknowledged: dict[int, dict[str, Any]] = {}
-        self._screen, self._due_ns = "", None
+        self._screen = ""
+        self._due_ns = None
 
     async def take_part(self) -> None:
         """Connect again until the session has ended."""
@@ -144,7 +147,9 @@ class _Page:
             await asyncio.sleep(0.2 + 0.6 * self._rng.random())
 
     async def _visit(self, host: str) -> None:
-        self._screen, self._due_ns, self._heard = "", None, 0
+        self._screen = ""
+        self._due_ns = None
+        self._heard = 0
         settings: dict[str, Any] = {"max_size": None, "compression": None, "ping_interval": None, "open_timeout": 60}
         async with connect(f"ws://{host}/socket", origin=Origin(f"http://{host}"), **settings) as socket:
             hello = {"t": "hello", "version": MESSAGE_VERSION, "token": self.token, "stream": self._stream}
@@ -171,7 +176,8 @@ class _Page:
         await socket.send(json.dumps(message))
 
     async def _act(self, socket: ClientConnection) -> None:
-        told, press_s = 0, time.monotonic() + _KEY_PERIOD_S * self._rng.random()
+        told = 0
+        press_s = time.monotonic() + _KEY_PERIOD_S * self._rng.random()
         while True:
             await asyncio.sleep(_POLL_S)
             if self._due_ns is not None and self._due_ns <= self._now_ns():
@@ -194,7 +200,8 @@ class _Page:
         at = 0
         while at < len(data):
             is_picture, size = struct.unpack_from("<BI", data, at)
-            part, at = data[at + 5 : at + 5 + size], at + 5 + size
+            part = data[at + 5 : at + 5 + size]
+            at = at + 5 + size
             if is_picture:
                 self._heard = int.from_bytes(part[:4], "little")
             else:
@@ -285,7 +292,8 @@ async def _play(
     servers: list[_Server], tokens: list[str], on_progress: Callable[[str], None]
 ) -> tuple[list[_Page], int]:
     """Let everybody play while servers are restarted; the pages, and how many sessions that interrupted."""
-    rng, interrupted = random.Random(1), 0
+    rng = random.Random(1)
+    interrupted = 0
     pages = [_Page(token, lambda: rng.choice(servers).host, random.Random(n)) for n, token in enumerate(tokens)]
 
     async def restart() -> None:

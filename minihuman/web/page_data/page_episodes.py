@@ -22,7 +22,8 @@ from minihuman.worlds.catalogue import BABYAI_WORLDS, DRAWN_LEVEL, FIRST_PERSON_
 from minihuman.worlds.source_digest import kernels_digest
 
 TRIAL_TYPE = "minihuman-episode"  # of the jsPsych plugin
-GAME_FORMAT, GAME_VERSION = "minihuman-game", 1
+GAME_FORMAT = "minihuman-game"
+GAME_VERSION = 1
 MAX_FILE_BYTES = 256 * 1024 * 1024
 MAX_STEPS = 100_000  # of an episode
 NOT_PROVED = (
@@ -120,7 +121,10 @@ def read_page_data(path: Path) -> list[PageEpisode]:
     if size > MAX_FILE_BYTES:
         raise PageDataError(f"{path} has {size} bytes; one session's data have at most {MAX_FILE_BYTES}")
     text = _read_text(path)
-    rows = _read_csv_rows(text) if path.suffix.lower() == ".csv" else _read_json_rows(text, path)
+    if path.suffix.lower() == ".csv":
+        rows = _read_csv_rows(text)
+    else:
+        rows = _read_json_rows(text, path)
     _check_trial_order(rows, path)
     episodes = [_convert(row, f"{path}: episode {number}") for number, row in enumerate(rows, 1)]
     if not episodes:
@@ -285,7 +289,9 @@ def _find_end(verification: ActionsVerification, otherwise: str) -> str:
         return "terminated"
     if verification.truncated:
         return "truncated"
-    return "left" if otherwise in ("terminated", "truncated") else otherwise
+    if otherwise in ("terminated", "truncated"):
+        return "left"
+    return otherwise
 
 
 def check_session_order(episodes: Sequence[PageEpisode]) -> str:

@@ -58,7 +58,9 @@ COPY_INTERVAL_S = 0.05  # between copies of what leased sessions record
 LOOK_AHEAD_SLICE_S = 0.01  # of one connection, before its page gets what was found and others have a turn
 MAX_LOOP_BLOCK_S = 0.002  # before messages have a turn
 # Codes of a closed socket after which the page does not come again by itself.
-ANOTHER, REFUSED, FOREIGN = 4001, 4003, 4004
+ANOTHER = 4001
+REFUSED = 4003
+FOREIGN = 4004
 _VANISHED = ("connection_lost", "timed_out")
 CLOSE_BUSY = 4100  # the page tries again in a while
 METRICS_TOKEN_VARIABLE = "MINIHUMAN_METRICS_TOKEN"
@@ -84,7 +86,10 @@ def build_session_over(connection: Connection, completion: Completion) -> messag
     code = completion.code
     if completion.end == "broken":
         unsaved = connection.count_unsaved()
-        text = words["broken_in_part"].replace("{unsaved}", str(unsaved)) if unsaved else text
+        if unsaved:
+            text = words["broken_in_part"].replace("{unsaved}", str(unsaved))
+        else:
+            text = text
         stop_code = find_stop_code(session.end_reason, session.end_detail)
         LOG.warning("a session stopped, code %s on its page: %s", stop_code, session.end_detail)
         code = code or stop_code
@@ -405,7 +410,10 @@ class WebServer:
             for connection in leased:
                 connection.changed.set()  # there is something to acknowledge
                 try:
-                    lease = None if connection.recording.is_finishing else connection.lease
+                    if connection.recording.is_finishing:
+                        lease = None
+                    else:
+                        lease = connection.lease
                     if lease is not None and (lease.lost or lease.wanted):
                         await self._give_up(connection, CLOSE_BUSY if lease.lost else ANOTHER)
                 except Exception:  # of one connection; the others go on

@@ -67,11 +67,15 @@ class StudyEntry:
 
     def sessions(self) -> list[SessionRow]:
         """Its recorded sessions."""
-        return list(read_session_index(self.folder)) if self.folder.is_dir() else []
+        if self.folder.is_dir():
+            return list(read_session_index(self.folder))
+        return []
 
     def due(self) -> tuple[DueSession, ...]:
         """Who is expected for a further session, or for the rest of one."""
-        return list_due_sessions(self.folder) if self.folder.is_dir() else ()
+        if self.folder.is_dir():
+            return list_due_sessions(self.folder)
+        return ()
 
     def running(self) -> set[str]:
         """The participants whose sessions are being recorded now."""
@@ -89,9 +93,11 @@ class StudyEntry:
         Raises:
             KeyError: if there is no such button.
         """
-        folder, protocol = str(self.folder), str(self.protocol)
+        folder = str(self.folder)
+        protocol = str(self.protocol)
         data = f"--data={self.folder.parent}"
-        reason, code = f"--reason={form.get('reason', '')}", form.get("participant", "")
+        reason = f"--reason={form.get('reason', '')}"
+        code = form.get("participant", "")
         window = "--windowed" if form.get("windowed") else "--fullscreen"
         session = ["run", protocol, data, window, f"--participant={code}", f"--session={form.get('session', 1)}"]
         words = {
@@ -117,14 +123,18 @@ def _state(row: SessionRow, running: set[str]) -> str:
         return "unreadable"
     if found.complete or found.end_reason in FINAL_END_REASONS:
         return "ended"
-    return "running" if found.participant in running else "unfinished"
+    if found.participant in running:
+        return "running"
+    return "unfinished"
 
 
 def find_studies(folder: Path, data: Path) -> list[StudyEntry]:
     """Find the studies of a folder and its subfolders: files with a ``[study]`` table, then sessions without one."""
     found = []
     for path in sorted({*folder.glob("*.toml"), *folder.glob("*/*.toml")}):
-        key, name, problem = str(path.relative_to(folder)), path.stem, ""
+        key = str(path.relative_to(folder))
+        name = path.stem
+        problem = ""
         try:
             with path.open("rb") as file:
                 name = tomllib.load(file)["study"]["name"]
@@ -174,7 +184,9 @@ class CommandProcess:
 
     def links(self) -> list[str]:
         """The addresses that it printed."""
-        return _LINK.findall(self.output()) if self.words[0] in ("watch", "serve") else []
+        if self.words[0] in ("watch", "serve"):
+            return _LINK.findall(self.output())
+        return []
 
     def last_line(self) -> str:
         """What it printed last."""
@@ -196,7 +208,9 @@ class StartPage:
     """
 
     def __init__(self, folder: Path, data: Path, temporary: Path) -> None:
-        self._folder, self._data, self._temporary = folder, data, temporary
+        self._folder = folder
+        self._data = data
+        self._temporary = temporary
         self._token = secrets.token_urlsafe(16)
         self._report_token = secrets.token_urlsafe(16)  # a report may run scripts, so its address starts no command
         self._processes: list[CommandProcess] = []
@@ -287,7 +301,10 @@ class StartPage:
         study = self._find(form["study"]) if form.get("study") else None
         try:
             words = ["doctor", "--windowed", f"--data={self._data}"]
-            words = words if study is None else study.command(form.get("action", ""), form)
+            if study is None:
+                words = words
+            else:
+                words = study.command(form.get("action", ""), form)
         except KeyError:
             raise HTTPException(400, "there is no such button") from None
         number = len(self._processes)

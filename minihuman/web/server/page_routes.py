@@ -28,7 +28,10 @@ class HeaderMiddleware:
 
     def __init__(self, app: ASGIApp, *, policy: str = "") -> None:
         self._app = app
-        headers = {**dict(HEADERS), "content-security-policy": policy} if policy else dict(HEADERS)
+        if policy:
+            headers = {**dict(HEADERS), "content-security-policy": policy}
+        else:
+            headers = dict(HEADERS)
         self._headers = [(name.encode(), value.encode()) for name, value in headers.items()]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -73,7 +76,8 @@ def build_page_routes() -> list[Route]:
 
 
 def _route(address: str, path: Path) -> Route:
-    content, kind = path.read_bytes(), _TYPES[path.suffix]
+    content = path.read_bytes()
+    kind = _TYPES[path.suffix]
 
     async def answer(_: Request) -> Response:
         return Response(content, media_type=kind)

@@ -44,7 +44,8 @@ def require_browser_support(protocol: Protocol) -> None:
     Raises:
         ProtocolError: if it has one.
     """
-    blocks, activities = protocol.blocks, protocol.activities
+    blocks = protocol.blocks
+    activities = protocol.activities
     for name, kind in [(block.name, block.kind) for block in blocks] + [(one.name, one.kind) for one in activities]:
         if not find_kind(kind).browser:
             raise ProtocolError(
@@ -109,7 +110,10 @@ def run_server(
     table = open_lease_table(data / protocol.study.name)
     arrival_key = read_arrival_key() if protocol.web.require_signed_arrival else b""
     arrivals = Arrivals(protocol, data, None if table is None else SessionLeases(table), arrival_key=arrival_key)
-    address = f"{address.rstrip('/')}/" if address else f"http://{HOST}:{taken.getsockname()[1]}/"
+    if address:
+        address = f"{address.rstrip('/')}/"
+    else:
+        address = f"http://{HOST}:{taken.getsockname()[1]}/"
     for token in arrivals.recruits.issue(links):
         say(build_link(address, token))
     if not links:

@@ -23,7 +23,9 @@ class WorldCodeError(WorldError):
         cause = self.__cause__
         if not isinstance(cause, Exception):
             return str(self)
-        return str(cause) if isinstance(cause, WorldError) else f"{type(cause).__name__}: {cause}"
+        if isinstance(cause, WorldError):
+            return str(cause)
+        return f"{type(cause).__name__}: {cause}"
 
 
 class RemoteCodeError(WorldCodeError):
@@ -69,7 +71,10 @@ class contain_errors:  # noqa: N801 - used as `contextlib.suppress` is
 def describe_error(error: BaseException) -> str:
     """Describe what a world's code raised, and where: "raised ValueError: no such cell (maze.py:31)"."""
     frames = traceback.extract_tb(error.__traceback__)
-    place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
+    if frames:
+        place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})"
+    else:
+        place = ""
     match error:
         case SystemExit():
             return f"tried to end the program{place}; end the episode instead, by returning terminated = True"

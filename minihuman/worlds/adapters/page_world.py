@@ -22,7 +22,9 @@ from minihuman.worlds.first_person.rules import digest_state
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.step_digest import digest_step
 
-TERMINATED, TRUNCATED = 1, 2  # in a digest
+# in a digest
+TERMINATED = 1
+TRUNCATED = 2
 _OUTCOME = struct.Struct("<dQ")
 
 
@@ -40,7 +42,10 @@ class PageWorld(World):
         result = super().step(action)
         if self._keeps_steps:  # a copy: an episode that has ended gives its world to the next one
             env = self.unwrapped
-            self._stepped = (env.state.row.copy(), self._observation["image"]) if self._is_grid else copy_state(env)
+            if self._is_grid:
+                self._stepped = (env.state.row.copy(), self._observation["image"])
+            else:
+                self._stepped = copy_state(env)
         return result
 
     def digest(self, reward: float, *, terminated: bool, truncated: bool) -> str:

@@ -63,7 +63,8 @@ class TeamParallelEnv(_Base):  # type: ignore[misc]  # only known where PettingZ
         self, actions: dict[str, int]
     ) -> tuple[AgentObservations, dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
         """Make one joint step; an agent that gives no action idles."""
-        idle, agents = self.world.idle_action, self.agents
+        idle = self.world.idle_action
+        agents = self.agents
         done = self.world.step([int(actions.get(agent, idle)) for agent in self.possible_agents])
         if done.terminated or done.truncated:
             self.agents = []

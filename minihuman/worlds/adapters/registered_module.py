@@ -10,4 +10,6 @@ def find_registered_module(world_id: str) -> str:
     if spec is None:
         return module
     entry = spec.entry_point
-    return entry.partition(":")[0] if isinstance(entry, str) else str(getattr(entry, "__module__", module))
+    if isinstance(entry, str):
+        return entry.partition(":")[0]
+    return str(getattr(entry, "__module__", module))

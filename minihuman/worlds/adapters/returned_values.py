@@ -126,7 +126,9 @@ def read_picture(picture: Any) -> NDArray[np.uint8]:
             f"render() returned {describe_value(picture)}; return a uint8 array of shape [H, W, 3]"
             f"{_explain_shape(picture.shape)}"
         )
-    return picture if picture.dtype == np.uint8 else _convert_picture(picture)
+    if picture.dtype == np.uint8:
+        return picture
+    return _convert_picture(picture)
 
 
 def _explain_shape(shape: tuple[int, ...]) -> str:
@@ -147,7 +149,8 @@ def _convert_picture(picture: NDArray[Any]) -> NDArray[np.uint8]:
     kind = picture.dtype.kind
     if kind not in "iuf":
         raise WorldError(f"render() returned a picture of type {picture.dtype}; return uint8 values from 0 to 255")
-    low, high = float(picture.min()), float(picture.max())
+    low = float(picture.min())
+    high = float(picture.max())
     if math.isnan(low):
         raise WorldError("render() returned a picture with NaN; return uint8 values from 0 to 255")
     if low < 0 or high > 255:
@@ -171,10 +174,14 @@ def explain_unhashable(value: Any, where: str = "the observation") -> str:
             parts = [(part, f"{where}[{number}]") for number, part in enumerate(value)]
         case np.ndarray():
             holds_objects = value.dtype.hasobject
-            return f"{where} is an array of Python objects; give it a type of numbers" if holds_objects else ""
+            if holds_objects:
+                return f"{where} is an array of Python objects; give it a type of numbers"
+            return ""
         case str():
             broken = any("\ud800" <= letter <= "\udfff" for letter in value)
-            return f"{where} is text with half a character (a lone surrogate); remove it" if broken else ""
+            if broken:
+                return f"{where} is text with half a character (a lone surrogate); remove it"
+            return ""
         case None | bool() | int() | float() | bytes() | np.bool_() | np.integer() | np.floating():
             return ""
         case _:

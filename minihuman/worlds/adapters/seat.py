@@ -17,7 +17,9 @@ from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.pose import Map, Pose
 from minihuman.worlds.team import TeamWorld, find_team
 
-SEAT_OPTION, SCRIPT_OPTION = "seat", "script"  # of the environment, beside the team world's own options
+# of the environment, beside the team world's own options
+SEAT_OPTION = "seat"
+SCRIPT_OPTION = "script"
 
 
 class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
@@ -37,7 +39,9 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
     def __init__(self, team: TeamWorld, seat: int = 0, script: Sequence[Sequence[int]] = ()) -> None:
         if not 0 <= seat < team.bodies:
             raise WorldError(f"seat {seat} does not exist; the world has seats 0 to {team.bodies - 1}")
-        self.team, self.seat, self.script = team, seat, script
+        self.team = team
+        self.seat = seat
+        self.script = script
         self.joint: Sequence[int] | None = None  # of the next step
         self.rewards: tuple[float, ...] = ()  # of the last step, by body
         self.steps = 0
@@ -69,9 +73,10 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
         return self._advance(action)[:3]
 
     def _advance(self, action: int) -> tuple[float, bool, bool, dict[str, Any]]:
-        planned = (
-            self.script[self.steps] if self.steps < len(self.script) else [self.team.idle_action] * self.team.bodies
-        )
+        if self.steps < len(self.script):
+            planned = self.script[self.steps]
+        else:
+            planned = [self.team.idle_action] * self.team.bodies
         joint = list(planned if self.joint is None else self.joint)
         joint[self.seat] = int(action)
         found = self.team.step(joint)

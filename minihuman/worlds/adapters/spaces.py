@@ -22,7 +22,9 @@ from minihuman.errors import WorldError
 ActionVector = tuple[float, ...]  # a value of a space that is not Discrete, flat; () for Discrete
 Action = int | ActionVector  # by number, or a vector
 
-REST, CHORD = "rest", "chord"  # names of no element and of several
+# names of no element and of several
+REST = "rest"
+CHORD = "chord"
 MAX_BOUND_AXES = 4  # of a Box; two for each hand
 
 
@@ -153,7 +155,10 @@ class VectorActions:
             if number:
                 element = self._elements[number - 1]
                 adds = self._adds[element.component]
-                rest = self.rest[element.component] if adds else vector[element.component]
+                if adds:
+                    rest = self.rest[element.component]
+                else:
+                    rest = vector[element.component]
                 vector[element.component] += element.value - rest
         found = tuple(np.clip(vector, self._low, self._high).tolist())
         return self._number(found), found
@@ -180,7 +185,8 @@ class VectorActions:
             WorldError: if there is no such component, or it has no range.
         """
         self.require_component(component)
-        low, high = self._low[component], self._high[component]
+        low = self._low[component]
+        high = self._high[component]
         if not np.isfinite(high - low):
             raise WorldError(f"component {component} of {self._space} has no bounds, so no point of a picture is its")
         cells = high - low + 1
@@ -194,7 +200,9 @@ class VectorActions:
 
     def resolve(self, action: Action) -> tuple[int, ActionVector]:
         """An action's number and vector."""
-        return (self._number(action), action) if isinstance(action, tuple) else self.combine([action])
+        if isinstance(action, tuple):
+            return (self._number(action), action)
+        return self.combine([action])
 
     def _number(self, vector: ActionVector) -> int:
         """A vector's number among ``names``: rest, the element that it is, or ``chord``."""
@@ -261,7 +269,10 @@ def _axis_elements(
     found = []
     for axis in range(max(0, min(len(low), most))):
         for sign, end in (("minus", low[axis]), ("plus", high[axis])):
-            value = float(end) if np.isfinite(end) else float(rest[axis]) + (1.0 if sign == "plus" else -1.0)
+            if np.isfinite(end):
+                value = float(end)
+            else:
+                value = float(rest[axis]) + (1.0 if sign == "plus" else -1.0)
             if value != rest[axis]:
                 found.append(ActionElement(f"axis_{start + axis}_{sign}", start + axis, value))
     return found
@@ -294,13 +305,15 @@ def build_actions(world_id: str, env: gymnasium.Env[Any, Any]) -> ActionInterfac
     Raises:
         WorldError: if keys cannot do them, or not all of them have a name.
     """
-    space, native = env.action_space, env.unwrapped
+    space = env.action_space
+    native = env.unwrapped
     if not isinstance(space, gymnasium.spaces.Discrete):
         try:
             return VectorActions(space)
         except WorldError as error:
             raise WorldError(f"{world_id}: {error}") from error
-    count, first = int(space.n), int(space.start)
+    count = int(space.n)
+    first = int(space.start)
     names = _action_names(native, count, first)
     if len(names) != count:
         raise WorldError(f"{world_id} names {len(names)} of its {count} actions; name each of them, in order")

@@ -47,7 +47,9 @@ def has_info(info: Mapping[str, Any], key: str) -> bool:
 def convert_to_flag(content: Any) -> bool | None:
     """Convert a yes or no in any of its usual forms: a number 0 or 1, an array, sequence or dictionary of one such."""
     if isinstance(content, Mapping):
-        return convert_to_flag(next(iter(content.values()))) if len(content) == 1 else None
+        if len(content) == 1:
+            return convert_to_flag(next(iter(content.values())))
+        return None
     if isinstance(content, str) or content is None or content is _MISSING:
         return None
     try:
@@ -82,7 +84,9 @@ def _to_plain(content: Any) -> Any:
         case Mapping():
             return {str(key): _to_plain(inner) for key, inner in content.items()}
         case np.ndarray() | np.generic():
-            return _to_plain(content.tolist()) if content.dtype.kind in "biufU" else None
+            if content.dtype.kind in "biufU":
+                return _to_plain(content.tolist())
+            return None
         case list() | tuple():
             return [_to_plain(inner) for inner in content]
         case float():

@@ -120,7 +120,9 @@ class MinigridAdapter(_Adapter):
 
 def _nested(thing: Any) -> list[Any] | None:
     """A thing's code and, inside it, that of what it contains."""
-    return None if thing is None else [[int(code) for code in thing.encode()], _nested(thing.contains)]
+    if thing is None:
+        return None
+    return [[int(code) for code in thing.encode()], _nested(thing.contains)]
 
 
 _MINIWORLD_COLOURS = {name: hex_colour(rgb) for name, rgb in RGB_BY_COLOUR.items()}

@@ -131,14 +131,18 @@ class World:
         """Call the actions by number where a plan does, as it may be older than their names; else by name."""
         numbers = tuple(str(number) for number in range(len(self.actions.names)))
         named = set(chosen)
-        self.action_names = numbers if named and named <= set(numbers) else self.actions.names
+        if named and named <= set(numbers):
+            self.action_names = numbers
+        else:
+            self.action_names = self.actions.names
 
     def reset(self, seed: int) -> ResetResult:
         """Begin an episode from a seed, with wrappers as they were made."""
         self._wrappers.begin()
         self._observation, onset = self._call("reset()", self._reset_env, seed)
         self._known = self._call("its code", _known, self._env.unwrapped)
-        self._steps, self._has_advanced = 0, False
+        self._steps = 0
+        self._has_advanced = False
         return ResetResult(self._observation_hash(), self._call("mission", self._mission), onset)
 
     def _reset_env(self, seed: int) -> tuple[Any, bool]:
@@ -189,7 +193,9 @@ class World:
 
     def _named(self, error: WorldError) -> WorldError:
         """The error with the world's id in front."""
-        return error if str(error).startswith(f"{self.id}: ") else WorldError(f"{self.id}: {error}")
+        if str(error).startswith(f"{self.id}: "):
+            return error
+        return WorldError(f"{self.id}: {error}")
 
     def advance(self, action: Action) -> tuple[bool, bool]:
         """Act without making an observation, where the world is native and no wrapper needs one.
@@ -216,11 +222,15 @@ class World:
 
     def subgoals(self) -> tuple[tuple[str, int], ...]:
         """The clauses of the episode's instruction, each with the step that did it; 0 for none yet."""
-        return self._call("subgoals()", self._known.subgoals) if isinstance(self._known, NativeWorld) else ()
+        if isinstance(self._known, NativeWorld):
+            return self._call("subgoals()", self._known.subgoals)
+        return ()
 
     def map(self) -> Map | None:
         """The floor plan; None where it is unknown."""
-        return self._call("map()", self._known.map) if self._known and self.pose() is not None else None
+        if self._known and self.pose() is not None:
+            return self._call("map()", self._known.map)
+        return None
 
     def state_hash(self) -> int:
         """A uint64 over everything that decides the future.
@@ -256,12 +266,19 @@ class World:
         Raises:
             WorldError: if planning would take too long.
         """
-        found = self._call("shortest_path()", self._known.shortest_path) if self._known else None
-        return None if found is None else tuple(self.action_names[action] for action in found)
+        if self._known:
+            found = self._call("shortest_path()", self._known.shortest_path)
+        else:
+            found = None
+        if found is None:
+            return None
+        return tuple(self.action_names[action] for action in found)
 
     def path_length_bounds(self) -> PathLengthBounds:
         """Bounds on the steps that success takes from here."""
-        return self._call("path_length_bounds()", self._known.path_length_bounds) if self._known else UNKNOWN_BOUNDS
+        if self._known:
+            return self._call("path_length_bounds()", self._known.path_length_bounds)
+        return UNKNOWN_BOUNDS
 
     def frame(
         self,
@@ -313,7 +330,10 @@ class World:
             WorldError: if the world has no grid observation.
         """
         native = self._env.unwrapped
-        observed = native.observation() if self._has_advanced and hasattr(native, "observation") else self._observation
+        if self._has_advanced and hasattr(native, "observation"):
+            observed = native.observation()
+        else:
+            observed = self._observation
         try:
             return describe_observation(observed, getattr(native, "kinds", ()))
         except WorldError as error:
@@ -362,7 +382,9 @@ class World:
 
     def _copy_observation(self, observation: Any) -> Any:
         """A copy, as a foreign world or a wrapper may use its arrays again; a native world makes others each time."""
-        return copy.deepcopy(observation) if self._wrappers.any or self._known is not self.unwrapped else observation
+        if self._wrappers.any or self._known is not self.unwrapped:
+            return copy.deepcopy(observation)
+        return observation
 
     def close(self) -> None:
         """Close the environment."""
@@ -391,8 +413,14 @@ class World:
             raise WorldError(f"{self.id}: the observation contains itself; return a copy of its parts") from error
 
     def _mission(self) -> str:
-        observed = self._observation.get("mission") if isinstance(self._observation, dict) else None
-        mission = observed if observed is not None else getattr(self._env.unwrapped, "mission", "")
+        if isinstance(self._observation, dict):
+            observed = self._observation.get("mission")
+        else:
+            observed = None
+        if observed is not None:
+            mission = observed
+        else:
+            mission = getattr(self._env.unwrapped, "mission", "")
         return mission if isinstance(mission, str) else ""
 
 
@@ -401,7 +429,11 @@ answer_to_old_names(World)
 
 def _has_own_rule(native: Any) -> bool:
     """Whether a world's author says, by the ``reward_and_done`` of our classes, which end earns a reward."""
-    inner = native.team if isinstance(native, SeatEnv) else vars(native).get("grid", native)  # seen from inside
+    # seen from inside
+    if isinstance(native, SeatEnv):
+        inner = native.team
+    else:
+        inner = vars(native).get("grid", native)
     return isinstance(native, NativeWorld) and hasattr(inner, "reward_and_done")
 
 
@@ -435,7 +467,10 @@ def _make(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
     except WorldError as error:
         raise WorldError(f"{world_id}: {error}") from error
     except TypeError as error:
-        reason = f"the options {options!r} are invalid: {error}" if options else f"it cannot be created: {error}"
+        if options:
+            reason = f"the options {options!r} are invalid: {error}"
+        else:
+            reason = f"it cannot be created: {error}"
         raise WorldError(f"{world_id}: {reason}") from error
     except Exception as error:  # a constructor may raise whatever it likes of an id or an option
         raise WorldError(
@@ -449,7 +484,10 @@ def _make(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
 
 def _render_modes(world_id: str, env: gymnasium.Env[Any, Any]) -> Collection[Any]:
     """The render modes that an environment states."""
-    modes = env.metadata.get("render_modes", ()) if isinstance(env.metadata, Mapping) else None
+    if isinstance(env.metadata, Mapping):
+        modes = env.metadata.get("render_modes", ())
+    else:
+        modes = None
     if isinstance(modes, Collection):
         return modes
     raise WorldError(
@@ -475,4 +513,6 @@ def _known(env: Any) -> NativeWorld | None:
         return env
     if is_minigrid_like(env):
         return MinigridAdapter(env)
-    return MiniworldAdapter(env) if is_miniworld_like(env) else None
+    if is_miniworld_like(env):
+        return MiniworldAdapter(env)
+    return None

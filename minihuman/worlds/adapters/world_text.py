@@ -23,11 +23,15 @@ from minihuman.worlds.grid.object_kinds import ObjectKind
 _KINDS = ["unseen", "empty", "wall", "floor", "door", "key", "ball", "box", "goal", "lava", "agent"]
 _COLOURS = ["red", "green", "blue", "purple", "yellow", "grey"]
 _DOORS = ["open", "closed", "locked"]
-_UNSEEN, _EMPTY, _WALL, _DOOR = 0, 1, 2, 4
+_UNSEEN = 0
+_EMPTY = 1
+_WALL = 2
+_DOOR = 4
 
 
 _FONT = Path(__file__).parents[2] / "display" / "fonts" / "DejaVuSans.ttf"
-_PAPER, _INK = (16, 16, 16), (232, 232, 232)
+_PAPER = (16, 16, 16)
+_INK = (232, 232, 232)
 _LINES = 18  # of a picture, unless there are more
 
 
@@ -49,7 +53,8 @@ def describe_observation(observation: Any, kinds: Sequence[ObjectKind] = ()) -> 
 def draw_text(text: str, size_px: tuple[int, int]) -> NDArray[np.uint8]:
     """A text of `describe_observation` as a picture, uint8[H, W, 3]; the diagram's characters stand in columns."""
     diagram, _, sentences = text.partition("\n\n")
-    rows, lines = diagram.split("\n"), sentences.split("\n")
+    rows = diagram.split("\n")
+    lines = sentences.split("\n")
     width, height = size_px
     font = ImageFont.truetype(str(_FONT), 100, layout_engine=ImageFont.Layout.BASIC)
     longest = max(font.getlength(line) for line in lines) / 100  # in em
@@ -57,7 +62,8 @@ def draw_text(text: str, size_px: tuple[int, int]) -> NDArray[np.uint8]:
     font = font.font_variant(size=max(6, int(0.78 * line_px)))
     image = Image.new("RGB", (width, height), _PAPER)
     draw = ImageDraw.Draw(image)
-    left, top = 0.06 * width, line_px
+    left = 0.06 * width
+    top = line_px
     for number, row in enumerate(rows):
         for column, character in enumerate(row):
             at = left + (0.75 * column + 0.4) * line_px, top + number * line_px
@@ -76,7 +82,8 @@ def describe_view(image: NDArray[np.integer[Any]]) -> Iterator[str]:
     """
     kinds = image[..., 0]
     columns, rows = kinds.shape
-    x, y = columns // 2, rows - 1
+    x = columns // 2
+    y = rows - 1
     if kinds[x, y] not in (_UNSEEN, _EMPTY):
         yield f"You carry a {_name(image[x, y])}"
     sight = {"forward": kinds[x, :y][::-1], "left": kinds[:x, y][::-1], "right": kinds[x + 1 :, y]}
@@ -86,7 +93,10 @@ def describe_view(image: NDArray[np.integer[Any]]) -> Iterator[str]:
             yield f"a wall {_steps(int(blocked[0]) + 1, where)}"
     for i, j in np.argwhere(kinds > _WALL):
         if (i, j) != (x, y):
-            across = [_steps(abs(int(i) - x), "right" if i > x else "left")] if i != x else []
+            if i != x:
+                across = [_steps(abs(int(i) - x), "right" if i > x else "left")]
+            else:
+                across = []
             ahead = [_steps(y - int(j), "forward")] if j != y else []
             yield f"a {_name(image[i, j])} {' and '.join(across + ahead)}"
 
@@ -95,7 +105,9 @@ def _name(cell: NDArray[np.integer[Any]]) -> str:
     kind, colour, state = map(int, cell)
     thing = _KINDS[kind] if kind < len(_KINDS) else f"thing {kind}"
     named = f"{_COLOURS[colour] if colour < len(_COLOURS) else 'colourless'} {thing}"
-    return f"{_DOORS[state]} {named}" if kind == _DOOR else named
+    if kind == _DOOR:
+        return f"{_DOORS[state]} {named}"
+    return named
 
 
 def _steps(count: int, where: str) -> str:

@@ -55,7 +55,8 @@ class WrapperState:
         """
         found = []
         for place, wrapper in enumerate(self._each):
-            made, digests = self._made[place], self._digests[place]
+            made = self._made[place]
+            digests = self._digests[place]
             for name, value in _attributes(wrapper):
                 digest = _digest(value)
                 if digest is None and value is not made.get(name, _ABSENT):

@@ -129,7 +129,10 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         given = np.asarray(actions)
         if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
             raise WorldError(f"actions must be {self.num_envs} whole numbers, not {given.dtype}{given.shape}")
-        joint = self._joint if self._joint is not None and self._joint.is_current() else None
+        if self._joint is not None and self._joint.is_current():
+            joint = self._joint
+        else:
+            joint = None
         if joint is None or not 0 <= given.min() <= given.max() < len(self.worlds[0].action_names):
             for world, action in zip(self.worlds, given.tolist(), strict=True):
                 world.check(action)
@@ -139,7 +142,8 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
             )
         again = self._autoreset is AutoresetMode.SAME_STEP
         renewed = self._over & (self._autoreset is AutoresetMode.NEXT_STEP)
-        rewards, statuses = np.zeros(self.num_envs), np.full(self.num_envs, -1)
+        rewards = np.zeros(self.num_envs)
+        statuses = np.full(self.num_envs, -1)
         if joint is not None:
             joint.step(np.where(renewed, -1, given.astype(np.int64)), rewards, statuses)
         stepped = statuses >= 0
@@ -227,7 +231,8 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
     def _final(self, of: dict[int, tuple[Any, dict[str, Any]]]) -> dict[str, Any]:
         if not of:
             return {}
-        observations, over = np.full(self.num_envs, None, object), np.zeros(self.num_envs, np.bool_)
+        observations = np.full(self.num_envs, None, object)
+        over = np.zeros(self.num_envs, np.bool_)
         infos: dict[str, Any] = {}
         for i, (observation, info) in of.items():
             observations[i], over[i] = observation, True
@@ -258,7 +263,8 @@ class JointStep:
     def step(self, actions: NDArray[np.int64], rewards: NDArray[np.float64], statuses: NDArray[np.int64]) -> None:
         """Step every world whose action is not -1; write what each earned, and its status as `rules.act` gives it."""
         self._latest = -1  # until all are aimed
-        own, scored = self._own, bool(self._flats[0].score)
+        own = self._own
+        scored = bool(self._flats[0].score)
         for flat, world in zip(self._flats, self._worlds, strict=True) if scored else ():
             flat.count(world)
         headings = own[:, HEADING] + self._turns_rad[self._all, actions]
@@ -279,7 +285,9 @@ class JointStep:
         """All worlds' targets; those of worlds that were changed otherwise than by a move are aimed by Python."""
         for i in changed:
             world = self._worlds[i]
-            flat, agent, target = world.flat_state(), world.agent, world.aim_target()
+            flat = world.flat_state()
+            agent = world.agent
+            target = world.aim_target()
             flat.count(world)
             self._flats[i], self._targets[i], self._agents[i], self._trigs[i] = flat, target, vars(agent), agent.trig
             self._arrays[i] = flat.things, flat.numbers, flat.walls, target.view

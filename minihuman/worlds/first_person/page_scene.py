@@ -53,7 +53,8 @@ class PageScene(NamedTuple):
 
 def copy_state(env: "FirstPersonEnv") -> tuple[F64, F64, RngState]:
     """What a step changes: things, numbers, and the random stream, all 0 where no step draws from it."""
-    flat, rng_state = env.flat_state(), np.zeros(6, np.uint64)
+    flat = env.flat_state()
+    rng_state = np.zeros(6, np.uint64)
     numbers = flat.numbers.copy()
     numbers[rules.STEPS] = env.step_count
     if flat.score:
@@ -77,7 +78,9 @@ def describe(
 ) -> tuple[PageState, PageScene, PageLook]:
     """An episode's state and its scene as a page takes them; pictures of it may have any size."""
     shown, target = env.staged(palette, size_px)
-    agent, floor, count = env.agent, env.stage.floor, target.layout.thing_count
+    agent = env.agent
+    floor = env.stage.floor
+    count = target.layout.thing_count
     pitch = turn(agent.cam_pitch * (math.pi / 180), agent.trig)
     shadows = len(shown) if count > len(shown) else 0
     look = PageLook(shown, np.array([agent.cam_fwd_disp, *pitch, half_view(agent.cam_fov_y, agent.trig), shadows]))
@@ -99,10 +102,13 @@ def cut_scene(layout: SceneTables, view: F64) -> PageScene:
         view: What of it does not change: light and sky.
     """
     room_floats, room_wholes = (each.copy() for each in layout.packed_rooms)
-    things, library = layout.things.copy(), _unpacked(*layout.packed_library)
-    faces, places = pack([], []), {}
+    things = layout.things.copy()
+    library = _unpacked(*layout.packed_library)
+    faces = pack([], [])
+    places = {}
     for row in things:
-        first, last = int(row[FIRST]), int(row[LAST])
+        first = int(row[FIRST])
+        last = int(row[LAST])
         if (first, last) not in places:
             places[first, last] = len(faces.texture)
             faces = join(faces, _part(library, first, last))
@@ -115,7 +121,8 @@ def cut_scene(layout: SceneTables, view: F64) -> PageScene:
     for textures in (of_rooms, faces.texture):
         textures[:] = [numbers.get(int(row), int(row)) for row in textures]
     pixels = tuple(_pixels(layout.textures, row) for row in shown)
-    begin, table = 0, np.zeros((len(shown), MOST_SIZES, 2), np.uint32)
+    begin = 0
+    table = np.zeros((len(shown), MOST_SIZES, 2), np.uint32)
     for number, each in enumerate(pixels):
         table[number] = size_table(each.shape[1], each.shape[0], begin)
         begin = int(table[number, int(table[number, -1, 1]), 0]) + 9
@@ -137,7 +144,8 @@ def cut_scene(layout: SceneTables, view: F64) -> PageScene:
 
 
 def _unpacked(floats: F64, wholes: I32) -> FaceTable:
-    corners, faces = int(wholes[0]), int(wholes[1])
+    corners = int(wholes[0])
+    faces = int(wholes[1])
     sizes = np.cumsum([3 * corners, 2 * corners, 3 * corners, 3 * faces, 4 * faces])
     position, place, normal, colour, plane = np.split(floats[: sizes[-1]], sizes[:-1])
     return FaceTable(
@@ -152,7 +160,8 @@ def _unpacked(floats: F64, wholes: I32) -> FaceTable:
 
 
 def _part(faces: FaceTable, first: int, last: int) -> FaceTable:
-    a, b = int(faces.start[first]), int(faces.start[last])
+    a = int(faces.start[first])
+    b = int(faces.start[last])
     start, position, place, normal, colour, texture, plane = faces
     own = slice(first, last)
     return FaceTable(
@@ -163,7 +172,8 @@ def _part(faces: FaceTable, first: int, last: int) -> FaceTable:
 def _pixels(textures: TextureTable, row: int) -> NDArray[np.uint8]:
     """The largest size of a texture, first row on top."""
     begin, extents = (int(number) for number in textures.table[2 * MOST_SIZES * row :][:2])
-    width, height = extents & 0xFFFF, extents >> 16
+    width = extents & 0xFFFF
+    height = extents >> 16
     ringed = textures.texels[begin : begin + (width + 2) * (height + 2)].reshape(height + 2, width + 2)
     inner = np.ascontiguousarray(ringed[-2:0:-1, 1:-1])
     return np.ascontiguousarray(inner.view(np.uint8).reshape(height, width, 4)[..., :3])

@@ -87,7 +87,9 @@ class KitchenLayout:
         _, _, onion, tomato = self.per_ingredient
         if self.times and recipe in self.orders:
             return self.times[self.orders.index(recipe)]
-        return onion * recipe.count("o") + tomato * recipe.count("t") if onion else 20
+        if onion:
+            return onion * recipe.count("o") + tomato * recipe.count("t")
+        return 20
 
 
 _SHARED = (21, 13, 15, 7)  # of the layouts with tomatoes
@@ -224,7 +226,10 @@ def draw_layout(seed: int) -> KitchenLayout:
     for right, letters in enumerate(("OD1", "PS2") if swapped % 2 else ("OD2", "PS1")):
         edge = [*((0, y) for y in range(1, 5)), *((x, y) for x in (1, 2) for y in (0, 5))]
         for letter in letters:
-            places = [(x, y) for x in (1, 2) for y in range(1, 5)] if letter.isdigit() else edge
+            if letter.isdigit():
+                places = [(x, y) for x in (1, 2) for y in range(1, 5)]
+            else:
+                places = edge
             x, y = places.pop(draws.pop() % len(places))
             rows[y][6 - x if right == mirrored % 2 else x] = letter
     return KitchenLayout("/".join(map("".join, rows)))
@@ -265,11 +270,15 @@ class Kitchen(TeamWorld):
         max_steps: int = 400,
         ends_at_soup: bool = False,
     ) -> None:
-        self._drawn, self._ends_at_soup = layout == DRAWN, ends_at_soup
+        self._drawn = layout == DRAWN
+        self._ends_at_soup = ends_at_soup
         if layout == DRAWN:
             layout = draw_layout(0)
         elif isinstance(layout, str):
-            layout = KitchenLayout(layout) if "/" in layout else KITCHENS[check_one_of("layout", layout, KITCHENS)]
+            if "/" in layout:
+                layout = KitchenLayout(layout)
+            else:
+                layout = KITCHENS[check_one_of("layout", layout, KITCHENS)]
         old = check_one_of("rules", rules, ("2019", "1.1.0")) == "2019"
         self.rules: KitchenRules = rules
         self.layout, self.bodies, self.max_steps = layout, layout.cooks, check_max_steps(max_steps)
@@ -308,7 +317,9 @@ class Kitchen(TeamWorld):
             )
         if status == 0:
             return self._nothing
-        outcomes, cooks, ended = self._outcomes.tolist(), self.bodies, status & fields.ENDED != 0
+        outcomes = self._outcomes.tolist()
+        cooks = self.bodies
+        ended = status & fields.ENDED != 0
         if not status & fields.EARNED:
             return self._nothing._replace(truncated=ended)
         delivered = tuple(outcomes[:cooks])
@@ -417,7 +428,9 @@ class KitchenBatch(TeamBatch):
 
 def _start_row(layout: KitchenLayout, old: bool, max_steps: int) -> Row:
     plan = [list(row) for row in layout.plan.split("/")]
-    width, height, cooks = len(plan[0]), len(plan), layout.cooks
+    width = len(plan[0])
+    height = len(plan)
+    cooks = layout.cooks
     row = np.zeros(kitchen_row_length(width, height, cooks), np.int32)
     row[: fields.AUTOMATIC + 1] = width, height, cooks, 0, max_steps, fields.PLAYING, old
     for recipe in RECIPES:
@@ -448,6 +461,9 @@ def _mission(layout: KitchenLayout, old: bool) -> str:
         )
         for recipe in layout.orders
     ]
-    start = "it cooks by itself once it is full" if old else "interact with the pot to start it"
+    if old:
+        start = "it cooks by itself once it is full"
+    else:
+        start = "interact with the pot to start it"
     what = "any soup" if not layout.orders else "soups of " + " or of ".join(orders)
     return f"cook {what}: fill a pot, {start}, then take the soup with a plate to the serving hatch"

@@ -176,7 +176,8 @@ class TeamGrid(TeamWorld, abc.ABC):
             raise WorldError(
                 f"{type(self).__name__} is not in an episode; call reset() before step(), and again after each episode"
             )
-        rewards, terminated = tuple(self._rewards.tolist()), status & TERMINATED != 0
+        rewards = tuple(self._rewards.tolist())
+        terminated = status & TERMINATED != 0
         if type(self).reward_and_done is not TeamGrid.reward_and_done:
             rewards, terminated = self.reward_and_done(actions, rewards, terminated)
             self._row[fields.PHASE] = fields.OVER if terminated or status & TRUNCATED else fields.PLAYING

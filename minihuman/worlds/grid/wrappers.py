@@ -69,7 +69,10 @@ class PictureObservation(ImageWrapper):
         self, env: Env, *, view: View = "partial", tile_px: int = 8, palette: GridPalette = "classic", lit: bool = True
     ) -> None:
         grid = grid_of(env)
-        self.view, self.tile_px, self.palette, self.lit = view, tile_px, palette, lit
+        self.view = view
+        self.tile_px = tile_px
+        self.palette = palette
+        self.lit = lit
         columns, rows = grid.image_shape[:2] if view == "partial" else (grid.state.width, grid.state.height)
         super().__init__(env, spaces.Box(0, 255, (rows * tile_px, columns * tile_px, 3), np.uint8))
 
@@ -207,7 +210,8 @@ class GoalDirection(gymnasium.ObservationWrapper[Observation, int, Observation])
         bounds = {"slope": np.inf, "angle": np.pi / 2, "angle_atan2": np.pi}
         if measure not in bounds:
             raise WorldError(f"unknown direction measure {measure!r}; use one of {', '.join(bounds)}")
-        self.grid, self.measure = grid_of(env), measure
+        self.grid = grid_of(env)
+        self.measure = measure
         space = spaces.Box(-bounds[measure], bounds[measure], (), np.float64)
         self.observation_space = spaces.Dict({**_parts(env), "goal_direction": space})
 
@@ -217,7 +221,8 @@ class GoalDirection(gymnasium.ObservationWrapper[Observation, int, Observation])
         goals = np.argwhere(state.kinds.T == GOAL)
         if len(goals) == 0:
             raise WorldError(f"{self.grid} has no goal to point to; GoalDirection needs a world with one")
-        right, down = goals[0, 1] - state.position[0], goals[0, 0] - state.position[1]
+        right = goals[0, 1] - state.position[0]
+        down = goals[0, 0] - state.position[1]
         if self.measure == "angle_atan2" or (right == 0 and down == 0):
             direction = math.atan2(down, right)
         else:
@@ -233,14 +238,17 @@ class StochasticAction(gymnasium.ActionWrapper[Any, int, int]):
         super().__init__(env)
         if not 0 <= prob <= 1:
             raise WorldError(f"prob is {prob!r}; use a probability from 0 to 1")
-        self.prob, self.random_action = prob, random_action
+        self.prob = prob
+        self.random_action = random_action
 
     def action(self, action: int) -> int:
         """The action that is done."""
         if self.np_random.random() < self.prob:
             return action
         assert isinstance(self.action_space, spaces.Discrete)
-        return int(self.np_random.integers(self.action_space.n)) if self.random_action is None else self.random_action
+        if self.random_action is None:
+            return int(self.np_random.integers(self.action_space.n))
+        return self.random_action
 
 
 class ExplorationBonus(gymnasium.Wrapper[Any, int, Any, int], abc.ABC):
@@ -251,7 +259,8 @@ class ExplorationBonus(gymnasium.Wrapper[Any, int, Any, int], abc.ABC):
 
     def __init__(self, env: Env, scale: float = 1.0) -> None:
         super().__init__(env)
-        self.grid, self.scale = grid_of(env), scale
+        self.grid = grid_of(env)
+        self.scale = scale
         self.counts: Counter[tuple[Any, ...]] = Counter()
 
     @abc.abstractmethod
@@ -363,7 +372,9 @@ def _observed(env: Any) -> Any:
     if isinstance(env, GridEngine):
         return env.observation()
     inner = _observed(env.env)
-    return env.observation(inner) if isinstance(env, gymnasium.ObservationWrapper) else inner
+    if isinstance(env, gymnasium.ObservationWrapper):
+        return env.observation(inner)
+    return inner
 
 
 MAX_TOKEN_KINDS = 16  # what a cell's number has room for

@@ -64,15 +64,20 @@ def build_rooms(state: State) -> tuple[SceneRoom, ...]:
     """The whole grid as one room, with the walls as surfaces in it; a run of walls is one surface."""
     wall = walled(state)
     width, height = wall.shape
-    x0, x1, z0, z1 = -0.5, width - 0.5, -0.5, height - 0.5
+    x0 = -0.5
+    x1 = width - 0.5
+    z0 = -0.5
+    z1 = height - 0.5
     outline = np.array(((x1, z1), (x1, z0), (x0, z0), (x0, z1)))
     surfaces = [_level(outline, 0.0, "floor_tiles_bw_1"), _level(outline[::-1], WALL_HEIGHT_M, "concrete_tiles_1")]
     for z in range(height + 1):
-        above, below = _row(wall, z - 1), _row(wall, z)
+        above = _row(wall, z - 1)
+        below = _row(wall, z)
         surfaces += [_upright((end, z - 0.5), (start, z - 0.5)) for start, end in _runs(above & ~below)]
         surfaces += [_upright((start, z - 0.5), (end, z - 0.5)) for start, end in _runs(below & ~above)]
     for x in range(width + 1):
-        left, right = _row(wall.T, x - 1), _row(wall.T, x)
+        left = _row(wall.T, x - 1)
+        right = _row(wall.T, x)
         surfaces += [_upright((x - 0.5, start), (x - 0.5, end)) for start, end in _runs(left & ~right)]
         surfaces += [_upright((x - 0.5, end), (x - 0.5, start)) for start, end in _runs(right & ~left)]
     return (SceneRoom(outline, surfaces),)
@@ -141,7 +146,10 @@ def _in_cell(
 def _door(state: State, code: int, x: int, z: int, palette: Palette) -> list[PlacedLook]:
     """A leaf across the way, or turned aside where the door is open; a closed one has a knob, a locked one a bar."""
     colour = _rgb(code, palette)
-    yaw = 0.0 if x > 0 and cells.kind_of(int(state.cells[x - 1, z])) == cells.WALL else np.pi / 2
+    if x > 0 and cells.kind_of(int(state.cells[x - 1, z])) == cells.WALL:
+        yaw = 0.0
+    else:
+        yaw = np.pi / 2
     leaf = BoxLook((1.0, 0.95 * WALL_HEIGHT_M, _DOOR_M), colour)
     match cells.state_of(code):
         case cells.OPEN:
@@ -167,7 +175,9 @@ def _rgb(code: int, palette: Palette) -> tuple[float, float, float]:
 
 def _row(wall: NDArray[np.bool_], z: int) -> NDArray[np.bool_]:
     """Which cells of a row are wall; outside the grid everything is."""
-    return wall[:, z] if 0 <= z < wall.shape[1] else np.ones(wall.shape[0], np.bool_)
+    if 0 <= z < wall.shape[1]:
+        return wall[:, z]
+    return np.ones(wall.shape[0], np.bool_)
 
 
 def _runs(marked: NDArray[np.bool_]) -> list[tuple[float, float]]:
@@ -184,7 +194,8 @@ def _level(outline: NDArray[np.float64], y: float, texture: str) -> Surface:
 def _upright(start: tuple[float, float], end: tuple[float, float]) -> Surface:
     """A wall from one (x, z) to another, seen from its left."""
     (ax, az), (bx, bz) = start, end
-    length, top = abs(bx - ax) + abs(bz - az), WALL_HEIGHT_M
+    length = abs(bx - ax) + abs(bz - az)
+    top = WALL_HEIGHT_M
     corners = np.array(((ax, 0.0, az), (ax, top, az), (bx, top, bz), (bx, 0.0, bz)))
     across = np.array(((0.0, 0.0), (0.0, top), (length, top), (length, 0.0)))
     return Surface(corners, across * _ZOOM, "brick_wall_1")
@@ -259,7 +270,9 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
         if self.render_mode == "human":
             self.show_in_window(self._rendered)
             return None
-        return None if self.render_mode is None else self._rendered()
+        if self.render_mode is None:
+            return None
+        return self._rendered()
 
     def _rendered(self) -> NDArray[np.uint8]:
         return self.picture(size_px=(800, 600))
@@ -290,7 +303,8 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
         return observation | {"image": self._draw(self.grid.pose(), self.size_px, "classic")}
 
     def _draw(self, pose: Pose, size_px: tuple[int, int], palette: Palette) -> NDArray[np.uint8]:
-        back_x, back_z = _BACK_M * math.cos(pose.yaw_rad), _BACK_M * math.sin(pose.yaw_rad)
+        back_x = _BACK_M * math.cos(pose.yaw_rad)
+        back_z = _BACK_M * math.sin(pose.yaw_rad)
         eye = (pose.x - back_x, _EYE_M, pose.z + back_z)
         scene = self._drawn.scene(self.grid.state, eye, pose.yaw_rad, palette)
         return render(scene, Camera(eye, pose.yaw_rad, fov_y_deg=_FOV_Y_DEG), *size_px)
@@ -311,7 +325,8 @@ class _Drawn:
             self._things = state.cells.tobytes(), palette, build_things(state, palette, self._kinds)
             walls = walled(state).tobytes()
             if walls != self._rooms[0]:
-                self._rooms, self._scene = (walls, build_rooms(state)), None
+                self._rooms = (walls, build_rooms(state))
+                self._scene = None
         seen = self._things[2]
         if state.carrying != cells.EMPTY:
             seen = seen + build_carried(state.carrying, eye, yaw_rad, palette, self._kinds)

@@ -136,7 +136,10 @@ class WorldServer:
                 import_module(request.module)
         self._made = world = World(request.world_id, decode_value(request.options), trusted=True)
         actions = world.actions
-        discrete = actions if isinstance(actions, DiscreteActions) else DiscreteActions((), 0, {})
+        if isinstance(actions, DiscreteActions):
+            discrete = actions
+        else:
+            discrete = DiscreteActions((), 0, {})
         return messages.Description(
             can_isolate=not world.is_compiled and not isinstance(world.unwrapped, SeatEnv),
             action_names=actions.names,

@@ -240,7 +240,9 @@ class IsolatedWorld(World):
 
     def pose(self) -> Pose | None:
         """Where the agent stands; None where that is unknown."""
-        return None if self._present.pose is None else Pose(*self._present.pose)
+        if self._present.pose is None:
+            return None
+        return Pose(*self._present.pose)
 
     def subgoals(self) -> tuple[tuple[str, int], ...]:
         """The clauses of the episode's instruction, each with the step that did it; 0 for none yet."""
@@ -257,7 +259,9 @@ class IsolatedWorld(World):
     def scene_hash(self) -> int:
         """The same without the number of steps taken, where the state is known."""
         known = self._present.scene_hash
-        return self._query("scene_hash", int) if known is None else known
+        if known is None:
+            return self._query("scene_hash", int)
+        return known
 
     def shortest_path(self) -> tuple[str, ...] | None:
         """Names of actions that lead to success from here; None where the world has no planner."""

@@ -55,7 +55,10 @@ class WorldUse:
     def __str__(self) -> str:
         if not self.worlds:
             return ""
-        memory = f", {self.peak_bytes / MIB:.0f} MiB of memory at most" if self.peak_bytes else ""
+        if self.peak_bytes:
+            memory = f", {self.peak_bytes / MIB:.0f} MiB of memory at most"
+        else:
+            memory = ""
         return (
             f"worlds in processes of their own: {self.worlds}, each with {self.cpu_s / self.worlds:.1f} s of CPU time "
             f"on average{memory}"

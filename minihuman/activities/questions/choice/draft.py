@@ -35,7 +35,10 @@ class ChoiceDraft(AnswerDraft):
         elif press.key in ("up", "down"):
             by = 1 if press.key == "down" else -1
             untouched = not self._chosen and not self.many
-            self._cursor = self._cursor if untouched and by > 0 else (self._cursor + by) % n_options
+            if untouched and by > 0:
+                self._cursor = self._cursor
+            else:
+                self._cursor = (self._cursor + by) % n_options
             if not self.many:
                 self._choose(self._cursor)
         elif press.key == "space" and not press.repeat:
@@ -91,7 +94,9 @@ class ChoicesDraft(ChoiceDraft):
     @property
     def value(self) -> AnswerValue:
         """The codes in the options' order."""
-        return self._codes if self._chosen or not self.question.required else None
+        if self._chosen or not self.question.required:
+            return self._codes
+        return None
 
 
 def _check(item: QuestionItemSpec) -> ItemErrors:

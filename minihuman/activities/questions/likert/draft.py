@@ -35,7 +35,10 @@ class LikertDraft(AnswerDraft):
         elif by := horizontal_step(press.key, rtl=self.rtl):
             middle = (self._n_points - 1) // 2
             now = self._chosen
-            self._chosen = middle if now is None else min(self._n_points - 1, max(0, now + by))
+            if now is None:
+                self._chosen = middle
+            else:
+                self._chosen = min(self._n_points - 1, max(0, now + by))
         else:
             return False
         return True
@@ -49,12 +52,16 @@ class LikertDraft(AnswerDraft):
     @property
     def value(self) -> AnswerValue:
         """The point's code, 1 for the first unless the protocol says otherwise."""
-        return None if self._chosen is None else self.question.all_codes[self._chosen]
+        if self._chosen is None:
+            return None
+        return self.question.all_codes[self._chosen]
 
     @property
     def display_text(self) -> str:
         """The point's words, or its number."""
-        return "" if self._chosen is None else self._labels[self._chosen]
+        if self._chosen is None:
+            return ""
+        return self._labels[self._chosen]
 
     @property
     def _labels(self) -> tuple[str, ...]:
@@ -66,7 +73,9 @@ class LikertDraft(AnswerDraft):
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
         """Any point."""
-        return Click(f"option:{choose(self._n_points)}") if self._chosen is None else None
+        if self._chosen is None:
+            return Click(f"option:{choose(self._n_points)}")
+        return None
 
 
 class MatrixDraft(LikertDraft):
@@ -132,7 +141,9 @@ class MatrixDraft(LikertDraft):
     @property
     def error(self) -> tuple[str, dict[str, Any]] | None:
         """Each row needs a point."""
-        return ("note.required", {}) if self.question.required and None in self._rows else None
+        if self.question.required and None in self._rows:
+            return ("note.required", {})
+        return None
 
 
 def _build(question: QuestionItemSpec, settings: Any, *, rtl: bool, language: str | None) -> LikertDraft:

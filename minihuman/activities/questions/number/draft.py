@@ -18,7 +18,9 @@ _NUMBER = re.compile(r"-?(\d+(?:[.,]\d+)*|[.,]\d+)[.,]?")
 def _plain_character(character: str) -> str:
     """A digit of any script as one of 0 to 9, and every minus, point and comma as the ASCII one."""
     digit = unicodedata.decimal(character, None)
-    return character.translate(_SAME) if digit is None else str(digit)
+    if digit is None:
+        return character.translate(_SAME)
+    return str(digit)
 
 
 def parse_number(text: str, language: str, *, whole: bool = False) -> float | None:
@@ -31,7 +33,9 @@ def parse_number(text: str, language: str, *, whole: bool = False) -> float | No
     plain = "".join(map(_plain_character, text.strip())).replace("\N{ARABIC THOUSANDS SEPARATOR}", "")
     if "\N{ARABIC DECIMAL SEPARATOR}" in plain:
         plain = plain.replace(",", "").replace("\N{ARABIC DECIMAL SEPARATOR}", ".")
-        return float(plain) if re.fullmatch(r"-?\d*\.\d+", plain) else None
+        if re.fullmatch(r"-?\d*\.\d+", plain):
+            return float(plain)
+        return None
     if not _NUMBER.fullmatch(plain):
         return None
     marks = [c for c in plain if c in ".,"]
@@ -40,7 +44,9 @@ def parse_number(text: str, language: str, *, whole: bool = False) -> float | No
     decimal = marks[-1]
     groups = re.fullmatch(r"-?[1-9]\d{0,2}(?:[.,]\d{3})+", plain)
     if len(marks) > 1 and len(set(marks)) == 1:
-        return float(plain.replace(decimal, "")) if groups else None
+        if groups:
+            return float(plain.replace(decimal, ""))
+        return None
     if len(marks) == 1 and groups:
         expected = _DECIMAL_MARKS.get(language)
         if expected is None or (decimal == expected and (whole or plain.endswith("000"))):

@@ -30,7 +30,10 @@ class SliderDraft(AnswerDraft):
         tenth = max(1, self._n_steps // 10)
         moves = {"page_up": tenth, "page_down": -tenth, "up": 1, "down": -1}
         if by := horizontal_step(press.key, rtl=self.rtl) or moves.get(press.key, 0):
-            self._step = self._n_steps // 2 if self._step is None else min(self._n_steps, max(0, self._step + by))
+            if self._step is None:
+                self._step = self._n_steps // 2
+            else:
+                self._step = min(self._n_steps, max(0, self._step + by))
         elif press.key in ("home", "end"):
             self._step = 0 if press.key == "home" else self._n_steps
         else:
@@ -63,7 +66,9 @@ class SliderDraft(AnswerDraft):
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
         """Any place on the line."""
-        return Click("slider", choose(21) / 20) if self._step is None else None
+        if self._step is None:
+            return Click("slider", choose(21) / 20)
+        return None
 
 
 SLIDER = QuestionKind("slider", SliderDraft, "number", check_range)

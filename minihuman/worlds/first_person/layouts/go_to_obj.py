@@ -56,7 +56,9 @@ class GoToObj(FirstPersonEnv):
 
     def build(self) -> None:
         """Lay out the room, the objects and the agent."""
-        middle, near, far = self.size / 2, self.size / 10, self.size * 9 / 10
+        middle = self.size / 2
+        near = self.size / 10
+        far = self.size * 9 / 10
         places = ((near, middle), (middle, far), (far, middle), (middle, near))  # in the order of WALLS
         drawn = draw_arrangement(self.np_random)
         self.add_rect_room(min_x=0, max_x=self.size, min_z=0, max_z=self.size)

@@ -134,6 +134,8 @@ def _directions(picks: list[int]) -> list[tuple[int, int]]:
 def _turned(outline: tuple[Point, ...], degrees: float) -> tuple[Point, ...]:
     """The outline turned about the origin, clockwise as seen from above."""
     half = degrees * (math.pi / 180) / 2.0
-    a, c = math.cos(half), -math.sin(half)
-    cosine, sine = a * a - c * c, 2 * (a * c)
+    a = math.cos(half)
+    c = -math.sin(half)
+    cosine = a * a - c * c
+    sine = 2 * (a * c)
     return tuple((x * cosine - z * sine, x * sine + z * cosine) for x, z in outline)

@@ -40,7 +40,8 @@ class Sign(FirstPersonEnv):
 
     def build(self) -> None:
         """Lay the corridor out."""
-        size, middle = self.size, self.size * 0.65
+        size = self.size
+        middle = self.size * 0.65
         top = self.add_rect_room(min_x=0, max_x=size, min_z=0, max_z=middle)
         left = self.add_rect_room(min_x=0, max_x=size * 3 / 5, min_z=middle + _GAP, max_z=size * 1.3)
         right = self.add_rect_room(min_x=size * 3 / 5, max_x=size, min_z=middle + _GAP, max_z=size * 1.3)

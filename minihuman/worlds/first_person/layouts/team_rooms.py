@@ -47,7 +47,9 @@ class _SharedRooms(FourRooms):
 
     def enter(self, body: int) -> None:
         """Put the agent in a body's place, and a figure where it was."""
-        agent, old, new = self.agent, self.figures[self.inside], self.figures[body]
+        agent = self.agent
+        old = self.figures[self.inside]
+        new = self.figures[body]
         old.pos, old.dir = agent.pos, agent.dir
         self._turn_face(self.inside)
         agent.pos, agent.dir = new.pos, new.dir
@@ -56,7 +58,8 @@ class _SharedRooms(FourRooms):
 
     def _turn_face(self, body: int) -> None:
         """Put a face before its figure, at the height of eyes."""
-        figure, face = self.figures[body], self.faces[body]
+        figure = self.figures[body]
+        face = self.faces[body]
         figure.trig = 1
         (x, _, z), (ahead_x, ahead_z) = figure.pos, figure.forward
         face.pos, face.dir = (x + 0.2 * ahead_x, 0.9, z + 0.2 * ahead_z), figure.dir
@@ -65,7 +68,8 @@ class _SharedRooms(FourRooms):
         """One joint step, body after body in this step's order: rewards, terminated, truncated."""
         if self._stage is None or self._over:
             raise WorldError("no episode is running; call reset() before step(), and again after each episode")
-        rewards, first = [0.0] * len(actions), self.step_count % len(actions)
+        rewards = [0.0] * len(actions)
+        first = self.step_count % len(actions)
         self.step_count += 1
         for k in range(len(actions)):
             body = (first + k) % len(actions)
@@ -105,7 +109,8 @@ class TeamRooms(TeamWorld):
         obs_height: int = 60,
         view: View = "partial",
     ) -> None:
-        self.bodies, self.max_steps = check_whole("bodies", bodies, 1, len(FIGURE_COLOURS)), max_steps
+        self.bodies = check_whole("bodies", bodies, 1, len(FIGURE_COLOURS))
+        self.max_steps = max_steps
         self.view: View = check_one_of("view", view, ("partial", "full"))
         self._env = _SharedRooms(bodies, max_steps=max_steps, obs_width=obs_width, obs_height=obs_height)
         self.observation_space = spaces.Box(0, 255, (obs_height, obs_width, 3), np.uint8)

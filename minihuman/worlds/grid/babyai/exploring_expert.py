@@ -58,7 +58,8 @@ class Explorer:
         inside: bool = False,
     ) -> None:
         self.memory = ExploredGrid(state.row, view_size, inside=inside)
-        self._judgement, self._noise = judgement, noise
+        self._judgement = judgement
+        self._noise = noise
         self._plan: list[int] = []
         self._before = state.row.copy()  # the state when the plan was last looked at
 
@@ -98,12 +99,14 @@ class Explorer:
         """Take obstacles in view for walls, and forget the others, which have moved since."""
         known[fields.TASK] = rewards.REACH
         cells = known[fields.HEADER : fields.HEADER + int(known[fields.WIDTH]) * int(known[fields.HEIGHT])]
-        moving, in_view = identities_of(cells) > 0, self.memory.in_view(known)
+        moving = identities_of(cells) > 0
+        in_view = self.memory.in_view(known)
         cells[moving & in_view], cells[moving & ~in_view] = GREY_WALL, EMPTY
 
     def _knows_what_it_is_about(self, known: Row) -> bool:
         """Whether the cells that the task is about were seen; of a match, the things too that are compared."""
-        task, target = int(known[fields.TASK]), known[fields.TARGET : fields.TARGET + 4].tolist()
+        task = int(known[fields.TASK])
+        target = known[fields.TARGET : fields.TARGET + 4].tolist()
         about = {
             rewards.STAND_BY: (0,),
             rewards.OPEN_DOOR: (0,),
@@ -168,7 +171,10 @@ class Explorer:
         trial = known.copy()
         actions: list[int] = []
         for step in range(3):
-            part = put_down(trial, way) if step != 1 else do_to(trial, encoding.PICK_UP, identities_of(cells[lying[0]]))
+            if step != 1:
+                part = put_down(trial, way)
+            else:
+                part = do_to(trial, encoding.PICK_UP, identities_of(cells[lying[0]]))
             if part is None:
                 return []
             for action in part:
@@ -215,7 +221,8 @@ def _doors_left_alone(known: Row) -> Row:
 def active(row: Row) -> tuple[int, ...]:
     """The clauses that are to be done now."""
     numbers = block(row)
-    left, right = int(numbers[encoding.LEFT]), int(numbers[encoding.RIGHT])
+    left = int(numbers[encoding.LEFT])
+    right = int(numbers[encoding.RIGHT])
     both = [range(left), range(left, left + right)]
     if numbers[encoding.JOIN] == encoding.AFTER:
         both.reverse()

@@ -54,7 +54,8 @@ class DrawnLevel(GridWorld):
             raise WorldError(f"diagram is {diagram!r}; it must be a string with a line per row")
         self.diagram = textwrap.dedent(diagram.replace("\r\n", "\n")).strip("\n")
         lines = self.diagram.split("\n")
-        width, height = max(-(-len(line) // 2) for line in lines), len(lines)
+        width = max(-(-len(line) // 2) for line in lines)
+        height = len(lines)
         if not (3 <= width <= MAX_CELLS and 3 <= height <= MAX_CELLS):
             raise WorldError(
                 f"the diagram has {width} columns and {height} rows; draw 3 to {MAX_CELLS} of each, "

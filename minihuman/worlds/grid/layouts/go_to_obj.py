@@ -56,7 +56,8 @@ class GoToObjGrid(GridWorld):
 
     def layout(self, grid: Layout) -> None:
         """Lay out the room, the objects and the agent."""
-        middle, last = self.size // 2, self.size - 2
+        middle = self.size // 2
+        last = self.size - 2
         places = ((1, middle), (middle, last), (last, middle), (middle, 1))  # in the order of WALLS
         drawn = draw_arrangement(self.np_random, ambiguous=self.ambiguous)
         grid.wall_rect()

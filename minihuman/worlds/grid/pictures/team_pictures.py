@@ -73,7 +73,8 @@ def draw_team(
     alone[CARRYING] = EMPTY  # drawn below
     columns, rows = (view_size, view_size) if view == "partial" else (int(row[WIDTH]), int(row[HEIGHT]))
     out = np.empty((rows * tile_px, columns * tile_px, 3), np.uint8)
-    lines, lit = out.reshape(rows * tile_px, -1), np.zeros((columns, rows), np.int64)
+    lines = out.reshape(rows * tile_px, -1)
+    lit = np.zeros((columns, rows), np.int64)
     tables = drawn.number, drawn.under, drawn.tiles.view(np.uint8), np.zeros_like(drawn.agents), drawn.carried
     draw_cells(alone, image, view == "full", False, lit, *tables, lines, lines)
     forward_x, forward_y = ahead(0, 0, facing)
@@ -81,7 +82,8 @@ def draw_team(
         if view == "partial":
             far = (column - x) * forward_x + (line - y) * forward_y
             aside = (line - y) * forward_x - (column - x) * forward_y
-            column, line = view_size // 2 + aside, view_size - 1 - far
+            column = view_size // 2 + aside
+            line = view_size - 1 - far
             inside = 0 <= column < view_size and 0 <= line < view_size
             if each != body and not (inside and seen[column, line, 0] == AGENT):
                 continue
@@ -117,7 +119,8 @@ _SPOTS = (((0.5, 0.5),), ((0.36, 0.5), (0.64, 0.5)), ((0.5, 0.36), (0.36, 0.62),
 def list_kitchen_tiles(row: Row, body: int, tile_px: int, palette: Palette) -> list[tuple[Any, ...]]:
     """What `draw_kitchen_tile` draws of each cell of a kitchen, row by row; the own cook has a white ring."""
     width, height, cooks = row[:3].tolist()
-    times, figures = row[fields.TIMES : fields.COOK].tolist(), {}
+    times = row[fields.TIMES : fields.COOK].tolist()
+    figures = {}
     for cook, (x, y, *looks) in enumerate(row[fields.COOK :][: 4 * cooks].reshape(cooks, 4).tolist()):
         figures[x, y] = (OBJECT_COLOURS[palette][BODY_COLOURS[cook]], *looks, cook == body)
     places = row[fields.COOK + 4 * cooks :].reshape(2, width, height).tolist()
@@ -176,7 +179,8 @@ def _cook(colour: RGB, direction: int, held: int, own: bool, size_px: int) -> Fi
         canvas.fill(canvas.disc(0.5, 0.5, 0.47), _PLATE)
     canvas.fill(canvas.disc(0.5, 0.5, 0.42), _DARK)
     canvas.fill(canvas.disc(0.5, 0.5, 0.38), colour)
-    hat_u, hat_v = 0.5 - 0.1 * forward[0], 0.5 - 0.1 * forward[1]
+    hat_u = 0.5 - 0.1 * forward[0]
+    hat_v = 0.5 - 0.1 * forward[1]
     canvas.fill(canvas.disc(hat_u, hat_v, 0.22), shade(colour, -0.4))
     canvas.fill(canvas.disc(hat_u, hat_v, 0.19), _PLATE)
     tip = (0.5 + 0.49 * forward[0], 0.5 + 0.49 * forward[1])
