@@ -37,7 +37,7 @@ from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.operating_system import find_case_twin, make_private_folder
 from minihuman.storage.journal import Journal, JournalState
 from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
-from minihuman.storage.system import wall_time
+from minihuman.storage.system import now_text
 from minihuman.worlds.outcomes import OUTCOME_RULES
 
 
@@ -400,8 +400,3 @@ def _check_list(begun: SlotTaken | None, study_dir: Path, protocol: Protocol) ->
             f"makes {digest[:12]}; restore its seed, groups, keys and actions, rename "
             f"{protocol.study.name!r}, or use another data folder"
         )
-
-
-def now_text() -> str:
-    """The time for an entry: ISO 8601, UTC, whole seconds."""
-    return wall_time().isoformat(timespec="seconds").replace("+00:00", "Z")

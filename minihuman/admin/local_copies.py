@@ -113,7 +113,8 @@ def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -
 
 def _record_departure(study_dir: Path, code: str) -> None:
     """Free the slot in this machine's own enrolment log, where the participant has one."""
-    from minihuman.admin.enrolment_log import now_text, record_departure
+    from minihuman.admin.enrolment_log import record_departure
+    from minihuman.storage.system import now_text
 
     journal = open_enrolment_log(study_dir)
     if find_database_url(study_dir) or not journal.begun:

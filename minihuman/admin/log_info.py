@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from minihuman.admin.enrolment_entries import NO_NOTE, AuditNote, LogRecovered
-from minihuman.admin.enrolment_log import now_text, record_intervention
+from minihuman.admin.enrolment_log import record_intervention
 from minihuman.admin.manifest import record_log_end, record_missing_heads
 from minihuman.admin.session_summary import SessionSummary
 from minihuman.dataset.measures import playing_s, response_ms
@@ -35,6 +35,7 @@ from minihuman.log.record.finalization import FinalizedLog, find_leftovers, reco
 from minihuman.log.record.session_leases import SessionLeases
 from minihuman.log.salvage.summary_section import all_ended_cleanly
 from minihuman.storage.lease import open_lease_table
+from minihuman.storage.system import now_text
 
 _READ = frozenset({topics.PLAN, topics.EPISODE_END, topics.SKIP, topics.PART_END, topics.SESSION_END})
 

@@ -16,7 +16,7 @@ from minihuman.admin.enrolment_entries import (
     read_enrolled,
     read_enrolment_log,
 )
-from minihuman.admin.enrolment_log import draw_slot, now_text, record_intervention, take_slot
+from minihuman.admin.enrolment_log import draw_slot, record_intervention, take_slot
 from minihuman.admin.manifest import record_missing_heads
 from minihuman.admin.session_index import read_session_index
 from minihuman.admin.session_summary import SessionSummary
@@ -32,7 +32,7 @@ from minihuman.log.paths import PART_SUFFIX, list_sessions, session_folder
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.file_lock import is_being_recorded
 from minihuman.log.record.finalization import find_leftovers, recover_log
-from minihuman.storage.system import wall_time
+from minihuman.storage.system import now_text, wall_time
 
 
 def plan_next_session(

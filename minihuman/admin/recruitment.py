@@ -17,11 +17,10 @@ from typing import Any
 
 import msgspec
 
-from minihuman.admin.enrolment_log import now_text
 from minihuman.storage.durable_files import sync_folder, write_durably
 from minihuman.storage.journal import Journal, JournalState, LockedJournal
 from minihuman.storage.study_journals import ARRIVALS_FILE_NAME, find_database_url, open_journal
-from minihuman.storage.system import current_system
+from minihuman.storage.system import current_system, now_text
 
 IDS_FILE_NAME = "platform-ids.jsonl"
 SECRET_FILE_NAME = "arrivals.secret"

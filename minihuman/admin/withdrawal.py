@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 from minihuman.admin.enrolment_entries import NO_NOTE, AuditNote, ParticipantReplaced, ParticipantWithdrawn
-from minihuman.admin.enrolment_log import now_text, record_departure
+from minihuman.admin.enrolment_log import record_departure
 from minihuman.admin.erasure_ledger import find_pending_machines
 from minihuman.admin.local_copies import erase_local_copy, record_erasure
 from minihuman.admin.recorded_outputs import note_withdrawal
@@ -28,7 +28,7 @@ from minihuman.log.record.file_lock import is_being_recorded
 from minihuman.storage.durable_files import UNFINISHED_SUFFIX, hash_file, replace_durably, sync_folder
 from minihuman.storage.erasure import erase
 from minihuman.storage.remote_store import RemoteStoreError
-from minihuman.storage.system import current_system
+from minihuman.storage.system import current_system, now_text
 
 MAX_REASONS = 5  # that an error names
 

@@ -138,9 +138,9 @@ def annotate(
 
     Example: minihuman annotate sub-01_ses-01.mcap --episode 3 --tag exclude --note "the phone rang"
     """
-    from minihuman.admin.enrolment_log import now_text
     from minihuman.dataset.annotations import Annotation, add_annotation
     from minihuman.log.read.session_reader import read_log
+    from minihuman.storage.system import now_text
 
     session = read_log(log)
     note = ask_reason(note)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from minihuman.admin.enrolment_entries import ParticipantReplaced
-from minihuman.admin.enrolment_log import free_slot, now_text, record_departure, require_free_slots
+from minihuman.admin.enrolment_log import free_slot, record_departure, require_free_slots
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import plan_next_session
 from minihuman.display.windows.window import VirtualClock
@@ -40,6 +40,7 @@ from minihuman.simulation.participant import (
     SimulatedParticipant,
     make_participant,
 )
+from minihuman.storage.system import now_text
 from minihuman.worlds.adapters.world import World
 
 

@@ -30,7 +30,7 @@ from minihuman.activities.team.requests import (
     TeamRequest,
 )
 from minihuman.admin.enrolment_entries import TeamRecorded, list_team_entries
-from minihuman.admin.enrolment_log import now_text, record_team
+from minihuman.admin.enrolment_log import record_team
 from minihuman.admin.policies import PolicyStore
 from minihuman.experiment.machine.activity import ActivityRequest, RequestHandler
 from minihuman.experiment.machine.inputs import ActivityInput
@@ -42,7 +42,7 @@ from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.moved import forward_names
 from minihuman.runtime.seat_agents import SeatAgents
 from minihuman.runtime.team_history import TeamBlockKey, read_team_history
-from minihuman.storage.system import monotonic_s
+from minihuman.storage.system import monotonic_s, now_text
 
 PRESENCE_S = 3.0  # who waits in a lobby asks several times a second
 

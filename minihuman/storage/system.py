@@ -117,3 +117,8 @@ def wall_time() -> datetime:
 def monotonic_s() -> float:
     """Read the monotonic clock, in seconds."""
     return current_system().clock.monotonic_ns() / 1e9
+
+
+def now_text() -> str:
+    """Return the time for an entry: ISO 8601, UTC, whole seconds."""
+    return wall_time().isoformat(timespec="seconds").replace("+00:00", "Z")

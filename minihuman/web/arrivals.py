@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 from minihuman.admin.enrolment_entries import AuditNote
-from minihuman.admin.enrolment_log import free_slot, now_text
+from minihuman.admin.enrolment_log import free_slot
 from minihuman.admin.manifest import find_unrecorded_logs, record_log_end
 from minihuman.admin.next_session import is_session_complete, plan_next_session
 from minihuman.admin.recruitment import LinkIssued, ParticipantArrived, PlatformId, Recruitment, hash_link_token
@@ -31,6 +31,7 @@ from minihuman.log.record.finalization import find_leftovers
 from minihuman.log.record.session_leases import Lease, SessionLeases, name_session
 from minihuman.storage.lease import LeaseHeldError
 from minihuman.storage.remote_store import RemoteStoreError
+from minihuman.storage.system import now_text
 from minihuman.web.arrival_signature import SIGNATURE_PARAMETER, is_signed
 
 LOG = logging.getLogger("minihuman")

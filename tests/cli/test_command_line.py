@@ -5,6 +5,7 @@ import json
 import subprocess
 import sys
 from importlib import import_module
+from keyword import iskeyword
 from pathlib import Path
 
 import click
@@ -44,7 +45,8 @@ def test_the_usage_of_a_command_brackets_the_arguments_that_may_be_left_out(comm
 
 @pytest.mark.parametrize(("module", "name"), COMMANDS)
 def test_the_help_of_all_commands_has_each_ones_first_line(module, name):
-    command = getattr(import_module(f"minihuman.cli.{module}"), name)
+    function = f"{name}_" if iskeyword(name) else name
+    command = getattr(import_module(f"minihuman.cli.{module}"), function)
     text = command.help if isinstance(command, Subgroup) else inspect.getdoc(command)
     assert text.splitlines()[0] == SECTIONS[module][name]
 

@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from minihuman.admin.enrolment_entries import SlotFreed, open_enrolment_log
-from minihuman.admin.enrolment_log import now_text
 from minihuman.log.paths import study_folder
 from minihuman.log.record.finalization import FinalizedLog, NotPublishedError, recover_log
 from minihuman.log.record.session_leases import Lease, SessionLeases
 from minihuman.storage.lease import LeaseGrant, LeaseRenewal
-from minihuman.storage.system import current_system
+from minihuman.storage.system import current_system, now_text
 from minihuman.web.connection import Connection
 from tests.fault_simulation.database import Database, DatabaseError, LeaseDatabase
 from tests.fault_simulation.page import Press, Tab

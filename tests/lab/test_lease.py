@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from minihuman.admin.enrolment_entries import ChainHeadRecorded, read_chain_heads, read_enrolment_log
-from minihuman.admin.enrolment_log import now_text
 from minihuman.admin.manifest import find_unrecorded_logs
 from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.recruitment import ParticipantArrived, Recruitment, hash_link_token
@@ -29,6 +28,7 @@ from minihuman.storage.lease import (
     LogPiece,
 )
 from minihuman.storage.remote_store import STORE_URL_FILE_NAME
+from minihuman.storage.system import now_text
 from minihuman.web.arrivals import Arrivals
 from minihuman.web.connection import Connection
 from minihuman.web.connection_factory import ConnectionFactory

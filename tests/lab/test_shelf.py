@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from minihuman.admin.enrolment_log import now_text
 from minihuman.admin.manifest import record_log_end
 from minihuman.admin.next_session import plan_next_session
 from minihuman.admin.recruitment import ParticipantArrived, hash_link_token
@@ -25,6 +24,7 @@ from minihuman.storage.remote_store import (
     open_remote_store,
 )
 from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
+from minihuman.storage.system import now_text
 from minihuman.web.arrivals import Arrival, Arrivals, Rejection
 from minihuman.web.hosted_session import HostStorage, start_host
 from minihuman.web.outbox import PageSettings

@@ -12,7 +12,6 @@ from urllib.parse import parse_qs, urlsplit
 
 import msgspec
 
-from minihuman.admin.enrolment_log import now_text
 from minihuman.admin.recruitment import Recruitment
 from minihuman.admin.status import format_status
 from minihuman.errors import LogError
@@ -26,6 +25,7 @@ from minihuman.runtime.http_guard import (
 )
 from minihuman.runtime.session_loop import CommandRequest, send_command
 from minihuman.runtime.watch.running_sessions import IdleWorker, RunningSessions, ThrottledCall
+from minihuman.storage.system import now_text
 
 ADDRESS = "127.0.0.1"
 _LONGEST = 10_000  # bytes of a request

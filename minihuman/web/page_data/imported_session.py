@@ -15,7 +15,6 @@ from typing import Any
 import msgspec
 
 from minihuman.admin.enrolment_entries import SlotTaken, open_enrolment_log
-from minihuman.admin.enrolment_log import now_text
 from minihuman.admin.manifest import record_log_end
 from minihuman.display.windows.window import VirtualClock, Window
 from minihuman.experiment.keys import RESERVED_KEYS
@@ -33,6 +32,7 @@ from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.log.record.recorder import BufferedRecorder
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
 from minihuman.runtime.session_loop import run_session
+from minihuman.storage.system import now_text
 from minihuman.web.page_data.page_episodes import PageDataError, PageEpisode
 from minihuman.worlds.adapters.world import World
 
