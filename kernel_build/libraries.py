@@ -100,12 +100,12 @@ class Platform:
 
     @property
     def is_here(self) -> bool:
-        """Whether it is this system and kind of processor."""
+        """Return whether it is this system and kind of processor."""
         return [self.system, self.machine] == library_manifest.HERE
 
     @property
     def file(self) -> str:
-        """The library's name."""
+        """Return name the library's file."""
         return f"kernels-{self.system}-{self.target.cpu}{self.target.suffix}"
 
 

@@ -72,9 +72,9 @@ def link_objects(objects: Sequence[bytes], names: Sequence[str], target: Target)
         out = Path(folder, "out")
         exported = [f"{_EXPORT[target.linker]}{name}" for name in names if target.linker in _EXPORT]
         output = [f"/out:{out}"] if target.linker == "lld-link" else ["-o", str(out)]
-        done = subprocess.run([*command, *exported, *output, *map(str, paths)], capture_output=True, text=True)
-        if done.returncode:
-            raise BuildError(f"{target.linker} refused: {(done.stderr or done.stdout).strip()[:2000]}")
+        completed = subprocess.run([*command, *exported, *output, *map(str, paths)], capture_output=True, text=True)
+        if completed.returncode:
+            raise BuildError(f"{target.linker} refused: {(completed.stderr or completed.stdout).strip()[:2000]}")
         return out.read_bytes()
 
 

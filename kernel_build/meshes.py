@@ -23,14 +23,14 @@ WHITE: Rgb = (1.0, 1.0, 1.0)  # to be tinted: balls and keys come in colours
 
 
 def circle(quarter: int) -> F64:
-    """Points once around the unit circle, ``quarter`` of them in each quarter, (4 * quarter, 2)."""
+    """Return points once around the unit circle, ``quarter`` of them in each quarter, (4 * quarter, 2)."""
     t = np.arange(quarter) / quarter
     x, y = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
     return np.concatenate([np.column_stack(pair) for pair in ((x, y), (-y, x), (-x, -y), (y, -x))])
 
 
 def turned(profile: Sequence[tuple[float, float]], colour: Rgb, *, quarter: int = 5, smooth: bool = False) -> Part:
-    """A profile of (radius, height), from the bottom up, turned around the vertical axis."""
+    """Turn a profile of (radius, height), from the bottom up, around the vertical axis."""
     around = circle(quarter)
     count = len(around)
     points = np.array(profile, np.float64)
@@ -58,7 +58,7 @@ def turned(profile: Sequence[tuple[float, float]], colour: Rgb, *, quarter: int 
 
 
 def ball(centre: Point, radii: Point, colour: Rgb, *, quarter: int = 4) -> Part:
-    """A ball, longer along some axes than others."""
+    """Make a ball, longer along some axes than others."""
     half = circle(quarter)[: 2 * quarter + 1]
     profile = [(float(y), float(-x)) for x, y in half]
     profile[0], profile[-1] = (0.0, -1.0), (0.0, 1.0)
@@ -70,7 +70,7 @@ def ball(centre: Point, radii: Point, colour: Rgb, *, quarter: int = 4) -> Part:
 
 
 def block(low: Point, high: Point, colour: Rgb) -> Part:
-    """A box between two corners."""
+    """Make a box between two corners."""
     size = np.array(high) - np.array(low)
     base = np.array([(low[0] + high[0]) / 2, low[1], (low[2] + high[2]) / 2])
     corners, normals = [], []
@@ -84,7 +84,7 @@ def block(low: Point, high: Point, colour: Rgb) -> Part:
 
 
 def assemble(parts: Sequence[Part], half_width: float, height: float, half_depth: float) -> MeshData:
-    """Parts as one mesh, stretched to a size and set on the floor."""
+    """Assemble parts into one mesh, stretched to a size and set on the floor."""
     corners, normals = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     stretch = np.array([2 * half_width, height, 2 * half_depth]) / (high - low)
@@ -97,7 +97,7 @@ def assemble(parts: Sequence[Part], half_width: float, height: float, half_depth
 
 
 def build_meshes() -> dict[str, F64]:
-    """Every mesh: corners and normals (n, 3, 3) and colours (n, 3), as "NAME.corners" and so on."""
+    """Build every mesh: corners and normals (n, 3, 3) and colours (n, 3), as "NAME.corners" and so on."""
     arrays: dict[str, F64] = {}
     for name, shape in SHAPES.items():
         mesh = assemble(shape(), *_SIZES[name])
@@ -126,7 +126,7 @@ def _key() -> list[Part]:
 
 
 def _slab(outline: list[tuple[float, float]], half: float, colour: Rgb) -> list[Part]:
-    """A four-cornered plate across the x axis, its outline given as (z, y)."""
+    """Make a four-cornered plate across the x axis, its outline given as (z, y)."""
     front = np.array([[half, y, z] for z, y in outline])
     back = front * np.array([-1.0, 1.0, 1.0])
     quads = [front, back[::-1]]

@@ -69,14 +69,14 @@ def build_page_modules(folder: Path) -> dict[str, Any]:
     modules: dict[str, Any] = {}
     for name, exports in EXPORTS.items():
         lowered = {name: _lower(name, kernel) for name, kernel in exports.items()}
-        codes = [code for _, both in lowered.values() for code in both]
+        codes = [code for _, code_pair in lowered.values() for code in code_pair]
         files = []
         for target in _TARGETS[name]:
             code = link([_COUNTING, *codes], list(lowered), target)
             (folder / f"{name}{target.suffix}").write_bytes(code)
             file = {"file": f"{name}{target.suffix}", "simd": target is PAGE_SIMD, "bytes": len(code)}
             files.append(file | {"sha256": hashlib.sha256(code).hexdigest()})
-        modules[name] = {"files": files, "functions": {name: about for name, (about, _) in lowered.items()}}
+        modules[name] = {"files": files, "functions": {name: description for name, (description, _) in lowered.items()}}
     manifest = {
         "sources": kernels_digest(),
         "numba": numba.__version__,
@@ -89,12 +89,12 @@ def build_page_modules(folder: Path) -> dict[str, Any]:
 
 
 def _lower(name: str, kernel: Any) -> tuple[dict[str, Any], tuple[str, str]]:
-    """What callers of a kernel have to know of its table; and LLVM codes, of the kernel and of the way into it."""
-    written = next(each for found, each in KERNELS.values() if found is kernel)
-    overload = compile_for(kernel, written, written.signatures[0])
-    arguments = list(zip(inspect.signature(written.function).parameters, overload.arguments, strict=True))
+    """Return what callers of a kernel must know of its table, and the LLVM codes of the kernel and its entry."""
+    source = next(registered_source for registered, registered_source in KERNELS.values() if registered is kernel)
+    overload = compile_for(kernel, source, source.signatures[0])
+    arguments = list(zip(inspect.signature(source.function).parameters, overload.arguments, strict=True))
     entry = write_table_entry(name, overload, [parameter == NUMBER for parameter, _ in arguments])
-    about = {
+    description = {
         "arguments": [
             {"name": name, "kind": _kind(kind), "dimensions": getattr(kind, "ndim", 0)}
             for name, kind in arguments
@@ -102,11 +102,11 @@ def _lower(name: str, kernel: Any) -> tuple[dict[str, Any], tuple[str, str]]:
         ],
         "results": [_kind(kind) for kind in results_of(overload)],
     }
-    return about, (overload.code, entry)
+    return description, (overload.code, entry)
 
 
 def _kind(numba_type: Any) -> str:
-    """NumPy's name of what an array is made of; of a number whether it is whole."""
+    """Return name the type of an array's numbers as NumPy does; of a number, whether it is whole."""
     return str(getattr(numba_type, "dtype", "float64" if str(numba_type) == "float64" else "int64"))
 
 

@@ -23,7 +23,7 @@ class CatalogueEntry:
 
     @property
     def id(self) -> str:
-        """The Gymnasium id."""
+        """Return the Gymnasium id."""
         return f"minihuman/{self.name}"
 
 
@@ -165,14 +165,14 @@ GRID_WORLDS: tuple[CatalogueEntry, ...] = (
 
 
 def _level(name: str, level: str, summary: str, **options: Any) -> CatalogueEntry:
-    given = {"family": f"level:{level}", **options}
-    return CatalogueEntry(f"BabyAI-{name}", _MAKE_GRID, given, _BATCH_GRID, summary, guards_itself=True)
+    level_options = {"family": f"level:{level}", **options}
+    return CatalogueEntry(f"BabyAI-{name}", _MAKE_GRID, level_options, _BATCH_GRID, summary, guards_itself=True)
 
 
 def _repaired(
     name: str, level: str, summary: str, *, repair: dict[str, Any], **options: Any
 ) -> tuple[CatalogueEntry, CatalogueEntry]:
-    """The world as it is in Minigrid, and repaired."""
+    """Return the world as it is in Minigrid, and repaired."""
     return (
         _level(f"{name}-v0", level, summary, **options),
         _level(f"{name}-v1", level, f"{summary}, repaired", **options, **repair),
@@ -377,15 +377,15 @@ DRAWN_LEVEL = CatalogueEntry(
 _TEAMS = "minihuman.worlds.grid.layouts.team_layouts"
 
 
-def _team(name: str, where: str, summary: str, **options: Any) -> CatalogueEntry:
-    return CatalogueEntry(f"Team-{name}-v0", where, options, summary=summary, guards_itself=True)
+def _team(name: str, entry_point: str, summary: str, **options: Any) -> CatalogueEntry:
+    return CatalogueEntry(f"Team-{name}-v0", entry_point, options, summary=summary, guards_itself=True)
 
 
 # made by `worlds.team.make_team`: several bodies act at once
 TEAM_WORLDS: tuple[CatalogueEntry, ...] = (
     *(
-        _team(name, "minihuman.worlds.grid.kitchen:Kitchen", f"Cook soups together: {about}", layout=layout)
-        for name, layout, about in (
+        _team(name, "minihuman.worlds.grid.kitchen:Kitchen", f"Cook soups together: {description}", layout=layout)
+        for name, layout, description in (
             ("CrampedRoom", "cramped_room", "a small kitchen in which cooks get into each other's way"),
             ("AsymmetricAdvantages", "asymmetric_advantages", "each side is nearer to something else"),
             ("CoordinationRing", "coordination_ring", "two cooks go round in a circle"),
@@ -434,12 +434,12 @@ def register() -> None:
 
 
 def is_compiled_grid(world_id: str, options: Mapping[str, Any]) -> bool:
-    """Whether a world of ours is a grid that kernels alone step and draw: a page can compute it. Makes no world."""
+    """Return whether kernels alone step and draw a grid world of ours, so that a page can. Makes no world."""
     return world_id in _COMPILED_GRIDS and options.get("view", "grid") == "grid"
 
 
 def is_first_person(world_id: str) -> bool:
-    """Whether a world of ours is seen through its agent's eyes: by our own sine, a page can compute it."""
+    """Return whether a world of ours is first-person: with our own sine, a page can compute it."""
     return world_id in _FIRST_PERSON
 
 

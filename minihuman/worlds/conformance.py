@@ -65,13 +65,13 @@ class Moment(NamedTuple):
 
     @property
     def place(self) -> str:
-        """Where it was: "step 3 of seed 0"."""
+        """Return name the moment: "step 3 of seed 0"."""
         if self.step:
             return f"step {self.step} of seed {self.seed}"
         return f"the reset with seed {self.seed}"
 
     def find_difference(self, other: "Moment") -> str:
-        """The name of the first part that differs, "" if none does; NaN equals NaN."""
+        """Return name the first part that differs, "" if none does; NaN equals NaN."""
         names = ("mission", "observation", "state", "reward", "terminated", "truncated", "picture")
         differing = (name for name in names if not _is_same(getattr(self, name), getattr(other, name)))
         return next(differing, "")
@@ -110,9 +110,11 @@ def _examine(rehearsal: Rehearsal, replay_elsewhere: SecondProcess | None, repor
     with closing(World(rehearsal.world, rehearsal.options)) as world:
         start_s = time.perf_counter() - started_s
         if isinstance(world.actions, VectorActions) and world.actions.unbound:
-            whole = len(world.actions.rest)
-            bound = whole - world.actions.unbound
-            report.notices.append(f"keys move the first {bound} of {whole} parts of an action; the others stay at rest")
+            part_count = len(world.actions.rest)
+            bound = part_count - world.actions.unbound
+            report.notices.append(
+                f"keys move the first {bound} of {part_count} parts of an action; the others stay at rest"
+            )
         if world.is_built_in:
             return
         names = world.action_names
@@ -121,17 +123,17 @@ def _examine(rehearsal: Rehearsal, replay_elsewhere: SecondProcess | None, repor
         if start_s > SLOW_START_S:
             report.notices.append(f"it takes {start_s:.1f} s to make, which a participant waits")
         watch = _ValueWatch(world, report)
-        drawn = play(world, rehearsal, draws=True, watch=watch)
+        with_pictures = play(world, rehearsal, draws=True, watch=watch)
         watch.report_pictures()
         with closing(World(rehearsal.world, rehearsal.options)) as other:
             plain = play(other, rehearsal, draws=False)
-            difference = _describe_difference(drawn, plain)
+            difference = _describe_difference(with_pictures, plain)
             if difference:
                 report.unprovable.append(_explain_replay(rehearsal, difference, plain))
             else:
                 _examine_copy(other, rehearsal, report)
     if replay_elsewhere is not None and not report.unprovable:
-        _compare_processes(drawn, replay_elsewhere(rehearsal), report)
+        _compare_processes(with_pictures, replay_elsewhere(rehearsal), report)
 
 
 def play(world: World, rehearsal: Rehearsal, *, draws: bool, watch: "_ValueWatch | None" = None) -> list[Moment]:
@@ -223,7 +225,7 @@ class _ValueWatch:
             return find_outside(world.observation, world.observation_space)
 
     def _find_type(self, moment: Moment) -> str:
-        """The type of the picture at the reset, where it is not uint8."""
+        """Return the type of the picture at the reset, where it is not uint8."""
         if moment.step or not self._world.draws_itself:
             return ""
         with contain_errors(self._world.id, "render()"):
@@ -245,37 +247,37 @@ class _ValueWatch:
             self._report.notices.append(f"its picture is of {self._type}; fractions are cut off, so return uint8")
 
 
-def _describe_difference(moments: Sequence[Moment], others: Sequence[Moment]) -> str:
-    """Where two plays differ first, "the observation at step 3 of seed 0"; pictures count where both were drawn."""
-    for moment, other in zip(moments, others, strict=False):
+def _describe_difference(moments: Sequence[Moment], other_moments: Sequence[Moment]) -> str:
+    """Say where two plays first differ, "the observation at step 3 of seed 0"; pictures count if both were drawn."""
+    for moment, other in zip(moments, other_moments, strict=False):
         if not (moment.picture and other.picture):
             moment = moment._replace(picture=0)
             other = other._replace(picture=0)
         if part := moment.find_difference(other):
             return f"the {part} at {moment.place}"
-    if len(moments) == len(others):
+    if len(moments) == len(other_moments):
         return ""
     return "how many steps were made"
 
 
-def _explain_replay(rehearsal: Rehearsal, drawn: str, plain: Sequence[Moment]) -> str:
+def _explain_replay(rehearsal: Rehearsal, difference: str, plain: Sequence[Moment]) -> str:
     """Say why a play with pictures differs from one without: by chance that the seed does not govern, or by drawing."""
     with closing(World(rehearsal.world, rehearsal.options)) as world:
         again = play(world, rehearsal, draws=False)
-    undrawn = _describe_difference(plain, again)
-    if not undrawn:
+    repeat_difference = _describe_difference(plain, again)
+    if not repeat_difference:
         return (
-            f"drawing changes it: with pictures {drawn} differs from without; let render() change nothing, so draw no "
-            "random numbers from np_random in it"
+            f"drawing changes it: with pictures {difference} differs from without; let render() change nothing, so "
+            "draw no random numbers from np_random in it"
         )
     unseeded = plain[0].observation == again[0].observation and plain[0].state != again[0].state
     if unseeded:
-        what = "call super().reset(seed=seed) in reset()"
+        remedy = "call super().reset(seed=seed) in reset()"
     else:
-        what = "draw every random number from self.np_random"
+        remedy = "draw every random number from self.np_random"
     return (
-        f"nondeterministic: two plays of one seed differ, first in {undrawn}, so no log proves it; {what}, or set "
-        "record_observations = true in its block, which keeps what was seen"
+        f"nondeterministic: two plays of one seed differ, first in {repeat_difference}, so no log proves it; {remedy}, "
+        "or set record_observations = true in its block, which keeps what was seen"
     )
 
 
@@ -333,11 +335,11 @@ def _go_on(world: World, rehearsal: Rehearsal) -> list[Moment]:
     return moments
 
 
-def _compare_processes(here: Sequence[Moment], there: Sequence[Moment] | str, report: ConformanceReport) -> None:
-    if isinstance(there, str):
-        report.notices.append(f"it was not played in a second process: {there}")
+def _compare_processes(moments: Sequence[Moment], replay: Sequence[Moment] | str, report: ConformanceReport) -> None:
+    if isinstance(replay, str):
+        report.notices.append(f"it was not played in a second process: {replay}")
         return
-    difference = _describe_difference(here, there)
+    difference = _describe_difference(moments, replay)
     if difference.startswith("the picture"):
         report.unprovable.append(
             f"{difference} differs between two plays, and nothing else does, so no log proves what was seen; draw only "

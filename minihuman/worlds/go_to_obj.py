@@ -23,13 +23,13 @@ class Arrangement:
 
     @property
     def mission(self) -> str:
-        """What to do, in words."""
+        """Return what to do, in words."""
         colour, kind = self.objects[self.target]
         return f"go to the {colour} {kind}"
 
     @property
     def matches(self) -> int:
-        """How many of the objects the mission fits: 1 unless it is ambiguous."""
+        """Return how many of the objects the mission fits: 1 unless it is ambiguous."""
         return self.objects.count(self.objects[self.target])
 
 
@@ -40,10 +40,10 @@ def draw_arrangement(rng: np.random.Generator, *, ambiguous: bool = False) -> Ar
     second object.
     """
     if ambiguous:
-        drawn = rng.integers(len(COLOURS), size=4)
+        colour_numbers = rng.integers(len(COLOURS), size=4)
     else:
-        drawn = rng.permutation(len(COLOURS))[:4]
-    colours = drawn.tolist()
+        colour_numbers = rng.permutation(len(COLOURS))[:4]
+    colours = colour_numbers.tolist()
     kinds = rng.integers(len(KINDS), size=4).tolist()
     objects = tuple((COLOURS[colour], KINDS[kind]) for colour, kind in zip(colours, kinds, strict=True))
     return Arrangement(objects, int(rng.integers(4)))

@@ -73,15 +73,15 @@ def kernel(
     else:
         options = {}
 
-    def made(function: F) -> F:
-        written = KernelSource(function, options, variables, signatures, only)
+    def register(function: F) -> F:
+        source = KernelSource(function, options, variables, signatures, only)
         library = _library()
-        stands = function if library is None else library.entry(written) or LateKernel(written)
-        found = _or_plain(stands, partial(_compiled, written))
-        KERNELS[written.name] = found, written
-        return cast(F, found)
+        implementation = function if library is None else library.entry(source) or LateKernel(source)
+        compiled = _or_plain(implementation, partial(_compiled, source))
+        KERNELS[source.name] = compiled, source
+        return cast(F, compiled)
 
-    return made
+    return register
 
 
 def device_function(
@@ -105,7 +105,7 @@ def inline(function: F) -> F:
 
 
 def llvm_function(write: Callable[..., Any], plain: F, *, counts: bool) -> F:
-    """A function for kernels to call whose LLVM instructions ``write`` adds; it is ``plain`` where nothing is compiled.
+    """Make a function for kernels whose LLVM instructions ``write`` adds; uncompiled, it is ``plain``.
 
     Args:
         write: takes LLVM's builder and, for each argument, its kind and value: "array" and an `ArrayStart`, or "int64"
@@ -117,7 +117,7 @@ def llvm_function(write: Callable[..., Any], plain: F, *, counts: bool) -> F:
 
 
 def array_at(kind: type[np.generic]) -> Callable[[int, int], NDArray[Any]]:
-    """A function for kernels: from an address and a count to the array of so many numbers that begins there.
+    """Make a function for kernels: from an address and a count to the array of so many numbers that begins there.
 
     So one table of whole numbers can say where any number of arrays are; its writer keeps them alive.
     """
@@ -130,7 +130,7 @@ def array_at(kind: type[np.generic]) -> Callable[[int, int], NDArray[Any]]:
 
 
 def _or_plain(plain: Any, compile_it: Callable[[], Any]) -> Any:
-    """What stands for a function: itself where a library has the kernels, or what Numba makes of it."""
+    """Return the function itself where a library has the kernels; otherwise what Numba makes of it."""
     if _library() is None:
         return compile_it() if _is_compiling() else plain
     COMPILERS[id(plain)] = plain, compile_it
@@ -138,20 +138,20 @@ def _or_plain(plain: Any, compile_it: Callable[[], Any]) -> Any:
 
 
 @cache
-def _compiled(written: KernelSource) -> Any:
-    return _compiler(written.function).compiled(written)
+def _compiled(source: KernelSource) -> Any:
+    return _compiler(source.function).compiled(source)
 
 
 def _is_compiling() -> bool:
     return os.environ.get("NUMBA_DISABLE_JIT", "0") == "0"
 
 
-def _compiler(wanted: Any) -> Any:
+def _compiler(function: Any) -> Any:
     try:
         from minihuman.worlds.build import compilation
     except ImportError as error:
-        raise MinihumanError(NO_COMPILER.format(getattr(wanted, "__module__", "the worlds"))) from error
-    if str(getattr(wanted, "__module__", "")).startswith("minihuman.") and "MINIHUMAN_KERNELS" not in os.environ:
+        raise MinihumanError(NO_COMPILER.format(getattr(function, "__module__", "the worlds"))) from error
+    if str(getattr(function, "__module__", "")).startswith("minihuman.") and "MINIHUMAN_KERNELS" not in os.environ:
         _announce()
     return compilation
 
@@ -162,12 +162,12 @@ _announce = cache(lambda: LOG.warning(COMPILE_NOTICE))  # once; Python shows it 
 class LateKernel:
     """A kernel of others, which no library has: Numba compiles it when it is first called."""
 
-    def __init__(self, written: KernelSource) -> None:
-        self.written = written
+    def __init__(self, source: KernelSource) -> None:
+        self.source = source
 
     def __call__(self, *arguments: Any) -> Any:
         """Call it, from Python."""
-        return _compiled(self.written)(*arguments)
+        return _compiled(self.source)(*arguments)
 
 
 def _make_array(data: bytearray, kind: int, *shape: int) -> NDArray[Any]:
@@ -200,8 +200,10 @@ class KernelLibrary:
         self._code = ctypes.PyDLL(str(path))
         if not self._code.runs_here():
             raise OSError(f"{path.name} is for newer processors")
-        self.numbers, self.has_all, self._kept = numbers, len(numbers) == count, list[Any]()
-        table: Any = [ctypes.cast(getattr(ctypes.pythonapi, each), ctypes.c_void_p).value for each in API_FUNCTIONS]
+        self.numbers = numbers
+        self.has_all = len(numbers) == count
+        self._references: list[Any] = []
+        table: Any = [ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value for name in API_FUNCTIONS]
         table += map(id, API_OBJECTS)
         (ctypes.c_void_p * len(table)).in_dll(self._code, "api")[:] = table
         self._refusals = (ctypes.c_void_p * count).in_dll(self._code, "refusals")
@@ -209,31 +211,34 @@ class KernelLibrary:
         self._new.argtypes = ctypes.c_void_p, ctypes.c_void_p, ctypes.py_object
         self._new.restype = ctypes.py_object
 
-    def entry(self, written: KernelSource) -> Callable[..., Any] | None:
-        """The function that Python calls for a kernel; None where it is not in the library."""
-        number = self.numbers.get(written.name)
+    def entry(self, source: KernelSource) -> Callable[..., Any] | None:
+        """Return the function that Python calls for a kernel; None where it is not in the library."""
+        number = self.numbers.get(source.name)
         if number is None:
             return None
-        function = written.function
+        function = source.function
         address = ctypes.cast(getattr(self._code, f"kernel_{number}"), ctypes.c_void_p).value
         method = _Method(function.__name__.encode(), address, 0x80, (function.__doc__ or "").encode())  # METH_FASTCALL
-        found: Callable[..., Any] = self._new(ctypes.addressof(method), None, function.__module__)
-        refuse = partial(_refuse, written, found)
+        entry_point: Callable[..., Any] = self._new(ctypes.addressof(method), None, function.__module__)
+        refuse = partial(_refuse, source, entry_point)
         self._refusals[number] = id(refuse)
-        self._kept += method, refuse
-        return found
+        self._references += method, refuse
+        return entry_point
 
 
-def _refuse(written: KernelSource, entry: Callable[..., Any], *given: Any) -> Any:
+def _refuse(source: KernelSource, entry: Callable[..., Any], *arguments: Any) -> Any:
     """Call it again with what the library takes in place of its like, such as NumPy's numbers for Python's.
 
     Raises:
         TypeError: if all was as it should be and yet not what the kernel takes.
     """
-    fitting = [_fitting(each) for each in given]
-    if all(one is other for one, other in zip(given, fitting, strict=True)):
-        kinds = ", ".join(f"{each.dtype}{each.shape}" if isinstance(each, np.ndarray) else repr(each) for each in given)
-        raise TypeError(f"{written.name} takes {' or '.join(written.signatures)}, not ({kinds})")
+    fitting = [_fitting(argument) for argument in arguments]
+    if all(argument is other for argument, other in zip(arguments, fitting, strict=True)):
+        kinds = ", ".join(
+            f"{argument.dtype}{argument.shape}" if isinstance(argument, np.ndarray) else repr(argument)
+            for argument in arguments
+        )
+        raise TypeError(f"{source.name} takes {' or '.join(source.signatures)}, not ({kinds})")
     return entry(*fitting)
 
 
@@ -250,7 +255,7 @@ def _fitting(value: Any) -> Any:
 
 @cache
 def _library() -> KernelLibrary | None:
-    """The library beside this module; None where none is of these kernels and for this machine, or none is wanted."""
+    """Load the library beside this module; None where none fits these kernels and this machine, or none is wanted."""
     if not _is_compiling() or os.environ.get("MINIHUMAN_KERNELS") == "jit":
         return None
     return load_library(LIBRARY_FOLDER)

@@ -41,9 +41,9 @@ def find_mismatch(observation: Any, space: gymnasium.Space[Any], name: str = "th
         case spaces.Box() | spaces.MultiBinary() | spaces.MultiDiscrete():
             return _find_array_mismatch(observation, space, name)
         case spaces.Discrete():
-            whole = isinstance(observation, int | np.integer) and not isinstance(observation, bool | np.bool_)
+            is_integer = isinstance(observation, int | np.integer) and not isinstance(observation, bool | np.bool_)
             is_scalar = isinstance(observation, np.ndarray) and not observation.shape and observation.dtype.kind in "iu"
-            if not (whole or is_scalar):
+            if not (is_integer or is_scalar):
                 return f"{name} is {describe_value(observation)}, and its space holds a whole number"
             inside = int(space.start) <= int(observation) < int(space.start) + int(space.n)
             if inside:

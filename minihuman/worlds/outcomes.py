@@ -41,23 +41,23 @@ class JudgedStep(Protocol):
 
     @property
     def reward(self) -> float:
-        """The step's reward."""
+        """Return the step's reward."""
 
     @property
     def return_(self) -> float:
-        """The sum of rewards so far."""
+        """Return the sum of rewards so far."""
 
     @property
     def terminated(self) -> bool:
-        """Whether the world ended the episode."""
+        """Return whether the world ended the episode."""
 
     @property
     def truncated(self) -> bool:
-        """Whether a limit did."""
+        """Return whether a limit ended the episode."""
 
     @property
     def success(self) -> bool | None:
-        """What the world says of success; None where it says nothing, or was not asked."""
+        """Return what the world says of success; None where it says nothing, or was not asked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class OutcomeRule:
 
     @property
     def may_be_unknown(self) -> bool:
-        """Whether an episode can end without a known outcome."""
+        """Return whether an episode can end without a known outcome."""
         return self.asks_world or not self.conditions
 
     def find_success(self, step: JudgedStep) -> bool | None:

@@ -35,9 +35,9 @@ class _GymnasiumFinder:
     ) -> ModuleSpec | None:
         if fullname != "gymnasium":
             return None
-        others = (finder for finder in sys.meta_path if finder is not self)
-        found = (finder.find_spec(fullname, path, target) for finder in others)
-        spec = next((one for one in found if one is not None), None)
+        other_finders = (finder for finder in sys.meta_path if finder is not self)
+        specs = (finder.find_spec(fullname, path, target) for finder in other_finders)
+        spec = next((candidate for candidate in specs if candidate is not None), None)
         if spec is not None and spec.loader is not None:
             spec.loader = cast("Loader", _RegisteringLoader(spec.loader, self))
         return spec

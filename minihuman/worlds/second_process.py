@@ -23,14 +23,14 @@ TIMEOUT_S = 300.0
 
 def play_in_second_process(rehearsal: Rehearsal) -> Sequence[Moment] | str:
     """Play a rehearsal with pictures in another process; the moments that it gave, or why there is none."""
-    whole = replace(rehearsal, options=resolve_files(rehearsal.options))
+    resolved = replace(rehearsal, options=resolve_files(rehearsal.options))
     with TemporaryDirectory() as folder:
         out = Path(folder, "moments.msgpack")
         try:
             completed = subprocess.run(
                 # -P: do not import what lies in the current folder, unless the path has it
                 [sys.executable, "-P", "-m", __name__, str(out)],
-                input=msgspec.msgpack.encode(whole),
+                input=msgspec.msgpack.encode(resolved),
                 capture_output=True,
                 env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PYTHONHASHSEED": "random"},
                 timeout=TIMEOUT_S,

@@ -19,36 +19,36 @@ _IMPORT = re.compile(r"(?:^|[;:])[ \t]*(?:from\s+([\w.]+)\s+import\s*(\([^)]*\)|
 
 @cache
 def rules_digest() -> str:
-    """Of every source of the worlds that minihuman brings, 16 hexadecimal digits: the same on every machine."""
+    """Digest every source of the worlds that minihuman brings: 16 hexadecimal digits, the same on every machine."""
     return _digest(sorted(_below(files(f"{_OURS}.worlds"), "")))
 
 
 @cache
 def kernels_digest() -> str:
-    """Of all sources that the page's modules are built from: a page with modules of others does not compute."""
+    """Digest all sources that the page's modules are built from: a page with modules of others does not compute."""
     names = _reached(f"{_OURS}.worlds.build.exports", f"{_OURS}.worlds.build.compilation")
     return _digest([(name, _source(name) or "") for name in sorted(names)])
 
 
 def import_closure(*modules: str) -> list[str]:
-    """The files of modules of ours and of all they import from us, by their paths in the package, in order."""
+    """Return the files of our modules and of all they import from us, by their paths in the package, in order."""
     named = [name.removeprefix(f"{_OURS}.").replace(".", "/") for name in _reached(*modules) - {_OURS}]
     packages = {way for way in named if files(_OURS).joinpath(way).is_dir()}
     return sorted(f"{way}/__init__.py" if way in packages else f"{way}.py" for way in named)
 
 
 def _reached(*modules: str) -> set[str]:
-    """Modules and all they import from us, but for what only loads what was compiled.
+    """Return modules and all they import from us, except what only loads compiled code.
 
     Each source is read once a process, when it first counts: an edit made later is not part of what runs now.
     """
-    seen = set(modules)
+    reached = set(modules)
     new = list(modules)
     while new:
-        found = _imports(new.pop()) - seen - {f"{_OURS}.worlds.kernels"}
-        seen |= found
-        new += found
-    return seen
+        imported = _imports(new.pop()) - reached - {f"{_OURS}.worlds.kernels"}
+        reached |= imported
+        new += imported
+    return reached
 
 
 def _digest(sources: list[tuple[str, str]]) -> str:
@@ -68,7 +68,7 @@ def _below(folder: Traversable, path: str) -> Iterator[tuple[str, str]]:
 
 @cache
 def _source(module: str) -> str | None:
-    """What is written in a module of ours; None where there is none of that name."""
+    """Read the source of a module of ours; None where there is none of that name."""
     for path in (_path(module, "/__init__.py"), _path(module)):
         if path.is_file():
             return path.read_text(encoding="utf-8")
@@ -81,14 +81,14 @@ def _path(module: str, suffix: str = ".py") -> Traversable:
 
 @cache
 def _imports(module: str) -> frozenset[str]:
-    """The modules of ours that a module's source imports; those it only seems to do no harm."""
+    """Return the modules of ours that a module's source imports; one too many does no harm."""
     if _path(module, "/__init__.py").is_file():
         package = module
     else:
         package = module.rpartition(".")[0]
-    found: set[str] = set()
+    imported: set[str] = set()
     for source, names, plain in _IMPORT.findall((_source(module) or "").replace("\\\n", " ")):
         bases = [source] if source else plain.split(",")
-        for base in (resolve_name(each.split()[0], package) for each in bases if each.strip()):
-            found |= {base, *(f"{base}.{name}" for name in re.findall(r"\w+", names))}
-    return frozenset(name for name in found if name.partition(".")[0] == _OURS and _source(name) is not None)
+        for base in (resolve_name(clause.split()[0], package) for clause in bases if clause.strip()):
+            imported |= {base, *(f"{base}.{name}" for name in re.findall(r"\w+", names))}
+    return frozenset(name for name in imported if name.partition(".")[0] == _OURS and _source(name) is not None)

@@ -44,7 +44,7 @@ class PictureTiles(NamedTuple):
     draw: Callable[..., NDArray[np.uint8]]  # a tile's pixels, uint8[tile_px, tile_px, 3], from what its key holds
 
     def join(self) -> NDArray[np.uint8]:
-        """The whole picture, uint8[H, W, 3]."""
+        """Return the whole picture, uint8[H, W, 3]."""
         shape = len(self.keys) // self.columns, self.tile_px, self.columns, self.tile_px, 3
         out = np.empty(shape, np.uint8)  # a tenth of the time of np.stack and its copy
         for at, key in enumerate(self.keys):
@@ -87,35 +87,35 @@ class TeamWorld(abc.ABC):
 
     @abc.abstractmethod
     def observation(self, body: int) -> NDArray[Any]:
-        """What a body observes now: an array of `observation_space`, the caller's own."""
+        """Return what a body observes now: an array of `observation_space`, the caller's own."""
 
     @abc.abstractmethod
     def frame(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> NDArray[np.uint8]:
-        """The picture that a person in this body sees, uint8[H, W, 3], at most so many pixels large."""
+        """Draw the picture that a person in this body sees, uint8[H, W, 3], at most so many pixels large."""
 
     def picture_tiles(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> PictureTiles | None:
-        """The picture of `frame` as tiles, of which a page is sent each only once; None where there are none."""
+        """Return the picture of `frame` as tiles, each sent to a page only once; None where there are none."""
         return None
 
     @abc.abstractmethod
     def pose(self, body: int) -> Pose:
-        """Where a body stands and looks; NaN throughout where that is unknown, and `map` does not count then."""
+        """Return where a body stands and looks; NaN throughout where that is unknown, and `map` does not count then."""
 
     @abc.abstractmethod
     def map(self) -> Map:
-        """The floor plan with the things where they are now, without bodies."""
+        """Return the floor plan with the things where they are now, without bodies."""
 
     @abc.abstractmethod
     def state_hash(self) -> int:
-        """A uint64 over everything that decides the future: equal states, equal hashes, on every machine."""
+        """Hash everything that decides the future to a uint64: equal states, equal hashes, on every machine."""
 
     def scene_hash(self) -> int:
-        """The same, without the number of steps taken where no rule goes by it."""
+        """Return the same hash, without the number of steps taken where no rule goes by it."""
         return self.state_hash()
 
     @abc.abstractmethod
     def save(self) -> Any:
-        """An exact, picklable copy of the state in mid-episode."""
+        """Copy the state exactly, in mid-episode; the copy can be pickled."""
 
     @abc.abstractmethod
     def restore(self, saved: Any) -> None:
@@ -138,7 +138,7 @@ class TeamWorld(abc.ABC):
                 )
 
     def batch(self, num_worlds: int) -> "TeamBatch":
-        """So many worlds like this one, for training."""
+        """Make a batch of so many worlds like this one, for training."""
         return TeamBatch(self, num_worlds)
 
 
@@ -157,7 +157,8 @@ class TeamBatch:
     """
 
     def __init__(self, world: TeamWorld, num_worlds: int) -> None:
-        self.world, self.num_worlds = world, check_whole("num_worlds", num_worlds, 1, 1_000_000)
+        self.world = world
+        self.num_worlds = check_whole("num_worlds", num_worlds, 1, 1_000_000)
         space = world.observation_space
         self.observations: NDArray[Any] = np.zeros((num_worlds, world.bodies, *space.shape), space.dtype)
         self.ends = np.zeros(num_worlds, np.bool_)
@@ -185,9 +186,9 @@ class TeamBatch:
         self.check_actions(actions)
         rewards = np.zeros(actions.shape)
         for number, (world, joint) in enumerate(zip(self._worlds, actions.tolist(), strict=True)):
-            done = world.step(joint)
-            rewards[number] = done.rewards
-            self.ends[number] = done.terminated or done.truncated
+            joint_step = world.step(joint)
+            rewards[number] = joint_step.rewards
+            self.ends[number] = joint_step.terminated or joint_step.truncated
             if self.ends[number]:
                 world.reset(int(self._seeds.integers(2**63)))
             self._look(number)
@@ -211,17 +212,17 @@ class TeamBatch:
 
 
 def find_team(world_id: str) -> Callable[..., TeamWorld] | None:
-    """What makes a team world from its options; None where the id is of a world of one body, or of none."""
+    """Return what makes a team world from its options; None where the id is of a world of one body, or of none."""
     module, _, name = world_id.rpartition(":")
     if module:
         importlib.import_module(module)
     spec = gymnasium.registry.get(name)
-    made = None if spec is None else spec.entry_point
-    if isinstance(made, str):
-        where, _, attribute = made.partition(":")
-        made = getattr(importlib.import_module(where), attribute, None)
-    if spec and isinstance(made, type) and issubclass(made, TeamWorld):
-        return partial(made, **spec.kwargs)
+    factory = None if spec is None else spec.entry_point
+    if isinstance(factory, str):
+        module_name, _, attribute = factory.partition(":")
+        factory = getattr(importlib.import_module(module_name), attribute, None)
+    if spec and isinstance(factory, type) and issubclass(factory, TeamWorld):
+        return partial(factory, **spec.kwargs)
     return None
 
 

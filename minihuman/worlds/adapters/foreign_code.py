@@ -19,7 +19,7 @@ class WorldCodeError(WorldError):
 
     @property
     def log_text(self) -> str:
-        """What a log has of it: what the world said, without its place in a file."""
+        """Return the text for a log: the world's own message, without its place in a file."""
         cause = self.__cause__
         if not isinstance(cause, Exception):
             return str(self)
@@ -42,7 +42,7 @@ class RemoteCodeError(WorldCodeError):
 
     @property
     def log_text(self) -> str:
-        """What a log has of it."""
+        """Return the text for a log."""
         return self._log_text
 
 

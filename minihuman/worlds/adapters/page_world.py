@@ -49,9 +49,14 @@ class PageWorld(World):
         return result
 
     def digest(self, reward: float, *, terminated: bool, truncated: bool) -> str:
-        """The digest of the last step and what came of it in the episode, 16 hexadecimal digits."""
+        """Return the digest of the last step and its outcome, 16 hexadecimal digits."""
         digest: Any = digest_step if self._is_grid else digest_state
-        outcome = bytearray(_OUTCOME.pack(reward, TERMINATED if terminated else TRUNCATED if truncated else 0))
+        end = 0
+        if terminated:
+            end = TERMINATED
+        elif truncated:
+            end = TRUNCATED
+        outcome = bytearray(_OUTCOME.pack(reward, end))
         return f"{int(digest(*self._stepped, np.frombuffer(outcome, np.uint64))):016x}"
 
 
@@ -71,7 +76,7 @@ class ActionsVerification:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing differs: the actions from the seed gave these digests and rewards, by the rules here."""
+        """Return whether the actions, played from the seed by the rules here, gave these digests and rewards."""
         return not self.difference
 
 

@@ -42,11 +42,11 @@ class TeamParallelEnv(_Base):  # type: ignore[misc]  # only known where PettingZ
         self._seeds = np.random.default_rng()
 
     def observation_space(self, agent: str) -> spaces.Box:
-        """What an agent can observe."""
+        """Return what an agent can observe."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Discrete:
-        """What an agent can do."""
+        """Return what an agent can do."""
         return self.action_spaces[agent]
 
     def reset(
@@ -65,26 +65,29 @@ class TeamParallelEnv(_Base):  # type: ignore[misc]  # only known where PettingZ
         """Make one joint step; an agent that gives no action idles."""
         idle = self.world.idle_action
         agents = self.agents
-        done = self.world.step([int(actions.get(agent, idle)) for agent in self.possible_agents])
-        if done.terminated or done.truncated:
+        joint_step = self.world.step([int(actions.get(agent, idle)) for agent in self.possible_agents])
+        if joint_step.terminated or joint_step.truncated:
             self.agents = []
         return (
             self._observations(),
-            dict(zip(agents, done.rewards, strict=True)),
-            dict.fromkeys(agents, done.terminated),
-            dict.fromkeys(agents, done.truncated),
-            {agent: {**done.info, **own} for agent, own in zip(agents, done.infos or ({},) * len(agents), strict=True)},
+            dict(zip(agents, joint_step.rewards, strict=True)),
+            dict.fromkeys(agents, joint_step.terminated),
+            dict.fromkeys(agents, joint_step.truncated),
+            {
+                agent: {**joint_step.info, **own}
+                for agent, own in zip(agents, joint_step.infos or ({},) * len(agents), strict=True)
+            },
         )
 
     def _observations(self) -> AgentObservations:
         return {agent: self.world.observation(body) for body, agent in enumerate(self.possible_agents)}
 
     def render(self) -> NDArray[np.uint8]:
-        """What a person in body 0 sees."""
+        """Return what a person in body 0 sees."""
         return self.world.frame(0, 640, 480)
 
     def close(self) -> None:
-        """There is nothing to close."""
+        """Do nothing: there is nothing to close."""
 
 
 def parallel_env(world_id: str, **options: Any) -> TeamParallelEnv:

@@ -163,30 +163,30 @@ def _convert_picture(picture: NDArray[Any]) -> NDArray[np.uint8]:
     return picture.astype(np.uint8)
 
 
-def explain_unhashable(value: Any, where: str = "the observation") -> str:
+def explain_unhashable(value: Any, name: str = "the observation") -> str:
     """Say which part of an observation a log cannot hash, and what to use instead; "" if there is none."""
     match value:
         case dict():
             if any(not isinstance(key, str | int) for key in value) or len({type(key) for key in value}) > 1:
-                return f"{where} has keys that are not all text, or all whole numbers; name its parts by text"
-            parts = [(part, f"{where}[{key!r}]") for key, part in value.items()]
+                return f"{name} has keys that are not all text, or all whole numbers; name its parts by text"
+            parts = [(part, f"{name}[{key!r}]") for key, part in value.items()]
         case tuple() | list():
-            parts = [(part, f"{where}[{number}]") for number, part in enumerate(value)]
+            parts = [(part, f"{name}[{number}]") for number, part in enumerate(value)]
         case np.ndarray():
             holds_objects = value.dtype.hasobject
             if holds_objects:
-                return f"{where} is an array of Python objects; give it a type of numbers"
+                return f"{name} is an array of Python objects; give it a type of numbers"
             return ""
         case str():
             broken = any("\ud800" <= letter <= "\udfff" for letter in value)
             if broken:
-                return f"{where} is text with half a character (a lone surrogate); remove it"
+                return f"{name} is text with half a character (a lone surrogate); remove it"
             return ""
         case None | bool() | int() | float() | bytes() | np.bool_() | np.integer() | np.floating():
             return ""
         case _:
             return (
-                f"{where} is {describe_value(value)}, which a log cannot hash; "
+                f"{name} is {describe_value(value)}, which a log cannot hash; "
                 "use numbers, text, arrays, and dicts, tuples and lists of them"
             )
     return next(filter(None, (explain_unhashable(part, place) for part, place in parts)), "")

@@ -53,14 +53,17 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
 
     @property
     def max_steps(self) -> int:
-        """The world's own limit on an episode's steps."""
+        """Return the world's own limit on an episode's steps."""
         return self.team.max_steps
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode from a seed."""
         super().reset(seed=seed)
         self.team.reset(int(self.np_random.integers(2**31)) if seed is None else seed)
-        self.joint, self.rewards, self.steps, self.mission = None, (), 0, self.team.mission
+        self.joint = None
+        self.rewards = ()
+        self.steps = 0
+        self.mission = self.team.mission
         return self.team.observation(self.seat), {}
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -69,7 +72,7 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
         return self.team.observation(self.seat), reward, terminated, truncated, info
 
     def advance(self, action: int) -> tuple[float, bool, bool]:
-        """A step without its observation."""
+        """Make a step without its observation."""
         return self._advance(action)[:3]
 
     def _advance(self, action: int) -> tuple[float, bool, bool, dict[str, Any]]:
@@ -79,38 +82,40 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
             planned = [self.team.idle_action] * self.team.bodies
         joint = list(planned if self.joint is None else self.joint)
         joint[self.seat] = int(action)
-        found = self.team.step(joint)
-        self.joint, self.rewards, self.steps = None, found.rewards, self.steps + 1
-        own = found.infos[self.seat] if found.infos else {}
-        return found.rewards[self.seat], found.terminated, found.truncated, {**found.info, **own}
+        joint_step = self.team.step(joint)
+        self.joint = None
+        self.rewards = joint_step.rewards
+        self.steps += 1
+        own = joint_step.infos[self.seat] if joint_step.infos else {}
+        return joint_step.rewards[self.seat], joint_step.terminated, joint_step.truncated, {**joint_step.info, **own}
 
     def render(self) -> Any:
-        """What this body's person sees."""
+        """Return what this body's person sees."""
         return self.picture()
 
     def pose(self) -> Pose:
-        """Where this body stands."""
+        """Return where this body stands."""
         return self.team.pose(self.seat)
 
     def poses(self) -> tuple[Pose, ...]:
-        """Where each body stands, by seat; nothing where that is unknown."""
+        """Return where each body stands, by seat; nothing where that is unknown."""
         poses = map(self.team.pose, range(self.team.bodies))
         return tuple(pose for pose in poses if not math.isnan(pose.x))
 
     def map(self) -> Map:
-        """The floor plan."""
+        """Return the floor plan."""
         return self.team.map()
 
     def state_hash(self) -> int:
-        """The team's: the same for each seat."""
+        """Return the team's hash, the same for each seat."""
         return self.team.state_hash()
 
     def scene_hash(self) -> int:
-        """The team's: the same for each seat."""
+        """Return the team's hash, the same for each seat."""
         return self.team.scene_hash()
 
     def save(self) -> Any:
-        """The team's state and what belongs to the seat."""
+        """Return the team's state and what belongs to the seat."""
         return self.team.save(), self.steps, self.rewards
 
     def restore(self, saved: Any) -> None:
@@ -122,7 +127,7 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """The picture that this body's person sees; a world that can show either view shows this one."""
+        """Return the picture that this body's person sees; a world that can show either view shows this one."""
         if hasattr(self.team, "view"):
             self.team.view = view
         return self.team.frame(self.seat, *size_px, palette=palette)

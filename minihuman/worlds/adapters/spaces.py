@@ -55,19 +55,19 @@ class DiscreteActions:
 
     @property
     def numbers(self) -> range:
-        """The actions that a key can do."""
+        """Return the actions that a key can do."""
         return range(len(self.names))
 
-    def combine(self, held: Sequence[int]) -> tuple[int, ActionVector]:
-        """The action of several that are held, the latest last: the environment's own chord, else the latest's."""
-        return self.chords.get(frozenset(held), held[-1]), ()
+    def combine(self, numbers: Sequence[int]) -> tuple[int, ActionVector]:
+        """Return the action of several pressed keys, the latest last: the environment's own chord, or the latest's."""
+        return self.chords.get(frozenset(numbers), numbers[-1]), ()
 
     def resolve(self, action: Action) -> tuple[int, ActionVector]:
-        """An action's number and vector, which is ()."""
+        """Return an action's number and vector, which is ()."""
         return action, ()  # type: ignore[return-value]
 
     def value(self, action: Action) -> Any:
-        """What the environment's ``step`` takes.
+        """Return what the environment's ``step`` takes.
 
         Raises:
             WorldError: if there is no such action.
@@ -96,12 +96,12 @@ class VectorActions:
         self._space = space
         low: list[float] = []
         high: list[float] = []
-        rest: list[float] = []
+        rest_vector: list[float] = []
         adds: list[bool] = []  # by component: opposite directions cancel each other
-        whole: list[bool] = []  # whether it takes whole numbers alone
+        is_integral: list[bool] = []  # whether it takes whole numbers alone
         elements: list[ActionElement] = []
         for leaf in _list_leaves(space):
-            start = len(rest)
+            start = len(rest_vector)
             match leaf:
                 case spaces.Box():
                     ends = [np.asarray(end, np.float64).ravel() for end in (leaf.low, leaf.high)]
@@ -128,43 +128,46 @@ class VectorActions:
                     )
             low += ends[0].tolist()
             high += ends[1].tolist()
-            rest += still.tolist()
+            rest_vector += still.tolist()
             adds += [isinstance(leaf, spaces.Box | spaces.MultiBinary)] * len(still)
-            whole += [leaf.dtype is not None and leaf.dtype.kind in "iub"] * len(still)
-        self._low, self._high, self._adds, self._whole = np.array(low), np.array(high), adds, whole
-        self.rest: ActionVector = tuple(rest)
+            is_integral += [leaf.dtype is not None and leaf.dtype.kind in "iub"] * len(still)
+        self._low = np.array(low)
+        self._high = np.array(high)
+        self._adds = adds
+        self._is_integral = is_integral
+        self.rest: ActionVector = tuple(rest_vector)
         self._elements = tuple(elements)
         self.names = (REST, *(element.name for element in elements), CHORD)
 
     @property
     def unbound(self) -> int:
-        """How many components no element moves; they stay at rest."""
+        """Return how many components no element moves; they stay at rest."""
         return len(self.rest) - len({element.component for element in self._elements})
 
     @property
     def numbers(self) -> range:
-        """The actions that a key can do: rest and the elements."""
+        """Return the actions that a key can do: rest and the elements."""
         return range(len(self._elements) + 1)
 
-    def combine(self, held: Sequence[int]) -> tuple[int, ActionVector]:
-        """The vector of several elements that are held, the latest last, and its number among ``names``."""
+    def combine(self, numbers: Sequence[int]) -> tuple[int, ActionVector]:
+        """Return the vector of several pressed elements, the latest last, and its number among ``names``."""
         vector = list(self.rest)
-        for number in held:
+        for number in numbers:
             if number not in self.numbers:
                 raise WorldError(f"action {number!r} is not in {self._space}; use one of {', '.join(self.names[:-1])}")
             if number:
                 element = self._elements[number - 1]
                 adds = self._adds[element.component]
                 if adds:
-                    rest = self.rest[element.component]
+                    base = self.rest[element.component]
                 else:
-                    rest = vector[element.component]
-                vector[element.component] += element.value - rest
-        found = tuple(np.clip(vector, self._low, self._high).tolist())
-        return self._number(found), found
+                    base = vector[element.component]
+                vector[element.component] += element.value - base
+        clipped = tuple(np.clip(vector, self._low, self._high).tolist())
+        return self._number(clipped), clipped
 
     def move(self, vector: ActionVector, component: int, share: float) -> ActionVector:
-        """A vector with one component moved from where it is: by -1..1 of the way from rest to an end.
+        """Return a vector with one component moved by a share (-1..1) of the way from rest to an end.
 
         One that takes whole numbers alone is rounded.
 
@@ -175,11 +178,11 @@ class VectorActions:
         end = (self._high if share > 0 else self._low)[component]
         reach = abs(end - self.rest[component]) if np.isfinite(end) else 1.0
         moved = [*vector]
-        moved[component] += round(share * reach) if self._whole[component] else share * reach
+        moved[component] += round(share * reach) if self._is_integral[component] else share * reach
         return tuple(np.clip(moved, self._low, self._high).tolist())
 
     def point(self, vector: ActionVector, component: int, share: float) -> ActionVector:
-        """A vector with one component at 0..1 of its range: of whole numbers the one whose cell holds the point.
+        """Return a vector with one component at 0..1 of its range; whole numbers take the cell with the point.
 
         Raises:
             WorldError: if there is no such component, or it has no range.
@@ -190,7 +193,9 @@ class VectorActions:
         if not np.isfinite(high - low):
             raise WorldError(f"component {component} of {self._space} has no bounds, so no point of a picture is its")
         cells = high - low + 1
-        value = low + (min(np.floor(share * cells), cells - 1) if self._whole[component] else share * (high - low))
+        value = low + (
+            min(np.floor(share * cells), cells - 1) if self._is_integral[component] else share * (high - low)
+        )
         return (*vector[:component], float(value), *vector[component + 1 :])
 
     def require_component(self, component: int) -> None:
@@ -199,14 +204,18 @@ class VectorActions:
             raise WorldError(f"component {component} does not exist; {self._space} has {len(self.rest)}, from 0")
 
     def resolve(self, action: Action) -> tuple[int, ActionVector]:
-        """An action's number and vector."""
+        """Return an action's number and vector."""
         if isinstance(action, tuple):
             return (self._number(action), action)
         return self.combine([action])
 
     def _number(self, vector: ActionVector) -> int:
-        """A vector's number among ``names``: rest, the element that it is, or ``chord``."""
-        moved = [place for place, (now, rest) in enumerate(zip(vector, self.rest, strict=True)) if now != rest]
+        """Return a vector's number among ``names``: rest, the element that it is, or ``chord``."""
+        moved = [
+            place
+            for place, (now, rest_component) in enumerate(zip(vector, self.rest, strict=True))
+            if now != rest_component
+        ]
         if not moved:
             return 0
         single = (
@@ -217,7 +226,7 @@ class VectorActions:
         return next(single, len(self.names) - 1)
 
     def value(self, action: Action) -> Any:
-        """What the environment's ``step`` takes, of its own type and shape.
+        """Return what the environment's ``step`` takes, of its own type and shape.
 
         Raises:
             WorldError: if there is no such action.
@@ -234,21 +243,21 @@ class VectorActions:
 
 
 def _list_leaves(space: gymnasium.Space[Any]) -> list[gymnasium.Space[Any]]:
-    """The spaces of a Dict or Tuple, of those in it too; else the space itself."""
+    """List the leaves of nested Dict and Tuple spaces, depth first; of another space, the space itself."""
     match space:
         case spaces.Dict() | spaces.Tuple():
             inner = space.spaces.values() if isinstance(space, spaces.Dict) else space.spaces
-            return [leaf for one in inner for leaf in _list_leaves(one)]
+            return [leaf for part in inner for leaf in _list_leaves(part)]
     return [space]
 
 
 def _assemble(space: gymnasium.Space[Any], components: Iterator[float]) -> Any:
-    """A value of a space from its components."""
+    """Assemble a value of a space from its components."""
     match space:
         case spaces.Dict():
-            return {name: _assemble(one, components) for name, one in space.spaces.items()}
+            return {name: _assemble(part, components) for name, part in space.spaces.items()}
         case spaces.Tuple():
-            return tuple(_assemble(one, components) for one in space.spaces)
+            return tuple(_assemble(part, components) for part in space.spaces)
         case spaces.Discrete():
             return int(next(components))
     size = int(np.prod(space.shape or ()))
@@ -261,25 +270,25 @@ ActionInterface = DiscreteActions | VectorActions
 def _axis_elements(
     low: np.ndarray[Any, np.dtype[np.float64]],
     high: np.ndarray[Any, np.dtype[np.float64]],
-    rest: np.ndarray[Any, np.dtype[np.float64]],
+    rest_vector: np.ndarray[Any, np.dtype[np.float64]],
     start: int,
     most: int,
 ) -> list[ActionElement]:
-    """Both directions of each of the first axes, to its bound; an axis without a bound moves by 1."""
-    found = []
+    """Return both directions of the first axes, each to its bound; an axis without a bound moves by 1."""
+    elements = []
     for axis in range(max(0, min(len(low), most))):
         for sign, end in (("minus", low[axis]), ("plus", high[axis])):
             if np.isfinite(end):
                 value = float(end)
             else:
-                value = float(rest[axis]) + (1.0 if sign == "plus" else -1.0)
-            if value != rest[axis]:
-                found.append(ActionElement(f"axis_{start + axis}_{sign}", start + axis, value))
-    return found
+                value = float(rest_vector[axis]) + (1.0 if sign == "plus" else -1.0)
+            if value != rest_vector[axis]:
+                elements.append(ActionElement(f"axis_{start + axis}_{sign}", start + axis, value))
+    return elements
 
 
 def find_chords(env: gymnasium.Env[Any, Any], count: int, first: int) -> dict[frozenset[int], int]:
-    """Which actions, held together, are which other, by the environment's own ``get_keys_to_action``.
+    """Find which actions, pressed together, mean another one, by the environment's own ``get_keys_to_action``.
 
     The keys themselves are not taken over: a key alone names an action, several keys the chord of their actions.
     """
@@ -291,11 +300,11 @@ def find_chords(env: gymnasium.Env[Any, Any], count: int, first: int) -> dict[fr
         number = int(action) - first if isinstance(action, int | np.integer) else -1
         if 0 <= number < count:
             known[tuple(keys) if isinstance(keys, tuple | list | str) else (keys,)] = number
-    alone = {keys[0]: number for keys, number in known.items() if len(keys) == 1}
+    by_key = {keys[0]: number for keys, number in known.items() if len(keys) == 1}
     return {
-        frozenset(alone[key] for key in keys): number
+        frozenset(by_key[key] for key in keys): number
         for keys, number in known.items()
-        if len(keys) > 1 and all(key in alone for key in keys)
+        if len(keys) > 1 and all(key in by_key for key in keys)
     }
 
 
@@ -321,7 +330,7 @@ def build_actions(world_id: str, env: gymnasium.Env[Any, Any]) -> ActionInterfac
 
 
 def _action_names(env: Any, count: int, first: int) -> tuple[str, ...]:
-    """The world's own names, in order; numbers where it has none."""
+    """Return the world's own names, in order; numbers where it has none."""
     names = getattr(env, "action_names", None)
     if names is not None:
         return tuple(str(name) for name in names)[:count]
@@ -343,5 +352,5 @@ def _action_names(env: Any, count: int, first: int) -> tuple[str, ...]:
 
 @cache
 def _load_names() -> dict[str, list[str]]:
-    """The names that Gymnasium's own environments do not have, by class."""
+    """Return the names that Gymnasium's own environments do not have, by class."""
     return tomllib.loads(files(__package__).joinpath("action_names.toml").read_text(encoding="utf-8"))

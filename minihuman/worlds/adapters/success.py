@@ -40,7 +40,7 @@ def find_info(info: Mapping[str, Any], key: str) -> Any:
 
 
 def has_info(info: Mapping[str, Any], key: str) -> bool:
-    """Whether ``info`` has a key."""
+    """Return whether ``info`` has a key."""
     return find_info(info, key) is not _MISSING
 
 
@@ -64,12 +64,12 @@ def convert_to_flag(content: Any) -> bool | None:
 
 def encode_info(info: Mapping[str, Any], keys: Sequence[str]) -> str:
     """Encode chosen keys of ``info`` as JSON; a key that is not there is left out, what no table holds is null."""
-    kept = {key: _to_plain(find_info(info, key)) for key in keys if has_info(info, key)}
-    return json.dumps(kept, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+    chosen = {key: _to_plain(find_info(info, key)) for key in keys if has_info(info, key)}
+    return json.dumps(chosen, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
 
 
 def can_keep(content: Any) -> bool:
-    """Whether a log can keep a value of ``info`` whole."""
+    """Return whether a log can keep a value of ``info`` whole."""
     if isinstance(content, Mapping):
         return all(isinstance(key, str) and can_keep(inner) for key, inner in content.items())
     if isinstance(content, list | tuple):

@@ -30,7 +30,7 @@ _MINIGRID_COLOURS = {
 
 
 def is_minigrid_like(env: Any) -> bool:
-    """Whether an unwrapped environment keeps its state the way Minigrid's do."""
+    """Return whether an unwrapped environment keeps its state the way Minigrid's do."""
     return all(hasattr(env, name) for name in ("grid", "agent_pos", "agent_dir", "get_frame")) and hasattr(
         env.grid, "encode"
     )
@@ -43,33 +43,33 @@ class _Adapter(NativeWorld):
         self._env = env
 
     def state_hash(self) -> int:
-        """Everything in the environment that decides the future, the random stream included."""
+        """Hash everything in the environment that decides the future, the random stream included."""
         return hash64(self._scene() | {"steps": int(self._env.step_count)})
 
     def scene_hash(self) -> int:
-        """The same without the step count."""
+        """Return the same hash without the step count."""
         return hash64(self._scene())
 
     def advance(self, action: int) -> tuple[float, bool, bool]:
-        """A step; the environment knows none without an observation."""
+        """Make a step; the environment knows none without an observation."""
         _, reward, terminated, truncated, _ = self._env.step(action)
         return float(reward), bool(terminated), bool(truncated)
 
     @abc.abstractmethod
     def _scene(self) -> dict[str, Any]:
-        """What is hashed."""
+        """Return what is hashed."""
 
 
 class MinigridAdapter(_Adapter):
     """A Minigrid-like environment; its hash covers cells, box contents, pose, load, mission and steps."""
 
     def pose(self) -> Pose:
-        """Column, 0, row and heading."""
+        """Return column, 0, row and heading."""
         column, row = self._env.agent_pos
         return Pose(x=float(column), y=0.0, z=float(row), yaw_rad=_YAW_RAD[int(self._env.agent_dir)])
 
     def map(self) -> Map:
-        """Walls as the outlines of wall cells; every other cell's content as a thing."""
+        """Return walls as the outlines of wall cells; every other cell's content as a thing."""
         grid = self._env.grid
         is_wall = np.zeros((grid.width, grid.height), dtype=np.bool_)
         things: list[Thing] = []
@@ -98,7 +98,7 @@ class MinigridAdapter(_Adapter):
         }
 
     def save(self) -> Any:
-        """A deep copy of the environment's attributes."""
+        """Return a deep copy of the environment's attributes."""
         return copy.deepcopy(vars(self._env))
 
     def restore(self, saved: Any) -> None:
@@ -111,7 +111,7 @@ class MinigridAdapter(_Adapter):
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """The environment's own drawing; it knows only the classic palette, so ``palette`` changes nothing."""
+        """Return the environment's own drawing; it knows only the classic palette, so ``palette`` changes nothing."""
         env = self._env
         columns, rows = (env.agent_view_size,) * 2 if view == "partial" else (env.width, env.height)
         tile_px = max(1, min(size_px[0] // columns, size_px[1] // rows))
@@ -119,7 +119,7 @@ class MinigridAdapter(_Adapter):
 
 
 def _nested(thing: Any) -> list[Any] | None:
-    """A thing's code and, inside it, that of what it contains."""
+    """Return a thing's code and, inside it, that of what it contains."""
     if thing is None:
         return None
     return [[int(code) for code in thing.encode()], _nested(thing.contains)]
@@ -129,7 +129,7 @@ _MINIWORLD_COLOURS = {name: hex_colour(rgb) for name, rgb in RGB_BY_COLOUR.items
 
 
 def is_miniworld_like(env: Any) -> bool:
-    """Whether an unwrapped environment keeps its state the way Miniworld's do."""
+    """Return whether an unwrapped environment keeps its state the way Miniworld's do."""
     return all(hasattr(env, name) for name in ("agent", "rooms", "entities", "render_obs", "render_top_view"))
 
 
@@ -137,12 +137,12 @@ class MiniworldAdapter(_Adapter):
     """A Miniworld-like environment; its hash covers agent, entities, walls, load and steps."""
 
     def pose(self) -> Pose:
-        """The agent's own position and direction, digit for digit."""
+        """Return the agent's own position and direction, digit for digit."""
         x, y, z = self._env.agent.pos
         return Pose(float(x), float(y), float(z), float(self._env.agent.dir))
 
     def map(self) -> Map:
-        """The walls that stop the agent, and everything that stands in the rooms but the agent."""
+        """Return the walls that stop the agent, and everything that stands in the rooms but the agent."""
         env = self._env
         walls = tuple((float(a[0]), float(a[2]), float(b[0]), float(b[2])) for a, b in env.wall_segs)
         things = tuple(_thing(entity) for entity in env.entities if entity is not env.agent)
@@ -159,20 +159,20 @@ class MiniworldAdapter(_Adapter):
         }
 
     def save(self) -> Any:
-        """Its state is tied to an OpenGL context and cannot be copied."""
+        """Return refuse: its state is tied to an OpenGL context and cannot be copied."""
         raise WorldError(
             f"{type(self._env).__name__} cannot be saved in the middle of an episode; use the minihuman/ world of the "
             "same name"
         )
 
     def restore(self, saved: Any) -> None:
-        """Nothing can have been saved."""
+        """Refuse: nothing can have been saved."""
         self.save()
 
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """The environment's own drawing, of the size it was made with; only the classic palette."""
+        """Return the environment's own drawing, of the size it was made with; only the classic palette."""
         draw = self._env.render_obs if view == "partial" else self._env.render_top_view
         return np.asarray(draw(self._env.vis_fb), dtype=np.uint8)
 

@@ -83,43 +83,43 @@ class World:
 
     @property
     def unwrapped(self) -> Any:
-        """The environment itself: for agents that may look behind the picture."""
+        """Return the environment itself, for agents that may look behind the picture."""
         return self._env.unwrapped
 
     @property
     def env(self) -> gymnasium.Env[Any, Any]:
-        """The environment with its wrappers: for checks of what they change."""
+        """Return the environment with its wrappers, for checks of what they change."""
         return self._env
 
     @property
     def is_compiled(self) -> bool:
-        """Whether compiled kernels alone step and draw it, and no wrapper changes that: then a page can, too."""
+        """Return whether compiled kernels alone step and draw it, and no wrapper changes that; then a page can, too."""
         env = self._env.unwrapped
         return isinstance(env, NativeWorld) and env.is_compiled and not self._wrappers.any
 
     @property
     def knows_state(self) -> bool:
-        """Whether the environment reveals all its state; else hashes cover what is seen of it."""
+        """Return whether the environment reveals all its state; else hashes cover what is seen of it."""
         return self._known is not None
 
     @property
     def observation(self) -> Any:
-        """The latest observation."""
+        """Return the latest observation."""
         return self._observation
 
     @property
     def observation_space(self) -> gymnasium.Space[Any]:
-        """The space of its observations."""
+        """Return the space of its observations."""
         return self._env.observation_space
 
     @property
     def action_space(self) -> gymnasium.Space[Any]:
-        """The space of its actions."""
+        """Return the space of its actions."""
         return self._env.action_space
 
     @property
     def step_limit(self) -> int | None:
-        """The environment's own limit on an episode's steps; None where it has none, or states no number."""
+        """Return the environment's own limit on an episode's steps; None where it states no number."""
         if self.is_built_in:
             return step_limit_of(self._env)
         own = self._call("max_steps", getattr, self._env.unwrapped, "max_steps", None)
@@ -192,7 +192,7 @@ class World:
                 raise self._named(error) from error
 
     def _named(self, error: WorldError) -> WorldError:
-        """The error with the world's id in front."""
+        """Return the error with the world's id in front."""
         if str(error).startswith(f"{self.id}: "):
             return error
         return WorldError(f"{self.id}: {error}")
@@ -216,35 +216,35 @@ class World:
         return bool(terminated), bool(truncated)
 
     def pose(self) -> Pose | None:
-        """Where the agent stands; None where that is unknown."""
+        """Return where the agent stands; None where that is unknown."""
         pose = self._call("pose()", self._known.pose) if self._known else None
         return None if pose is None or math.isnan(pose.x) else pose
 
     def subgoals(self) -> tuple[tuple[str, int], ...]:
-        """The clauses of the episode's instruction, each with the step that did it; 0 for none yet."""
+        """Return the clauses of the episode's instruction, each with the step that did it; 0 for none yet."""
         if isinstance(self._known, NativeWorld):
             return self._call("subgoals()", self._known.subgoals)
         return ()
 
     def map(self) -> Map | None:
-        """The floor plan; None where it is unknown."""
+        """Return the floor plan; None where it is unknown."""
         if self._known and self.pose() is not None:
             return self._call("map()", self._known.map)
         return None
 
     def state_hash(self) -> int:
-        """A uint64 over everything that decides the future.
+        """Hash everything that decides the future to a uint64.
 
         Of a world that does not reveal its state it covers observation, random stream and steps.
         """
         if self._known:
             return self._with_wrappers(self._call("state_hash()", self._known.state_hash))
         random = self._call("np_random", self._random_state)
-        seen = {"observation": self._observation_hash(), "random": random, "steps": self._steps}
-        return self._with_wrappers(hash64(seen))
+        observable = {"observation": self._observation_hash(), "random": random, "steps": self._steps}
+        return self._with_wrappers(hash64(observable))
 
     def scene_hash(self) -> int:
-        """The same without the number of steps taken, where the state is known."""
+        """Return the same hash without the number of steps taken, where the state is known."""
         if not self._known:
             return self.state_hash()
         return self._with_wrappers(self._call("scene_hash()", self._known.scene_hash))
@@ -259,7 +259,7 @@ class World:
         return stream.bit_generator.state
 
     def shortest_path(self) -> tuple[str, ...] | None:
-        """Names of actions that lead to success from here, turns counted; empty if there are none.
+        """Return the names of actions that lead to success from here, turns counted; empty if there are none.
 
         None where the world has no planner.
 
@@ -267,15 +267,15 @@ class World:
             WorldError: if planning would take too long.
         """
         if self._known:
-            found = self._call("shortest_path()", self._known.shortest_path)
+            actions = self._call("shortest_path()", self._known.shortest_path)
         else:
-            found = None
-        if found is None:
+            actions = None
+        if actions is None:
             return None
-        return tuple(self.action_names[action] for action in found)
+        return tuple(self.action_names[action] for action in actions)
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """Bounds on the steps that success takes from here."""
+        """Return bounds on the steps that success takes from here."""
         if self._known:
             return self._call("path_length_bounds()", self._known.path_length_bounds)
         return UNKNOWN_BOUNDS
@@ -286,7 +286,7 @@ class World:
         size_px: tuple[int, int] = (640, 480),
         palette: Palette = "classic",
     ) -> NDArray[np.uint8]:
-        """The picture a person sees, uint8[H, W, 3], at most ``size_px`` (width, height) where the world can choose.
+        """Draw what a person sees, uint8[H, W, 3], at most ``size_px`` (width, height) where the world can choose.
 
         Where a wrapper draws anew, it is what the wrapper renders, whatever the view; ``text`` is a picture of `text`.
 
@@ -304,11 +304,11 @@ class World:
 
     @property
     def draws_itself(self) -> bool:
-        """Whether a participant sees what its own ``render`` returns."""
+        """Return whether a participant sees what its own ``render`` returns."""
         return self._known is None or self._wrappers.redraw
 
     def render(self, size_px: tuple[int, int]) -> Any:
-        """What the environment itself draws, as it returns it; within ``size_px`` where it draws at any size."""
+        """Return what the environment itself draws, as it is; within ``size_px`` where it draws at any size."""
         if hasattr(self._env.unwrapped, "picture_size_px"):
             self._env.unwrapped.picture_size_px = size_px
         picture: Any = self._env.render()
@@ -317,14 +317,14 @@ class World:
     def picture_tiles(
         self, view: View | Literal["text"], size_px: tuple[int, int], palette: Palette
     ) -> PictureTiles | None:
-        """The picture of `frame` as tiles; None where it is not a team world's that has some."""
+        """Return the picture of `frame` as tiles; None where it is not a team world's that has some."""
         seat = self._env.unwrapped
         if not isinstance(seat, SeatEnv) or view == "text" or self._wrappers.redraw:
             return None
         return self._call("picture_tiles()", lambda: seat.team.picture_tiles(seat.seat, *size_px, palette=palette))
 
     def text(self) -> str:
-        """What the agent of a grid world observes now, as a diagram and as sentences.
+        """Return what the agent of a grid world observes now, as a diagram and as sentences.
 
         Raises:
             WorldError: if the world has no grid observation.
@@ -340,7 +340,7 @@ class World:
             raise WorldError(f"{self.id}: {error}") from error
 
     def save(self) -> Any:
-        """An exact copy of the state in mid-episode.
+        """Copy the state exactly, in mid-episode.
 
         Raises:
             WorldError: if the world cannot be copied.
@@ -353,7 +353,7 @@ class World:
         return inside, elapsed_steps(self._env), self._wrappers.save(), observed, self._steps
 
     def _copy_foreign(self) -> dict[str, Any]:
-        """A copy of all that a foreign environment keeps; much of what is written in C cannot be copied."""
+        """Copy all attributes of a foreign environment; much of what is written in C cannot be copied."""
         try:
             return self._call("the copy of its attributes", self._known.save if self._known else self._copy_attributes)
         except WorldCodeError as error:
@@ -366,7 +366,8 @@ class World:
     def restore(self, saved: Any) -> None:
         """Go back to a saved state; the copy is not consumed."""
         inside, limits, wrappers, observation, self._steps = saved
-        self._observation, self._has_advanced = self._copy_observation(observation[0]), observation[1]
+        self._observation = self._copy_observation(observation[0])
+        self._has_advanced = observation[1]
         self._call("restore()", self._restore_inside, inside)
         self._wrappers.restore(wrappers)
         set_elapsed_steps(self._env, limits)
@@ -381,7 +382,7 @@ class World:
             attributes.update(copy.deepcopy(inside))
 
     def _copy_observation(self, observation: Any) -> Any:
-        """A copy, as a foreign world or a wrapper may use its arrays again; a native world makes others each time."""
+        """Copy the observation: a foreign world or wrapper may use its arrays again; a native world makes new ones."""
         if self._wrappers.any or self._known is not self.unwrapped:
             return copy.deepcopy(observation)
         return observation
@@ -428,7 +429,7 @@ answer_to_old_names(World)
 
 
 def _has_own_rule(native: Any) -> bool:
-    """Whether a world's author says, by the ``reward_and_done`` of our classes, which end earns a reward."""
+    """Return whether the author says, by the ``reward_and_done`` of our classes, which end earns a reward."""
     # seen from inside
     if isinstance(native, SeatEnv):
         inner = native.team
@@ -483,7 +484,7 @@ def _make(world_id: str, options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
 
 
 def _render_modes(world_id: str, env: gymnasium.Env[Any, Any]) -> Collection[Any]:
-    """The render modes that an environment states."""
+    """Return the render modes that an environment states."""
     if isinstance(env.metadata, Mapping):
         modes = env.metadata.get("render_modes", ())
     else:

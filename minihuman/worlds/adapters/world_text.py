@@ -36,7 +36,7 @@ _LINES = 18  # of a picture, unless there are more
 
 
 def describe_observation(observation: Any, kinds: Sequence[ObjectKind] = ()) -> str:
-    """The observation of a grid world as a diagram and, after an empty line, as sentences.
+    """Describe an observation of a grid world as a diagram and, after an empty line, as sentences.
 
     Raises:
         WorldError: if it is no grid observation.
@@ -51,7 +51,7 @@ def describe_observation(observation: Any, kinds: Sequence[ObjectKind] = ()) -> 
 
 
 def draw_text(text: str, size_px: tuple[int, int]) -> NDArray[np.uint8]:
-    """A text of `describe_observation` as a picture, uint8[H, W, 3]; the diagram's characters stand in columns."""
+    """Draw a text of `describe_observation`, uint8[H, W, 3]; the diagram's characters stand in columns."""
     diagram, _, sentences = text.partition("\n\n")
     rows = diagram.split("\n")
     lines = sentences.split("\n")
@@ -87,10 +87,10 @@ def describe_view(image: NDArray[np.integer[Any]]) -> Iterator[str]:
     if kinds[x, y] not in (_UNSEEN, _EMPTY):
         yield f"You carry a {_name(image[x, y])}"
     sight = {"forward": kinds[x, :y][::-1], "left": kinds[:x, y][::-1], "right": kinds[x + 1 :, y]}
-    for where, line in sight.items():
+    for direction, line in sight.items():
         blocked = np.flatnonzero(line > _EMPTY)
         if len(blocked) and line[blocked[0]] == _WALL:
-            yield f"a wall {_steps(int(blocked[0]) + 1, where)}"
+            yield f"a wall {_steps(int(blocked[0]) + 1, direction)}"
     for i, j in np.argwhere(kinds > _WALL):
         if (i, j) != (x, y):
             if i != x:
@@ -110,5 +110,5 @@ def _name(cell: NDArray[np.integer[Any]]) -> str:
     return named
 
 
-def _steps(count: int, where: str) -> str:
-    return f"{count} step{'s' if count > 1 else ''} {where}"
+def _steps(count: int, direction: str) -> str:
+    return f"{count} step{'s' if count > 1 else ''} {direction}"

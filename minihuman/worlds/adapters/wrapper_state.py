@@ -31,15 +31,15 @@ class WrapperState:
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
-        self._each: list[Any] = []
+        self._wrappers: list[Any] = []
         while isinstance(env, gymnasium.Wrapper):
             if not isinstance(env, _HOUSEKEEPING):
-                self._each.append(env)
+                self._wrappers.append(env)
             env = env.env
-        self.any = bool(self._each)
-        self.redraw = any(type(each).render is not gymnasium.Wrapper.render for each in self._each)
-        self._made = [dict(_attributes(each)) for each in self._each]  # by reference, to know them again
-        self._digests = [{name: _digest(value) for name, value in made.items()} for made in self._made]
+        self.any = bool(self._wrappers)
+        self.redraw = any(type(wrapper).render is not gymnasium.Wrapper.render for wrapper in self._wrappers)
+        self._initial = [dict(_attributes(wrapper)) for wrapper in self._wrappers]  # by reference, to know them again
+        self._digests = [{name: _digest(value) for name, value in attributes.items()} for attributes in self._initial]
         self._copies = self.save()
 
     def begin(self) -> None:
@@ -48,40 +48,40 @@ class WrapperState:
             self.restore(self._copies)
 
     def changes(self) -> list[Any]:
-        """The attributes that changed since the wrappers were made, to be hashed; empty if none did.
+        """Return the attributes that changed since the wrappers were made, to be hashed; empty if none did.
 
         Raises:
             WorldError: if a wrapper holds something that cannot be hashed.
         """
-        found = []
-        for place, wrapper in enumerate(self._each):
-            made = self._made[place]
+        changes = []
+        for place, wrapper in enumerate(self._wrappers):
+            initial = self._initial[place]
             digests = self._digests[place]
             for name, value in _attributes(wrapper):
                 digest = _digest(value)
-                if digest is None and value is not made.get(name, _ABSENT):
+                if digest is None and value is not initial.get(name, _ABSENT):
                     raise WorldError(
                         f"{type(wrapper).__name__}.{name} is a {type(value).__name__}; a wrapper's state may hold only "
                         "numbers, strings, arrays, tuples, lists and dicts"
                     )
                 if digest is not None and digest != digests.get(name):
-                    found.append((place, name, _plain(value)))
-        return found
+                    changes.append((place, name, _plain(value)))
+        return changes
 
     def save(self) -> list[dict[str, Any]]:
-        """A copy of all that they keep and that can change."""
+        """Copy all attributes that can change."""
         return [
-            {name: copy.deepcopy(value) for name, value in _attributes(each) if _digest(value) is not None}
-            for each in self._each
+            {name: copy.deepcopy(value) for name, value in _attributes(wrapper) if _digest(value) is not None}
+            for wrapper in self._wrappers
         ]
 
     def restore(self, saved: list[dict[str, Any]]) -> None:
         """Go back to a copy, which is not consumed."""
-        for wrapper, kept in zip(self._each, saved, strict=True):
+        for wrapper, attributes in zip(self._wrappers, saved, strict=True):
             for name, value in list(_attributes(wrapper)):
-                if name not in kept and _digest(value) is not None:
+                if name not in attributes and _digest(value) is not None:
                     delattr(wrapper, name)
-            vars(wrapper).update(copy.deepcopy(kept))
+            vars(wrapper).update(copy.deepcopy(attributes))
 
 
 def _attributes(wrapper: Any) -> list[tuple[str, Any]]:

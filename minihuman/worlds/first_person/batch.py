@@ -94,13 +94,14 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
 
     @property  # type: ignore[misc]  # Gymnasium's can be set; Gymnasium's own vectors give one per world too
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """Each world's random stream."""
+        """Return each world's random stream."""
         return tuple(world.np_random for world in self.worlds)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """The seed each world was last given, or drew; -1 before its first reset."""
-        return tuple(-1 if (seed := world._np_random_seed) is None else seed for world in self.worlds)
+        """Return the seed each world was last given, or drew; -1 before its first reset."""
+        seeds = [world._np_random_seed for world in self.worlds]
+        return tuple(-1 if seed is None else seed for seed in seeds)
 
     def reset(self, *, seed: BatchSeeds = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin new episodes, in all worlds or in those of ``options["reset_mask"]`` (bool[n]).
@@ -126,15 +127,17 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
             WorldError: if the actions are not one number per world in range, before ``reset``, and, where autoreset is
                 disabled, after an episode's end. No world has been changed then.
         """
-        given = np.asarray(actions)
-        if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
-            raise WorldError(f"actions must be {self.num_envs} whole numbers, not {given.dtype}{given.shape}")
+        action_array = np.asarray(actions)
+        if action_array.shape != (self.num_envs,) or action_array.dtype.kind not in "iu":
+            raise WorldError(
+                f"actions must be {self.num_envs} whole numbers, not {action_array.dtype}{action_array.shape}"
+            )
         if self._joint is not None and self._joint.is_current():
             joint = self._joint
         else:
             joint = None
-        if joint is None or not 0 <= given.min() <= given.max() < len(self.worlds[0].action_names):
-            for world, action in zip(self.worlds, given.tolist(), strict=True):
+        if joint is None or not 0 <= action_array.min() <= action_array.max() < len(self.worlds[0].action_names):
+            for world, action in zip(self.worlds, action_array.tolist(), strict=True):
                 world.check(action)
         if self._autoreset is AutoresetMode.DISABLED and self._over.any():
             raise WorldError(
@@ -145,7 +148,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         rewards = np.zeros(self.num_envs)
         statuses = np.full(self.num_envs, -1)
         if joint is not None:
-            joint.step(np.where(renewed, -1, given.astype(np.int64)), rewards, statuses)
+            joint.step(np.where(renewed, -1, action_array.astype(np.int64)), rewards, statuses)
         stepped = statuses >= 0
         ends = [stepped & (statuses & part != 0) for part in (TERMINATED, TRUNCATED)]
         other = np.flatnonzero(statuses & ~MOVED).tolist()  # than a move: those that Python has to do something about
@@ -156,7 +159,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
                 world.begin()
                 continue
             if not stepped[i]:
-                rewards[i], ends[0][i], ends[1][i] = world.advance(int(given[i]))
+                rewards[i], ends[0][i], ends[1][i] = world.advance(int(action_array[i]))
             vars(world)["_over"] = bool(ends[0][i] or ends[1][i])
             if again and (ends[0][i] or ends[1][i]):
                 final[i] = world.observe(), world.info()
@@ -167,18 +170,18 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         return observations, rewards, *ends, infos | self._final(final)
 
     def render(self) -> tuple[NDArray[np.uint8] | None, ...] | None:  # type: ignore[override]
-        """What each world renders; None without a render mode."""
+        """Return render each world; None without a render mode."""
         if self.render_mode is None:
             return None
         return tuple(helper_threads(os.getpid()).map(lambda world: world.render(), self.worlds))
 
     @property
     def envs(self) -> list[FirstPersonEnv]:
-        """The worlds."""
+        """Return the worlds."""
         return self.worlds
 
     def is_readable(self, name: str) -> bool:
-        """Whether `get_attr` gives an attribute: one of the list, or one that the world's build() sets on itself."""
+        """Return whether `get_attr` gives an attribute: a listed one, or one that a world's build() sets on itself."""
         return name in self.readable or name in self.worlds[0].own_attributes()
 
     def worlds_in_turn(self) -> Iterator[FirstPersonEnv]:
@@ -186,7 +189,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         return iter(self.worlds)
 
     def save(self) -> FirstPersonBatchSnapshot:
-        """An exact copy of every world in mid-episode; it may be pickled, and restored into a batch as large."""
+        """Copy every world exactly, in mid-episode; the copy may be pickled, and restored into a batch as large."""
         return FirstPersonBatchSnapshot(tuple(world.save() for world in self.worlds), self._over.copy())
 
     def restore(self, saved: FirstPersonBatchSnapshot) -> None:
@@ -202,7 +205,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         self._over = saved.over.copy()
 
     def _observed(self, changed: Sequence[int]) -> tuple[Any, dict[str, Any]]:
-        """Observations and infos; ``changed`` are the worlds whose views no kernel has aimed."""
+        """Return observations and infos; ``changed`` are the worlds whose views no kernel has aimed."""
         if not self._draws_together:
             return self._apart(), self._infos()
         if self._joint is None:
@@ -214,13 +217,13 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         return batch, self._infos()
 
     def _apart(self) -> Any:
-        """The observations of worlds that say themselves what they are: more than a picture, or another."""
+        """Collect the observations of worlds that define their own: more than a picture, or another one."""
         # each thread takes neighbours, so that it is asked once and not for every world
         ends = [self.num_envs * nth // self._threads for nth in range(self._threads + 1)]
         shares = [self.worlds[first:last] for first, last in pairwise(ends) if first < last]
-        found = helper_threads(os.getpid()).map(lambda share: [world.observe() for world in share], shares)
+        observations = helper_threads(os.getpid()).map(lambda share: [world.observe() for world in share], shares)
         batch: Any = create_empty_array(self.single_observation_space, self.num_envs)
-        return concatenate(self.single_observation_space, list(chain.from_iterable(found)), batch)
+        return concatenate(self.single_observation_space, list(chain.from_iterable(observations)), batch)
 
     def _infos(self) -> dict[str, Any]:
         infos: dict[str, Any] = {}
@@ -228,14 +231,15 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
             infos = self._add_info(infos, world.info(), i)
         return infos
 
-    def _final(self, of: dict[int, tuple[Any, dict[str, Any]]]) -> dict[str, Any]:
-        if not of:
+    def _final(self, final: dict[int, tuple[Any, dict[str, Any]]]) -> dict[str, Any]:
+        if not final:
             return {}
         observations = np.full(self.num_envs, None, object)
         over = np.zeros(self.num_envs, np.bool_)
         infos: dict[str, Any] = {}
-        for i, (observation, info) in of.items():
-            observations[i], over[i] = observation, True
+        for i, (observation, info) in final.items():
+            observations[i] = observation
+            over[i] = True
             infos = self._add_info(infos, info, i)
         return {"final_obs": observations, "_final_obs": over, "final_info": infos, "_final_info": over}
 
@@ -245,19 +249,22 @@ class JointStep:
 
     def __init__(self, worlds: Sequence[FirstPersonEnv]) -> None:
         count = len(worlds)
-        self._worlds, self._all = worlds, np.arange(count)
-        self._latest, self._counts = -1, self._count()  # change of any thing that rows and views tell of
+        self._worlds = worlds
+        self._all = np.arange(count)
+        self._latest = -1
+        self._counts = self._count()  # change of any thing that rows and views tell of
         nothing: list[Any] = [None] * count
         self._flats, self._arrays, self._targets, self._agents = (nothing.copy() for _ in range(4))
         self._trigs = [0] * count
-        self._rows, self._own = np.zeros((count, ROW_SIZE), np.int64), np.zeros((count, OWN_SIZE))
+        self._rows = np.zeros((count, ROW_SIZE), np.int64)
+        self._own = np.zeros((count, OWN_SIZE))
         self._turns_rad = np.zeros((count, len(worlds[0].action_names)))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return JointStep, (self._worlds,)
 
     def is_current(self) -> bool:
-        """Whether nothing but this changed the worlds since they were aimed."""
+        """Return whether nothing else has changed the worlds since they were aimed."""
         return self._latest == LATEST_CHANGE[0] and self._counts == self._count()
 
     def step(self, actions: NDArray[np.int64], rewards: NDArray[np.float64], statuses: NDArray[np.int64]) -> None:
@@ -271,10 +278,10 @@ class JointStep:
         own[:, AFTER:EARNED] = list(map(turn, headings.tolist(), self._trigs))
         act_together(self._rows, actions, own, statuses)
         rewards[:] = np.where(actions < 0, 0.0, own[:, EARNED])
-        done = zip(
+        outcomes = zip(
             self._worlds, self._flats, self._agents, own[:, : HEADING + 1].tolist(), statuses.tolist(), strict=True
         )
-        for world, flat, agent, (x, y, z, heading), status in done:
+        for world, flat, agent, (x, y, z, heading), status in outcomes:
             if status >= 0:
                 vars(world)["step_count"] += 1
                 agent["pos"], agent["dir"] = (x, y, z), heading
@@ -282,7 +289,7 @@ class JointStep:
                     flat.take(world, status)
 
     def aim_targets(self, changed: Sequence[int]) -> list[RenderTarget]:
-        """All worlds' targets; those of worlds that were changed otherwise than by a move are aimed by Python."""
+        """Return all worlds' targets; Python aims those of worlds that something other than a move has changed."""
         for i in changed:
             world = self._worlds[i]
             flat = world.flat_state()
@@ -295,7 +302,8 @@ class JointStep:
             self._own[i] = *agent.pos, agent.dir, *turn(agent.dir, agent.trig), 0.0, 0.0, 0.0, agent.cam_fwd_disp
             signs = [(motion == TURN_LEFT) - (motion == TURN_RIGHT) for motion in flat.motions]
             self._turns_rad[i] = np.array(signs) * flat.turn_rad
-        self._latest, self._counts = LATEST_CHANGE[0], self._count()
+        self._latest = LATEST_CHANGE[0]
+        self._counts = self._count()
         return self._targets
 
     def _count(self) -> tuple[list[int], int]:
@@ -311,7 +319,7 @@ _MOVED_LAYOUTS = {  # as data sets that were exported earlier name them
 
 
 def make_world(layout: str, **options: Any) -> FirstPersonEnv:
-    """The world that a module of this package describes: ``make_world("layouts.mazes:Maze", num_rows=3)``."""
+    """Make a world that a module of this package describes: ``make_world("layouts.mazes:Maze", num_rows=3)``."""
     module, _, name = _MOVED_LAYOUTS.get(layout, layout).partition(":")
     if "params" in options:
         options["parameters"] = read_parameters(options.pop("params"))
@@ -321,7 +329,7 @@ def make_world(layout: str, **options: Any) -> FirstPersonEnv:
 
 
 def make_batch(layout: str, **options: Any) -> FirstPersonBatch:
-    """A batch of such worlds, for ``gymnasium.make_vec``."""
+    """Make a batch of such worlds, for ``gymnasium.make_vec``."""
     settings = {name: options.pop(name) for name in {"num_envs", "autoreset_mode", "threads"} & options.keys()}
     return FirstPersonBatch(lambda: make_world(layout, **options), **settings)
 

@@ -37,7 +37,7 @@ class PageState(NamedTuple):
 class PageLook(NamedTuple):
     """What no step changes: the things that the scene is made of, and the numbers of camera and shadows."""
 
-    shown: Sequence[Entity]
+    entities: Sequence[Entity]
     numbers: F64  # at `_OF_LOOK`
 
 
@@ -52,7 +52,7 @@ class PageScene(NamedTuple):
 
 
 def copy_state(env: "FirstPersonEnv") -> tuple[F64, F64, RngState]:
-    """What a step changes: things, numbers, and the random stream, all 0 where no step draws from it."""
+    """Copy what a step changes: things, numbers, and the random stream, all 0 where no step draws from it."""
     flat = env.flat_state()
     rng_state = np.zeros(6, np.uint64)
     numbers = flat.numbers.copy()
@@ -65,9 +65,9 @@ def copy_state(env: "FirstPersonEnv") -> tuple[F64, F64, RngState]:
 
 
 def locate(env: "FirstPersonEnv", look: PageLook) -> tuple[F64, F64, RngState]:
-    """What a step changes, as a page takes it that has the episode's scene."""
+    """Return what a step changes, in the form for a page that has the episode's scene."""
     things, numbers, rng_state = copy_state(env)
-    places = {id(thing): number for number, thing in enumerate(look.shown)}
+    places = {id(thing): number for number, thing in enumerate(look.entities)}
     things[:, rules.LOOK] = [places.get(id(thing), -1) for thing in env.flat_state().listed]
     numbers[_OF_LOOK] = look.numbers
     return things, numbers, rng_state
@@ -76,14 +76,14 @@ def locate(env: "FirstPersonEnv", look: PageLook) -> tuple[F64, F64, RngState]:
 def describe(
     env: "FirstPersonEnv", palette: Palette, size_px: tuple[int, int]
 ) -> tuple[PageState, PageScene, PageLook]:
-    """An episode's state and its scene as a page takes them; pictures of it may have any size."""
-    shown, target = env.staged(palette, size_px)
+    """Return an episode's state and scene in the form that a page takes; pictures may have any size."""
+    entities, target = env.staged(palette, size_px)
     agent = env.agent
     floor = env.stage.floor
     count = target.layout.thing_count
     pitch = turn(agent.cam_pitch * (math.pi / 180), agent.trig)
-    shadows = len(shown) if count > len(shown) else 0
-    look = PageLook(shown, np.array([agent.cam_fwd_disp, *pitch, half_view(agent.cam_fov_y, agent.trig), shadows]))
+    shadows = len(entities) if count > len(entities) else 0
+    look = PageLook(entities, np.array([agent.cam_fwd_disp, *pitch, half_view(agent.cam_fov_y, agent.trig), shadows]))
     things, numbers, rng_state = locate(env, look)
     outlines = [
         (room.outline.min_x, room.outline.max_x, room.outline.min_z, room.outline.max_z) for room in floor.rooms
@@ -101,7 +101,7 @@ def cut_scene(layout: SceneTables, view: F64) -> PageScene:
         layout: The scene.
         view: What of it does not change: light and sky.
     """
-    room_floats, room_wholes = (each.copy() for each in layout.packed_rooms)
+    room_floats, room_wholes = (table.copy() for table in layout.packed_rooms)
     things = layout.things.copy()
     library = _unpacked(*layout.packed_library)
     faces = pack([], [])
@@ -116,15 +116,15 @@ def cut_scene(layout: SceneTables, view: F64) -> PageScene:
         row[LAST] = row[FIRST] + last - first
     count = int(room_wholes[1])
     of_rooms = room_wholes[3 + count : 3 + 2 * count]  # a view: the rooms' tables follow
-    shown = [int(row) for row in np.unique(np.concatenate([of_rooms, faces.texture])) if row >= 0]
-    numbers = {row: number for number, row in enumerate(shown)}
+    texture_rows = [int(row) for row in np.unique(np.concatenate([of_rooms, faces.texture])) if row >= 0]
+    numbers = {row: number for number, row in enumerate(texture_rows)}
     for textures in (of_rooms, faces.texture):
         textures[:] = [numbers.get(int(row), int(row)) for row in textures]
-    pixels = tuple(_pixels(layout.textures, row) for row in shown)
+    pixels = tuple(_pixels(layout.textures, row) for row in texture_rows)
     begin = 0
-    table = np.zeros((len(shown), MOST_SIZES, 2), np.uint32)
-    for number, each in enumerate(pixels):
-        table[number] = size_table(each.shape[1], each.shape[0], begin)
+    table = np.zeros((len(texture_rows), MOST_SIZES, 2), np.uint32)
+    for number, texture in enumerate(pixels):
+        table[number] = size_table(texture.shape[1], texture.shape[0], begin)
         begin = int(table[number, int(table[number, -1, 1]), 0]) + 9
     floats, wholes = packed_faces(faces)
     limits = np.array([layout.capacity, layout.most_corners, len(layout.rooms.bounds), begin], np.int32)
@@ -170,7 +170,7 @@ def _part(faces: FaceTable, first: int, last: int) -> FaceTable:
 
 
 def _pixels(textures: TextureTable, row: int) -> NDArray[np.uint8]:
-    """The largest size of a texture, first row on top."""
+    """Return the largest size of a texture, first row on top."""
     begin, extents = (int(number) for number in textures.table[2 * MOST_SIZES * row :][:2])
     width = extents & 0xFFFF
     height = extents >> 16

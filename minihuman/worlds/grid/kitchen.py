@@ -71,11 +71,11 @@ class KitchenLayout:
 
     @property
     def cooks(self) -> int:
-        """How many cooks work in it."""
+        """Return how many cooks work in it."""
         return sum(map(str.isdigit, self.plan))
 
     def value(self, recipe: str) -> int:
-        """What delivering a soup earns, bonus included."""
+        """Return what delivering a soup earns, bonus included."""
         if self.orders and recipe not in self.orders:
             return 0
         onion, tomato, _, _ = self.per_ingredient
@@ -83,7 +83,7 @@ class KitchenLayout:
         return (self.values[self.orders.index(recipe)] if self.values else value) * (1 + (recipe in self.bonus))
 
     def time(self, recipe: str) -> int:
-        """How many steps a soup cooks."""
+        """Return how many steps a soup cooks."""
         _, _, onion, tomato = self.per_ingredient
         if self.times and recipe in self.orders:
             return self.times[self.orders.index(recipe)]
@@ -270,7 +270,7 @@ class Kitchen(TeamWorld):
         max_steps: int = 400,
         ends_at_soup: bool = False,
     ) -> None:
-        self._drawn = layout == DRAWN
+        self._draws_layout = layout == DRAWN
         self._ends_at_soup = ends_at_soup
         if layout == DRAWN:
             layout = draw_layout(0)
@@ -281,7 +281,9 @@ class Kitchen(TeamWorld):
                 layout = KITCHENS[check_one_of("layout", layout, KITCHENS)]
         old = check_one_of("rules", rules, ("2019", "1.1.0")) == "2019"
         self.rules: KitchenRules = rules
-        self.layout, self.bodies, self.max_steps = layout, layout.cooks, check_max_steps(max_steps)
+        self.layout = layout
+        self.bodies = layout.cooks
+        self.max_steps = check_max_steps(max_steps)
         self._start = _start_row(layout, old, self.max_steps)
         self.mission = _mission(layout, old)
         self.row = self._start.copy()
@@ -296,7 +298,7 @@ class Kitchen(TeamWorld):
 
     def reset(self, seed: int | None = None) -> None:
         """Begin a new episode. Only a drawn layout depends on the seed."""
-        if self._drawn:
+        if self._draws_layout:
             self.layout = draw_layout(self.choose_seed(seed))
             self._start = _start_row(self.layout, self.rules == "2019", self.max_steps)
         self.row[:] = self._start
@@ -324,54 +326,53 @@ class Kitchen(TeamWorld):
             return self._nothing._replace(truncated=ended)
         delivered = tuple(outcomes[:cooks])
         info = {"delivered": delivered, "shaping": tuple(outcomes[cooks:])}
-        done = self._ends_at_soup and sum(delivered) > 0
-        if done:
+        served = self._ends_at_soup and sum(delivered) > 0
+        if served:
             self.row[fields.PHASE] = fields.OVER
-        return TeamStep((sum(delivered),) * cooks, done, ended and not done, info)
+        return TeamStep((sum(delivered),) * cooks, served, ended and not served, info)
 
     def observation(self, body: int) -> NDArray[np.uint8]:
-        """The whole kitchen in layers, the observer's own first: uint8[width, height, 5 * cooks + 16]."""
+        """Return the whole kitchen in layers, the observer's own first: uint8[width, height, 5 * cooks + 16]."""
         return self._images[body].copy()
 
     def frame(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> NDArray[np.uint8]:
-        """The kitchen from above, the same for all cooks but for the ring around one's own."""
+        """Return the kitchen from above, the same for all cooks but for the ring around one's own."""
         return self.picture_tiles(body, width, height, palette=palette).join()
 
     def picture_tiles(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> PictureTiles:
-        """The picture of `frame` as tiles, one per cell."""
+        """Return the picture of `frame` as tiles, one per cell."""
         columns, rows = self.row[:2].tolist()
         tile_px = max(1, min(width // columns, height // rows))
         cells = list_kitchen_tiles(self.row, check_whole("body", body, 0, self.bodies - 1), tile_px, palette)
         return PictureTiles(cells, columns, tile_px, draw_kitchen_tile)
 
     def pose(self, body: int) -> Pose:
-        """A cook's cell (column, 0, row) and direction."""
+        """Return a cook's cell (column, 0, row) and direction."""
         at = fields.COOK + 4 * check_whole("body", body, 0, self.bodies - 1)
         x, y, direction = self.row[at : at + 3].tolist()
         return Pose(float(x), 0.0, float(y), YAWS_RAD[direction])
 
     def map(self) -> Map:
-        """The floor plan: where cooks cannot stand, and every station by name."""
+        """Return the floor plan: where cooks cannot stand, and every station by name."""
         width, height = self.row[:2].tolist()
         terrain = self.row[fields.COOK + 4 * self.bodies :][: width * height].reshape(width, height)
         things = tuple(
-            Thing(THING_NAMES[number], float(x), float(y), 0.5, THING_COLOURS[number])
-            for x, y in np.argwhere(terrain != fields.FLOOR).tolist()
-            if (number := int(terrain[x, y])) != fields.COUNTER
+            Thing(THING_NAMES[terrain[x, y]], float(x), float(y), 0.5, THING_COLOURS[terrain[x, y]])
+            for x, y in np.argwhere((terrain != fields.FLOOR) & (terrain != fields.COUNTER)).tolist()
         )
         bounds = (-0.5, -0.5, width - 0.5, height - 0.5)
         return Map("cell", bounds, wall_outlines(terrain != fields.FLOOR), things)
 
     def state_hash(self) -> int:
-        """A uint64 over the kitchen, its orders, cooks and everything that lies in it."""
+        """Return a uint64 over the kitchen, its orders, cooks and everything that lies in it."""
         return hash64(["kitchen", self.row])
 
     def scene_hash(self) -> int:
-        """The same without the number of steps taken."""
+        """Return the same without the number of steps taken."""
         return hash64(["kitchen", self.row[: fields.STEP], self.row[fields.STEP + 1 :]])
 
     def save(self) -> Row:
-        """A copy of the row."""
+        """Copy the row."""
         return self.row.copy()
 
     def restore(self, saved: Row) -> None:
@@ -382,12 +383,12 @@ class Kitchen(TeamWorld):
         observe(self.row, self._flat_images)
 
     def batch(self, num_worlds: int) -> "KitchenBatch":
-        """So many kitchens like this one, stepped by one call.
+        """Make a batch of so many kitchens like this one, stepped by one call.
 
         Raises:
             WorldError: if they would not all begin alike and end by their time.
         """
-        if self._drawn or self._ends_at_soup:
+        if self._draws_layout or self._ends_at_soup:
             raise WorldError('kitchens with layout="drawn" or ends_at_soup=True have no batch; step each by itself')
         return KitchenBatch(self, num_worlds)
 
@@ -452,11 +453,11 @@ _WORDS = {"o": ("onion", "onions"), "t": ("tomato", "tomatoes")}
 
 
 def _mission(layout: KitchenLayout, old: bool) -> str:
-    """What to cook, and how: "cook soups of 3 onions and bring them to the serving hatch"."""
+    """Say what to cook, and how: "cook soups of 3 onions and bring them to the serving hatch"."""
     orders = [
         " and ".join(
-            f"{recipe.count(letter)} {many if recipe.count(letter) > 1 else one}"
-            for letter, (one, many) in _WORDS.items()
+            f"{recipe.count(letter)} {many if recipe.count(letter) > 1 else singular}"
+            for letter, (singular, many) in _WORDS.items()
             if letter in recipe
         )
         for recipe in layout.orders
@@ -465,5 +466,5 @@ def _mission(layout: KitchenLayout, old: bool) -> str:
         start = "it cooks by itself once it is full"
     else:
         start = "interact with the pot to start it"
-    what = "any soup" if not layout.orders else "soups of " + " or of ".join(orders)
-    return f"cook {what}: fill a pot, {start}, then take the soup with a plate to the serving hatch"
+    dish = "any soup" if not layout.orders else "soups of " + " or of ".join(orders)
+    return f"cook {dish}: fill a pot, {start}, then take the soup with a plate to the serving hatch"

@@ -84,7 +84,8 @@ class TeamGrid(TeamWorld, abc.ABC):
         check_whole("bodies", self.bodies, 1, MAX_BODIES)
         check_whole("width", width, 3, MAX_CELLS)
         check_whole("height", height, 3, MAX_CELLS)
-        self.mission, self.max_steps = mission, check_max_steps(max_steps)
+        self.mission = mission
+        self.max_steps = check_max_steps(max_steps)
         self.view: View = check_one_of("view", view, ("partial", "full"))
         size = see_size(agent_view_size)
         self.observation_space = spaces.Box(0, 255, (size, size, 3), np.uint8)
@@ -109,7 +110,7 @@ class TeamGrid(TeamWorld, abc.ABC):
     def reward_and_done(
         self, actions: Sequence[int], rewards: tuple[float, ...], terminated: bool
     ) -> tuple[tuple[float, ...], bool]:
-        """Rewards and end of a joint step that was made, given what goals and lava say.
+        """Return rewards and end of a joint step that was made, given what goals and lava say.
 
         It may change the world (through ``self.state``); observations are taken afterwards.
         """
@@ -117,7 +118,7 @@ class TeamGrid(TeamWorld, abc.ABC):
 
     @property
     def state(self) -> State:
-        """The state, readable by name; its agent is body 0."""
+        """Return the state, readable by name; its agent is body 0."""
         return State(self._row)
 
     def reset(self, seed: int | None = None) -> None:
@@ -154,14 +155,14 @@ class TeamGrid(TeamWorld, abc.ABC):
             see_body(self._row, body, self._images[body])
 
     def _body(self, body: int) -> list[int]:
-        """A body's column, row, direction and the code of what it carries."""
+        """Return a body's column, row, direction and the code of what it carries."""
         check_whole("body", body, 0, self.bodies - 1)
         at = body_index(self._row, body)
-        found: list[int] = self._row[at : at + 4].tolist()
-        return found
+        numbers: list[int] = self._row[at : at + 4].tolist()
+        return numbers
 
     def held_by(self, body: int) -> int | None:
-        """The code of what a body carries; None for nothing."""
+        """Return the code of what a body carries; None for nothing."""
         code = self._body(body)[3]
         return None if code == EMPTY else code
 
@@ -187,11 +188,11 @@ class TeamGrid(TeamWorld, abc.ABC):
         return TeamStep(rewards, terminated, status & TRUNCATED != 0)
 
     def observation(self, body: int) -> NDArray[np.uint8]:
-        """What a body sees, uint8[size, size, 3]: kind, colour, state; other bodies are of the kind "agent"."""
+        """Return what a body sees, uint8[size, size, 3]: kind, colour, state; other bodies are of the kind "agent"."""
         return self._images[body].copy()
 
     def frame(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> NDArray[np.uint8]:
-        """The largest picture with whole-numbered tiles that fits."""
+        """Draw the largest picture with whole-numbered tiles that fits."""
         size = len(self._images[0])
         columns, rows = (size, size) if self.view == "partial" else (self.state.width, self.state.height)
         tile_px = max(1, min(width // columns, height // rows))
@@ -199,26 +200,26 @@ class TeamGrid(TeamWorld, abc.ABC):
         return draw_team(self._row, check_whole("body", body, 0, self.bodies - 1), kinds=self.kinds, **looks)
 
     def pose(self, body: int) -> Pose:
-        """A body's cell (column, 0, row) and direction."""
+        """Return a body's cell (column, 0, row) and direction."""
         x, y, direction, _ = self._body(body)
         return Pose(float(x), 0.0, float(y), YAWS_RAD[direction])
 
     def map(self) -> Map:
-        """The floor plan with doors, objects and goals where they are now."""
+        """Return the floor plan with doors, objects and goals where they are now."""
         return floor_plan(self.state, kinds=self.kinds)
 
     def state_hash(self) -> int:
-        """A uint64 over layout, bodies, task, mission, random stream and what is kept."""
+        """Hash layout, bodies, task, mission, random stream and the kept attributes to a uint64."""
         saved = self.save()
         hashed = [saved.row, saved.rng_state[: 6 if saved.rng_state[4] else 4], saved.mission]
         return hash64([*hashed, saved.kept] if self.kept else hashed)
 
     def save(self) -> TeamSnapshot:
-        """An exact copy of the state in mid-episode."""
+        """Copy the state exactly, in mid-episode."""
         rng_state = np.zeros(6, np.uint64)
         read_rng_state(self.np_random, rng_state)
-        kept = {name: deepcopy(getattr(self, name)) for name in self.kept}
-        return TeamSnapshot(self._row.copy(), rng_state, self.mission, kept)
+        attributes = {name: deepcopy(getattr(self, name)) for name in self.kept}
+        return TeamSnapshot(self._row.copy(), rng_state, self.mission, attributes)
 
     def restore(self, saved: TeamSnapshot) -> None:
         """Go back to a saved state of a world of the same size and number of bodies."""

@@ -35,7 +35,7 @@ Env = gymnasium.Env[Any, int]
 
 
 def grid_of(env: Env) -> GridEngine:
-    """The grid world inside an environment.
+    """Return the grid world inside an environment.
 
     Raises:
         WorldError: if there is none.
@@ -55,10 +55,10 @@ class ImageWrapper(gymnasium.ObservationWrapper[Observation, int, Observation], 
 
     @abc.abstractmethod
     def image(self, observation: Observation) -> NDArray[Any]:
-        """The other image."""
+        """Return the other image."""
 
     def observation(self, observation: Observation) -> Observation:
-        """The observation with the other image."""
+        """Return the observation with the other image."""
         return {**observation, "image": self.image(observation)}
 
 
@@ -77,7 +77,7 @@ class PictureObservation(ImageWrapper):
         super().__init__(env, spaces.Box(0, 255, (rows * tile_px, columns * tile_px, 3), np.uint8))
 
     def image(self, observation: Observation) -> NDArray[np.uint8]:
-        """The picture."""
+        """Return the picture."""
         return draw_grid(
             self.grid.state.row,
             view=self.view,
@@ -102,7 +102,7 @@ class OneHot(ImageWrapper):
         super().__init__(env, spaces.Box(0, 1, (*size[:2], sum(self.lengths)), np.uint8))
 
     def image(self, observation: Observation) -> NDArray[np.uint8]:
-        """The image in zeros and ones."""
+        """Return the image in zeros and ones."""
         kinds, colours, states = np.moveaxis(observation["image"], -1, 0)
         hot = (np.eye(length, dtype=np.uint8) for length in self.lengths)
         return np.concatenate([eye[part] for eye, part in zip(hot, (kinds, colours, states), strict=True)], axis=-1)
@@ -116,7 +116,7 @@ class FullyObserved(ImageWrapper):
         super().__init__(env, spaces.Box(0, 255, (state.width, state.height, 3), np.uint8))
 
     def image(self, observation: Observation) -> NDArray[np.uint8]:
-        """The whole grid."""
+        """Return the whole grid."""
         state = self.grid.state
         image = np.empty((state.width, state.height, 3), np.uint8)
         see_all(state.row, image)
@@ -135,7 +135,7 @@ class Symbolic(ImageWrapper):
         super().__init__(env, spaces.Box(low, high, dtype=np.int64))
 
     def image(self, observation: Observation) -> NDArray[np.int64]:
-        """The symbols."""
+        """Return the symbols."""
         state = self.grid.state
         columns, rows = np.mgrid[: state.width, : state.height]
         kinds = state.kinds
@@ -153,7 +153,7 @@ class ViewSize(ImageWrapper):
         super().__init__(env, spaces.Box(0, 255, (size, size, 3), np.uint8))
 
     def image(self, observation: Observation) -> NDArray[np.uint8]:
-        """The larger or smaller view."""
+        """Return the larger or smaller view."""
         return self.grid.look(self.size)
 
 
@@ -172,12 +172,14 @@ class Flat(gymnasium.ObservationWrapper[NDArray[np.uint8], int, Observation]):
         self.letters = letters
         length = math.prod(image.shape) + len(self.ALPHABET) * letters
         self.observation_space = spaces.Box(0, 255, (length,), np.uint8)
-        self._mission, self._spelt = "", np.zeros(len(self.ALPHABET) * letters, np.uint8)
+        self._mission = ""
+        self._spelt = np.zeros(len(self.ALPHABET) * letters, np.uint8)
 
     def observation(self, observation: Observation) -> NDArray[np.uint8]:
-        """Image and mission in one array."""
+        """Return image and mission in one array."""
         if observation["mission"] != self._mission:
-            self._mission, self._spelt = observation["mission"], self._spell(observation["mission"])
+            self._spelt = self._spell(observation["mission"])
+            self._mission = observation["mission"]
         return np.concatenate([observation["image"].ravel(), self._spelt])
 
     def _spell(self, mission: str) -> NDArray[np.uint8]:
@@ -216,7 +218,7 @@ class GoalDirection(gymnasium.ObservationWrapper[Observation, int, Observation])
         self.observation_space = spaces.Dict({**_parts(env), "goal_direction": space})
 
     def observation(self, observation: Observation) -> Observation:
-        """The observation with the goal's direction."""
+        """Return the observation with the goal's direction."""
         state = self.grid.state
         goals = np.argwhere(state.kinds.T == GOAL)
         if len(goals) == 0:
@@ -242,7 +244,7 @@ class StochasticAction(gymnasium.ActionWrapper[Any, int, int]):
         self.random_action = random_action
 
     def action(self, action: int) -> int:
-        """The action that is done."""
+        """Return the action that is done."""
         if self.np_random.random() < self.prob:
             return action
         assert isinstance(self.action_space, spaces.Discrete)
@@ -265,7 +267,7 @@ class ExplorationBonus(gymnasium.Wrapper[Any, int, Any, int], abc.ABC):
 
     @abc.abstractmethod
     def happened(self, action: int) -> tuple[Any, ...]:
-        """What is counted, after the step."""
+        """Return what is counted, after the step."""
 
     def step(self, action: int) -> Step:
         """Act, and add the bonus."""
@@ -280,7 +282,7 @@ class PositionBonus(ExplorationBonus):
     """A bonus for cells seldom visited."""
 
     def happened(self, action: int) -> tuple[Any, ...]:
-        """The cell the agent is in."""
+        """Return the cell the agent is in."""
         return self.grid.state.position
 
 
@@ -288,7 +290,7 @@ class ActionBonus(ExplorationBonus):
     """A bonus for what is seldom done: an action that ends in a cell and direction."""
 
     def happened(self, action: int) -> tuple[Any, ...]:
-        """The agent's cell and direction, and the action."""
+        """Return the agent's cell and direction, and the action."""
         return (*self.grid.state.position, self.grid.state.direction, int(action))
 
 
@@ -343,7 +345,9 @@ class NoDeath(gymnasium.Wrapper[Any, int, Any, int]):
 
     def __init__(self, env: Env, types: Iterable[str] = ("lava",), cost: float = -1.0) -> None:
         super().__init__(env)
-        self.grid, self.types, self.cost = grid_of(env), tuple(types), cost
+        self.grid = grid_of(env)
+        self.types = tuple(types)
+        self.cost = cost
         for name in self.types:
             if name not in KINDS:
                 raise WorldError(f"unknown kind {name!r}; use one of {', '.join(KINDS)}")
@@ -368,7 +372,7 @@ class NoDeath(gymnasium.Wrapper[Any, int, Any, int]):
 
 
 def _observed(env: Any) -> Any:
-    """What an environment with its wrappers would observe now."""
+    """Return what an environment with its wrappers would observe now."""
     if isinstance(env, GridEngine):
         return env.observation()
     inner = _observed(env.env)
@@ -398,37 +402,41 @@ class Tokens(gymnasium.ObservationWrapper[dict[str, Any], int, dict[str, Any]]):
         self, env: gymnasium.Env[dict[str, Any], int], *, words: Iterable[str] | None = None, length: int | None = None
     ) -> None:
         super().__init__(env)
-        seen = env.observation_space
-        mission = seen.get("mission") if isinstance(seen, spaces.Dict) else None
-        if not isinstance(seen, spaces.Dict) or not isinstance(mission, Sentences):
-            raise WorldError(f"{env} has the observations {seen}; wrap a world whose observations have a mission")
+        inner_space = env.observation_space
+        mission = inner_space.get("mission") if isinstance(inner_space, spaces.Dict) else None
+        if not isinstance(inner_space, spaces.Dict) or not isinstance(mission, Sentences):
+            raise WorldError(
+                f"{env} has the observations {inner_space}; wrap a world whose observations have a mission"
+            )
         self.words = mission.words if words is None else tuple(dict.fromkeys(words))
         self._number = {word: number for number, word in enumerate(self.words, 1)}
         self.length = max(1, mission.most_words if length is None else length)
         tokens = spaces.Box(PADDING, max(1, len(self.words)), (self.length,), np.int64)
-        others: dict[str, spaces.Space[Any]] = {**seen.spaces, "mission": tokens}
+        parts: dict[str, spaces.Space[Any]] = {**inner_space.spaces, "mission": tokens}
         world = env.unwrapped
-        if isinstance(world, GridEngine) and seen["image"] is dict(world.observation_space)["image"]:  # type: ignore[call-overload]
+        if isinstance(world, GridEngine) and inner_space["image"] is dict(world.observation_space)["image"]:  # type: ignore[call-overload]
             highest = np.empty(world.image_shape, np.uint8)
             highest[...] = MAX_TOKEN_KINDS - 1, len(COLOURS) - 1, max(len(DOOR_STATES), 4) - 1
-            others["image"] = spaces.Box(np.zeros_like(highest), highest, dtype=np.uint8)
-        self.observation_space = spaces.Dict(others)
+            parts["image"] = spaces.Box(np.zeros_like(highest), highest, dtype=np.uint8)
+        self.observation_space = spaces.Dict(parts)
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """The observation with the mission in tokens."""
+        """Return the observation with the mission in tokens."""
         return {**observation, "mission": self.tokens(observation["mission"])}
 
     def tokens(self, mission: str) -> NDArray[np.int64]:
-        """A sentence in tokens.
+        """Encode a sentence in tokens.
 
         Raises:
             WorldError: if it has a word without a number, or too many words.
         """
-        said = words_in(mission)
-        if len(said) > self.length:
-            raise WorldError(f"mission {mission!r} has {len(said)} words; use Tokens(env, length={len(said)})")
+        mission_words = words_in(mission)
+        if len(mission_words) > self.length:
+            raise WorldError(
+                f"mission {mission!r} has {len(mission_words)} words; use Tokens(env, length={len(mission_words)})"
+            )
         tokens = np.full(self.length, PADDING, np.int64)
-        for place, word in enumerate(said):
+        for place, word in enumerate(mission_words):
             if word not in self._number:
                 raise WorldError(
                     f"mission {mission!r} contains {word!r}, which Tokens does not know; use only "

@@ -58,7 +58,7 @@ class PictureBatch(VectorObservationWrapper):
         self._batch.set_attr(name, values)
 
     def save(self) -> GridBatchSnapshot:
-        """An exact copy of every world: `GridBatch.save`."""
+        """Copy every world exactly: `GridBatch.save`."""
         return self._batch.save()
 
     def restore(self, saved: GridBatchSnapshot) -> None:
@@ -74,7 +74,7 @@ class PictureBatch(VectorObservationWrapper):
 def make_grid_batch(
     family: str, *, view: str = "grid", pixels: str | None = None, tile_px: int = 8, **options: Any
 ) -> GridBatch | PictureBatch:
-    """A batch of a family's worlds, for ``gymnasium.make_vec``.
+    """Make a batch of a family's worlds, for ``gymnasium.make_vec``.
 
     Args:
         family: One of ``env.FAMILIES``, or a level.

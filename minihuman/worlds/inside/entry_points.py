@@ -14,24 +14,24 @@ from minihuman.worlds.grid.layouts.go_to_obj import GoToObjGrid
 
 
 def make_grid_world(family: str, **options: Any) -> Any:
-    """A world of a family or a level; ``view="first_person"`` shows it from inside, in 3D."""
+    """Make a world of a family or a level; ``view="first_person"`` shows it from inside, in 3D."""
     seen_from_above = options.get("view", "grid") == "grid"
     kind = GridEnvOnScreen if seen_from_above and options.get("render_mode") == "human" else GridEnv
     return make_with_view(partial(kind, family), **options)
 
 
 def make_go_to_obj_world(**options: Any) -> Any:
-    """The grid's half of the transfer pair; ``view`` as in `make_grid_world`."""
+    """Make the grid's half of the transfer pair; ``view`` as in `make_grid_world`."""
     return make_with_view(GoToObjGrid, **options)
 
 
 def make_drawn_level(**options: Any) -> Any:
-    """A level that a diagram shows; ``view`` as in `make_grid_world`."""
+    """Make a level that a diagram shows; ``view`` as in `make_grid_world`."""
     return make_with_view(DrawnLevel, **options)
 
 
 def make_with_view(grid: Callable[..., GridEngine], *, view: str = "grid", **options: Any) -> Any:
-    """A grid world as it is, or seen from inside.
+    """Make a grid world, as it is or seen from inside.
 
     Raises:
         WorldError: if there is no such view.

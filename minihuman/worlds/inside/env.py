@@ -56,12 +56,12 @@ class PlacedLook:
 
 
 def walled(state: State) -> NDArray[np.bool_]:
-    """Which cells are wall, [x, z]."""
+    """Return which cells are wall, [x, z]."""
     return np.array([[cells.kind_of(code) == cells.WALL for code in column] for column in state.cells.tolist()])
 
 
 def build_rooms(state: State) -> tuple[SceneRoom, ...]:
-    """The whole grid as one room, with the walls as surfaces in it; a run of walls is one surface."""
+    """Build the whole grid as one room, with the walls as surfaces in it; a run of walls is one surface."""
     wall = walled(state)
     width, height = wall.shape
     x0 = -0.5
@@ -84,17 +84,17 @@ def build_rooms(state: State) -> tuple[SceneRoom, ...]:
 
 
 def build_things(state: State, palette: Palette, kinds: Sequence[ObjectKind] = ()) -> list[PlacedLook]:
-    """Everything but walls, sorted by look and then by place: the looks stay the same while a thing moves."""
-    found = []
+    """Build everything but walls, sorted by look and then by place: the looks stay the same while a thing moves."""
+    things = []
     for x, z in zip(*np.nonzero(state.cells != cells.EMPTY), strict=True):
-        found += _in_cell(state, int(state.cells[x, z]), int(x), int(z), palette, kinds)
-    return sorted(found, key=repr)
+        things += _in_cell(state, int(state.cells[x, z]), int(x), int(z), palette, kinds)
+    return sorted(things, key=repr)
 
 
 def build_carried(
     code: int, eye: tuple[float, float, float], yaw_rad: float, palette: Palette, kinds: Sequence[ObjectKind] = ()
 ) -> list[PlacedLook]:
-    """The thing in the agent's hand, low in the picture."""
+    """Build the thing in the agent's hand, low in the picture."""
     x, y, z = eye
     ahead = _CARRIED_AHEAD_M
     place = x + ahead * np.cos(yaw_rad), y - _CARRIED_LOW_M, z - ahead * np.sin(yaw_rad), yaw_rad
@@ -112,7 +112,7 @@ def build_carried(
 def _own(
     kind: ObjectKind, code: int, place: Place, palette: Palette, *, height_m: float | None = None
 ) -> list[PlacedLook]:
-    """A thing of a world's own, as large as it is, or as high as it may be in the hand."""
+    """Build a thing of a world's own, as large as it is, or as high as it may be in the hand."""
     is_open = kind.opens and cells.state_of(code) == cells.OPEN
     match kind.inside_open if is_open else kind.inside:
         case BlockShape((along, up, deep)):
@@ -144,7 +144,7 @@ def _in_cell(
 
 
 def _door(state: State, code: int, x: int, z: int, palette: Palette) -> list[PlacedLook]:
-    """A leaf across the way, or turned aside where the door is open; a closed one has a knob, a locked one a bar."""
+    """Build a door's leaf, across the way or turned aside; a closed one has a knob, a locked one a bar."""
     colour = _rgb(code, palette)
     if x > 0 and cells.kind_of(int(state.cells[x - 1, z])) == cells.WALL:
         yaw = 0.0
@@ -174,14 +174,14 @@ def _rgb(code: int, palette: Palette) -> tuple[float, float, float]:
 
 
 def _row(wall: NDArray[np.bool_], z: int) -> NDArray[np.bool_]:
-    """Which cells of a row are wall; outside the grid everything is."""
+    """Return which cells of a row are wall; outside the grid everything is."""
     if 0 <= z < wall.shape[1]:
         return wall[:, z]
     return np.ones(wall.shape[0], np.bool_)
 
 
 def _runs(marked: NDArray[np.bool_]) -> list[tuple[float, float]]:
-    """Where each unbroken run of marked cells begins and ends."""
+    """Return where each unbroken run of marked cells begins and ends."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], marked, [False])).astype(np.int8)))
     return [(start - 0.5, end - 0.5) for start, end in edges.reshape(-1, 2).tolist()]
 
@@ -192,7 +192,7 @@ def _level(outline: NDArray[np.float64], y: float, texture: str) -> Surface:
 
 
 def _upright(start: tuple[float, float], end: tuple[float, float]) -> Surface:
-    """A wall from one (x, z) to another, seen from its left."""
+    """Build a wall from one (x, z) to another, seen from its left."""
     (ax, az), (bx, bz) = start, end
     length = abs(bx - ax) + abs(bz - az)
     top = WALL_HEIGHT_M
@@ -207,7 +207,7 @@ _FOV_Y_DEG = 60.0
 
 
 def _as_in_grid(name: str) -> Any:
-    """A method that the grid answers."""
+    """Make a method that the grid answers."""
 
     @wraps(getattr(GridEngine, name))
     def answer(self: "GridFromInside", *args: Any) -> Any:
@@ -240,16 +240,16 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
         spaces = dict(grid.observation_space.spaces)  # type: ignore[attr-defined]
         spaces["image"] = gymnasium.spaces.Box(0, 255, (obs_height, obs_width, 3), np.uint8)
         self.observation_space = gymnasium.spaces.Dict(spaces)
-        self._drawn = _Drawn(grid.kinds)
+        self._renderer = _SceneRenderer(grid.kinds)
 
     @property
     def mission(self) -> str:
-        """What to do, in words."""
+        """Return what to do, in words."""
         return self.grid.mission
 
     @property
     def max_steps(self) -> int:
-        """The grid's."""
+        """Return the grid's step limit."""
         return self.grid.max_steps
 
     def reset(
@@ -266,7 +266,7 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
         return self._shown(self._seen(observation)), reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """What the agent sees, 800 x 600; None without a render mode, and where a window shows it."""
+        """Return what the agent sees, 800 x 600; None without a render mode, and where a window shows it."""
         if self.render_mode == "human":
             self.show_in_window(self._rendered)
             return None
@@ -278,7 +278,7 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
         return self.picture(size_px=(800, 600))
 
     def _shown(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """The observation, once a window for people has shown it."""
+        """Return the observation, once a window for people has shown it."""
         if self.render_mode == "human":
             self.render()
         return observation
@@ -291,13 +291,13 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
     ) -> NDArray[np.uint8]:
-        """What the agent sees, exactly ``size_px`` (width, height); ``full`` is the grid's own plan from above."""
+        """Draw what the agent sees, exactly ``size_px`` (width, height); ``full`` is the grid's own plan from above."""
         if view == "full":
             return self.grid.picture(view=view, size_px=size_px, palette=palette)
         return self._draw(self.grid.pose(), size_px, palette)
 
     def __getstate__(self) -> dict[str, Any]:
-        return vars(self) | {"_drawn": _Drawn(self.grid.kinds)}
+        return vars(self) | {"_renderer": _SceneRenderer(self.grid.kinds)}
 
     def _seen(self, observation: dict[str, Any]) -> dict[str, Any]:
         return observation | {"image": self._draw(self.grid.pose(), self.size_px, "classic")}
@@ -306,11 +306,11 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
         back_x = _BACK_M * math.cos(pose.yaw_rad)
         back_z = _BACK_M * math.sin(pose.yaw_rad)
         eye = (pose.x - back_x, _EYE_M, pose.z + back_z)
-        scene = self._drawn.scene(self.grid.state, eye, pose.yaw_rad, palette)
+        scene = self._renderer.scene(self.grid.state, eye, pose.yaw_rad, palette)
         return render(scene, Camera(eye, pose.yaw_rad, fov_y_deg=_FOV_Y_DEG), *size_px)
 
 
-class _Drawn:
+class _SceneRenderer:
     """What was laid out for the last picture, to be used again as far as nothing has changed."""
 
     def __init__(self, kinds: tuple[ObjectKind, ...]) -> None:
@@ -320,25 +320,25 @@ class _Drawn:
         self._scene: tuple[list[Look], Scene] | None = None
 
     def scene(self, state: State, eye: tuple[float, float, float], yaw_rad: float, palette: Palette) -> Scene:
-        """The scene of a state, with what is carried before the eye."""
+        """Build the scene of a state, with what is carried before the eye."""
         if (state.cells.tobytes(), palette) != self._things[:2]:
             self._things = state.cells.tobytes(), palette, build_things(state, palette, self._kinds)
             walls = walled(state).tobytes()
             if walls != self._rooms[0]:
                 self._rooms = (walls, build_rooms(state))
                 self._scene = None
-        seen = self._things[2]
+        things = self._things[2]
         if state.carrying != cells.EMPTY:
-            seen = seen + build_carried(state.carrying, eye, yaw_rad, palette, self._kinds)
-        looks = [thing.look for thing in seen]
+            things = things + build_carried(state.carrying, eye, yaw_rad, palette, self._kinds)
+        looks = [thing.look for thing in things]
         if self._scene is None or self._scene[0] != looks:
             with library_lock:
                 self._scene = looks, build_scene(self._rooms[1], looks, library=asset_library(None))
-        return self._scene[1].at(np.array([thing.place for thing in seen], dtype=np.float64).reshape(-1, 4))
+        return self._scene[1].at(np.array([thing.place for thing in things], dtype=np.float64).reshape(-1, 4))
 
 
 def view_first_person(grid: GridEngine, view: str, **options: Any) -> GridFromInside:
-    """The grid seen from inside, for ``gymnasium.make(..., view="first_person")``.
+    """Show a grid from inside, for ``gymnasium.make(..., view="first_person")``.
 
     Raises:
         WorldError: if the view is another one.

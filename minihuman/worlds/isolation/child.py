@@ -67,7 +67,7 @@ class WorldServer:
     """Runs one world for a host."""
 
     def __init__(self) -> None:
-        self._made: World | None = None
+        self._constructed: World | None = None
         self._stepped: StepResult | None = None
         self._saved: dict[int, Any] = {}
         self._memory: SharedMemory | None = None
@@ -89,8 +89,10 @@ class WorldServer:
             case messages.Construct():
                 return self._construct(request)
             case messages.Reset():
-                begun = self._world.reset(request.seed)
-                return messages.ResetReport(begun.observation_hash, begun.mission, begun.onset, self._moment())
+                reset_result = self._world.reset(request.seed)
+                return messages.ResetReport(
+                    reset_result.observation_hash, reset_result.mission, reset_result.onset, self._moment()
+                )
             case messages.Step():
                 return self._step(request)
             case messages.Advance():
@@ -121,8 +123,8 @@ class WorldServer:
 
     @property
     def _world(self) -> World:
-        assert self._made is not None, "the host constructs a world first"
-        return self._made
+        assert self._constructed is not None, "the host constructs a world first"
+        return self._constructed
 
     @property
     def _last_info(self) -> Mapping[str, Any]:
@@ -134,7 +136,7 @@ class WorldServer:
         if request.module and request.world_id not in gymnasium.registry:
             with contain_errors(request.world_id, "its code"):
                 import_module(request.module)
-        self._made = world = World(request.world_id, decode_value(request.options), trusted=True)
+        self._constructed = world = World(request.world_id, decode_value(request.options), trusted=True)
         actions = world.actions
         if isinstance(actions, DiscreteActions):
             discrete = actions
@@ -189,11 +191,11 @@ class WorldServer:
             except (TypeError, OverflowError) as error:
                 raise WorldError(f"{self._world.id}: its observation cannot be stored: {error}") from error
         assert name in _QUERIES, name
-        asked = getattr(self._world, name)
-        return asked() if callable(asked) else asked
+        attribute = getattr(self._world, name)
+        return attribute() if callable(attribute) else attribute
 
     def _close(self) -> None:
         self._saved.clear()
-        if self._made is not None:
-            self._made.close()
-            self._made = None
+        if self._constructed is not None:
+            self._constructed.close()
+            self._constructed = None

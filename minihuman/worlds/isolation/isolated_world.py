@@ -150,64 +150,64 @@ class IsolatedWorld(World):
 
     @property
     def pid(self) -> int:
-        """The number of its process."""
+        """Return the number of its process."""
         return self._process.pid
 
     @property
     def unwrapped(self) -> Any:
-        """What has no attributes: the environment is elsewhere."""
+        """Return an object without attributes: the environment is in another process."""
         return RemoteEnvironment(self.id)
 
     @property
     def env(self) -> Any:
-        """What has no attributes: the environment is elsewhere."""
+        """Return an object without attributes: the environment is in another process."""
         return RemoteEnvironment(self.id)
 
     @property
     def can_isolate(self) -> bool:
-        """Whether it may stay in its process; see the module."""
+        """Return whether it may stay in its process; see the module."""
         return self._description.can_isolate
 
     @property
     def is_compiled(self) -> bool:
-        """Never: such worlds are not isolated."""
+        """Return False: compiled worlds are not isolated."""
         return False
 
     @property
     def knows_state(self) -> bool:
-        """Whether the environment reveals all its state."""
+        """Return whether the environment reveals all its state."""
         return self._present.scene_hash is None
 
     @property
     def observation(self) -> Any:
-        """The latest observation."""
+        """Return the latest observation."""
         return decode_value(self._query("observation", bytes))
 
     @property
     def observation_space(self) -> gymnasium.Space[Any]:
-        """The space of its observations."""
+        """Return the space of its observations."""
         return decode_space(self._description.observation_space)
 
     @property
     def action_space(self) -> gymnasium.Space[Any]:
-        """The space of its actions."""
+        """Return the space of its actions."""
         return decode_space(self._description.action_space)
 
     @property
     def step_limit(self) -> int | None:
-        """The environment's own limit on an episode's steps; None where it has none."""
+        """Return the environment's own limit on an episode's steps; None where it has none."""
         return self._query("step_limit", int | None)  # type: ignore[arg-type]
 
     @property
     def draws_itself(self) -> bool:
-        """Whether a participant sees what its own ``render`` returns."""
+        """Return whether a participant sees what its own ``render`` returns."""
         return self._query("draws_itself", bool)
 
     def reset(self, seed: int) -> ResetResult:
         """Begin an episode from a seed, with wrappers as they were made."""
-        begun = self._ask(messages.Reset(seed), messages.ResetReport, "reset()")
-        self._moment = begun.moment
-        return ResetResult(begun.observation_hash, begun.mission, begun.onset)
+        report = self._ask(messages.Reset(seed), messages.ResetReport, "reset()")
+        self._moment = report.moment
+        return ResetResult(report.observation_hash, report.mission, report.onset)
 
     def step(self, action: Action) -> StepResult:
         """Do an action, as any world does."""
@@ -239,43 +239,43 @@ class IsolatedWorld(World):
         return terminated, truncated
 
     def pose(self) -> Pose | None:
-        """Where the agent stands; None where that is unknown."""
+        """Return where the agent stands; None where that is unknown."""
         if self._present.pose is None:
             return None
         return Pose(*self._present.pose)
 
     def subgoals(self) -> tuple[tuple[str, int], ...]:
-        """The clauses of the episode's instruction, each with the step that did it; 0 for none yet."""
+        """Return the clauses of the episode's instruction, each with the step that did it; 0 for none yet."""
         return self._present.subgoals
 
     def map(self) -> Map | None:
-        """The floor plan; None where it is unknown."""
+        """Return the floor plan; None where it is unknown."""
         return self._query("map", Map | None)  # type: ignore[arg-type]
 
     def state_hash(self) -> int:
-        """A uint64 over everything that decides the future."""
+        """Hash everything that decides the future to a uint64."""
         return self._present.state_hash
 
     def scene_hash(self) -> int:
-        """The same without the number of steps taken, where the state is known."""
+        """Return the same hash without the number of steps taken, where the state is known."""
         known = self._present.scene_hash
         if known is None:
             return self._query("scene_hash", int)
         return known
 
     def shortest_path(self) -> tuple[str, ...] | None:
-        """Names of actions that lead to success from here; None where the world has no planner."""
+        """Return names of actions that lead to success from here; None where the world has no planner."""
         names = self._query("shortest_path", tuple[str, ...] | None)  # type: ignore[arg-type]
         if names is None:
             return None
         return tuple(self.action_names[self.actions.names.index(name)] for name in names)
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """Bounds on the steps that success takes from here."""
+        """Return bounds on the steps that success takes from here."""
         return self._query("path_length_bounds", PathLengthBounds)
 
     def text(self) -> str:
-        """What the agent of a grid world observes now, as a diagram and as sentences."""
+        """Return what the agent of a grid world observes now, as a diagram and as sentences."""
         return self._query("text", str)
 
     def frame(
@@ -284,7 +284,7 @@ class IsolatedWorld(World):
         size_px: tuple[int, int] = (640, 480),
         palette: Palette = "classic",
     ) -> NDArray[np.uint8]:
-        """The picture a person sees, as any world's."""
+        """Return the picture a person sees, as any world's."""
         for _ in range(2):  # the second time with memory enough
             memory = self._process.memory
             name = "" if memory is None else memory.name
@@ -298,14 +298,14 @@ class IsolatedWorld(World):
         return np.ndarray(shape, np.uint8, memory.buf).copy()
 
     def render(self, size_px: tuple[int, int]) -> Any:
-        """What a participant sees."""
+        """Draw what a participant sees."""
         return self.frame(size_px=size_px)
 
     def picture_tiles(self, view: View | Literal["text"], size_px: tuple[int, int], palette: Palette) -> None:
-        """None: it is not a team world's."""
+        """Return None: this is no team world."""
 
     def save(self) -> SavedState:
-        """A copy of the state in mid-episode, which this world alone can restore.
+        """Copy the state in mid-episode; this world alone can restore it.
 
         Raises:
             WorldError: if the world cannot be copied.
@@ -375,7 +375,7 @@ class IsolatedWorlds:
         return self._make_world(world_id, options)
 
     def isolates(self, world_id: str) -> bool:
-        """Whether a world runs in a process of its own, as far as is known."""
+        """Return whether a world runs in a process of its own, as far as is known."""
         return world_id not in self._stays and not is_from_catalogue(world_id)
 
     def close(self) -> None:
@@ -397,7 +397,7 @@ def choose_world_factory(isolates: bool) -> Iterator[WorldMaker]:
 
 
 def is_from_catalogue(world_id: str) -> bool:
-    """Whether nothing but this package's code makes a world, as its id is registered; nothing is imported for it."""
+    """Return whether this package's code alone makes a world, as its id is registered; imports nothing for it."""
     module, _, name = world_id.rpartition(":")
     if module and module.partition(".")[0] != "minihuman":
         return False

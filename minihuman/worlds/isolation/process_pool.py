@@ -88,7 +88,7 @@ class WorldProcess:
 
     @property
     def pid(self) -> int:
-        """The process's number."""
+        """Return the process's number."""
         pid: int = self._process.pid
         return pid
 

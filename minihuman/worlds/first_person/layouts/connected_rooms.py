@@ -102,9 +102,9 @@ class Sidewalk(GoalEnv):
         self.place_agent(room=sidewalk, min_z=0, max_z=1.5)
 
     def termination_rule(self) -> TerminationRule:
-        """Near the box, or in the street."""
+        """End near the box, or in the street."""
         return near_goal(self.box, forbidden=self.street)
 
     def off_limits(self) -> tuple[Room, ...]:
-        """The street."""
+        """Return the street."""
         return (self.street,)

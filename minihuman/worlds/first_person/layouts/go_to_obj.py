@@ -60,34 +60,34 @@ class GoToObj(FirstPersonEnv):
         near = self.size / 10
         far = self.size * 9 / 10
         places = ((near, middle), (middle, far), (far, middle), (middle, near))  # in the order of WALLS
-        drawn = draw_arrangement(self.np_random)
+        arrangement = draw_arrangement(self.np_random)
         self.add_rect_room(min_x=0, max_x=self.size, min_z=0, max_z=self.size)
         placed = [
             self.place_entity(self._make(colour, kind), pos=(x, self.lift_m, z), dir=number * math.pi / 2)
-            for number, ((colour, kind), (x, z)) in enumerate(zip(drawn.objects, places, strict=True))
+            for number, ((colour, kind), (x, z)) in enumerate(zip(arrangement.objects, places, strict=True))
         ]
-        self.target: Entity = placed[drawn.target]
-        self.mission = drawn.mission
+        self.target: Entity = placed[arrangement.target]
+        self.mission = arrangement.mission
         self.place_agent(pos=(middle, self.lift_m, middle), dir=0.0)
 
     def termination_rule(self) -> TerminationRule:
-        """Where the target is just ahead."""
+        """End where the target is just ahead."""
         return face(self.target, reach_m=self.reach_m, tolerance_m=self.tolerance_m)
 
     def targets(self) -> tuple[Entity, ...]:
-        """The object to go to."""
+        """Return the object to go to."""
         return (self.target,)
 
     def shortest_path(self) -> Sequence[int] | None:
-        """The shortest list of turns and steps to where the target is just ahead."""
+        """Return the shortest list of turns and steps to where the target is just ahead."""
         names = ("turn_left", "turn_right", "move_forward")
-        found = search_first_success(
+        actions = search_first_success(
             self, [self.action_names.index(name) for name in names if name in self.action_names]
         )
-        return found or ()
+        return actions or ()
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """The length of that path, twice."""
+        """Return the length of that path as both bounds."""
         count = len(self.shortest_path() or ()) or None
         return PathLengthBounds(count, count)
 

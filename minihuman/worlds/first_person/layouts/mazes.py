@@ -37,7 +37,7 @@ class _Fork(GoalEnv):
         self.place_agent(dir=uniform(self.np_random, -math.pi / 4, math.pi / 4), room=room)
 
     def info(self) -> dict[str, Any]:
-        """Where the box is."""
+        """Return where the box is."""
         return {"goal_pos": np.array(self.box.pos)}
 
 
@@ -102,37 +102,37 @@ class Maze(GoalEnv):
             for column in range(self.num_cols)
         }
         # every room is entered once, and then the order of its ways on is drawn
-        drawn = iter(self.np_random.integers(np.tile((4, 3, 2, 1), len(rooms))).reshape(-1, 4).tolist())
-        seen = {(0, 0)}
-        trail = [((0, 0), _directions(next(drawn)))]
+        shuffles = iter(self.np_random.integers(np.tile((4, 3, 2, 1), len(rooms))).reshape(-1, 4).tolist())
+        visited = {(0, 0)}
+        trail = [((0, 0), _directions(next(shuffles)))]
         while trail:
             (column, row), directions = trail[-1]
             if not directions:
                 trail.pop()
                 continue
             right, down = directions.pop(0)
-            there = column + right, row + down
-            if there not in rooms or there in seen:
+            neighbour = column + right, row + down
+            if neighbour not in rooms or neighbour in visited:
                 continue
-            here = rooms[column, row]
+            room = rooms[column, row]
             if right == 0:
-                self.connect_rooms(here, rooms[there], min_x=here.min_x, max_x=here.max_x)
+                self.connect_rooms(room, rooms[neighbour], min_x=room.min_x, max_x=room.max_x)
             else:
-                self.connect_rooms(here, rooms[there], min_z=here.min_z, max_z=here.max_z)
-            seen.add(there)
-            trail.append((there, _directions(next(drawn))))
+                self.connect_rooms(room, rooms[neighbour], min_z=room.min_z, max_z=room.max_z)
+            visited.add(neighbour)
+            trail.append((neighbour, _directions(next(shuffles))))
         self.box = self.place_entity(Box("red"))
         self.place_agent()
 
 
 def _directions(picks: list[int]) -> list[tuple[int, int]]:
-    """The four ways on, (columns to the right, rows down), in the order of the picks from those that are left."""
+    """Return the four directions, (columns to the right, rows down), in the order of the picks from those left."""
     left = [(1, 0), (-1, 0), (0, -1), (0, 1)]
     return [left.pop(pick) for pick in picks]
 
 
 def _turned(outline: tuple[Point, ...], degrees: float) -> tuple[Point, ...]:
-    """The outline turned about the origin, clockwise as seen from above."""
+    """Return the outline turned about the origin, clockwise as seen from above."""
     half = degrees * (math.pi / 180) / 2.0
     a = math.cos(half)
     c = -math.sin(half)

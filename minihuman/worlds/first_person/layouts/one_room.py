@@ -32,19 +32,19 @@ class GoalEnv(FirstPersonEnv):
         super().__init__(max_steps=max_steps, actions=MOVES, **options)
 
     def termination_rule(self) -> TerminationRule:
-        """Near the box."""
+        """End near the box."""
         return near_goal(self.box)
 
     def targets(self) -> tuple[Entity, ...]:
-        """The box."""
+        """Return the box."""
         return (self.box,)
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Turns and steps to where the box is near; empty if none were found."""
+        """Plan turns and steps to where the box is near; empty if none were found."""
         return plan(self, self.box) or ()
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """The length of that path, and a lower bound."""
+        """Return the length of that path, and a lower bound."""
         return PathLengthBounds(least_steps(self, self.box), len(self.shortest_path() or ()) or None)
 
 
@@ -62,6 +62,15 @@ class OneRoom(GoalEnv):
         self.place_agent()
 
 
+def _make_thing(kind: int, colour: str) -> Entity:
+    """Make a thing of a kind by its number: 0 a ball, 1 a box, 2 a key."""
+    if kind == 0:
+        return Ball(colour, 0.9)
+    if kind == 1:
+        return Box(colour, 0.9)
+    return Key(colour)
+
+
 class PickupObjects(FirstPersonEnv):
     """A yard of ``size`` metres with ``num_objs`` things; each one picked up earns 1 and is gone."""
 
@@ -76,20 +85,20 @@ class PickupObjects(FirstPersonEnv):
         for _ in range(self.num_objs):
             kind = self.np_random.integers(3)
             colour = _any_colour(self)
-            self.place_entity(Ball(colour, 0.9) if kind == 0 else Box(colour, 0.9) if kind == 1 else Key(colour))
+            self.place_entity(_make_thing(int(kind), colour))
         self.place_agent()
         self.num_picked_up = 0
 
     def termination_rule(self) -> TerminationRule:
-        """When all are picked up."""
+        """End when all are picked up."""
         return pick_up_all(self.num_objs, score="num_picked_up")
 
     def targets(self) -> tuple[Entity, ...]:
-        """All that is left to pick up."""
+        """Return everything that is left to pick up."""
         return tuple(thing for thing in self.entities if thing is not self.agent)
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Turns and steps from thing to thing, the nearest first, each picked up; empty if none were found."""
+        """Plan turns and steps from thing to thing, the nearest first, each picked up; empty if none were found."""
         return plan_take_all(self, lambda: list(self.targets())) or ()
 
 
@@ -104,19 +113,20 @@ class PutNext(FirstPersonEnv):
         """Lay the room out, with boxes of slightly different sizes."""
         self.add_rect_room(min_x=0, max_x=self.size, min_z=0, max_z=self.size)
         boxes = {colour: self.place_entity(Box(colour, uniform(self.np_random, 0.6, 0.85))) for colour in COLOUR_NAMES}
-        self.red_box, self.yellow_box = boxes["red"], boxes["yellow"]
+        self.red_box = boxes["red"]
+        self.yellow_box = boxes["yellow"]
         self.place_agent()
 
     def termination_rule(self) -> TerminationRule:
-        """When the boxes stand side by side and nothing is carried."""
+        """End when the boxes stand side by side and nothing is carried."""
         return put_next(self.red_box, self.yellow_box)
 
     def targets(self) -> tuple[Entity, ...]:
-        """The red box and the yellow one."""
+        """Return the red box and the yellow one."""
         return (self.red_box, self.yellow_box)
 
     def shortest_path(self) -> Sequence[int] | None:
-        """To the red box, with it to the yellow one, and put down; empty if none was found."""
+        """Plan the way to the red box and, with it, to the yellow one; empty if none was found."""
         return plan_put_next(self, self.red_box, self.yellow_box) or ()
 
 
@@ -153,11 +163,11 @@ class CollectHealth(FirstPersonEnv):
         self.health = 100
 
     def termination_rule(self) -> TerminationRule:
-        """2 for each step alive, -100 for dying; a kit that is picked up turns up elsewhere."""
+        """Pay 2 for each step alive and -100 for dying; move a kit that is picked up elsewhere."""
         return stay_alive(score="health", cost=2.0, full=100.0, reward=2.0, penalty=-100.0)
 
     def info(self) -> dict[str, Any]:
-        """The health left."""
+        """Return the health left."""
         return {"health": self.health}
 
 

@@ -60,22 +60,22 @@ class Sign(FirstPersonEnv):
         self.place_agent(min_x=4, max_x=5, min_z=4, max_z=6)
 
     def termination_rule(self) -> TerminationRule:
-        """1 for the right thing, -1 for a wrong one; of several in reach the last counts."""
+        """Pay 1 for the right thing, -1 for a wrong one; of several in reach the last counts."""
         boxes, keys = self.objects
         return touch_right_one((*boxes, *keys), (3 if self.goal else 0) + self.color_index)
 
     def targets(self) -> tuple[Entity, ...]:
-        """The sign, and what it names."""
+        """Return the sign, and what it names."""
         return *(thing for thing in self.entities if isinstance(thing, TextFrame)), self._wanted()
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Turns and steps to the right thing, past the others."""
-        wanted = self._wanted()
-        others = [thing for things in self.objects for thing in things if thing is not wanted]
-        return plan(self, wanted, avoid=others) or ()
+        """Plan turns and steps to the right thing, past the others."""
+        target = self._wanted()
+        obstacles = [thing for things in self.objects for thing in things if thing is not target]
+        return plan(self, target, avoid=obstacles) or ()
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """The length of that path, and a lower bound."""
+        """Return the length of that path, and a lower bound."""
         return PathLengthBounds(least_steps(self, self._wanted()), len(self.shortest_path() or ()) or None)
 
     def _wanted(self) -> Entity:
@@ -83,5 +83,5 @@ class Sign(FirstPersonEnv):
         return (keys if self.goal else boxes)[self.color_index]
 
     def observe(self) -> Any:
-        """The picture and the goal."""
+        """Return the picture and the goal."""
         return {"obs": super().observe(), "goal": self.goal}

@@ -50,10 +50,13 @@ class _SharedRooms(FourRooms):
         agent = self.agent
         old = self.figures[self.inside]
         new = self.figures[body]
-        old.pos, old.dir = agent.pos, agent.dir
+        old.pos = agent.pos
+        old.dir = agent.dir
         self._turn_face(self.inside)
-        agent.pos, agent.dir = new.pos, new.dir
-        new.pos, self.faces[body].pos = _NOWHERE, _NOWHERE
+        agent.pos = new.pos
+        agent.dir = new.dir
+        new.pos = _NOWHERE
+        self.faces[body].pos = _NOWHERE
         self.inside = body
 
     def _turn_face(self, body: int) -> None:
@@ -61,11 +64,13 @@ class _SharedRooms(FourRooms):
         figure = self.figures[body]
         face = self.faces[body]
         figure.trig = 1
-        (x, _, z), (ahead_x, ahead_z) = figure.pos, figure.forward
-        face.pos, face.dir = (x + 0.2 * ahead_x, 0.9, z + 0.2 * ahead_z), figure.dir
+        x, _, z = figure.pos
+        ahead_x, ahead_z = figure.forward
+        face.pos = (x + 0.2 * ahead_x, 0.9, z + 0.2 * ahead_z)
+        face.dir = figure.dir
 
     def act_together(self, actions: Sequence[int]) -> tuple[list[float], bool, bool]:
-        """One joint step, body after body in this step's order: rewards, terminated, truncated."""
+        """Make one joint step, body after body in this step's order; return rewards, terminated, truncated."""
         if self._stage is None or self._over:
             raise WorldError("no episode is running; call reset() before step(), and again after each episode")
         rewards = [0.0] * len(actions)
@@ -126,11 +131,11 @@ class TeamRooms(TeamWorld):
         return TeamStep((sum(rewards),) * self.bodies, terminated, truncated)
 
     def observation(self, body: int) -> NDArray[np.uint8]:
-        """What a body sees, uint8[obs_height, obs_width, 3]."""
+        """Return what a body sees, uint8[obs_height, obs_width, 3]."""
         return self._draw(body, self._env.see)
 
     def frame(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> NDArray[np.uint8]:
-        """What a person in this body sees, of exactly this size."""
+        """Return what a person in this body sees, of exactly this size."""
         return self._draw(body, lambda: self._env.picture(view=self.view, size_px=(width, height), palette=palette))
 
     def _draw(self, body: int, draw: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
@@ -140,22 +145,22 @@ class TeamRooms(TeamWorld):
         return picture
 
     def pose(self, body: int) -> Pose:
-        """Where a body's feet are, metres, and where it heads."""
+        """Return where a body's feet are, metres, and where it heads."""
         check_whole("body", body, 0, self.bodies - 1)
         it = self._env.figures[body] if body else self._env.agent
         return Pose(*it.pos, it.dir)
 
     def map(self) -> Map:
-        """Walls, and the box."""
+        """Return the walls and the box."""
         plan = self._env.map()
         return Map(plan.unit, plan.bounds, plan.walls, plan.things[:1])  # the box was placed before all figures
 
     def state_hash(self) -> int:
-        """A uint64 over rooms, bodies, step count and random stream."""
+        """Hash rooms, bodies, step count and random stream to a uint64."""
         return self._env.state_hash()
 
     def save(self) -> FirstPersonSnapshot:
-        """An exact copy of the state in mid-episode."""
+        """Copy the state exactly, in mid-episode."""
         return self._env.save()
 
     def restore(self, saved: FirstPersonSnapshot) -> None:

@@ -64,12 +64,12 @@ class Explorer:
         self._before = state.row.copy()  # the state when the plan was last looked at
 
     def action(self, state: State) -> int | None:
-        """The next action; None where nothing is left to try."""
+        """Return the next action; None where nothing is left to try."""
         way = self.way(state)
         return way[0] if way else None
 
     def way(self, state: State) -> list[int]:
-        """The actions planned from here; empty where nothing is left to try."""
+        """Return the actions planned from here; empty where nothing is left to try."""
         new = self.memory.look(state.row)
         moving = state.row[fields.TASK] == rewards.DODGE  # by chance: what comes after an action cannot be worked out
         if self._plan and not moving and np.array_equal(_after(self._before, self._plan[0]), state.row):
@@ -83,13 +83,15 @@ class Explorer:
 
     def _decide(self, row: Row) -> list[int]:
         known = self.memory.known(row)
-        known[fields.MAX_STEPS], known[fields.STEP], known[fields.PHASE] = FAR, 0, fields.PLAYING
+        known[fields.MAX_STEPS] = FAR
+        known[fields.STEP] = 0
+        known[fields.PHASE] = fields.PLAYING
         if known[fields.TASK] != rewards.INSTRUCTED:
             room_for_more = instructed_length(int(known[fields.WIDTH]), int(known[fields.HEIGHT])) - len(known)
             if known[fields.TASK] == rewards.DODGE:
                 self._where_things_are(known)
-            found = plan(State(known)) if self._knows_what_it_is_about(known) else None
-            return found or self._look_for_more(np.pad(known, (0, room_for_more)))
+            actions = plan(State(known)) if self._knows_what_it_is_about(known) else None
+            return actions or self._look_for_more(np.pad(known, (0, room_for_more)))
         for candidates in (self._ways(known), self._fetching(known)):
             if candidates:
                 return min(candidates, key=len)
@@ -101,37 +103,40 @@ class Explorer:
         cells = known[fields.HEADER : fields.HEADER + int(known[fields.WIDTH]) * int(known[fields.HEIGHT])]
         moving = identities_of(cells) > 0
         in_view = self.memory.in_view(known)
-        cells[moving & in_view], cells[moving & ~in_view] = GREY_WALL, EMPTY
+        cells[moving & in_view] = GREY_WALL
+        cells[moving & ~in_view] = EMPTY
 
     def _knows_what_it_is_about(self, known: Row) -> bool:
-        """Whether the cells that the task is about were seen; of a match, the things too that are compared."""
+        """Return whether the cells of the task have been seen; for a match, the compared things as well."""
         task = int(known[fields.TASK])
         target = known[fields.TARGET : fields.TARGET + 4].tolist()
-        about = {
+        offsets = {
             rewards.STAND_BY: (0,),
             rewards.OPEN_DOOR: (0,),
             rewards.MATCH: (0, 2),
             rewards.IN_ORDER: (0, 2),
             rewards.PUT_NEAR: (2,),
         }.get(task, ())
-        cells = [target[place] * int(known[fields.HEIGHT]) + target[place + 1] for place in about]
+        cells = [target[place] * int(known[fields.HEIGHT]) + target[place + 1] for place in offsets]
         things = range(1, int(known[fields.OBJECTS]) + 1) if task == rewards.MATCH else ()
-        return bool(self.memory.seen[cells].all()) and all(State(known).find(one) is not None for one in things)
+        return bool(self.memory.seen[cells].all()) and all(
+            State(known).find(identity) is not None for identity in things
+        )
 
     def _ways(self, known: Row) -> list[list[int]]:
-        """How to do each clause that is to be done now, of those that can be on what is known."""
-        found = []
+        """Plan each clause that is due now, as far as what is known allows."""
+        plans = []
         for clause in active(known):
             actions = plan_clause(known, clause)
             if actions is not None:
-                found.append(
+                plans.append(
                     [*actions, rewards.DONE] if block(known)[encoding.FLAGS] & encoding.SAY_DONE else list(actions)
                 )
-        return found
+        return plans
 
     def _fetching(self, known: Row) -> list[list[int]]:
-        """How to take up what is to be put next to something not found yet."""
-        found = []
+        """Plan how to pick up what is to be put next to something not found yet."""
+        plans = []
         for clause in active(known):
             if block(known)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.VERB] != encoding.PUT_NEXT:
                 continue
@@ -142,8 +147,8 @@ class Explorer:
                 if State(known).find(identity) is not None:
                     actions = do_to(known, encoding.PICK_UP, identity)
                     if actions is not None:
-                        found.append(actions)
-        return found
+                        plans.append(actions)
+        return plans
 
     def _look_for_more(self, known: Row) -> list[int]:
         judgement = self._judgement or (DOOR_WEIGHTS if _seeks_doors(known) else EXPERT_WEIGHTS)
@@ -156,8 +161,8 @@ class Explorer:
     def _unlocking(self, known: Row) -> list[int]:
         state = State(known)
         locked = state.identities[(state.kinds == DOOR) & (state.states == LOCKED)].tolist()
-        found = (do_to(known, encoding.OPEN, identity) for identity in locked)
-        return min((actions for actions in found if actions is not None), key=len, default=[])
+        plans = (do_to(known, encoding.OPEN, identity) for identity in locked)
+        return min((actions for actions in plans if actions is not None), key=len, default=[])
 
     def _clearing(self, known: Row, judgement: FrontierWeights) -> list[int]:
         beyond = self.memory.frontier(known, passing=THING_IN_WAY, judgement=judgement)
@@ -184,25 +189,29 @@ class Explorer:
 
     def _opening_boxes(self, known: Row) -> list[int]:
         state = State(known)
-        boxes = [one for one in state.identities[state.kinds == BOX].tolist() if not described_objects(known)[one - 1]]
-        found = (do_to(known, encoding.PICK_UP, identity) for identity in boxes)
-        opened = ([*actions[:-1], rewards.TOGGLE] for actions in found if actions is not None)
+        boxes = [
+            identity
+            for identity in state.identities[state.kinds == BOX].tolist()
+            if not described_objects(known)[identity - 1]
+        ]
+        plans = (do_to(known, encoding.PICK_UP, identity) for identity in boxes)
+        opened = ([*actions[:-1], rewards.TOGGLE] for actions in plans if actions is not None)
         return min(opened, key=len, default=[])
 
 
 def _strict(row: Row) -> bool:
-    """Whether a clause that is to be done now fails where something else is done."""
+    """Return whether a clause that is due now fails if something else is done."""
     return any(clause[encoding.STRICT] != 0 for clause in _active_lines(row))
 
 
 def _seeks_doors(row: Row) -> bool:
-    """Whether each clause that is to be done now is about a door."""
+    """Return whether each clause that is due now is about a door."""
     kinds = [int(clause[encoding.THING + encoding.KIND]) for clause in _active_lines(row)]
     return bool(kinds) and all(kind == DOOR for kind in kinds)
 
 
 def _active_lines(row: Row) -> list[Row]:
-    """The numbers of the clauses that are to be done now."""
+    """Return the numbers of the clauses that are due now."""
     if row[fields.TASK] != rewards.INSTRUCTED:
         return []
     lines = block(row)[encoding.CLAUSES :].reshape(-1, encoding.CLAUSE)
@@ -210,23 +219,23 @@ def _active_lines(row: Row) -> list[Row]:
 
 
 def _doors_left_alone(known: Row) -> Row:
-    """The state with every closed door as good as locked."""
-    alone = known.copy()
-    state = State(alone)
+    """Return the state with every closed door locked."""
+    locked = known.copy()
+    state = State(locked)
     for x, y in np.argwhere((state.kinds == DOOR) & (state.states == CLOSED)).tolist():
         state.cells[x, y] = in_state(int(state.cells[x, y]), LOCKED)
-    return alone
+    return locked
 
 
 def active(row: Row) -> tuple[int, ...]:
-    """The clauses that are to be done now."""
+    """Return the clauses that are due now."""
     numbers = block(row)
     left = int(numbers[encoding.LEFT])
     right = int(numbers[encoding.RIGHT])
-    both = [range(left), range(left, left + right)]
+    groups = [range(left), range(left, left + right)]
     if numbers[encoding.JOIN] == encoding.AFTER:
-        both.reverse()
-    for part in both[:1] if numbers[encoding.JOIN] == encoding.ALONE else both:
+        groups.reverse()
+    for part in groups[:1] if numbers[encoding.JOIN] == encoding.ALONE else groups:
         waiting = tuple(
             k for k in part if numbers[encoding.CLAUSES + k * encoding.CLAUSE + encoding.STATUS] != encoding.SATISFIED
         )
@@ -236,7 +245,7 @@ def active(row: Row) -> tuple[int, ...]:
 
 
 def _after(row: Row, action: int) -> Row:
-    """The state after an action."""
+    """Return the state after an action."""
     after = row.copy()
     try_action(after, action)
     return after

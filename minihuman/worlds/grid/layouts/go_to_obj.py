@@ -59,27 +59,27 @@ class GoToObjGrid(GridWorld):
         middle = self.size // 2
         last = self.size - 2
         places = ((1, middle), (middle, last), (last, middle), (middle, 1))  # in the order of WALLS
-        drawn = draw_arrangement(self.np_random, ambiguous=self.ambiguous)
+        arrangement = draw_arrangement(self.np_random, ambiguous=self.ambiguous)
         grid.wall_rect()
-        for (colour, kind), (x, y) in zip(drawn.objects, places, strict=True):
+        for (colour, kind), (x, y) in zip(arrangement.objects, places, strict=True):
             grid.put(Item(kind, colour), x, y)
         grid.put_agent(middle, middle, 0)
-        grid.task(REACH, *places[drawn.target])
-        grid.mission = drawn.mission
+        grid.task(REACH, *places[arrangement.target])
+        grid.mission = arrangement.mission
 
     def reward_and_done(self, action: int, reward: float, terminated: bool) -> tuple[float, bool]:
-        """Facing the target is success; "toggle" is the end."""
+        """Succeed facing the target, and end the episode with "toggle"."""
         if cell_in_front(self._row) == (self._row[TARGET], self._row[TARGET + 1]):
             return success_reward(self._row), True
         return reward, terminated or (self.toggle_ends and action == TOGGLE)
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Turns and steps to where the target is ahead."""
+        """Plan turns and steps to where the target is ahead."""
         if cell_in_front(self._row) == (self._row[TARGET], self._row[TARGET + 1]):
             return [FORWARD]  # which stays where it is, and is judged
         return walk(self._in_world(), facing(np.array([self._row[TARGET : TARGET + 2]], np.int64))) or ()
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """The length of that path, twice."""
+        """Return the length of that path as both bounds."""
         count = len(self.shortest_path() or ()) or None
         return PathLengthBounds(count, count)

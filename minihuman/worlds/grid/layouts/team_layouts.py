@@ -18,7 +18,7 @@ class TeamFourRooms(TeamGrid):
         super().__init__(width=19, height=19, max_steps=max_steps, mission=mission, view=view)
 
     def layout(self, grid: Layout) -> None:
-        """Four rooms, a gap in each wall between them."""
+        """Lay out four rooms, with a gap in each wall between them."""
         grid.wall_rect()
         grid.across(1, 9, 17)
         grid.down(9, 1, 17)
@@ -38,7 +38,7 @@ class TwoKeyDoorKey(TeamGrid):
         super().__init__(width=13, height=8, max_steps=max_steps, mission=mission, view=view)
 
     def layout(self, grid: Layout) -> None:
-        """Both keys lie in the first room, the goals in the third."""
+        """Put both keys into the first room and the goals into the third."""
         grid.wall_rect()
         doors: tuple[tuple[int, Colour], ...] = ((6, "yellow"), (9, "purple"))
         for x, colour in doors:
@@ -62,7 +62,7 @@ class SwapCorridor(TeamGrid):
         super().__init__(width=length + 2, height=4, max_steps=max_steps, mission=mission, view=view)
 
     def layout(self, grid: Layout) -> None:
-        """The bay is in the middle, or a cell beside it."""
+        """Put the bay into the middle, or a cell beside it."""
         last = grid.width - 2
         grid.wall_rect()
         grid.across(1, 1, last)
@@ -81,7 +81,7 @@ class CarryTogether(TeamGrid):
         super().__init__(width=13, height=7, max_steps=max_steps, mission=mission, view=view)
 
     def layout(self, grid: Layout) -> None:
-        """The load is in the left room, the goal in the right one."""
+        """Put the load into the left room and the goal into the right one."""
         grid.wall_rect()
         grid.down(6, 1, 5)
         grid.clear(6, grid.integer(2, 5))
@@ -104,7 +104,7 @@ class HideAndSeek(TeamGrid):
         super().__init__(width=13, height=13, max_steps=max_steps, mission=mission, view=view)
 
     def layout(self, grid: Layout) -> None:
-        """Four rooms with a gap in each wall, blocks in them, and four balls."""
+        """Lay out four rooms with a gap in each wall, blocks in them, and four balls."""
         grid.wall_rect()
         grid.across(1, 6, 11)
         grid.down(6, 1, 11)

@@ -36,7 +36,7 @@ def prepare_figure(pixels: Pixels) -> Figure:
 
 @lru_cache(maxsize=256)
 def draw_body(body: int, direction: int, tile_px: int, palette: Palette) -> Figure:
-    """A body's arrowhead."""
+    """Draw a body's arrowhead."""
     canvas = agent(direction, tile_px, palette, OBJECT_COLOURS[palette][BODY_COLOURS[body]])
     return prepare_figure(np.dstack([canvas.rgb, 255 * canvas.alpha]).round().astype(np.uint8))
 
@@ -60,37 +60,43 @@ def draw_team(
     palette: Palette,
     kinds: tuple[ObjectKind, ...] = (),
 ) -> Pixels:
-    """A picture of what a body sees, looking up ("partial"), or of everything, what it sees lighter ("full")."""
-    drawn = atlas(tile_px, palette, kinds)
-    bodies = [row[body_index(row, each) :][:4].tolist() for each in range(count_bodies(row))]
-    alone = row[: row_length(int(row[WIDTH]), int(row[HEIGHT]))].copy()
-    alone[X : X + 4] = bodies[body]
+    """Draw what a body sees, looking up ("partial"), or everything, with what it sees lighter ("full")."""
+    tile_atlas = atlas(tile_px, palette, kinds)
+    bodies = [row[body_index(row, number) :][:4].tolist() for number in range(count_bodies(row))]
+    single_row = row[: row_length(int(row[WIDTH]), int(row[HEIGHT]))].copy()
+    single_row[X : X + 4] = bodies[body]
     x, y, facing, _ = bodies[body]
     image = np.zeros((view_size, view_size, 3), np.uint8)
-    seen = image.copy()
-    see(alone, image)
-    see_body(row, body, seen)
-    alone[CARRYING] = EMPTY  # drawn below
+    own_view = image.copy()
+    see(single_row, image)
+    see_body(row, body, own_view)
+    single_row[CARRYING] = EMPTY  # drawn below
     columns, rows = (view_size, view_size) if view == "partial" else (int(row[WIDTH]), int(row[HEIGHT]))
     out = np.empty((rows * tile_px, columns * tile_px, 3), np.uint8)
     lines = out.reshape(rows * tile_px, -1)
     lit = np.zeros((columns, rows), np.int64)
-    tables = drawn.number, drawn.under, drawn.tiles.view(np.uint8), np.zeros_like(drawn.agents), drawn.carried
-    draw_cells(alone, image, view == "full", False, lit, *tables, lines, lines)
+    tables = (
+        tile_atlas.number,
+        tile_atlas.under,
+        tile_atlas.tiles.view(np.uint8),
+        np.zeros_like(tile_atlas.agents),
+        tile_atlas.carried,
+    )
+    draw_cells(single_row, image, view == "full", False, lit, *tables, lines, lines)
     forward_x, forward_y = ahead(0, 0, facing)
-    for each, (column, line, direction, carrying) in enumerate(bodies):
+    for number, (column, line, direction, carrying) in enumerate(bodies):
         if view == "partial":
             far = (column - x) * forward_x + (line - y) * forward_y
             aside = (line - y) * forward_x - (column - x) * forward_y
             column = view_size // 2 + aside
             line = view_size - 1 - far
             inside = 0 <= column < view_size and 0 <= line < view_size
-            if each != body and not (inside and seen[column, line, 0] == AGENT):
+            if number != body and not (inside and own_view[column, line, 0] == AGENT):
                 continue
             direction = (direction - facing + 3) % 4
-        lay(draw_body(each, direction, tile_px, palette), column * tile_px, line * tile_px, out)
+        lay(draw_body(number, direction, tile_px, palette), column * tile_px, line * tile_px, out)
         if carrying != EMPTY:
-            small = drawn.carried[drawn.number[carrying & LOOKS - 1]]
+            small = tile_atlas.carried[tile_atlas.number[carrying & LOOKS - 1]]
             inset = tile_px - small.shape[0]
             lay(prepare_figure(small), column * tile_px + inset, line * tile_px + inset, out)
     return out
@@ -117,7 +123,7 @@ _SPOTS = (((0.5, 0.5),), ((0.36, 0.5), (0.64, 0.5)), ((0.5, 0.36), (0.36, 0.62),
 
 
 def list_kitchen_tiles(row: Row, body: int, tile_px: int, palette: Palette) -> list[tuple[Any, ...]]:
-    """What `draw_kitchen_tile` draws of each cell of a kitchen, row by row; the own cook has a white ring."""
+    """List what `draw_kitchen_tile` draws of each cell of a kitchen, row by row; the own cook has a white ring."""
     width, height, cooks = row[:3].tolist()
     times = row[fields.TIMES : fields.COOK].tolist()
     figures = {}
@@ -136,7 +142,7 @@ def list_kitchen_tiles(row: Row, body: int, tile_px: int, palette: Palette) -> l
 def draw_kitchen_tile(
     terrain: int, thing: int, time: int, cook: tuple[RGB, int, int, bool] | None, size_px: int
 ) -> Pixels:
-    """A cell of a kitchen, not to be written to: a station or the floor, and the cook on it."""
+    """Draw a cell of a kitchen: a station or the floor, and the cook on it. The array is not to be written to."""
     out = _station(terrain, thing, time, size_px).copy()
     if cook is not None:
         lay(_cook(*cook, size_px), 0, 0, out)
@@ -171,7 +177,7 @@ def _station(terrain: int, thing: int, time: int, size_px: int) -> Pixels:
 
 
 @lru_cache(maxsize=512)
-def _cook(colour: RGB, direction: int, held: int, own: bool, size_px: int) -> Figure:
+def _cook(colour: RGB, direction: int, carried: int, own: bool, size_px: int) -> Figure:
     canvas = Canvas(size_px)
     forward = ((0, -1), (0, 1), (1, 0), (-1, 0))[direction]
     if own:
@@ -188,13 +194,13 @@ def _cook(colour: RGB, direction: int, held: int, own: bool, size_px: int) -> Fi
     side = (0.17 * forward[1], 0.17 * forward[0])
     corners = (tip, (base[0] + side[0], base[1] + side[1]), (base[0] - side[0], base[1] - side[1]))
     canvas.fill(canvas.polygon(*corners, rounding=0.02), _DARK)
-    if held:
-        _thing(canvas, held, 0.5 + 0.12 * forward[0], 0.5 + 0.12 * forward[1], 0.86)
+    if carried:
+        _thing(canvas, carried, 0.5 + 0.12 * forward[0], 0.5 + 0.12 * forward[1], 0.86)
     return prepare_figure(np.dstack([canvas.rgb, 255 * canvas.alpha]).round().astype(np.uint8))
 
 
 def _thing(canvas: Canvas, thing: int, u: float, v: float, size: float) -> None:
-    """Something that can be carried, around a point."""
+    """Draw something that can be carried, around a point."""
     kind = kind_of(thing)
     if kind == fields.ONION or kind == fields.TOMATO:
         _vegetable(canvas, kind == fields.ONION, u, v, 0.21 * size)
@@ -208,7 +214,7 @@ def _thing(canvas: Canvas, thing: int, u: float, v: float, size: float) -> None:
 
 
 def _pot(canvas: Canvas, thing: int, time: int) -> None:
-    """A pot from above: what is in it, and a clock that fills while it cooks and is a green ring when done."""
+    """Draw a pot from above: its contents, and a clock that fills while it cooks and is a green ring when done."""
     canvas.fill(canvas.box(0.04, 0.04, 0.96, 0.96, 0.08), shade(_POT, -0.5))
     canvas.fill(canvas.bar(0.12, 0.5, 0.88, 0.5, 0.07), _DARK)
     canvas.fill(canvas.disc(0.5, 0.5, 0.38), _STEEL)
@@ -216,15 +222,15 @@ def _pot(canvas: Canvas, thing: int, time: int) -> None:
     if not thing:
         return
     clock = clock_of(thing)
-    done = clock >= time
+    ready = clock >= time
     canvas.fill(canvas.disc(0.5, 0.5, 0.3), _RAW if clock < 0 else _SOUP)
     _ingredients(canvas, thing, 0.5, 0.5, 0.8)
     if clock >= 0:
-        for tick in range(24 if done else 24 * clock // max(time, 1)):
+        for tick in range(24 if ready else 24 * clock // max(time, 1)):
             angle = math.tau * tick / 24
             canvas.fill(
                 canvas.disc(0.5 + 0.4 * math.sin(angle), 0.5 - 0.4 * math.cos(angle), 0.055),
-                (70, 220, 110) if done else (255, 255, 255),
+                (70, 220, 110) if ready else (255, 255, 255),
             )
 
 
