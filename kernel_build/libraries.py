@@ -105,7 +105,7 @@ class Platform:
 
     @property
     def file(self) -> str:
-        """Return name the library's file."""
+        """Name the library's file."""
         return f"kernels-{self.system}-{self.target.cpu}{self.target.suffix}"
 
 

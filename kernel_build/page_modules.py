@@ -106,7 +106,7 @@ def _lower(name: str, kernel: Any) -> tuple[dict[str, Any], tuple[str, str]]:
 
 
 def _kind(numba_type: Any) -> str:
-    """Return name the type of an array's numbers as NumPy does; of a number, whether it is whole."""
+    """Name the type of an array's numbers as NumPy does; of a number, whether it is whole."""
     return str(getattr(numba_type, "dtype", "float64" if str(numba_type) == "float64" else "int64"))
 
 

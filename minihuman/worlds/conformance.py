@@ -65,13 +65,13 @@ class Moment(NamedTuple):
 
     @property
     def place(self) -> str:
-        """Return name the moment: "step 3 of seed 0"."""
+        """Name the moment: "step 3 of seed 0"."""
         if self.step:
             return f"step {self.step} of seed {self.seed}"
         return f"the reset with seed {self.seed}"
 
     def find_difference(self, other: "Moment") -> str:
-        """Return name the first part that differs, "" if none does; NaN equals NaN."""
+        """Name the first part that differs, "" if none does; NaN equals NaN."""
         names = ("mission", "observation", "state", "reward", "terminated", "truncated", "picture")
         differing = (name for name in names if not _is_same(getattr(self, name), getattr(other, name)))
         return next(differing, "")
